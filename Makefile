@@ -73,7 +73,7 @@ fuzz: $(STAMP)
 	$(BIN)/python -m benchmarks.fuzz
 
 verdicts: $(STAMP)
-	$(BIN)/python -m benchmarks.verdict_simulation
+	$(BIN)/python -m benchmarks.studies.verdict_simulation
 
 foreign: $(STAMP)
 	$(BIN)/python -m benchmarks.foreign

@@ -31,8 +31,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from benchmarks import c_floor_page, tally_file
-from benchmarks.c_floor_tally import FloorRow, FloorTally, LaunchTimes
+from benchmarks.studies import c_floor_page, tally_file
+from benchmarks.studies.c_floor_tally import FloorRow, FloorTally, LaunchTimes
 from mjbench import paths
 from mjbench.comparison.sizes import SizeRequest, choose_sizes
 from mjbench.errors import MachineError, MjbenchError, one_line

@@ -21,8 +21,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmarks import tally_command, tally_file
-from benchmarks.scale_tally import CellCost, CellKind, CellTally, load_cells
+from benchmarks.studies import tally_command, tally_file
+from benchmarks.studies.scale_tally import CellCost, CellKind, CellTally, load_cells
 from mjbench.errors import InputError, MachineError
 from mjbench.instrument import machine
 from mjbench.paired.outcomes import Metric

@@ -24,10 +24,11 @@ from typing import IO, TYPE_CHECKING
 import mujoco
 
 import mjbench
-from benchmarks import foreign_packages, foreign_page, foreign_tally, tally_file
+from benchmarks import foreign_packages
 from benchmarks.foreign_packages import PACKAGES, Package, PackageFiles
 from benchmarks.foreign_progress import Progress, replace
-from benchmarks.foreign_tally import FileResult, ForeignTally, PackageTally
+from benchmarks.studies import foreign_page, foreign_tally, tally_file
+from benchmarks.studies.foreign_tally import FileResult, ForeignTally, PackageTally
 from mjbench.errors import InputError, MachineError, MjbenchError, writing
 from mjbench.instrument import machine, platforms
 from mjbench.paths.parallelism import nthread

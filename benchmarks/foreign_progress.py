@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.foreign_packages import Package
-from benchmarks.foreign_tally import FileResult
+from benchmarks.studies.foreign_tally import FileResult
 from mjbench.errors import writing
 from mjbench.instrument import files
 

@@ -32,8 +32,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmarks import tally_command
 from benchmarks.programs import side
+from benchmarks.studies import tally_command
 from mjbench.errors import MachineError
 from mjbench.instrument import stats
 from mjbench.program import sampler

@@ -38,6 +38,8 @@ class OwnProgram:
       says: what the advice says.
       is_wrong: whether the program's results are wrong.
       environment: variables that it needs.
+      is_bound: whether what replaces the line takes a time that mjbench cannot know, so that the
+        predicted time is the least possible.
     """
 
     name: str
@@ -45,6 +47,7 @@ class OwnProgram:
     says: str
     is_wrong: bool = False
     environment: tuple[tuple[str, str], ...] = ()
+    is_bound: bool = False
 
     @property
     def file(self) -> Path:
@@ -61,6 +64,7 @@ PROGRAMS = (
     OwnProgram("forward_after_step", "mujoco.mj_forward(model, data)", "mj_kinematics"),
     OwnProgram("planner_copies", "candidate = copy.deepcopy(data)", "one MjData|create one"),
     OwnProgram("model_per_episode", "model = mujoco.MjModel.from_xml_string(REACHER)", "once"),
+    OwnProgram("spec_per_episode", "model = scene(i % 5)", "once before the loop", is_bound=True),
     OwnProgram("data_per_episode", "data = mujoco.MjData(model)", "mj_resetData"),
     OwnProgram(
         "renderer_in_loop",
@@ -69,6 +73,8 @@ PROGRAMS = (
         environment=(("MUJOCO_GL", "egl"),),
     ),
     OwnProgram("rollout_each_step", "ends, _ = rollout.rollout(", "Rollout"),
+    OwnProgram("simulations_in_turn", "mujoco.mj_step(model, data)", "Batch"),
+    OwnProgram("small_messages", "qpos = here.recv()", "more work for a message", is_bound=True),
     OwnProgram("jit_in_loop", "push = jax.jit(", "before the loop"),
     OwnProgram("bare_loop", "", "mj_resetCallbacks"),
     OwnProgram("stored_views", "return {", "every entry will show the last state", True),
@@ -141,6 +147,12 @@ def _run(command: Sequence[str], program: OwnProgram) -> str:
     return done.stdout
 
 
+def _agree(program: OwnProgram, predicted: float, after: float) -> bool:
+    """Return whether a predicted time and the measured one are near each other."""
+    difference = after - predicted
+    return difference >= -_MOST_DIFFERENCE and (program.is_bound or difference <= _MOST_DIFFERENCE)
+
+
 def _line(file: Path, number: int) -> str:
     return file.read_text(encoding="utf-8").splitlines()[number - 1].strip()
 
@@ -164,12 +176,11 @@ def main() -> None:
             continue
         said = advice(program, arguments.count)
         after = measured(program, arguments.count, arguments.rounds)
-        is_near = None in (said.predicted, after) or (
-            abs((said.predicted or 0.0) - (after or 0.0)) <= _MOST_DIFFERENCE
-        )
+        is_near = said.predicted is None or after is None or _agree(program, said.predicted, after)
         right = said.is_right(program) and is_near
         failed |= not right
         shares = ["–" if share is None else f"{share:.2f}" for share in (said.predicted, after)]
+        shares[0] = f"≥ {shares[0]}" if program.is_bound else shares[0]
         text = said.text.replace("|", "\\|")
         print(f"| {program.name} | {text} | {'yes' if right else 'NO'} | {' | '.join(shares)} |")
     sys.exit(ExitCode.FINDING if failed else ExitCode.OK)

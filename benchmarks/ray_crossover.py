@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING
 import mujoco
 
 import mjbench
-from benchmarks import ray_page, tally_command, tally_file
-from benchmarks.ray_tally import (
+from benchmarks.studies import ray_page, tally_command, tally_file
+from benchmarks.studies.ray_tally import (
     CallWork,
     Case,
     Overtaking,

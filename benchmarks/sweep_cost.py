@@ -26,8 +26,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmarks import tally_file
-from benchmarks.sweep_tally import ChoiceCost, SweepCost, SweepTimes, TaskCost
+from benchmarks.studies import tally_file
+from benchmarks.studies.sweep_tally import ChoiceCost, SweepCost, SweepTimes, TaskCost
 from mjbench.simulation import models
 
 if TYPE_CHECKING:

@@ -21,8 +21,9 @@ from pathlib import Path
 
 import mujoco
 
-from benchmarks import foreign_packages, tally_command, tally_file, tuning_page
+from benchmarks import foreign_packages
 from benchmarks.foreign_packages import PACKAGES
+from benchmarks.studies import tally_command, tally_file, tuning_page
 from mjbench.errors import InputError
 from mjbench.instrument import machine
 from mjbench.paired.worker_pool import WorkerPool

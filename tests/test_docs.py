@@ -60,6 +60,13 @@ def test_every_test_that_a_page_names_exists(page: Path) -> None:
         assert re.search(rf"^def {test}\(", (ROOT / file).read_text(), flags=re.M), test
 
 
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "Makefile"], ids=name)
+def test_every_command_of_the_benchmarks_that_a_page_names_exists(page: Path) -> None:
+    for module in re.findall(r"python\s-m\s(benchmarks\.[\w.]*\w)", page.read_text()):
+        file = ROOT / f"{module.replace('.', '/')}.py"
+        assert file.is_file() and "__main__" in file.read_text(), module
+
+
 def test_the_page_of_method_states_the_confidence_of_each_command() -> None:
     text = (ROOT / "docs/method/README.md").read_text(encoding="utf-8")
     stated = {

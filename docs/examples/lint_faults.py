@@ -319,6 +319,68 @@ def new_rollout_pool() -> str:
     return f"ns for 64 runs of 5 steps: {calls:.0f} with new threads, {one:.0f} with kept ones"
 
 
+def row_of_two_moments() -> str:
+    """MJB015: beside the height in qpos, xpos is that of the state before the step."""
+    model = mujoco.MjModel.from_xml_string(BOXES.format(integrator="Euler"))
+    heights: dict[str, list[float]] = {"after": [], "again": [], "before": []}
+    ends = set()
+    for way, differences in heights.items():
+        data = mujoco.MjData(model)
+        for _ in range(100):
+            height = data.qpos[2]
+            mujoco.mj_step(model, data)
+            if way != "before":
+                height = data.qpos[2]
+            if way == "again":
+                mujoco.mj_kinematics(model, data)
+            differences.append(abs(height - data.body("box").xpos[2]))
+        ends.add(data.qpos.tobytes())
+    assert len(ends) == 1
+    largest = {way: max(differences) for way, differences in heights.items()}
+    return (
+        f"height in qpos and xpos: {1000 * largest['after']:.1f} mm apart after a step,"
+        f" {1000 * largest['again']:g} with mj_kinematics,"
+        f" {1000 * largest['before']:g} with qpos of before the step"
+    )
+
+
+def written_view() -> str:
+    """MJB016: an observation that is a view is scaled in place, and moves the box."""
+    model = mujoco.MjModel.from_xml_string(BOXES.format(integrator="Euler"))
+    heights = {}
+    for way in ("view", "copy"):
+        data = mujoco.MjData(model)
+
+        def state(data: mujoco.MjData = data) -> np.ndarray:
+            return data.qpos
+
+        for _ in range(10):
+            mujoco.mj_step(model, data)
+            observation = state() if way == "view" else state().copy()
+            observation *= 2
+        heights[way] = data.qpos[2]
+    view, copied = heights["view"], heights["copy"]
+    return f"height after 10 steps: {view:.1f} with scaled views, {copied:.1f} with scaled copies"
+
+
+def steps_in_a_row() -> str:
+    """MJB017: an action is held for several steps, one call each; one call takes them all."""
+    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    one, other = mujoco.MjData(model), mujoco.MjData(model)
+
+    def in_a_loop() -> None:
+        for _ in range(10):
+            mujoco.mj_step(model, one)
+
+    def in_one_call() -> None:
+        mujoco.mj_step(model, other, 10)
+
+    in_a_loop(), in_one_call()
+    assert one.qpos[0] == other.qpos[0] != 0 and one.qvel[0] == other.qvel[0]
+    calls, one_call = _ns(in_a_loop, 500), _ns(in_one_call, 500)
+    return f"ns for 10 steps: {calls:.0f} in ten calls, {one_call:.0f} in one"
+
+
 FAULTS = {
     "MJB001": stored_view,
     "MJB002": named_access,
@@ -333,6 +395,9 @@ FAULTS = {
     "MJB012": new_renderer,
     "MJB013": new_jitted_function,
     "MJB014": new_rollout_pool,
+    "MJB015": row_of_two_moments,
+    "MJB016": written_view,
+    "MJB017": steps_in_a_row,
 }
 
 

@@ -1,17 +1,22 @@
 """What surrounds a measurement in a program: interrupts, other measurements, the host's share."""
 
 import contextlib
-from collections.abc import Mapping, Sequence
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
+from types import FrameType, TracebackType
 from typing import Any
 
-from mjbench.api import interrupts
 from mjbench.instrument import child, machine, neighbours, platforms, runs
 from mjbench.instrument.machine import ProcessorTime
 from mjbench.instrument.neighbours import Neighbour, Presence
 from mjbench.instrument.runs import Record, Run
+
+# Seconds that the cleanup may take before a further Ctrl-C interrupts it.
+CLEANUP_S = 10.0
 
 
 class Session:
@@ -38,7 +43,7 @@ class Session:
     def __enter__(self) -> "Session":
         """Begin to measure."""
         with contextlib.ExitStack() as closing:
-            closing.enter_context(interrupts.once())
+            closing.enter_context(one_interrupt())
             closing.enter_context(child.adoption())
             self._presence = closing.enter_context(Presence(self._command))
             self._others: Sequence[Neighbour] = self._presence.enter(self._wait)
@@ -68,9 +73,7 @@ class Session:
         """Return what was measured, as a run file would hold it.
 
         Args:
-          records: that were measured.
           arguments: that say what was asked for.
-          files: that were given.
         """
         header = runs.RunHeader(
             runs.SCHEMA,
@@ -95,3 +98,31 @@ class Session:
         if stolen := machine.stolen_note(self._processor_time):
             notes.append(stolen)
         return tuple(notes)
+
+
+@contextlib.contextmanager
+def one_interrupt(clock: Callable[[], float] = time.monotonic) -> Iterator[None]:
+    """Let the first Ctrl-C interrupt the block; further ones do not disturb its cleanup.
+
+    A handler of the program's own stays in place. In another thread than the main one nothing
+    changes: Ctrl-C does not reach it.
+    """
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    first_s: float | None = None
+
+    def handle(signum: int, frame: FrameType | None) -> None:
+        nonlocal first_s
+        now = clock()
+        if first_s is not None and now - first_s <= CLEANUP_S:
+            return
+        first_s = now
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, handle)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -11,7 +11,6 @@ from mjbench.cli import (  # each adds its command to the group
     doctor,
     env,
     explain,
-    falls,
     history,
     history_explain,
     history_measure,

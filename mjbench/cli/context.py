@@ -44,7 +44,6 @@ class OutputOptions:
     """Where the results of a command go, as its options say.
 
     Attributes:
-      results: folder for a new run file.
       resume: run file to continue instead; None to begin one.
       wait: whether to wait for other mjbench that measure on this machine.
       json_file: file for the JSON document, `-` for standard output, None for none.
@@ -61,7 +60,6 @@ class Storage:
     """Where a command stores its records.
 
     Attributes:
-      results: folder for a new run file.
       arguments: of the command, stored in the file's header; a dataclass or JSON-ready values.
       resume: run file to continue instead; None to begin one.
       select_finished: selects the records of a continued file that need not be measured again.
@@ -82,7 +80,6 @@ class RunContext:
 
     Attributes:
       out: console for people; standard error while JSON goes to standard output.
-      interrupted: whether the user stopped the work.
       resumed_records: of the run that is continued; empty for a new one.
     """
 

@@ -67,7 +67,6 @@ class FailOn:
         """Return the exit code that verdicts stand for; a failure outweighs a finding.
 
         Args:
-          rows: of all comparisons.
           confidence: of what they show together (see `family.decide`).
         """
         from mjbench.paired import family

@@ -11,10 +11,14 @@ from typing import Any
 import click
 
 import mjbench
-from mjbench.errors import MachineError, MjbenchError, describe, one_line, printable
+from mjbench.errors import InputError, MachineError, MjbenchError, describe, one_line, printable
 from mjbench.instrument import platforms
 from mjbench.status import ExitCode
 
+# What became of commands of earlier versions.
+_REMOVED = {
+    "falls": "`falls` is an example of mjbench's repository now: python docs/examples/falls.py"
+}
 # Where a context keeps the words of the command line.
 _COMMAND_LINE = "mjbench.command_line"
 # Handlers of encoding errors that fail on some characters.
@@ -61,8 +65,11 @@ class Cli(click.Group):
         """Return a command with its arguments; refuse one that does not run here, but not its help.
 
         Raises:
+          InputError: it is a command of earlier versions.
           MachineError: it does not run on this operating system.
         """
+        if args and args[0] in _REMOVED:
+            raise InputError(_REMOVED[args[0]])
         name, command, rest = super().resolve_command(ctx, args)
         if name is not None and not set(ctx.help_option_names) & set(rest):
             platforms.check_command(name)

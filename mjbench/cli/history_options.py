@@ -109,7 +109,6 @@ def _releases(names: Sequence[str], since: str | None, history: Path | None) -> 
     """Return the releases that arguments name, or those of the git history.
 
     Args:
-      names: of releases.
       since: the first release of the history to return; None for all.
       history: a git bundle; None for that of the checkout.
 

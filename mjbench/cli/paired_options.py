@@ -115,9 +115,7 @@ def compare_targets(
     Args:
       command: its name, for the run file.
       pairs: baseline and candidate of each comparison.
-      plan: of each verdict.
       fail_on: what the exit code depends on.
-      output: where results go.
     """
     from mjbench.paired import records, verdict
     from mjbench.paired.worker_pool import WorkerPool
@@ -156,8 +154,6 @@ def report(run: RunContext, rows: Sequence["VerdictRow"], confidence: float) -> 
     """Print verdicts, and write the JSON document.
 
     Args:
-      run: where they go.
-      rows: the verdicts.
       confidence: of what they show together.
     """
     from mjbench.report import verdicts

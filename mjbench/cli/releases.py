@@ -41,7 +41,7 @@ def list_releases(history: Path | None = None, json_file: str | None = None) -> 
     """List releases: on the package index, in the git history, installed here."""
     from mjbench.releases import bundle, catalogue
     from mjbench.report.documents import ReleasesDocument
-    from mjbench.report.releases import releases_table
+    from mjbench.report.listings import releases_table
 
     release_bundle = history or bundle.default_path()
     with RunContext("releases", json_file, [release_bundle]) as run:

@@ -159,8 +159,6 @@ def _run_trials(
     """Run a trial of each case; store and append its record; return how failed models ended.
 
     Args:
-      run: where records go.
-      cases: of the trials.
       plan: of every verdict.
       records: of all trials so far.
       total: number of trials, with those that were done before.

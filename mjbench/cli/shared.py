@@ -180,28 +180,6 @@ class Hertz(click.ParamType[float]):
         return rate
 
 
-class Angles(click.ParamType[tuple[float, ...]]):
-    """Comma-separated angles in rad, none beyond a full turn."""
-
-    name = "RAD,…"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[float, ...]:
-        """Return the angles of a list such as `0,0.1,0.2`, each once."""
-        if isinstance(value, tuple):
-            return value
-        try:
-            angles = [float(word) for word in value.split(",")]
-        except ValueError:
-            self.fail(f"{_quoted(value)} is not a list of angles such as 0,0.1,0.2", param, ctx)
-        if not all(abs(angle) <= math.tau for angle in angles):
-            self.fail(
-                f"{_quoted(value)}: each must be from {-math.tau:.2f} to {math.tau:.2f} rad",
-                param,
-                ctx,
-            )
-        return tuple(dict.fromkeys(angle + 0.0 for angle in angles))  # -0.0 + 0.0 is 0.0
-
-
 def _share(word: str) -> float:
     """Return a percentage as a share.
 

@@ -194,7 +194,6 @@ def _open(target: Path, on_error: contextlib.ExitStack) -> "RunSetFile":
     """Open a run set, or create it.
 
     Args:
-      target: the file.
       on_error: removes the file again if it was created here and has no result.
 
     Raises:

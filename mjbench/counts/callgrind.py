@@ -39,7 +39,6 @@ class FunctionCost:
     """What one function cost, in instructions.
 
     Attributes:
-      name: of the function.
       self_cost: executed by the function itself.
       inclusive_cost: the same with all that it called.
     """

@@ -176,8 +176,6 @@ def _change(
     Args:
       old: what the baseline executes.
       new: what the candidate executes.
-      old_name: of the function in the baseline.
-      new_name: of the function in the candidate.
       renamed: symbols that were renamed, by their names in the baseline.
     """
     old_parts, new_parts = old.functions.get(old_name, ()), new.functions.get(new_name, ())
@@ -207,7 +205,6 @@ def _file_changes(
     """Return how functions of other libraries than the engine's changed, by the files they are in.
 
     Args:
-      names: of the functions.
       baseline: where functions lie in the old release.
       candidate: the same in the new one.
     """

@@ -105,7 +105,6 @@ class NetDifference:
     """By how much the instructions of one function differ, or of some between which cost moved.
 
     Attributes:
-      names: of the functions.
       difference: candidate minus baseline, instructions per step, together.
     """
 
@@ -114,12 +113,7 @@ class NetDifference:
 
 
 def largest_differences(functions: Sequence[FunctionDifference], count: int) -> list[NetDifference]:
-    """Return what accounts for most of a difference, the largest first.
-
-    Args:
-      functions: that differ.
-      count: how many to return at most.
-    """
+    """Return what accounts for most of a difference, the largest first."""
     groups = moved_groups(functions)
     moved = {function.name for group in groups for function in group}
     groups += [[function] for function in functions if function.name not in moved]
@@ -132,7 +126,6 @@ def _self_costs(count: ModelCount, names: Mapping[str, str]) -> dict[str, float]
     """Return what each function executes itself, by name; unnamed ones by library.
 
     Args:
-      count: of a model.
       names: to use instead of others.
     """
     costs: dict[str, float] = defaultdict(float)

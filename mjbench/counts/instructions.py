@@ -149,7 +149,6 @@ class InstructionCounter:
 
         Args:
           release: of MuJoCo; installed if it is missing.
-          sources: the models.
           limit_s: kill the process when it finishes no model for this long.
 
         Returns:
@@ -171,7 +170,6 @@ class InstructionCounter:
 
         Args:
           release: of MuJoCo; installed if it is missing.
-          operations: to count.
           limit_s: kill the process when it finishes no operation for this long.
 
         Returns:

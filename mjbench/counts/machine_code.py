@@ -47,7 +47,6 @@ class Instruction:
 
     Attributes:
       shape: the mnemonic and the operands; equal shapes do the same, perhaps to other data.
-      size_bytes: length of its encoding.
       displacements: of operands in memory, and large factors of 64-bit registers, such as the size
         of a struct.
       addends: large numbers added to 64-bit registers, such as the offset of a field.
@@ -128,7 +127,6 @@ def compare(
 
     Args:
       baseline: the function's instructions.
-      candidate: the same.
       renamed: functions that have another name in the candidate, by their name in the baseline.
     """
     working = [[i for i in code if not i.is_nop] for code in (baseline, candidate)]

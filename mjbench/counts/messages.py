@@ -25,9 +25,7 @@ class ModelRequest:
     """A model to count, and its workload.
 
     Attributes:
-      source: of the model.
       workload_file: a pickle of `workload.portable`; the program creates it where it is missing.
-      sample: the workload to create.
     """
 
     source: ModelSource
@@ -57,7 +55,6 @@ class CountRequest:
     """The program's work.
 
     Attributes:
-      version: that MuJoCo must have there.
       tasks: to count, in this order.
     """
 
@@ -71,8 +68,6 @@ class CountedWork:
 
     Attributes:
       steps: number of steps of one pass.
-      work: contacts, constraints, solver iterations per step.
-      diverged: number of simulations that diverged.
       warnings: how many of the others raised each warning, by its name.
       healthy: (nbatch,) bool: the simulations that did not diverge.
       followed: what the release did from the states of the workload's probe; None without one.
@@ -90,11 +85,7 @@ class CountedWork:
 
 @dataclass(frozen=True)
 class CountedOperation:
-    """An operation that was done between two markers.
-
-    Attributes:
-      repeats: how often.
-    """
+    """An operation that was done between two markers."""
 
     repeats: int
 

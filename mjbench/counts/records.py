@@ -21,7 +21,6 @@ class FunctionCount:
     """Instructions of one function, per step.
 
     Attributes:
-      name: of the function.
       self: executed by the function itself.
       inclusive: the same with all that it called.
     """
@@ -36,10 +35,6 @@ class InstructionsRow:
     """What one model's steps cost in one release, in instructions; None where it is unknown.
 
     Attributes:
-      model: its name.
-      release: of MuJoCo.
-      status: how counting ended.
-      detail: one line; empty when ok.
       instructions_per_step: of the engine: `mj_step` with all that it called.
       outside_per_step: of everything else: the bindings, and Python.
       functions: of the engine, costliest first.
@@ -47,7 +42,6 @@ class InstructionsRow:
       steps: number of steps counted.
       work: contacts, constraints, solver iterations per step.
       repeats: how much a second pass over the same work differed, as a share.
-      diverged: number of simulations that diverged.
       warnings: how many of the others raised each warning of MuJoCo; None where it was not counted.
       seconds: time of counting, divided equally among the models counted together.
       build: tells builds of one version apart; empty where it is unknown.
@@ -144,7 +138,6 @@ class CodeShare:
     """The functions whose code changed in one way, of those that execute in either release.
 
     Attributes:
-      functions: how many there are.
       share: of the instructions that both releases execute, from 0 to 1.
     """
 
@@ -160,12 +153,9 @@ class ExplainRow:
 
     Attributes:
       model: its name; empty for an operation that builds its own.
-      old: MuJoCo release of the baseline.
-      new: MuJoCo release of the candidate.
       status: how counting ended; the baseline's, if both failed.
       instructions_per_step: of the engine.
       outside_per_step: of everything else: the bindings, and Python.
-      work: contacts, constraints, solver iterations per step.
       stages: instructions per step, by stage of the pipeline.
       functions: that differ in instructions executed or in code, the largest difference first.
       code: how many functions and instructions execute, by how the code changed; None where the

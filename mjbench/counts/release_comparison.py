@@ -16,9 +16,6 @@ class InstructionComparison:
     """What is counted: models in an old release, and in new ones.
 
     Attributes:
-      baseline: the old release.
-      candidates: the new ones.
-      sources: models.
       min_effect: smallest change of instructions that matters, such as 0.01.
     """
 
@@ -38,8 +35,6 @@ def verdicts(
     """Yield the verdict on each model in each new release.
 
     Args:
-      comparison: what is counted.
-      counter: counts.
       stored: verdicts that need not be measured again.
       on_candidate: called with the position of each new release before it is counted.
       on_record: called with each verdict that was measured, before it is yielded.

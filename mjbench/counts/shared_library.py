@@ -34,7 +34,6 @@ class Symbol:
     Attributes:
       name: as in the table; that of a C++ function is mangled.
       address: of its first byte, as the file gives it.
-      size_bytes: length of its code.
     """
 
     name: str
@@ -68,7 +67,6 @@ class SharedLibrary:
 
     Attributes:
       symbols: of all functions, by address; several may stand for one function.
-      code: the sections of code.
       constants: the sections of constant data.
       imported: names of functions of other libraries, by the address that code calls (in `.plt`).
     """

@@ -262,7 +262,6 @@ def draw_uniform(low: Any, high: Any, count: int, seed: int, dtype: Any = None) 
     Args:
       low: smallest values.
       high: largest values, of the same shape.
-      count: how many arrays.
       seed: to draw with.
       dtype: of the arrays; None for that of the bounds.
 

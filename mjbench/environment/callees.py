@@ -27,8 +27,6 @@ class Callee:
 
     Attributes:
       owner: the object or module that has it.
-      attribute: its name there.
-      layer: that its time belongs to.
       name: for people; of a wrapper's step, the wrapper's class.
     """
 

@@ -15,7 +15,6 @@ class ReleaseMismatch:
 
     Attributes:
       built_for: that release, such as `3.17.0`.
-      installed: the one that is installed.
     """
 
     built_for: str

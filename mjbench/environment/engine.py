@@ -24,8 +24,6 @@ class Binding:
     """A name of a module that stands for a function of the engine.
 
     Attributes:
-      module: that has it.
-      attribute: its name there.
       function: the name in `mujoco`.
     """
 

@@ -34,7 +34,6 @@ class EnvironmentPlan:
 
     Attributes:
       nstep: steps of it in a pass; None to choose them.
-      seed: of actions and resets.
       threads: of paths that have threads.
       nenv: numbers of environments in vectorised forms; none for no such forms.
       budget_s: seconds for all rounds of the environment, and again for those of vectorised forms.

@@ -22,8 +22,6 @@ class ModelChange:
 
     Attributes:
       field: the first one that differs, such as `opt.gravity`.
-      moment: when.
-      count: how often.
     """
 
     field: str

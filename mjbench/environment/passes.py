@@ -33,7 +33,6 @@ class Pass:
 
     Attributes:
       step_ns: (nstep,) of each step of the environment.
-      reset_ns: of each reset.
       lengths: steps of each episode that ended.
       returned: fingerprint of what the steps returned; of nothing where passes took turns.
     """
@@ -49,7 +48,6 @@ class LayeredPass:
     """A pass in which the functions inside a step were timed, too.
 
     Attributes:
-      times: of the same steps.
       layers: what each function that was called took, with the timer's cost.
     """
 

@@ -100,7 +100,6 @@ def described(number: int, difference: Difference) -> str:
 
     Args:
       number: of the environment's step after which it shows.
-      difference: the first entry.
     """
     return (
         f"{difference.field}[{difference.index}] is {difference.got!r} in the environment and"
@@ -116,7 +115,6 @@ def prepare(
     Args:
       physics: that a plain loop does as the environment did.
       variants: the paths, the plain loop first.
-      channel: to the parent.
     """
     workload, observation = work.observe_healthy(physics.workload)
     if workload.nbatch < physics.workload.nbatch:

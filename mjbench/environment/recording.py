@@ -73,7 +73,6 @@ class Recording:
       checked: calls that a plain `mj_step` repeated.
       difference: the first call that it did not repeat to the last bit, and in which step of the
         environment; None without any.
-      changes: of the model.
       version: of the model that most steps were taken with.
       model: a copy of that model; None where the engine was never stepped.
       obstacle: why no plain loop can do the same, in one line; empty where one can.
@@ -267,7 +266,6 @@ class _PlainSteps:
     """Repeats calls with a model on an MjData of its own.
 
     Attributes:
-      model: of the calls.
       checked: calls that were repeated, those with earlier models included.
       difference: the first that differs, with the number of the environment's step.
     """

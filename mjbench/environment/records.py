@@ -36,7 +36,6 @@ class EnvironmentFacts:
       wrappers: classes of the environments around it, the outermost first.
       versions: of the packages that these classes come from, by name.
       seed: of the actions and of the first reset.
-      nstep: steps of the environment that were recorded.
       nepisode: episodes that were begun.
       episode_nstep: steps of an episode, the mean of those that ended; None where none did.
       repeats: whether it did the same in another pass with the same seeds and actions.
@@ -94,7 +93,6 @@ class LayerSamples:
     """What a function inside the step took in each round.
 
     Attributes:
-      layer: that it belongs to.
       name: of the function, or of the wrapper's or environment's class.
       calls: of it, per step of the environment.
       timed_calls: of these, how many were timed.
@@ -115,11 +113,8 @@ class PathSamples:
     """How long the same physics took by one path, in each round.
 
     Attributes:
-      path: its name.
-      options: of the path.
       closed_loop: whether a policy can choose each control.
       status: `ok`, or why it has no speed.
-      detail: one line; empty when ok.
       ns: per step of the environment.
     """
 
@@ -143,10 +138,7 @@ class VectorSamples:
     """How long steps of several environments took together, in each round.
 
     Attributes:
-      form: that holds them.
-      nenv: environments.
       status: `ok`, or why it has no speed.
-      detail: one line; empty when ok.
       ns: per step of one environment.
       single_ns: of the same steps in one environment after the other, resets included as well.
       ncore: cores that it can use: 1, or one for each process as far as there are; None where it
@@ -178,10 +170,8 @@ class EnvironmentRecord:
     Attributes:
       environment: its name, as the user typed it.
       status: `ok`, or why it was not measured to the end.
-      detail: one line; empty when ok.
       facts: None where it could not be stepped.
       check: of its physics; None likewise.
-      changes: of its model.
       step_ns: of plain passes.
       compared_ns: of plain passes, over the steps that the comparison covers alone.
       reset_ns: of a reset, in plain passes.
@@ -191,7 +181,6 @@ class EnvironmentRecord:
       layers: what each function took.
       paths: the same physics by other paths.
       cores: that threads got, in each round (see `machine.Calibration`).
-      vectors: vectorised forms.
       no_vectors: why there are none; empty where there are.
     """
 

@@ -56,11 +56,8 @@ class EnvironmentRequest:
     """An environment to measure.
 
     Attributes:
-      source: where it comes from.
-      seed: of actions and resets.
       nstep: steps of the environment; None to choose them.
       variants: paths to compare it with, the plain loop first.
-      budget_s: seconds for all rounds.
     """
 
     source: EnvironmentSource
@@ -80,9 +77,6 @@ class EnvironmentReady:
     """What was recorded of an environment, and whether a plain loop does its physics.
 
     Attributes:
-      facts: of the environment.
-      check: of its physics.
-      changes: of its model.
       timer_cost: what a call of a timed function costs at least.
     """
 
@@ -99,7 +93,6 @@ class EnvironmentRound:
     Attributes:
       step_ns: of the plain pass.
       compared_ns: of its steps that the comparison covers; None without a comparison.
-      reset_ns: of a reset in it.
       layered_ns: of the layered pass, with the timer's cost.
       timer_ns: by which a step of it took longer than the same one of the plain pass; the median.
       layers: what each function took in all steps of it.

@@ -41,8 +41,6 @@ class EnvironmentSource:
     """Where an environment comes from.
 
     Attributes:
-      name: as the user typed it.
-      origin: what makes it.
       module: of the factory; the domain of dm_control; empty for a Gymnasium id.
       attribute: the factory's name, with dots where it is inside a class; the task of dm_control;
         the id of Gymnasium.
@@ -60,7 +58,6 @@ def resolve(name: str, folder: Path) -> EnvironmentSource:
     """Return where the environment called `name` comes from.
 
     Args:
-      name: as the user typed it.
       folder: that the user's modules are imported from.
 
     Raises:

@@ -50,7 +50,6 @@ class LayerTime:
     """What one function, or the lines of the step itself, took in a pass.
 
     Attributes:
-      layer: that it belongs to.
       name: of the function or wrapper.
       calls: of it.
       timed_calls: calls of it that were timed, and so cost inside it.
@@ -204,12 +203,7 @@ def engine_timed(timer: LayerTimer, elsewhere: Sequence[Binding]) -> Iterator[No
 
 @contextlib.contextmanager
 def functions_timed(timer: LayerTimer, callees: Sequence[Callee]) -> Iterator[None]:
-    """Time functions of an environment while the block runs; what cannot be replaced is not timed.
-
-    Args:
-      timer: to charge.
-      callees: what to time.
-    """
+    """Time functions of an environment while the block runs, but not what cannot be replaced."""
     with contextlib.ExitStack() as restoring:
         for callee in callees:
             owner, attribute = callee.owner, callee.attribute

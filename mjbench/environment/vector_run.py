@@ -38,9 +38,6 @@ class VectorPlan:
     """Which vectorised forms to measure.
 
     Attributes:
-      seed: of actions and resets.
-      nenv: numbers of environments.
-      budget_s: seconds for all rounds.
       limit_s: a child that is silent for longer is killed.
     """
 
@@ -59,8 +56,6 @@ class VectorRequest:
     """What a child is to measure.
 
     Attributes:
-      source: of the environment.
-      plan: which forms.
       step_s: about how long a step of one environment takes, in seconds.
       repeats: whether one environment did the same again.
       exclude: forms not to touch, by their index: they ended a child before.
@@ -167,7 +162,6 @@ class _Single:
 
     Attributes:
       seed: of its actions and its first reset.
-      actions: of every run.
       returned: of the last run, what each step returned in the order of `_FIELDS`.
     """
 
@@ -214,7 +208,6 @@ class _Single:
         """Return which field of a step's results is not that of environment i; empty without one.
 
         Args:
-          i: environment.
           step: whose results these are; 0 is the reset.
           batched: results of all environments, in the order of `_FIELDS`.
         """
@@ -235,9 +228,7 @@ class _Form:
 
     Attributes:
       environments: of Gymnasium.
-      singles: that do the same.
       batched: actions of all environments, for each step.
-      returned: by the last step.
     """
 
     environments: Any

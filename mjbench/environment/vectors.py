@@ -26,11 +26,6 @@ def added(
 ) -> EnvironmentRecord:
     """Return a record with the vectorised forms of its environment, measured in child processes.
 
-    Args:
-      record: of an environment that was measured.
-      source: of the environment.
-      plan: which forms.
-
     Raises:
       MachineError: no process can be started.
     """

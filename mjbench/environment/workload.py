@@ -47,7 +47,6 @@ def alone(recording: Recording, seed: int, nthread: int) -> PhysicsAlone | str:
 
     Args:
       recording: of an environment that steps the engine.
-      seed: of the workload.
       nthread: threads that should have something to do.
     """
     if recording.obstacle:

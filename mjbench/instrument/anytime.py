@@ -2,8 +2,8 @@
 
 `fit` estimates the mean of launches, with equal weight on each residue (see `placements`), after
 leaving out launches that something else on the machine disturbed. An interval or an e-value of it
-may be computed after every launch, and launching stopped at any time. `benchmarks/
-verdict_simulation.py` measures how often verdicts that rest on them are wrong.
+may be computed after every launch, and launching stopped at any time.
+`benchmarks/studies/verdict_simulation.py` measures how often verdicts that rest on them are wrong.
 """
 
 import functools
@@ -32,7 +32,6 @@ class Interval:
       mean: of the launches, with equal weight on each residue.
       low: lower end; minus infinity with too few launches.
       high: upper end; infinity with too few launches.
-      count: number of launches.
     """
 
     mean: float
@@ -51,7 +50,6 @@ class Evidence:
     """What launches show about their mean.
 
     Attributes:
-      interval: of the mean.
       e_positive: e-value against "the mean is at most 0" (see `e_value`).
       e_negative: e-value against "the mean is at least 0".
     """
@@ -153,7 +151,6 @@ def _disturbed(cells: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Return which cells `fit` leaves out.
 
     Args:
-      cells: see `fit`.
       counts: of launches, of shape (comparisons, residues).
     """
     residues = cells.shape[1]

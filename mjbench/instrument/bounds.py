@@ -57,7 +57,6 @@ def check_measured(record: Any, *names: str) -> None:
     """Check that a record whose status is `ok` has what is None in others.
 
     Args:
-      record: with a status.
       names: of its fields.
 
     Raises:

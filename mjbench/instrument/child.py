@@ -41,11 +41,7 @@ _TAIL_BYTES = 1 << 16
 
 
 class ChildProcess(ABC):
-    """A child that leads a session of its own, and all that it starts.
-
-    Attributes:
-      pid: process id.
-    """
+    """A child that leads a session of its own, and all that it starts."""
 
     pid: int
 
@@ -103,7 +99,6 @@ class Child(ChildProcess):
           command: program and arguments.
           env: its environment variables; None for those of this process.
           preexec_fn: called in the child before the program starts.
-          arguments: further arguments of `subprocess.Popen`.
 
         Raises:
           MachineError: no process can be started.

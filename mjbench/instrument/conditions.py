@@ -44,9 +44,6 @@ class Condition:
     """One thing that was looked at.
 
     Attributes:
-      name: of the thing.
-      grade: how bad it is.
-      detail: what was seen.
       remedy: what to do; empty where nothing need be done.
     """
 

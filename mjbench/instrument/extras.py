@@ -28,7 +28,6 @@ def require(what: str, extra: str, packages: Iterable[str]) -> None:
 
     Args:
       what: needs them, such as `a site`.
-      extra: that adds them.
       packages: by the names by which they are imported.
 
     Raises:

@@ -135,7 +135,6 @@ def run(
     """Call the function `task` ("module:function") in a child with (request, channel).
 
     Args:
-      task: what to call.
       request: its first argument; anything that pickles.
       on_message: called with each message as it arrives.
       limit_s: the child is killed after this long without a message.
@@ -302,9 +301,7 @@ def child_main(task: str, descriptor: str, parent: str) -> None:
     """Be the child: call the task, and say how it ended.
 
     Args:
-      task: what to call.
       descriptor: of the pipe for messages.
-      parent: process id of the parent.
     """
     child.die_with_parent(int(parent))
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -215,17 +215,13 @@ class Machine:
     """The machine and its software, as stored with every result.
 
     Attributes:
-      cpu: the processor's name.
       architecture: such as `x86_64`.
       system: operating system and kernel.
       cores: of the machine; None when unknown.
       usable_cores: that this process may use (see `usable_cores`).
       cgroup_quota_cores: the control group's CPU quota in cores; None without one.
-      memory_bytes: of the machine.
       load_1min: load average of the last minute when the run began.
       governor: how the processor's clock is chosen; empty when unknown.
-      hypervisor: whether this is a virtual machine.
-      python: its version.
       versions: of the packages that a result depends on, by name.
       flags: environment variables that change speed or results, by name.
       label: the user's name for this machine, from MJBENCH_MACHINE; empty without one.

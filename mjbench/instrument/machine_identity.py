@@ -24,10 +24,7 @@ class MachineKind:
     """What machines share that may be the same one.
 
     Attributes:
-      cpu: the processor's name.
       architecture: such as `x86_64`.
-      usable_cores: that a process may use.
-      hypervisor: whether it is a virtual machine.
     """
 
     cpu: str
@@ -63,7 +60,6 @@ class Software:
     """What must be the same for results of one machine to be of the same software.
 
     Attributes:
-      python: its version.
       versions: of the packages that a result depends on, with their names.
       flags: environment variables that change speed or results, with their names.
     """

@@ -16,7 +16,6 @@ class Merged:
 
     Attributes:
       runs: of the set afterwards, each once.
-      added: how many sections were appended.
       repeated: how many sections of the inputs it held already.
       earlier: how many were an earlier state of a run that it holds.
       torn: inputs whose end was cut short, and left out.

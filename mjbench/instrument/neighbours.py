@@ -39,7 +39,6 @@ class Neighbour:
     """Another process that measures.
 
     Attributes:
-      pid: of the process.
       command: of mjbench.
     """
 
@@ -72,7 +71,6 @@ def measuring_now(
 
     Args:
       folder: shared by all that measure; None for that of this machine.
-      sleep: waits for seconds.
     """
     if sys.platform == "win32":
         return []
@@ -119,7 +117,6 @@ class Presence:
         Args:
           wait: whether to begin only when no other measures.
           on_wait: called once with the others that are waited for.
-          sleep: waits for seconds.
         """
         if sys.platform == "win32":  # it has no such locks, and no command there measures
             return []

@@ -16,7 +16,7 @@ from pathlib import Path
 from mjbench.errors import MachineError
 
 # The commands that start no process, and so run on Windows.
-RUN_ON_WINDOWS = ("lint", "show", "diff", "paths", "falls")
+RUN_ON_WINDOWS = ("lint", "show", "diff", "paths")
 # How often a process looks for its parent where the kernel does not end it, in seconds. This takes
 # some microseconds, beside a timed block or in it.
 _PARENT_CHECK_S = 1.0
@@ -49,7 +49,6 @@ def set_affinity(pid: int, cores: Iterable[int]) -> None:
 
     Args:
       pid: of the process; 0 for this one.
-      cores: by number.
     """
     if sys.platform == "linux":
         os.sched_setaffinity(pid, cores)
@@ -152,9 +151,7 @@ def lock_file(descriptor: int, *, shared: bool, wait: bool) -> None:
     """Lock an open file by flock; the kernel frees the lock when the process ends.
 
     Args:
-      descriptor: of the file.
       shared: whether several processes may hold the lock.
-      wait: whether to wait for the lock.
 
     Raises:
       BlockingIOError: another process holds the lock, and `wait` is false.

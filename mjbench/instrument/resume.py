@@ -13,8 +13,6 @@ def check_continues(path: Path, stored: RunHeader, now: RunHeader) -> None:
     """Refuse to continue a run with another command, other arguments, files, or on another machine.
 
     Args:
-      path: of the run file.
-      stored: its header.
       now: the header that a new run would have.
 
     Raises:

@@ -18,11 +18,7 @@ from mjbench.instrument.runs import Record, RunHeader, as_stored, reason, to_jso
 
 
 class RunFile:
-    """A run file that is being written.
-
-    Attributes:
-      path: of the file.
-    """
+    """A run file that is being written."""
 
     def __init__(self, path: Path, file: TextIO):
         """Append to an open file; `create` and `rewrite` open one."""

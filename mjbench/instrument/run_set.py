@@ -34,11 +34,7 @@ _Header = TypeVar("_Header", "SetHeader", "SectionHeader")
 
 @dataclass(frozen=True)
 class SetHeader:
-    """The first line of a run set.
-
-    Attributes:
-      schema: version of the format.
-    """
+    """The first line of a run set."""
 
     record_type: ClassVar[str] = "set"
     schema: int = SCHEMA
@@ -66,7 +62,6 @@ class Section:
 
     Attributes:
       cell: what of a sweep it is; empty otherwise.
-      run: that was measured.
       lines: of its run file, as bytes, each with its line break.
     """
 
@@ -139,11 +134,7 @@ def _joined(sections: Sequence[Section]) -> Run:
 
 
 class RunSetFile:
-    """A run set that is being written; it is locked while it is open.
-
-    Attributes:
-      path: of the file.
-    """
+    """A run set that is being written; it is locked while it is open."""
 
     def __init__(self, path: Path, file: FileIO):
         """Append to an open file; `create` and `open` open one."""
@@ -209,7 +200,6 @@ def read(path: Path, record_types: Mapping[str, type]) -> RunSet:
     """Read a run set, or a run file as a set of one section.
 
     Args:
-      path: of the file.
       record_types: the class of each record by its `type`.
 
     Raises:
@@ -238,7 +228,6 @@ def load_files(
     """Read run files and run sets: each run once, with the first file that holds it.
 
     Args:
-      paths: of the files.
       record_types: the class of each record by its `type`.
 
     Raises:

@@ -70,11 +70,9 @@ class RunHeader:
     """The first line of a run file.
 
     Attributes:
-      schema: version of the format.
       command: of mjbench that wrote it.
       machine: that it ran on.
       arguments: of the command. Only `resume` looks at them: they must be the same.
-      files: that the command was given.
       command_line: the words after `mjbench`, as they were typed; empty in older files.
       began: when the run began, in UTC, as ISO 8601; empty in older files.
     """
@@ -151,7 +149,6 @@ def load(path: Path, record_types: Mapping[str, type]) -> Run:
     """Read a run file.
 
     Args:
-      path: of the file.
       record_types: the class of each record by its `type`.
 
     Raises:

@@ -139,7 +139,6 @@ class TimedBlocks:
     """Times of blocks of the same work, and the circumstances they were measured in.
 
     Attributes:
-      seconds: of each block.
       identity: circumstances, by name, in which results must not differ to be comparable.
     """
 
@@ -154,8 +153,6 @@ def unpaired(baseline: TimedBlocks, candidate: TimedBlocks, across: bool = False
     both together (Bonferroni). It does not account for changes of the machine in between.
 
     Args:
-      baseline: times of the baseline.
-      candidate: times of the candidate.
       across: compare even results that differ in identity.
 
     Raises:

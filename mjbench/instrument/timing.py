@@ -22,7 +22,6 @@ class Contender:
     """Something to time.
 
     Attributes:
-      run: the block.
       before: called before each block; not timed.
       after: called after each block; not timed.
     """
@@ -53,13 +52,11 @@ def rounds(
     """Time the contenders in turns; yield the seconds of each round, in the contenders' order.
 
     Args:
-      contenders: to time.
       budget_s: seconds for all rounds; no round begins that would exceed them if it took as long as
         the longest so far.
       least: number of rounds to time even if they exceed the budget.
       most: number of rounds after which to stop.
       seed: of the order within each round.
-      clock: returns seconds.
     """
     order, shuffle = list(range(len(contenders))), random.Random(seed).shuffle
     begin, longest_s = clock(), 0.0
@@ -107,10 +104,7 @@ def block_times(
     """Time two blocks against each other in this process; return the seconds of each, in order.
 
     Args:
-      baseline: block A.
-      candidate: block B.
       orders: of quads, such as `ABBA`; a list of seconds for each.
-      clock: returns seconds.
       before: called before each block; not timed.
     """
     contenders = {"A": Contender(baseline, before), "B": Contender(candidate, before)}
@@ -124,15 +118,7 @@ def quads(
     rng: random.Random = _RANDOM,
     clock: Clock = time.perf_counter,
 ) -> list[Quad]:
-    """Time two blocks against each other in this process, in quads of random order.
-
-    Args:
-      baseline: block A.
-      candidate: block B.
-      count: quads to time.
-      rng: draws the order of each quad.
-      clock: returns seconds.
-    """
+    """Time two blocks against each other in this process, in quads of random order."""
     orders = draw_orders(count, rng)
     timed = []
     for order, times in zip(orders, block_times(baseline, candidate, orders, clock), strict=True):

@@ -21,12 +21,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from mjbench.loop.certain_names import DATA, MODEL, CertainNames, Loop
+from mjbench.loop.lint_repeats import COMPREHENSIONS
 from mjbench.loop.lint_rules import NAMED_ACCESS
 from mjbench.loop.python_source import Program
 from mjbench.loop.script_names import dotted_name, last_name
 from mjbench.loop.stepping_script import SteppingScript
 
-_COMPREHENSIONS = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
 _NAME_TO_ID, _ELEMENT_TYPES = "mujoco.mj_name2id", "mujoco.mjtObj."
 
 
@@ -151,14 +151,14 @@ class Hoisting:
     def _refusal(self, call: ast.Call, loop: Loop | None) -> str:
         """Return why a call cannot be hoisted out of a loop; empty if it can."""
         if loop is None:
-            return "no loop around it steps"
+            return "it is in a function that the loop calls"
         lines = self._lines[call.lineno - 1 : call.end_lineno]
         if len(lines) > 1 and any("#" in line for line in lines[:-1]):
             return "a comment stands in it"
         for above in self._above(call, loop):
             if isinstance(above, ast.JoinedStr):
                 return "it is in an f-string"
-            if isinstance(above, _COMPREHENSIONS):
+            if isinstance(above, COMPREHENSIONS):
                 return "it is in a comprehension"
         return self._variation(call, loop)
 

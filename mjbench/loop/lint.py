@@ -110,7 +110,7 @@ def findings_of(file: str, program: Program, codes: Collection[str]) -> list[Fin
             line=line.number,
             col=line.column(match.node.col_offset),
             code=rule.code,
-            message=match.message or rule.message,
+            message=(match.message or rule.message) + _caller(program, match),
             ns_per_step=costs_ns().get(match.habit),
             cell=line.cell,
             callee=match.callee,
@@ -139,6 +139,15 @@ def matches(
                 place = (match.node.lineno, match.node.col_offset, rule.code)
                 by_place[place] = rule, match
     return [each for _, each in sorted(by_place.items(), key=lambda item: item[0])]
+
+
+def _caller(program: Program, match: Match) -> str:
+    """Return which loop runs a match in every iteration; nothing where it stands in the loop."""
+    if match.loop is None:
+        return ""
+    line = program.line_of(match.loop)
+    cell = f"cell {line.cell}, " if line.cell else ""
+    return f"; the loop in {cell}line {line.number} calls this in every iteration"
 
 
 def _is_suppressed(line: str, code: str) -> bool:

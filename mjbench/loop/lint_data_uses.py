@@ -20,7 +20,7 @@ from mjbench.loop.stepping_script import (
 )
 
 # How the fields of MjData begin whose rest is the field of a named part.
-_PREFIXES = {
+PART_PREFIXES = {
     "body": "",
     "joint": "",
     "jnt": "",
@@ -85,7 +85,7 @@ class _Following:
         self._is_known = True
         self._is_kept = False
         self._names: dict[str, list[ast.Name]] = {}
-        for node in ast.walk(script.tree):
+        for node in script.nodes:
             if isinstance(node, ast.Name):
                 self._names.setdefault(node.id, []).append(node)
         self._values = {id(target): value for target, value in assignments(script.tree)}
@@ -186,7 +186,7 @@ class _Following:
     def _of_part(self, call: ast.Call, accessor: str) -> None:
         """Count what is read of `data.site("tip")` or the like."""
         parent = self._script.parents.get(call)
-        if accessor not in _PREFIXES:
+        if accessor not in PART_PREFIXES:
             self._is_known = False
         elif isinstance(parent, ast.Attribute):
             self._add_part_field(accessor, parent)
@@ -210,7 +210,7 @@ class _Following:
 
     def _add_part_field(self, accessor: str, attribute: ast.Attribute) -> None:
         if attribute.attr not in ("id", "name"):
-            self._fields.add(_PREFIXES[accessor] + attribute.attr)
+            self._fields.add(PART_PREFIXES[accessor] + attribute.attr)
             self._is_kept |= _is_kept(self._script, attribute, is_row=True)
 
 

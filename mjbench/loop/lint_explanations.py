@@ -211,3 +211,65 @@ keeps them between calls.
 
 Results: none change.
 """
+
+ROW_OF_TWO_MOMENTS = """\
+`mj_step` computes positions, contacts, forces and sensors of the state that it begins with, and
+then integrates. After it, `qpos`, `qvel`, `act` and `time` belong to the new state, and all else to
+the one before, until something computes it again. In a row with both, one is a step late.
+
+    mujoco.mj_step(model, data)
+    log.append((data.qpos.copy(), data.site("tip").xpos.copy()))
+
+    mujoco.mj_step(model, data)     # instead: both of the new state
+    mujoco.mj_kinematics(model, data)
+    log.append((data.qpos.copy(), data.site("tip").xpos.copy()))
+
+    qpos = data.qpos.copy()         # or: both of the state before, at no cost
+    mujoco.mj_step(model, data)
+    log.append((qpos, data.site("tip").xpos.copy()))
+
+`mj_kinematics` computes positions of bodies, geoms and sites; contacts, forces and sensors need
+`mj_forward`. The second way is for single steps of other integrators than `RK4`, after which
+positions are those of the last of its four stages. A row at the top of a loop mixes the same two
+moments. What no step moves, such as the position of a fixed body, is right in either state.
+
+There is no finding for an observation: for what a function returns, or what a policy gets. It may
+be late on purpose, as in Gymnasium's environments, and a policy that was trained on it expects it.
+
+Results: the rows hold one moment. In MuJoCo 4.0.0 the simulation stays as it is, bit for bit; in
+3.3.1 and before, `mj_forward` changes later states by the solver's tolerance.
+"""
+
+WRITTEN_VIEW = """\
+A function that returns `data.qpos`, or a slice of it, returns a view: an array that shows the
+memory of the MjData. A caller that writes into it, to scale or clip an observation, writes into the
+simulation, and the next step goes on from there.
+
+    def state(self):
+        return self.data.qpos       # write: return self.data.qpos.copy()
+
+    obs = env.state()
+    obs -= mean                     # or here: obs = env.state() - mean
+
+There is no finding where the caller seems to set the state: where `mj_forward` or the like
+follows, in a method called `reset` or `set_...`, or where the function is named after the field or
+as a view.
+
+Results: the simulation keeps its own state, so all later states differ.
+"""
+
+STEPS_IN_A_ROW = """\
+Each call of `mj_step` passes from Python to C and back. Where nothing is read or written between
+steps, as while an action is held, one call takes them all.
+
+    data.ctrl[:] = policy(data)
+    for _ in range(frame_skip):
+        mujoco.mj_step(model, data)
+
+    data.ctrl[:] = policy(data)     # instead
+    mujoco.mj_step(model, data, frame_skip)
+
+There is no finding where the loop does anything else, such as to ask the policy.
+
+Results: none change, bit for bit.
+"""

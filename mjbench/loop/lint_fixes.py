@@ -7,7 +7,6 @@ the old one with just these changes.
 
 import ast
 import difflib
-import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,11 +20,9 @@ from mjbench.loop.hoisting import Hoisting, Refusal
 from mjbench.loop.lint_rules import NAMED_ACCESS, STORED_VIEW
 from mjbench.loop.lint_settings import ALL_CODES, ALL_RULES, RuleChoice
 from mjbench.loop.python_source import Program, read_program
-from mjbench.loop.script_changes import Changes, changed
+from mjbench.loop.script_changes import Changes, changed, lines_of
 from mjbench.loop.script_files import UncheckedFile, each_checked
 from mjbench.loop.stepping_script import SteppingScript
-
-_LINE = re.compile(r".*?(?:\r\n|\r|\n|\Z)", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -77,7 +74,7 @@ class FixedFile:
         lines: list[str] = []
         for old, new in zip(self.before.parts, self.after.parts, strict=True):
             name = printable(f"{self.file}:cell {old.cell}" if old.cell else self.file)
-            lines += difflib.unified_diff(_lines(old.text), _lines(new.text), name, name)
+            lines += difflib.unified_diff(lines_of(old.text), lines_of(new.text), name, name)
         return "".join(
             line if line.endswith(("\n", "\r")) else f"{line}\n\\ No newline at end of file\n"
             for line in lines
@@ -169,8 +166,3 @@ def _plan(program: Program, codes: Collection[str]) -> _Plan:
             calls.append(match.node)
     hoisting = Hoisting(program, script, names).plan(calls)
     return _Plan(Changes(copied, hoisting.hoists), [*refusals, *hoisting.refusals])
-
-
-def _lines(text: str) -> list[str]:
-    """Return the lines of a text, each with its end."""
-    return [line for line in _LINE.findall(text) if line]

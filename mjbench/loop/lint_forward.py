@@ -51,14 +51,11 @@ def forward_after_step(script: SteppingScript) -> Iterator[Match]:
         if any("set_mjcb" in each for each in script.bindings.identifiers):
             return  # mj_forward calls what the script installs
         data = call.args[1]
-        if isinstance(data, ast.Name) and any(_steps(script, call)):
+        loops = (each.loop for each in iterations(script, call))
+        if isinstance(data, ast.Name) and any(map(script.steps_inside, loops)):
             instead = _enough(uses_of(script, data))
             if instead is not None:
                 yield Match(call, "", _message(name, call, instead), name, instead)
-
-
-def _steps(script: SteppingScript, call: ast.Call) -> Iterator[bool]:
-    return (script.steps_inside(each.loop) for each in iterations(script, call))
 
 
 def _follows_step(script: SteppingScript, call: ast.Call) -> bool:
@@ -99,15 +96,23 @@ def _is_step_of(statement: ast.stmt, call: ast.Call) -> bool:
 
 def _enough(uses: DataUses) -> tuple[str, ...] | None:
     """Return the functions that compute all that is read; None where that is not known."""
-    computed = uses.fields - STATE
-    unknown = computed.difference(*COMPUTED.values())
     other = uses.functions - _INDEPENDENT - _JACOBIANS - set(_RECOMPUTES)
-    if not uses.is_known or unknown or other:
+    if not uses.is_known or other:
+        return None
+    return enough_for(uses.fields - STATE, bool(uses.functions & _JACOBIANS))
+
+
+def enough_for(computed: Set[str], with_jacobians: bool = False) -> tuple[str, ...] | None:
+    """Return the functions that compute fields of the present state; None for those of others.
+
+    Args:
+      computed: fields, none of them of the state itself.
+      with_jacobians: whether they compute what Jacobians need, too.
+    """
+    if computed - set().union(*COMPUTED.values()):
         return None
     needed = {name for name, fields in COMPUTED.items() if computed & fields}
-    if uses.functions & _JACOBIANS:
-        needed.add("mj_comPos")
-    if needed - {"mj_kinematics"}:
+    if with_jacobians or needed - {"mj_kinematics"}:
         needed.add("mj_comPos")
     if needed:
         needed.add("mj_kinematics")

@@ -19,16 +19,16 @@ from mjbench.loop.view_writes import WRITING_FUNCTIONS, WRITING_METHODS, WritesT
 
 
 @dataclass(frozen=True)
-class _Source:
+class Source:
     """Where a value comes from: a call of a helper, and what of its result the value is.
 
     Attributes:
-      call: the call.
+      call: the call; the attribute, where the helper is a property.
       yields: whether the value is what the helper yields, not what it returns.
       index: of the part, in a tuple or a dict that the helper creates; None for all of it.
     """
 
-    call: ast.Call
+    call: ast.expr
     yields: bool = False
     index: object = None
 
@@ -66,17 +66,20 @@ class HelperViews:
                 if not given.intersection(renewed):
                     yield from self._of(source)
 
-    def _of(self, source: _Source) -> Iterator[ast.expr]:
+    def _of(self, source: Source) -> Iterator[ast.expr]:
         """Yield the views that a helper gives to the caller in a value."""
+        for function, view in self.given(source):
+            if not _is_written(self._script, self._writes, function):
+                yield view
+
+    def given(self, source: Source) -> Iterator[tuple[ast.FunctionDef, ast.expr]]:
+        """Yield the views that a value is, or holds, each with the helper that returns it."""
         for function in self._script.functions.called(source.call):
-            results = list(_results(self._script, function, source.yields))
-            if not results or _is_written(self._script, self._writes, function):
-                continue
-            for result in results:
+            for result in _results(self._script, function, source.yields):
                 part = result if source.index is None else _part(result, source.index)
                 for view in self._views_in(part) if part is not None else ():
                     if not is_input(view) and not _is_local(self._script, view, function):
-                        yield view
+                        yield function, view
 
 
 def _parts(value: ast.expr) -> Iterator[ast.expr]:
@@ -91,26 +94,28 @@ def _parts(value: ast.expr) -> Iterator[ast.expr]:
         yield value
 
 
-def _sources(script: SteppingScript, value: ast.AST) -> list[_Source]:
+def _sources(script: SteppingScript, value: ast.AST) -> list[Source]:
     """Return the calls of functions that a value comes from; none if it may come from elsewhere."""
     if isinstance(value, ast.Call):
         if last_name(value.func) == "list" and len(value.args) == 1:
             inner = value.args[0]
-            return [_Source(inner, yields=True)] if isinstance(inner, ast.Call) else []
-        return [_Source(value)]
+            return [Source(inner, yields=True)] if isinstance(inner, ast.Call) else []
+        return [Source(value)]
+    if isinstance(value, ast.Attribute):
+        return [Source(value)]
     if isinstance(value, ast.Subscript) and isinstance(value.value, ast.Call):
         key = value.slice.value if isinstance(value.slice, ast.Constant) else None
-        return [_Source(value.value, index=key)] if key is not None else []
+        return [Source(value.value, index=key)] if key is not None else []
     if not isinstance(value, ast.Name):
         return []
     owner = script.bindings.owner(value.id, value)
     bindings = script.bindings.bindings(value.id, owner) if owner else ()
-    sources = [_source_of_binding(script, binding) for binding in bindings]
+    sources = [source_of_binding(script, binding) for binding in bindings]
     known = [source for source in sources if source is not None]
     return known if len(known) == len(sources) else []
 
 
-def _source_of_binding(script: SteppingScript, binding: ast.AST) -> _Source | None:
+def source_of_binding(script: SteppingScript, binding: ast.AST) -> Source | None:
     """Return where what a name is bound to comes from; None where that is not a plain call."""
     parent = script.parents[binding]
     index = None
@@ -118,24 +123,25 @@ def _source_of_binding(script: SteppingScript, binding: ast.AST) -> _Source | No
     if isinstance(parent, ast.Tuple):
         index = parent.elts.index(binding)  # type: ignore[arg-type]
         target, parent = parent, script.parents[parent]
-    if isinstance(parent, ast.Assign) and isinstance(parent.value, ast.Call):
-        return _Source(parent.value, index=index)
+    if isinstance(parent, ast.Assign):
+        is_known = isinstance(parent.value, ast.Call) or script.functions.called(parent.value)
+        return Source(parent.value, index=index) if is_known else None
     if isinstance(parent, ast.For | ast.comprehension) and parent.target is target:
         return _source_of_iteration(parent.iter, index)
     return None
 
 
-def _source_of_iteration(iterable: ast.expr, index: int | None) -> _Source | None:
+def _source_of_iteration(iterable: ast.expr, index: int | None) -> Source | None:
     if not isinstance(iterable, ast.Call):
         return None
     method = iterable.func.attr if isinstance(iterable.func, ast.Attribute) else ""
     inner = iterable.func.value if isinstance(iterable.func, ast.Attribute) else None
     if isinstance(inner, ast.Call):  # a key is no view, a value may be
         takes_value = (method, index) in (("items", 1), ("values", None))
-        return _Source(inner) if takes_value else None
+        return Source(inner) if takes_value else None
     if last_name(iterable.func) == "enumerate" and index == 1 and iterable.args:
         return _source_of_iteration(iterable.args[0], None)
-    return _Source(iterable, yields=True, index=index)
+    return Source(iterable, yields=True, index=index)
 
 
 def _results(script: SteppingScript, function: ast.FunctionDef, yields: bool) -> Iterator[ast.expr]:
@@ -184,13 +190,16 @@ def _is_local(script: SteppingScript, view: ast.expr, function: ast.FunctionDef)
 
 def _is_written(script: SteppingScript, writes: WritesThrough, function: ast.FunctionDef) -> bool:
     """Return whether a caller may write through what a helper returns."""
-    calls = [call for call in script.calls if last_name(call.func) == function.name]
-    return any(_writes(script, writes, call) for call in calls)
+    uses: list[ast.expr] = [call for call in script.calls if last_name(call.func) == function.name]
+    if function.decorator_list:  # a property
+        attributes = (node for node in script.nodes if isinstance(node, ast.Attribute))
+        uses = [attribute for attribute in attributes if attribute.attr == function.name]
+    return any(_writes(script, writes, use) for use in uses)
 
 
-def _writes(script: SteppingScript, writes: WritesThrough, call: ast.Call) -> bool:
-    """Return whether the script may write through what a call returns."""
-    node: ast.AST = call
+def _writes(script: SteppingScript, writes: WritesThrough, use: ast.expr) -> bool:
+    """Return whether the script may write through what a call, or a property, returns."""
+    node: ast.AST = use
     parent = script.parents[node]
     while isinstance(parent, ast.Subscript | ast.Attribute) and parent.value is node:
         if isinstance(parent, ast.Attribute) and parent.attr in WRITING_METHODS:

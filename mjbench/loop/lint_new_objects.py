@@ -62,7 +62,7 @@ def new_jitted_functions(script: SteppingScript) -> Iterator[Match]:
     for call in script.calls:
         if _is_jit(script, call.func) and call.args and _is_called(script, call):
             yield from _if_constant(script, call, call.args[0])
-    for function in ast.walk(script.tree):
+    for function in script.nodes:
         if isinstance(function, ast.FunctionDef) and any(
             _is_jit(script, d) or _is_partial_jit(script, d) for d in function.decorator_list
         ):

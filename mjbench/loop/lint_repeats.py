@@ -9,7 +9,7 @@ import ast
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from mjbench.loop.script_names import FUNCTIONS, dotted_name, last_name, nodes_inside
+from mjbench.loop.script_names import FUNCTIONS, dotted_name, is_step, last_name, nodes_inside
 from mjbench.loop.stepping_script import SteppingScript, leaves_after
 from mjbench.loop.view_writes import peeled
 
@@ -50,6 +50,25 @@ class Iteration:
 def iterations(script: SteppingScript, node: ast.expr | ast.stmt) -> Iterator[Iteration]:
     """Yield the loops in whose every iteration a node runs, the innermost of each way first."""
     yield from _iterations(script, node, ())
+
+
+def step_loop_of_helper(script: SteppingScript, node: ast.expr | ast.stmt) -> Iteration | None:
+    """Return the loop in whose every step a function that it calls runs a node.
+
+    None stands for a node in a loop that steps, and for one that no such loop is certain to run.
+    """
+    for each in iterations(script, node):
+        is_step_loop = script.step_loop_around(each.inside) is each.loop
+        if is_step_loop or any(_steps_once(script, function) for function in each.functions):
+            return each if each.functions else None
+    return None
+
+
+def _steps_once(script: SteppingScript, function: ast.FunctionDef) -> bool:
+    """Return whether a function steps outside of its loops."""
+    inner = {n for n in nodes_inside(function) if isinstance(n, ast.For | ast.While)}
+    steps = (n for n in nodes_inside(function) if is_step(n))
+    return any(inner.isdisjoint(script.loops_around(step)) for step in steps)
 
 
 def _iterations(

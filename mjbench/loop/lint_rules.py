@@ -4,12 +4,13 @@ A new rule is a function that yields matches, and a line of `RULES`.
 """
 
 import ast
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from mjbench.loop import lint_explanations as explanations
 from mjbench.loop.lint_forward import forward_after_step
 from mjbench.loop.lint_match import Match
+from mjbench.loop.lint_moments import rows_of_two_moments
 from mjbench.loop.lint_new_objects import (
     compiled_models,
     copied_data,
@@ -17,9 +18,11 @@ from mjbench.loop.lint_new_objects import (
     new_renderers,
     new_rollout_pools,
 )
+from mjbench.loop.lint_repeats import Loop, names_in, step_loop_of_helper
+from mjbench.loop.lint_written_views import written_views
 from mjbench.loop.lint_wrong_results import halves_of_runge_kutta, shared_data
-from mjbench.loop.script_names import last_name
-from mjbench.loop.stepping_script import SteppingScript
+from mjbench.loop.script_names import dotted_name, last_name
+from mjbench.loop.stepping_script import SteppingLoop, SteppingScript
 from mjbench.loop.stored_views import StoredViews
 
 # The codes of the rules on views that outlive their step, and on names looked up in every step.
@@ -83,29 +86,45 @@ def _stored_views(script: SteppingScript) -> Iterator[Match]:
 
 
 def _named_access(script: SteppingScript) -> Iterator[Match]:
-    for loop in (*script.loops, *script.environment_loops):
-        for node in loop.inner:
-            if (
-                isinstance(node, ast.Call)
-                and (script.is_named_access(node) or last_name(node.func) == "mj_name2id")
-                and script.runs_each_step(node, loop)
-            ):
-                yield Match(node, NAMED_ACCESS_HABIT)
+    """Yield calls that look a name up in every step."""
+    names = [
+        call
+        for call in script.calls
+        if script.is_named_access(call) or last_name(call.func) == "mj_name2id"
+    ]
+    loops = [*script.loops, *script.environment_loops]
+    for call, loop in _in_steps(script, names, loops):
+        yield Match(call, NAMED_ACCESS_HABIT, loop=loop)
 
 
 def _allocations(script: SteppingScript) -> Iterator[Match]:
     """Yield calls that allocate an array; not those under an `if`, which may run only once."""
-    for loop in script.loops:
-        for node in loop.inner:
-            if (
-                isinstance(node, ast.Call)
-                and last_name(node.func) in ALLOCATION_HABITS
-                and script.is_numpy_call(node)
-                and not any(keyword.arg == "out" for keyword in node.keywords)
-                and script.runs_each_step(node, loop)
-                and not script.is_conditional(node, loop)
-            ):
-                yield Match(node, ALLOCATION_HABITS[last_name(node.func)])
+    arrays = [
+        call
+        for call in script.calls
+        if last_name(call.func) in ALLOCATION_HABITS
+        and script.is_numpy_call(call)
+        and not any(keyword.arg == "out" for keyword in call.keywords)
+    ]
+    for call, loop in _in_steps(script, arrays, script.loops):
+        if not script.is_conditional(call):
+            yield Match(call, ALLOCATION_HABITS[last_name(call.func)], loop=loop)
+
+
+def _in_steps(
+    script: SteppingScript, calls: Sequence[ast.Call], loops: Sequence[SteppingLoop]
+) -> Iterator[tuple[ast.Call, Loop | None]]:
+    """Yield calls that run in every step of one of some loops.
+
+    With a call in a function comes the loop that calls the function; None with those of the loop.
+    """
+    inside = {loop.node: {*loop.inner} for loop in loops}
+    for call in calls:
+        loop = script.step_loop_around(call)
+        if loop in inside and call in inside[loop]:
+            yield call, None
+        elif (each := step_loop_of_helper(script, call)) is not None and each.loop in inside:
+            yield call, each.loop
 
 
 def _new_data_per_episode(script: SteppingScript) -> Iterator[Match]:
@@ -123,6 +142,22 @@ def _serial_simulations(script: SteppingScript) -> Iterator[Match]:
         )
         if begins and any(script.is_for_over_steps(node) for node in loop.inner):
             yield Match(loop.node)
+
+
+def _steps_in_a_row(script: SteppingScript) -> Iterator[Match]:
+    """Yield calls of mj_step that a loop does nothing but repeat, a given number of times."""
+    for call in script.calls:
+        statement = script.parents[call]
+        loop = script.parents.get(statement)
+        if not isinstance(loop, ast.For) or loop.body != [statement] or loop.orelse:
+            continue
+        is_range = isinstance(loop.iter, ast.Call) and dotted_name(loop.iter.func) == "range"
+        inner = [n for n in ast.walk(statement) if isinstance(n, ast.Call)]
+        is_plain = last_name(call.func) == "mj_step" and len(call.args) == 2 and not call.keywords
+        if not (is_range and is_plain and inner == [call]):
+            continue
+        if names_in(loop.target).isdisjoint(names_in(call)):
+            yield Match(call, callee="mj_step")
 
 
 RULES = (
@@ -212,5 +247,25 @@ RULES = (
         " open, or pass persistent_pool=True",
         new_rollout_pools,
         explanations.NEW_ROLLOUT_POOL,
+    ),
+    Rule(
+        "MJB015",
+        "a row mixes the new state with what is still computed from the one before",
+        rows_of_two_moments,
+        explanations.ROW_OF_TWO_MOMENTS,
+        is_wrong_result=True,
+    ),
+    Rule(
+        "MJB016",
+        "this writes into the simulation, through a view that a function returns; copy it",
+        written_views,
+        explanations.WRITTEN_VIEW,
+        is_wrong_result=True,
+    ),
+    Rule(
+        "MJB017",
+        "nothing happens between these steps: take them in one call, mj_step(model, data, nstep)",
+        _steps_in_a_row,
+        explanations.STEPS_IN_A_ROW,
     ),
 )

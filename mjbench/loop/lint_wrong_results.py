@@ -75,7 +75,7 @@ def _executor_names(script: SteppingScript) -> set[str]:
     made = [(t, v) for t, v in assignments(script.tree)]
     made += [
         (item.optional_vars, item.context_expr)
-        for node in ast.walk(script.tree)
+        for node in script.nodes
         if isinstance(node, ast.With)
         for item in node.items
         if item.optional_vars is not None

@@ -52,7 +52,7 @@ class _PartText:
     """The text of a cell, or of a Python file, and the edits of nodes in it."""
 
     def __init__(self, text: str, lines_before: int):
-        lines = [line.encode() for line in _LINE.findall(text)]
+        lines = [line.encode() for line in lines_of(text)]
         self.data = b"".join(lines)
         self._lines_before = lines_before
         self._starts = [0, *accumulate(map(len, lines))]
@@ -105,6 +105,11 @@ class _PartText:
             pieces += [self.data[end : edit.start], edit.text]
             end = edit.end
         return b"".join([*pieces, self.data[end:]]).decode()
+
+
+def lines_of(text: str) -> list[str]:
+    """Return the lines of a text, each with its end."""
+    return [line for line in _LINE.findall(text) if line]
 
 
 def changed(program: Program, changes: Changes) -> Program:

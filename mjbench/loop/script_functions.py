@@ -1,8 +1,9 @@
 """Which functions of a script its calls mean, and which argument becomes which parameter.
 
 A call means a function where its name is bound once, by a `def` without decorators; where it is
-`self.method(…)` of a class that has one such method; or where its name runs over a tuple of such
-functions, as in `for way in (by_copies, by_state)`. Other calls mean nothing that is known.
+`self.method(…)` of a class that has one such method, or `env.method(…)` where one statement binds
+`env = Env(…)`; or where its name runs over a tuple of such functions, as in
+`for way in (by_copies, by_state)`. Other calls mean nothing that is known.
 """
 
 import ast
@@ -11,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 from mjbench.loop.name_bindings import NameBindings
-from mjbench.loop.script_names import FUNCTIONS
+from mjbench.loop.script_names import FUNCTIONS, dotted_name
 
 
 class ScriptFunctions:
@@ -34,14 +35,15 @@ class ScriptFunctions:
         self._parents = parents
         self._calls = calls
 
-    def called(self, call: ast.Call) -> Sequence[ast.FunctionDef]:
-        """Return the functions that a call may mean; none where they are not known."""
-        if isinstance(call.func, ast.Name):
-            return self._named(call.func, may_be_loop_variable=True)
-        if isinstance(call.func, ast.Attribute) and isinstance(call.func.value, ast.Name):
-            method = self._method(call.func)
-            return [method] if method and call.func.value.id == "self" else []
-        return []
+    def called(self, node: ast.AST) -> Sequence[ast.FunctionDef]:
+        """Return the functions that a call, or a property, may mean; none if they are unknown."""
+        if isinstance(node, ast.Attribute):
+            return self._method(node, ["property"])
+        if not isinstance(node, ast.Call):
+            return []
+        if isinstance(node.func, ast.Name):
+            return self._named(node.func, may_be_loop_variable=True)
+        return self._method(node.func, []) if isinstance(node.func, ast.Attribute) else []
 
     def named(self, node: ast.AST) -> ast.FunctionDef | None:
         """Return the function that a name stands for, as in `Thread(target=work)`."""
@@ -75,11 +77,9 @@ class ScriptFunctions:
     def _named(
         self, name: ast.Name, may_be_loop_variable: bool = False
     ) -> Sequence[ast.FunctionDef]:
-        owner = self._bindings.owner(name.id, name)
-        bindings = self._bindings.bindings(name.id, owner) if owner else ()
-        if len(bindings) != 1:
+        binding = self._binding(name)
+        if binding is None:
             return ()
-        (binding,) = bindings
         if isinstance(binding, ast.FunctionDef):
             return () if binding.decorator_list else (binding,)
         loop = self._parents.get(binding)
@@ -90,13 +90,36 @@ class ScriptFunctions:
             return known if len(known) == len(functions) else ()
         return ()
 
-    def _method(self, attribute: ast.Attribute) -> ast.FunctionDef | None:
-        above = self._parents.get(attribute)
-        while above is not None and not isinstance(above, ast.ClassDef):
-            above = self._parents.get(above)
-        body = above.body if above is not None else []
+    def _method(
+        self, attribute: ast.Attribute, decorators: Sequence[str]
+    ) -> Sequence[ast.FunctionDef]:
+        """Return the one method of a name, if it has just these decorators."""
+        owner = self._class_of(attribute.value)
+        body = owner.body if owner is not None else []
         methods = [n for n in body if isinstance(n, FUNCTIONS) and n.name == attribute.attr]
-        if len(methods) != 1 or methods[0].decorator_list:
+        named = [[dotted_name(d) for d in method.decorator_list] for method in methods]
+        if named != [decorators]:
+            return []
+        return [method for method in methods if isinstance(method, ast.FunctionDef)]
+
+    def _class_of(self, node: ast.AST) -> ast.ClassDef | None:
+        """Return the class of the script that a name is an object of; None if unknown."""
+        if not isinstance(node, ast.Name):
             return None
-        (method,) = methods
-        return method if isinstance(method, ast.FunctionDef) else None
+        if node.id == "self":
+            above = self._parents.get(node)
+            while above is not None and not isinstance(above, ast.ClassDef):
+                above = self._parents.get(above)
+            return above
+        assigned = self._parents.get(self._binding(node) or node)
+        if not isinstance(assigned, ast.Assign) or not isinstance(assigned.value, ast.Call):
+            return None
+        created = assigned.value.func
+        owner = self._binding(created) if isinstance(created, ast.Name) else None
+        return owner if isinstance(owner, ast.ClassDef) else None
+
+    def _binding(self, name: ast.Name) -> ast.AST | None:
+        """Return the one node that binds a name; None where there are others."""
+        owner = self._bindings.owner(name.id, name)
+        bindings = self._bindings.bindings(name.id, owner) if owner else ()
+        return bindings[0] if len(bindings) == 1 else None

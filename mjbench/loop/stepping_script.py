@@ -101,25 +101,27 @@ class SteppingScript:
       episode_loops: those of them, all `for`, that have another one inside.
       comprehensions: list comprehensions that step.
       tree: the syntax.
+      nodes: all of its nodes.
       parents: the node above each node.
       calls: of functions and methods, everywhere in it.
     """
 
     def __init__(self, tree: ast.Module):
         self.tree = tree
-        self.calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
+        self.nodes = list(ast.walk(tree))
+        self.calls = [node for node in self.nodes if isinstance(node, ast.Call)]
         self.parents: Mapping[ast.AST, ast.AST] = {
-            child: node for node in ast.walk(tree) for child in ast.iter_child_nodes(node)
+            child: node for node in self.nodes for child in ast.iter_child_nodes(node)
         }
         self._stepping_functions = {
             node.name
-            for node in ast.walk(tree)
+            for node in self.nodes
             if isinstance(node, FUNCTIONS) and any(is_step(n) for n in ast.walk(node))
         }
         self._environment_names = environment_names(tree)
         self._environment_functions = {
             node.name
-            for node in ast.walk(tree)
+            for node in self.nodes
             if isinstance(node, FUNCTIONS) and any(map(self._steps_environment, ast.walk(node)))
         }
         self._data_names = data_names(tree)
@@ -128,15 +130,15 @@ class SteppingScript:
         self._values_of_attributes: dict[str, list[ast.AST | None]] = {}
         for target, value in self._values.items():
             self._values_of_attributes.setdefault(dotted_name(target), []).append(value)
-        steps = (n for n in ast.walk(tree) if is_step(n) or self._steps_environment(n))
+        steps = (n for n in self.nodes if is_step(n) or self._steps_environment(n))
         # the innermost loop around each call that steps
         self._step_loops = {next(self.loops_around(node), None) for node in steps}
-        loops = [node for node in ast.walk(tree) if isinstance(node, ast.For | ast.While)]
+        loops = [node for node in self.nodes if isinstance(node, ast.For | ast.While)]
         self.loops = self._stepping_loops(loops)
         self.environment_loops = self._environment_loops(loops)
         self.episode_loops = self._episode_loops()
-        self.methods = self._methods(tree)
-        self.comprehensions = self._comprehensions(tree)
+        self.methods = self._methods()
+        self.comprehensions = self._comprehensions()
 
     @cached_property
     def bindings(self) -> NameBindings:
@@ -153,7 +155,7 @@ class SteppingScript:
         """The functions that call, through others of the script, one that calls `mj_step`."""
         if not self._stepping_functions:
             return set()
-        named = [n for n in ast.walk(self.tree) if isinstance(n, ast.FunctionDef)]
+        named = [n for n in self.nodes if isinstance(n, ast.FunctionDef)]
         waiting = [function for function in named if function.name in self._stepping_functions]
         indirect: set[ast.FunctionDef] = set()
         while waiting:
@@ -189,19 +191,19 @@ class SteppingScript:
             if isinstance(loop.node, ast.For) and stepping.intersection(loop.inner)
         ]
 
-    def _methods(self, tree: ast.Module) -> list[SteppingMethod]:
+    def _methods(self) -> list[SteppingMethod]:
         return [
             SteppingMethod(node, nodes_inside(node))
-            for node in ast.walk(tree)
+            for node in self.nodes
             if isinstance(node, FUNCTIONS)
             and isinstance(self.parents.get(node), ast.ClassDef)
             and (self.steps_inside(node) or self.steps_environment_inside(node))
         ]
 
-    def _comprehensions(self, tree: ast.Module) -> list[ast.ListComp]:
+    def _comprehensions(self) -> list[ast.ListComp]:
         return [
             node
-            for node in ast.walk(tree)
+            for node in self.nodes
             if isinstance(node, ast.ListComp)
             and (self.steps_inside(node) or self.steps_environment_inside(node))
         ]
@@ -267,13 +269,10 @@ class SteppingScript:
         """Return whether a function of NumPy itself is called, such as `np.zeros(…)`."""
         return isinstance(node.func, ast.Attribute) and dotted_name(node.func.value) in _NUMPY
 
-    def runs_each_step(self, node: ast.AST, loop: SteppingLoop) -> bool:
-        """Return whether `loop` is the innermost around a node that calls `mj_step` itself."""
-        return self.step_loop_around(node) is loop.node
-
-    def is_conditional(self, node: ast.AST, loop: SteppingLoop) -> bool:
-        """Return whether a node of a loop is under an `if`: it runs in some iterations only."""
-        while node is not loop.node:
+    def is_conditional(self, node: ast.AST) -> bool:
+        """Return whether a node is under an `if` of its loop that steps, or of its function."""
+        loop = self.step_loop_around(node)
+        while node is not loop and not isinstance(node, FUNCTIONS):
             node = self.parents[node]
             if isinstance(node, ast.If):
                 return True

@@ -11,6 +11,7 @@ import ast
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from mjbench.loop.lint_helper_views import HelperViews
 from mjbench.loop.script_names import (
@@ -36,7 +37,7 @@ _Body = SteppingLoop | SteppingMethod
 
 
 @dataclass(frozen=True)
-class _Store:
+class Store:
     """Where a statement or a call stores something.
 
     Attributes:
@@ -68,21 +69,27 @@ class StoredViews:
 
     def __init__(self, script: SteppingScript):
         """Look at a script."""
-        tree = script.tree
         self._script = script
-        self._writes = WritesThrough(tree)
-        self._helpers = HelperViews(script, self._writes, self._views_in)
         self._loops = {loop.node: loop for loop in (*script.loops, *script.environment_loops)}
         self._counted = {
-            dotted_name(node.target) for node in ast.walk(tree) if isinstance(node, ast.AugAssign)
+            dotted_name(node.target) for node in script.nodes if isinstance(node, ast.AugAssign)
         } - {""}
         self._renewed_attributes = {
             node.attr
-            for function in ast.walk(tree)
+            for function in script.nodes
             if isinstance(function, FUNCTIONS) and function.name != "__init__"
             for node in ast.walk(function)
             if isinstance(node, ast.Attribute) and not isinstance(node.ctx, ast.Load)
         }
+
+    @cached_property
+    def _writes(self) -> WritesThrough:
+        return WritesThrough(self._script.tree)
+
+    @cached_property
+    def helpers(self) -> HelperViews:
+        """The views that functions of the script give to their callers."""
+        return HelperViews(self._script, self._writes, self._views_in)
 
     def all(self) -> Iterator[StoredView]:
         """Yield them."""
@@ -104,7 +111,7 @@ class StoredViews:
 
     def _stored(self, node: ast.AST, body: _Body) -> Iterator[StoredView]:
         """Yield the views that a node of a loop or a method stores for later, to be read."""
-        store = _store(node)
+        store = store_of(node)
         if store is None or not self._is_log(store, node, body):
             return
         for value in store.values:
@@ -112,7 +119,7 @@ class StoredViews:
                 if self._is_of_the_one_data(view, body.inner):
                     yield StoredView(view)
             renewed = _bound(body.inner) - _bound_by_inner_loops(body.inner)
-            for view in self._helpers.stored(value, renewed):
+            for view in self.helpers.stored(value, renewed):
                 yield StoredView(view, is_returned=True)
 
     def _collected(self, comprehension: ast.ListComp) -> Iterator[StoredView]:
@@ -122,13 +129,13 @@ class StoredViews:
         if any(map(self._writes.through_entries, names)):
             return
         inner, element = nodes_inside(comprehension), comprehension.elt
-        for view in self._helpers.stored(element, ()):
+        for view in self.helpers.stored(element, ()):
             yield StoredView(view, is_returned=True)
         for view in element.elts if isinstance(element, ast.Tuple) else [element]:
             if self._script.is_view(view) and self._is_of_the_one_data(view, inner):
                 yield StoredView(view)
 
-    def _is_log(self, store: _Store, node: ast.AST, body: _Body) -> bool:
+    def _is_log(self, store: Store, node: ast.AST, body: _Body) -> bool:
         """Return whether every iteration of a body adds an entry to what outlives it."""
         if isinstance(node, ast.Assign) and store.key is None:
             attribute = last_name(store.place)
@@ -142,9 +149,9 @@ class StoredViews:
         is_unknown = store.key is None and not any(isinstance(v, ast.Call) for v in assigned)
         if not (is_unknown or (assigned and all(map(creates_container, assigned)))):
             return False  # an array, or an object of a class that may copy
-        return self._adds(store.key, body) and self._may_repeat(node, place, body)
+        return self.adds(store.key, body) and self._may_repeat(node, place, body)
 
-    def _adds(self, key: ast.expr | None, body: _Body) -> bool:
+    def adds(self, key: ast.expr | None, body: _Body) -> bool:
         """Return whether a key is another one in each iteration of a body."""
         if key is None:
             return True
@@ -241,18 +248,18 @@ class StoredViews:
         return last_name(node) in self._renewed_attributes
 
 
-def _store(node: ast.AST) -> _Store | None:
+def store_of(node: ast.AST) -> Store | None:
     """Return where a statement or a call stores something; None for several places, or none."""
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
         is_of_numpy = dotted_name(node.func.value) in ("np", "numpy", "onp")
         if node.func.attr in _STORING_METHODS and not is_of_numpy:
-            return _Store(node.func.value, None, node.args)
+            return Store(node.func.value, None, node.args)
     if isinstance(node, ast.Assign) and len(node.targets) == 1:
         (target,) = node.targets
         if isinstance(target, ast.Attribute):
-            return _Store(target, None, [node.value])
+            return Store(target, None, [node.value])
         if isinstance(target, ast.Subscript) and not isinstance(target.slice, ast.Slice):
-            return _Store(target.value, target.slice, [node.value])
+            return Store(target.value, target.slice, [node.value])
     return None
 
 

@@ -22,7 +22,6 @@ def chart(table: DataTable, layers: Sequence[Spec], height: int | None = None) -
     """Return a chart of layers that share the data of a table.
 
     Args:
-      table: the data.
       layers: marks and encodings.
       height: in pixels; None for one row of text a row of the table.
     """
@@ -41,7 +40,6 @@ def bars(noun: str, rows: Sequence[Sequence[Cell]]) -> str:
     """Return what can be seen in a chart of bars.
 
     Args:
-      noun: what the bars are of.
       rows: name and percent of each, the longest first.
     """
     if not rows:
@@ -54,8 +52,6 @@ def quantity(field: str, title: str, *, log: bool = False, **scale: Any) -> Spec
 
     Args:
       field: title of the column.
-      title: of the axis.
-      log: whether the axis is logarithmic.
       scale: further properties of the scale.
     """
     kind = {"type": "log"} if log else {}

@@ -22,12 +22,7 @@ class Tone(StrEnum):
 
 @dataclass(frozen=True)
 class Conclusion:
-    """One sentence that a section, or the whole report, comes to.
-
-    Attributes:
-      text: the sentence.
-      tone: what it means.
-    """
+    """One sentence that a section, or the whole report, comes to."""
 
     text: str
     tone: Tone = Tone.NEUTRAL
@@ -66,8 +61,6 @@ class DataTable:
     """A table.
 
     Attributes:
-      title: what it is of.
-      columns: of each row.
       rows: cells, one a column.
     """
 
@@ -81,10 +74,8 @@ class Figure:
     """A chart, and what a reader has who cannot see it.
 
     Attributes:
-      title: what it shows.
       alternative: what can be seen in it, in a sentence.
       specification: in Vega-Lite; its data are `data`.
-      data: behind it.
     """
 
     title: str
@@ -98,10 +89,7 @@ class Section:
     """A part of a report.
 
     Attributes:
-      heading: of the part.
-      command: that gives its figures.
       conclusions: what follows from it, first of all.
-      figures: charts.
       tables: what they are made of, and more.
       notes: what a reader must know besides.
       is_open: whether its tables are shown at once also on a page of many sections.
@@ -121,10 +109,8 @@ class Report:
     """All that a report says.
 
     Attributes:
-      title: of the report.
       conclusions: the main ones of its sections.
       sections: in the order of their runs.
-      machines: what the runs ran on.
     """
 
     title: str

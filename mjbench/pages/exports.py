@@ -34,9 +34,7 @@ class Metric:
     Attributes:
       name: what it is of.
       unit: of it; smaller is better.
-      value: the number.
       low: lower end of its interval; None without one.
-      high: upper end.
     """
 
     name: str

@@ -25,7 +25,6 @@ def render(report: Report, notes: Sequence[str] = ()) -> str:
     """Return a report as a fragment of HTML; all texts are escaped.
 
     Args:
-      report: what to show.
       notes: sentences about the measurement as a whole.
     """
     return "".join(_parts(report, notes))

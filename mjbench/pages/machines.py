@@ -13,12 +13,7 @@ _MOST_SENTENCES = 30
 
 
 def section(results: SideBySide, command: str) -> Section | None:
-    """Return what machines show side by side; None where nothing stands side by side.
-
-    Args:
-      results: of all runs.
-      command: that gives the section.
-    """
+    """Return what machines show side by side; None where nothing stands side by side."""
     matrices = [_table(matrix) for matrix in across.matrices(results)]
     if not matrices:
         return None

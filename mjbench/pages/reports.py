@@ -61,7 +61,6 @@ class NamedRun:
 
     Attributes:
       file: path of its run file, or of the set that it is in.
-      run: its content.
     """
 
     file: Path

@@ -93,7 +93,6 @@ def build(project: Project, scratch: Path, output: Path) -> list[str]:
     """Write a site; return what was left out, and Sphinx's warnings about its pages.
 
     Args:
-      project: what it is of.
       scratch: an empty folder for what Sphinx reads.
       output: folder of the site; a site that is there is replaced.
 
@@ -140,7 +139,6 @@ def write_source(project: Project, source: Path) -> list[str]:
     """Write the pages that Sphinx renders, and its configuration; return what was left out.
 
     Args:
-      project: what the site is of.
       source: a folder, empty or to be created.
 
     Raises:

@@ -34,6 +34,8 @@ class Activity(enum.StrEnum):
     """Files, logs and the terminal."""
     PROCESSES = "waiting for other processes"
     """For a pipe, a queue or the end of another process."""
+    STARTING = "starting processes"
+    """`Process.start` of `multiprocessing`."""
     THREADS = "waiting for other threads"
     """For a lock or a queue of the same process."""
     SLEEPING = "sleeping"
@@ -122,7 +124,8 @@ _STANDARD_THREADS = re.compile(r"^(threading|queue|concurrent/futures/(thread|_b
 _STANDARD_WAITING = re.compile(r"^(selectors|socket|asyncio/\w+)\.py$")
 _THREADED_ENGINE = re.compile(r"/mujoco/(rollout|batch\w*)\.py$")
 _IMPORTS = re.compile(r"^<frozen importlib")
-_CLOCKS = ("program/hook/step_clock.py", "program/hook/call_clock.py")
+CALL_CLOCK = "program/hook/call_clock.py"
+_CLOCKS = ("program/hook/step_clock.py", CALL_CLOCK)
 # What a line of Python does that calls libraries, where their stacks were not read.
 _LINES = (
     (re.compile(r"\bmj_(step[12]?|forward\w*|inverse\w*|rnePostConstraint)\("), Activity.PHYSICS),

@@ -7,12 +7,21 @@ from dataclasses import dataclass
 from mjbench.program import activities, timed_loops
 from mjbench.program.activities import Activity, Place, is_own
 from mjbench.program.calls import CallTime
-from mjbench.program.loop_time import FEW_SAMPLES, LineTime, LoopTime, large, shares_of
+from mjbench.program.loop_time import (
+    FEW_SAMPLES,
+    LEAST_REPEATS,
+    LineTime,
+    LoopTime,
+    large,
+    shares_of,
+)
 from mjbench.program.samples import Frame, ThreadSamples
 from mjbench.program.source_loops import SourceLoop, outermost_loop, source_line
 
 # Loops with a smaller share of the time of all loops that step are left out.
 LEAST_LOOP_SHARE = 0.05
+# Share of a line's samples that may show a step that it does not make.
+_MOST_TORN_SHARE = 0.05
 # The `_bootstrap` of this module begins a process, which may be a fork.
 _PROCESS_MODULE = "multiprocessing/process.py"
 
@@ -59,7 +68,8 @@ def loop_times(
                 assert loop is not None, "the frame was chosen because it is in a loop"
                 activity = activities.activity(stack, thread.has_native)
                 by_loop[loop].append(_Sample(thread, stack, position, activity))
-    sampled = [_loop_time(loop, samples, main_pid) for loop, samples in by_loop.items()]
+    loading = _loading_lines(calls)
+    sampled = [_loop_time(loop, samples, main_pid, loading) for loop, samples in by_loop.items()]
     times = [
         timed_loops.with_collections(
             time, sum((collections_s or {}).get(pid, 0.0) for pid in time.pids)
@@ -123,7 +133,21 @@ def _own_begin(stack: Sequence[Frame]) -> int:
     return begins[-1] if begins else 0
 
 
-def _loop_time(loop: SourceLoop, samples: Sequence[_Sample], main_pid: int) -> LoopTime:
+def _loading_lines(calls: Sequence[CallTime]) -> set[tuple[str, int]]:
+    """Return the lines that load or compile a model again and again."""
+    counts: dict[tuple[str, int], float] = defaultdict(float)
+    for call in calls:
+        if call.activity == Activity.LOADING:
+            counts[call.place.file, call.place.line] += call.calls
+    return {line for line, count in counts.items() if count >= LEAST_REPEATS}
+
+
+def _loop_time(
+    loop: SourceLoop,
+    samples: Sequence[_Sample],
+    main_pid: int,
+    loading: Collection[tuple[str, int]],
+) -> LoopTime:
     resolved = _resolved(samples)
     by_activity = shares_of((activity, sample.seconds) for sample, activity in resolved)
     total_s = sum(sample.seconds for sample in samples)
@@ -161,6 +185,7 @@ def _loop_time(loop: SourceLoop, samples: Sequence[_Sample], main_pid: int) -> L
         lines=_own_lines(resolved),
         inner_functions=_inner_functions(resolved),
         engine_clock=clock_s / total_s,
+        building=_building_line(resolved, loading),
     )
 
 
@@ -212,6 +237,47 @@ def _own_lines(resolved: Sequence[tuple[_Sample, Activity]]) -> list[LineTime]:
         package = packages[place].most_common(1)[0][0] if packages[place] else ""
         times.append(LineTime(place, sum(shares.values()), shares, package))
     return large(times)
+
+
+def _building_line(
+    resolved: Sequence[tuple[_Sample, Activity]], loading: Collection[tuple[str, int]]
+) -> LineTime | None:
+    """Return the outermost line under which models are built or loaded, and nothing steps."""
+    total_s = sum(sample.seconds for sample, _ in resolved)
+    by_line: dict[Place, list[tuple[Activity, float]]] = defaultdict(list)
+    steps_s: dict[Place, float] = defaultdict(float)
+    for sample, activity in resolved:
+        is_slow_call = sample.stack[-1].file.endswith(activities.CALL_CLOCK)
+        for place in _own_places(sample):
+            by_line[place].append((activity, sample.seconds))
+            if activity == Activity.PHYSICS and not is_slow_call:
+                steps_s[place] += sample.seconds
+    # a torn stack may show a step under another line
+    without_steps = {
+        place
+        for place, parts in by_line.items()
+        if steps_s[place] < _MOST_TORN_SHARE * sum(seconds for _, seconds in parts)
+    }
+    built_s: dict[Place, float] = defaultdict(float)
+    for sample, activity in resolved:
+        places = _own_places(sample)
+        outermost = next((each for each in places if each in without_steps), None)
+        is_built = activity == Activity.BUILDING or any(
+            (each.file, each.line) in loading for each in places
+        )
+        if is_built and outermost is not None:
+            built_s[outermost] += sample.seconds
+    if not built_s:
+        return None
+    place = max(built_s, key=lambda each: built_s[each])
+    shares = shares_of(by_line[place], total_s)
+    return LineTime(place, sum(shares.values()), shares)
+
+
+def _own_places(sample: _Sample) -> list[Place]:
+    """Return the lines of the user's code on a stack, from the loop inward, each once."""
+    own = [frame for frame in _inner(sample) if is_own(frame)]
+    return list(dict.fromkeys(_shown_place(each.file, each.line, each.function) for each in own))
 
 
 def _called_package(sample: _Sample, own: Frame) -> str:

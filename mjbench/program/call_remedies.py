@@ -16,18 +16,13 @@ from mjbench.loop.lint_rules import NAMED_ACCESS
 from mjbench.program.activities import Activity, Place
 from mjbench.program.calls import CallTime, Incident
 from mjbench.program.hook import call_clock
-from mjbench.program.loop_time import LoopTime
+from mjbench.program.loop_time import LEAST_REPEATS, LoopTime
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.program.replacements import Measured, Question, Trial
-from mjbench.program.source_loops import loop_is_one_call
 from mjbench.simulation import package_timer
 
 # The most that a pair stands for; steps after a new MjData that tell what its memory costs them.
 _MOST_GAIN, _MOST_STEPS = 0.99, 50
-# Pairs that hold steps.
-_WITH_STEPS = (Trial.NEW_DATA_OR_COPY, Trial.NEW_DATA_OR_RESET)
-# A call in a loop that is made less often than this belongs to the set-up.
-_LEAST_REPEATS = 3
 
 
 @dataclass(frozen=True)
@@ -43,6 +38,7 @@ class CallRemedy:
       needs_finding: whether only lint's finding shows the context, such as what is read afterwards.
       keeps_first: whether one call remains.
       is_bound: whether the same has to be computed elsewhere, so that less is saved.
+      is_of_loop: whether it is about all these calls in a loop together.
     """
 
     callees: tuple[str, ...]
@@ -53,10 +49,18 @@ class CallRemedy:
     needs_finding: bool = False
     keeps_first: bool = False
     is_bound: bool = False
+    is_of_loop: bool = False
 
 
 # What to do about a call in a loop. A call that stands in none of them is what the program is for.
 CALL_REMEDIES = (
+    CallRemedy(
+        callees=("mj_step",),
+        text="nothing happens between these steps: call mj_step(model, data, nstep) once",
+        trial=Trial.ONE_CALL,
+        codes=("MJB017",),
+        needs_finding=True,
+    ),
     CallRemedy(
         callees=("mj_forward",),
         text="mj_forward computes what the next mj_step computes again",
@@ -87,6 +91,7 @@ CALL_REMEDIES = (
         effect="nothing, if the model is the same",
         codes=("MJB011",),
         keeps_first=True,
+        is_of_loop=True,
     ),
     CallRemedy(
         callees=("Renderer",),
@@ -131,8 +136,6 @@ CALL_REMEDIES = (
     ),
 )
 _CLOCK_ADVICE = f"turn off {package_timer.NAME}: {package_timer.OFF_CODE}, after creating MjData"
-_ONE_CALL_ADVICE = "nothing happens between these steps: call mj_step(model, data, nstep) once"
-_ONE_CALL = Question(Trial.ONE_CALL)
 ACCESS_BY_NAME = Question(Trial.NAMED_ACCESS)
 
 
@@ -149,8 +152,6 @@ def questions(
     for loop in loops:
         if _steps_s(loop) > LEAST_GAIN * loop.seconds:
             asked[_no_timer(loop)] = None
-            if any(loop_is_one_call(loop.loop.file, call.place.line) for call in steps_of(loop)):
-                asked[_ONE_CALL] = None
         for context in _contexts(loop, findings):
             if context.remedy.trial is not None and _share(loop, context.calls) >= LEAST_GAIN:
                 asked[_question(context)] = None
@@ -183,9 +184,12 @@ def _contexts(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[_Context]
         for call in loop.calls:
             if call.callee in remedy.callees:
                 by_place[call.place].append(call)
+        if remedy.is_of_loop and by_place:
+            place = max(by_place, key=lambda each: sum(call.seconds for call in by_place[each]))
+            by_place = {place: [call for calls in by_place.values() for call in calls]}
         for place, calls in by_place.items():
             finding = _finding_of(remedy, place, loop, findings)
-            repeats = sum(call.calls for call in calls) >= _LEAST_REPEATS
+            repeats = sum(call.calls for call in calls) >= LEAST_REPEATS
             if finding is not None or (repeats and not remedy.needs_finding):
                 at = place if finding is None else _place(finding)
                 nstep = sum(call.all_steps for call in steps_of(loop))
@@ -222,12 +226,17 @@ def of_calls(loop: LoopTime, findings: Sequence[Finding], measured: Measured) ->
             if saved_s is None:
                 continue  # most of the call is its steps
             gain, basis = min(share, saved_s * count / loop.seconds), Basis.PAIRED
-        elif remedy.trial is not None:
+        elif remedy.trial == Trial.ONE_CALL:
             saved = measured.saved(_question(context))
+            if saved is None:
+                continue  # most of the call is its step
+            # the pair includes what Python does around each call
+            share += loop.activities.get(Activity.BINDINGS, 0.0)
+            gain, basis = saved * min(1.0, share), Basis.PAIRED
+        elif remedy.trial is not None:
             basis = Basis.BOUND
-            if saved is not None:
-                whole = [*calls, *_beside(loop, remedy.trial)]
-                gain, basis = saved * _stands_for(loop, whole), Basis.PAIRED
+            if measured.saved(_question(context)) is not None:
+                gain, basis = _gain_of_objects(loop, context, measured), Basis.PAIRED
         if remedy.keeps_first and count > 1:
             gain *= 1 - 1 / count
         text = finding.message if finding is not None else remedy.text
@@ -250,6 +259,8 @@ def _question(context: _Context) -> Question:
     assert remedy.trial is not None, "only calls that are replaced have a question"
     if remedy.trial == Trial.FUNCTIONS:
         return Question(remedy.trial, () if finding is None else tuple(finding.instead))
+    if remedy.trial == Trial.ONE_CALL:
+        return Question(remedy.trial)
     if remedy.trial == Trial.POOL:
         count, steps = sum(call.calls for call in calls), sum(call.steps for call in calls)
         all_steps = sum(call.all_steps for call in calls)
@@ -270,18 +281,31 @@ def _question(context: _Context) -> Question:
     return Question(Trial.COPY_OR_COPY if is_copy else remedy.trial, steps=after_each)
 
 
-def _beside(loop: LoopTime, trial: Trial) -> list[CallTime]:
-    """Return the calls that a pair holds beside those that are replaced."""
-    if trial == Trial.RENDERER:
-        return [call for call in loop.calls if call.activity == Activity.RENDERING]
-    return steps_of(loop) if trial in _WITH_STEPS else []
+def _gain_of_objects(loop: LoopTime, context: _Context, measured: Measured) -> float:
+    """Return what it saves to create an object once.
+
+    The pair that was measured holds more than the call: what is done with the new object, whose
+    memory is used for the first time, and the time in which it is freed.
+    """
+    question, calls = _question(context), list(context.calls)
+    ratio = measured.ratios[question]
+    count = sum(call.calls for call in calls)
+    if question.trial == Trial.RENDERER:
+        frames = [
+            call for call in loop.calls if call.activity == Activity.RENDERING and call not in calls
+        ]
+        most = max((call.calls for call in frames), default=1.0)
+        beside, part = frames, min(1.0, count / most)
+    else:
+        beside = steps_of(loop)
+        part = min(1.0, count * question.steps / max(1.0, context.nstep))
+    timed = _share(loop, calls) + part * _share(loop, beside)
+    at_most = _stands_for(loop, [*calls, *beside]) - (1 - part) * _share(loop, beside)
+    return ratio.saved * min(at_most, timed / ratio.timed_share)
 
 
 def _stands_for(loop: LoopTime, calls: Sequence[CallTime]) -> float:
-    """Return the share of a loop that a pair stands for: all that is not seen on other lines.
-
-    A new MjData also costs where its memory is first used, and where it is freed.
-    """
+    """Return the share of a loop that calls stand for: all that is not seen on other lines."""
     if not calls:
         return 0.0
     own = {(call.place.file, call.place.line) for call in calls}
@@ -291,9 +315,8 @@ def _stands_for(loop: LoopTime, calls: Sequence[CallTime]) -> float:
         for line in loop.lines
         if (line.place.file, line.place.line) not in own
     )
+    elsewhere += loop.activities.get(Activity.COLLECTION, 0.0)
     others = [call for call in loop.calls if (call.place.file, call.place.line) not in own]
-    if Activity.REST in loop.activities:  # nothing says where it was spent
-        return timed / max(timed, loop.timed_share)
     return min(_MOST_GAIN, max(timed, 1 - elsewhere - _share(loop, others)))
 
 
@@ -325,7 +348,7 @@ def of_steps(loop: LoopTime, measured: Measured) -> Iterator[Remedy]:
     """Yield what to do about the steps themselves."""
     share = _steps_s(loop) / loop.seconds
     saved = measured.saved(_no_timer(loop)) if share else None
-    gain = loop.engine_clock if saved is None else saved * _stands_for(loop, steps_of(loop))
+    gain = loop.engine_clock if saved is None else saved * share
     if gain >= package_timer.MIN_GAIN:
         yield Remedy(
             RemedyKind.CLOCK,
@@ -338,25 +361,6 @@ def of_steps(loop: LoopTime, measured: Measured) -> Iterator[Remedy]:
             share=share,
             effect="nothing but mjData.timer, which stays empty",
         )
-    by_place: dict[Place, list[CallTime]] = defaultdict(list)
-    for call in steps_of(loop):
-        by_place[call.place].append(call)
-    for place, calls in by_place.items():
-        saved = measured.saved(_ONE_CALL)
-        # the pair includes what Python does around each call
-        share = _share(loop, calls) + loop.activities.get(Activity.BINDINGS, 0.0)
-        if saved is not None and loop_is_one_call(loop.loop.file, place.line):
-            yield Remedy(
-                RemedyKind.CALL,
-                Activity.PHYSICS,
-                place,
-                _ONE_CALL_ADVICE,
-                saved * min(1.0, share),
-                None,
-                basis=Basis.PAIRED,
-                share=share,
-                effect="nothing",
-            )
 
 
 def of_turns(loop: LoopTime, measured: Measured, incidents: Sequence[Incident]) -> Iterator[Remedy]:

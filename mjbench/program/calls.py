@@ -25,7 +25,7 @@ _ACTIVITIES: Mapping[str, Activity] = {
     **dict.fromkeys(("from_file", "from_string", "compile"), Activity.LOADING),
     **dict.fromkeys(("Renderer", "update_scene", "render"), Activity.RENDERING),
     call_clock.COMPILE: Activity.COMPILING,
-    call_clock.PROCESS_START: Activity.PROCESSES,
+    call_clock.PROCESS_START: Activity.STARTING,
 }
 # What the clock notes that is no call.
 _FACTS = (call_clock.SHARED_DATA, call_clock.HALVES, call_clock.SOFTWARE_GL)

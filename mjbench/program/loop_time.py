@@ -13,6 +13,8 @@ from mjbench.program.source_loops import SourceLoop
 
 # Fewer samples tell little.
 FEW_SAMPLES = 30
+# A call in a loop that is made less often than this belongs to the set-up.
+LEAST_REPEATS = 3
 # Lines with a smaller share of a loop are left out.
 LEAST_LINE_SHARE = 0.005
 
@@ -71,6 +73,8 @@ class LoopTime:
         by share; the place of each is the line that samples saw most often.
       engine_clock: share of the timer of MuJoCo's Python package.
       calls: of functions that are timed one by one, from lines of this loop.
+      building: the outermost line under which models are built or loaded, and nothing steps, with
+        all that it takes; None without one.
     """
 
     loop: SourceLoop
@@ -86,6 +90,7 @@ class LoopTime:
     inner_functions: Sequence[LineTime]
     engine_clock: Share
     calls: Sequence[CallTime] = ()
+    building: LineTime | None = None
 
     @property
     def has_physics(self) -> bool:

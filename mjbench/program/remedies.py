@@ -37,9 +37,11 @@ _ADVICE: Mapping[Activity, str] = {
     Activity.COLLECTION: "call gc.freeze() after set-up, or gc.disable() in the loop",
     Activity.IMPORT: "import before the loop",
     Activity.LOADING: "load or compile models before the loop",
-    Activity.BUILDING: "build and compile the model once before the loop: change the compiled"
-    " model, or keep a pool of bodies",
 }
+_BUILDING_ADVICE = (
+    "build and compile the model once before the loop: change the compiled model, or keep a pool"
+    " of bodies"
+)
 # A line that is a call of the engine.
 _ENGINE_CALL = re.compile(r"(mujoco\.)?mj_\w+\([\w\s.,=]*\)$")
 # A line that looks up names, or takes views of the engine's arrays.
@@ -48,8 +50,15 @@ _READS_VIEWS = re.compile(
 )
 # Activities that are changed line by line; each of the others, but physics, is one thing to change.
 _OF_LINES = {Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY, Activity.ALLOCATION}
-# Activities that are no cost by themselves, or whose calls have remedies of their own.
-_OF_CALLS = {Activity.PHYSICS, Activity.COPYING, Activity.COMPILING, Activity.REST}
+# Activities that are no cost by themselves, or have remedies of their own.
+_OF_CALLS = {
+    Activity.PHYSICS,
+    Activity.BUILDING,
+    Activity.COPYING,
+    Activity.COMPILING,
+    Activity.STARTING,
+    Activity.REST,
+}
 
 
 def remedies(
@@ -111,6 +120,13 @@ def first(listed: Sequence[Remedy]) -> Remedy | None:
 def _savings(loop: LoopTime, findings: Sequence[Finding], measured: Measured) -> Iterator[Remedy]:
     """Yield what saves time, in any order."""
     of_calls = list(call_remedies.of_calls(loop, findings, measured))
+    whole = loop.activities.keys() - _OF_LINES - _OF_CALLS
+    if _has_building(loop):
+        # a model that is built is compiled, too, and has an MjData of its own
+        of_model = {Activity.LOADING, Activity.COPYING}
+        of_calls = [remedy for remedy in of_calls if remedy.activity not in of_model]
+        whole -= of_model
+        yield _of_building(loop)
     yield from of_calls
     yield from call_remedies.of_steps(loop, measured)
     if loop.samples < FEW_SAMPLES:
@@ -118,7 +134,7 @@ def _savings(loop: LoopTime, findings: Sequence[Finding], measured: Measured) ->
             yield _of_activity(loop, Activity.COLLECTION)
         return
     unexplained = {each: share for each, share in loop.activities.items() if each in _OF_LINES}
-    for activity in loop.activities.keys() - _OF_LINES - _OF_CALLS:
+    for activity in whole:
         if not loop.is_timed(activity) or not any(r.activity == activity for r in of_calls):
             yield _of_activity(loop, activity)
     for lines in _functions(loop):
@@ -152,6 +168,35 @@ def _of_activity(loop: LoopTime, activity: Activity) -> Remedy:
     kind = RemedyKind.COLLECTION if is_collection else RemedyKind.ACTIVITY
     place = None if most is None else most.place
     return _remedy(loop, kind, activity, place, _ADVICE[activity], loop.activities[activity])
+
+
+def _has_building(loop: LoopTime) -> bool:
+    """Return whether samples show more of the models that are built than the calls that load."""
+    loading = {
+        (call.place.file, call.place.line)
+        for call in loop.calls
+        if call.activity == Activity.LOADING
+    }
+    line = loop.building
+    return (
+        line is not None
+        and loop.samples >= FEW_SAMPLES
+        and (line.place.file, line.place.line) not in loading
+    )
+
+
+def _of_building(loop: LoopTime) -> Remedy:
+    """Return what to do about models that are built in a loop: compiling is a part of it."""
+    line = loop.building
+    assert line is not None, "models are built"
+    return _remedy(
+        loop,
+        RemedyKind.ACTIVITY,
+        Activity.BUILDING,
+        line.place,
+        _BUILDING_ADVICE,
+        line.share,
+    )
 
 
 def _functions(loop: LoopTime) -> Iterator[list[LineTime]]:

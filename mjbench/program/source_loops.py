@@ -49,33 +49,6 @@ def outermost_loop(file: str, line: int) -> SourceLoop | None:
 
 
 @cache
-def loop_is_one_call(file: str, line: int) -> bool:
-    """Return whether a loop does nothing but make the call on a line, in each iteration.
-
-    Args:
-      file: path of the file.
-      line: of the call, from 1.
-    """
-    try:
-        tree = ast.parse(_text(file))
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return False
-    return any(
-        isinstance(node, ast.For)
-        and len(node.body) == 1
-        and isinstance(statement := node.body[0], ast.Expr)
-        and isinstance(statement.value, ast.Call)
-        and not any(
-            isinstance(each, ast.Call)
-            for each in ast.walk(statement.value)
-            if each is not statement.value
-        )
-        and statement.lineno <= line <= (statement.end_lineno or statement.lineno)
-        for node in ast.walk(tree)
-    )
-
-
-@cache
 def lines_reading(file: str, names: tuple[str, ...]) -> tuple[tuple[int, str], ...]:
     """Return the lines of a file that read attributes, each with the attribute's name.
 
@@ -83,13 +56,9 @@ def lines_reading(file: str, names: tuple[str, ...]) -> tuple[tuple[int, str], .
       file: path of the file.
       names: of the attributes.
     """
-    try:
-        tree = ast.parse(_text(file))
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return ()
     return tuple(
         (node.lineno, node.attr)
-        for node in ast.walk(tree)
+        for node in ast.walk(_tree(file))
         if isinstance(node, ast.Attribute) and node.attr in names
     )
 
@@ -103,12 +72,9 @@ def source_line(file: str, line: int) -> str:
 
 @cache
 def _loops(file: str) -> tuple[SourceLoop, ...]:
-    try:
-        tree = ast.parse(_text(file))
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return ()
     return tuple(
-        SourceLoop(file, node.lineno, node.end_lineno or node.lineno) for node in _outermost(tree)
+        SourceLoop(file, node.lineno, node.end_lineno or node.lineno)
+        for node in _outermost(_tree(file))
     )
 
 
@@ -127,6 +93,14 @@ def _outermost(scope: ast.AST) -> list[ast.stmt | ast.expr]:
 def _functions(loop: ast.AST) -> list[ast.AST]:
     """Return the functions that are defined inside a loop: their lines run when they are called."""
     return [node for node in ast.walk(loop) if isinstance(node, _FUNCTIONS)]
+
+
+def _tree(file: str) -> ast.Module:
+    """Return the syntax of a file; that of an empty one where it cannot be parsed."""
+    try:
+        return ast.parse(_text(file))
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return ast.Module(body=[], type_ignores=[])
 
 
 @cache

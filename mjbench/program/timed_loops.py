@@ -12,6 +12,8 @@ from mjbench.program.source_loops import SourceLoop
 
 # Where samples saw less than this beside the calls that are timed, they do not divide the rest.
 _LEAST_REST = 0.02
+# Where samples saw a loop for this many times as long as its calls span, they say how long it runs.
+_LEAST_BEYOND = 1.1
 
 
 def with_calls(
@@ -93,6 +95,8 @@ def _timed(time: LoopTime, calls: Sequence[CallTime]) -> LoopTime:
     """Return a loop with its calls: what they take is known, and samples divide the rest."""
     has_samples = time.samples >= FEW_SAMPLES
     seconds = _span_s(calls)
+    if has_samples and time.seconds > _LEAST_BEYOND * seconds:
+        seconds = time.seconds  # it also runs without these calls
     timed = shares_of((call.activity, call.seconds) for call in calls)
     timed_s = sum(call.seconds for call in calls)
     share = min(1.0, timed_s / seconds)

@@ -64,7 +64,7 @@ def wrong_results(
                 _wrong(Place(finding.file, finding.line, ""), finding.message), code=finding.code
             )
         )
-    return listed
+    return list(dict.fromkeys(listed))  # one line may have several, all with one remedy
 
 
 def _unfilled(calls: ProgramCalls, files: Sequence[str]) -> Iterator[Remedy]:

@@ -21,7 +21,6 @@ def replacements(content: bytes, sections: Sequence[tuple[int, int]]) -> Iterato
     """Yield the bytes to replace so that no instruction needs an address aligned to 32 bytes.
 
     Args:
-      content: of the file.
       sections: that hold code: where each begins and ends in the file.
 
     Returns:

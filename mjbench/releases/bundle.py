@@ -100,7 +100,6 @@ def verify(bundle: Path, indexed: Sequence[Release] | None = None) -> list[str]:
     itself is compared with the index's.
 
     Args:
-      bundle: the history.
       indexed: the releases of the package index; None when it cannot be asked.
     """
     releases = read(bundle)

@@ -4,7 +4,7 @@ The series is cut into segments, each level or with a constant slope. Of all way
 with the least cost is taken, which optimal partitioning finds exactly (Jackson et al., An algorithm
 for optimal partitioning of data on an interval, IEEE Signal Processing Letters 12, 2005). The cost
 is the sum of squared residuals, in units of the deviation of each value, and a penalty for each
-segment. `benchmarks/history_simulation.py` measures which change points are
+segment. `benchmarks/studies/history_simulation.py` measures which change points are
 detected, and how many are wrong.
 """
 
@@ -27,7 +27,7 @@ MIN_CHANGE = math.log1p(0.01)
 # by as much. Otherwise it may be a release earlier or later.
 _LOCATED = 6.0
 # At most this share of the listed change points is wrong in simulated histories whose log ratios
-# have a standard error up to the second number (benchmarks/history_simulation.py).
+# have a standard error up to the second number (benchmarks/studies/history_simulation.py).
 FALSE_DISCOVERY_RATE, SIMULATED_DEVIATION = 0.05, 0.01
 
 
@@ -40,8 +40,6 @@ class Segment:
       end: index after the last release.
       first: fitted log ratio of the first release.
       last: fitted log ratio of the last release.
-      first_variance: of `first`.
-      last_variance: of `last`.
     """
 
     begin: int
@@ -81,7 +79,6 @@ class Excursion:
     The newest release has no next one, so it cannot be an excursion yet.
 
     Attributes:
-      index: of the release.
       change: of the log ratio, from the mean of the segments around it.
     """
 
@@ -236,7 +233,6 @@ def _is_located(
     """Return whether the releases beside a change point are clearly on their own sides of it.
 
     Args:
-      point: the change.
       old: fitted log ratio before it.
       new: fitted log ratio after it.
       log_ratios: of all releases.

@@ -46,9 +46,6 @@ _ALLOCATED, _EXECUTABLE, _THREAD_LOCAL = 0x2, 0x4, 0x400
 def read(content: bytes) -> MovableImage:
     """Return what has to change in a library when it is moved.
 
-    Args:
-      content: of its file.
-
     Raises:
       ImmovableError: it is no library for x86-64 Linux, or holds something that is not known here.
     """

@@ -170,13 +170,7 @@ def install_names() -> list[str]:
 
 @dataclass(frozen=True)
 class InstallSize:
-    """An install, and what it takes up.
-
-    Attributes:
-      name: of the install.
-      size_bytes: of its files.
-      unused_s: seconds since it was last used.
-    """
+    """An install, and what it takes up."""
 
     name: str
     size_bytes: int

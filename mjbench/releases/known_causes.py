@@ -55,7 +55,6 @@ def explaining(release: str, series: str, causes: Sequence[KnownCause]) -> list[
     Args:
       release: the first release with it.
       series: name of the model or operation that changed.
-      causes: that are known.
     """
     return [
         cause for cause in causes if cause.release == release and re.fullmatch(cause.series, series)

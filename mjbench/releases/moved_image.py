@@ -49,7 +49,6 @@ class MovableImage:
 
         Args:
           source: as installed.
-          target: to create.
           shift: bytes to move by, as a `Placement` holds them.
 
         Raises:

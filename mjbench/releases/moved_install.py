@@ -30,7 +30,6 @@ class FileVersion:
 
     Attributes:
       size: in bytes.
-      modified_ns: when it was written.
     """
 
     size: int
@@ -75,9 +74,7 @@ class MovableInstall:
         """Create a moved install in a new folder, and have this process import from it.
 
         Args:
-          folder: to create.
           others: that `link_others` filled.
-          placement: how far libraries are moved.
 
         Returns:
           The folder of the package that the process must import.

@@ -9,12 +9,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class NoChangePair:
-    """Two releases, one uploaded after the other, whose steps execute the same instructions.
-
-    Attributes:
-      old: the earlier release.
-      new: the later one.
-    """
+    """Two releases, one uploaded after the other, whose steps execute the same instructions."""
 
     old: str
     new: str

@@ -29,7 +29,6 @@ def install(version: str, wheels: Sequence[Path], target: Path) -> None:
     """Install a release and this environment's NumPy version into a folder.
 
     Args:
-      version: of MuJoCo.
       wheels: local wheels of the release; empty for the version of the index.
       target: the folder, which pip creates.
 
@@ -81,9 +80,7 @@ def _error(version: str, local: bool, reason: str) -> InputError | MachineError:
     """Return the error that stands for a failure of pip.
 
     Args:
-      version: that it had to install.
       local: whether from local wheels; the index then had to provide only what they need.
-      reason: that pip gave.
     """
     try:
         files_of = package_index.files()

@@ -149,7 +149,6 @@ def are_enough(launches: Sequence[LaunchRatio], seconds: float) -> bool:
     """Return whether no more launches are needed, or too little time is left for them.
 
     Args:
-      launches: so far.
       seconds: that they took, with whatever else was timed in them.
     """
     count = len(launches)
@@ -162,12 +161,7 @@ def are_enough(launches: Sequence[LaunchRatio], seconds: float) -> bool:
 
 
 def completed_share(count: int, seconds: float) -> float:
-    """Return the share of a release's launches that is done, at least; see `are_enough`.
-
-    Args:
-      count: of launches so far.
-      seconds: that they took.
-    """
+    """Return the share of a release's launches that is done, at least; see `are_enough`."""
     return min(1.0, max(count / MAX_LAUNCHES, seconds / TARGET_S))
 
 
@@ -177,11 +171,8 @@ class RatioRecord:
 
     Attributes:
       model: its name; empty for an operation that builds its own.
-      release: of MuJoCo.
       build: tells builds of one version apart.
       reference: release that it is compared with.
-      status: how the measurement ended.
-      detail: one line; empty when ok.
       launches: in the order they ran.
       problem: why the libraries were not moved; empty where they were.
       drift: largest difference of what both computed.
@@ -221,9 +212,6 @@ class StepRatioRecord(RatioRecord):
       diverged: simulations that diverged in the release; none of them is timed.
       reference_diverged: in the reference.
       run_drift: largest differences for runs from the same starts, at several points.
-      nbatch: simulations of a run.
-      nstep: steps of each.
-      starts: where start states came from.
     """
 
     record_type: ClassVar[str] = "step_ratio"

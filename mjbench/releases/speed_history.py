@@ -19,9 +19,7 @@ class Measured:
     """A model or an operation in one release.
 
     Attributes:
-      release: of MuJoCo.
       ratio: its time over that in the reference.
-      record: that it is from.
     """
 
     release: str

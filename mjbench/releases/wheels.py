@@ -28,7 +28,6 @@ class Wheel:
     """A wheel, as its file name describes it.
 
     Attributes:
-      file: the wheel.
       project: such as `mujoco-core`.
       version: of the project.
       tags: the Pythons and platforms that it is for.

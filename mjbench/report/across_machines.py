@@ -47,7 +47,6 @@ class Matrix:
     """A table of results by machine.
 
     Attributes:
-      title: of the table.
       subject: heading of the first column.
       machines: their names.
       rows: what was measured, and a cell for each machine that measured it.
@@ -178,7 +177,6 @@ def print_runs(out: Console, runs: Sequence[Run], names: Sequence[str]) -> None:
     """Print a list of runs.
 
     Args:
-      out: to print to.
       runs: of any command.
       names: the name of each run's machine.
     """

@@ -27,13 +27,8 @@ class Question:
     """What advice of several machines must share to stand side by side.
 
     Attributes:
-      model: its name.
-      nbatch: simulations.
-      nstep: steps of each.
       hold: steps per control.
       returns: what every run returned.
-      seed: of start states and controls.
-      starts: where start states came from.
       files: of the model, start states and controls, where they are the user's.
       loop: for which a path is advised.
     """

@@ -14,13 +14,7 @@ from mjbench.status import Status
 
 
 def print_counts(out: Console, counts: Sequence[InstructionsRow], top: int) -> None:
-    """Print instructions per step of every model and release, then stages and functions of each.
-
-    Args:
-      out: where to.
-      counts: what was counted.
-      top: how many functions to list.
-    """
+    """Print instructions per step of every model and release, then stages and functions of each."""
     headings = ["model", "release", "instructions/step", "outside the engine/step", ""]
     table = tables.plain_table(headings, right=(2, 3))
     for count in counts:
@@ -59,15 +53,7 @@ def _print_functions(out: Console, count: InstructionsRow, total: float, top: in
 def print_explanation(
     out: Console, baseline: ModelCount, candidate: ModelCount, row: ExplainRow, top: int
 ) -> None:
-    """Print what changed from one release to another on one model.
-
-    Args:
-      out: where to.
-      baseline: the model in the old release.
-      candidate: the model in the new one.
-      row: what explains their difference.
-      top: how many functions to list.
-    """
+    """Print what changed from one release to another on one model."""
     releases = f"MuJoCo {baseline.release} → {candidate.release}"
     out.print(tables.headed(f"\n{candidate.model}", f", {releases}"))
     for count in (baseline, candidate):

@@ -43,9 +43,6 @@ class Crossover:
     """Where one accelerated path overtakes C on one model.
 
     Attributes:
-      model: its name.
-      path: the accelerated path.
-      options: of the path.
       nbatch: least number of simulations from which on it is faster at every size; None at none.
       largest: largest number of simulations at which both were timed.
       rival: the best C path there.

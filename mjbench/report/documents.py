@@ -18,7 +18,6 @@ from mjbench.instrument.machine import Machine
 from mjbench.instrument.runs import SCHEMA
 from mjbench.loop.latency import LatencyRow
 from mjbench.loop.overhead import OverheadRow
-from mjbench.loop.pole_example import AngleFalls, FallExperiment, PathFalls
 from mjbench.loop.profile import ProfileRow
 from mjbench.paired.placement_spread import SpreadRecord, SpreadRow
 from mjbench.paired.race import RaceRecord
@@ -275,21 +274,6 @@ class WebDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FallsDocument:
-    """What `mjbench falls --json` writes; `ways` are the paths (see `FallExperiment`)."""
-
-    schema: int = SCHEMA
-    samples: int
-    angles: Sequence[AngleFalls]
-    ways: Sequence[PathFalls]
-
-    @classmethod
-    def of(cls, experiment: FallExperiment) -> "FallsDocument":
-        """Return the document of an experiment."""
-        return cls(samples=experiment.samples, angles=experiment.angles, ways=experiment.paths)
-
-
-@dataclass(frozen=True, kw_only=True)
 class DoctorDocument:
     """What `mjbench doctor --json` writes."""
 
@@ -346,7 +330,6 @@ DOCUMENTS: Mapping[str, type] = {
     "env": EnvDocument,
     "web": WebDocument,
     "doctor": DoctorDocument,
-    "falls": FallsDocument,
     "lint": LintDocument,
     "releases": ReleasesDocument,
 }

@@ -52,9 +52,7 @@ class LayerRow:
     """A layer of a step.
 
     Attributes:
-      layer: which.
       share: of the step; the shares of all layers add up to 1.
-      ns: of the step.
       functions: that belong to it, the one with the largest share first.
     """
 
@@ -86,7 +84,6 @@ class ResetRow:
     """What a reset takes.
 
     Attributes:
-      ns: of one.
       step_ns: per step of the environment, at the length that episodes had; None where none ended.
       episode_share: of the time of an episode of that length; where none ended, of all steps that
         were recorded, so that its share of an episode is less.
@@ -102,11 +99,8 @@ class PhysicsPathRow:
     """The physics of an environment by a path; None is what was not measured.
 
     Attributes:
-      path: its name.
-      options: of the path.
       closed_loop: whether a policy can choose each control.
       status: `ok`, or why it has no speed.
-      detail: one line; empty when ok.
       env_steps_per_s: as many as the environment's steps have physics.
       steps_per_s: of the engine.
       speedup: over steps of the environment, round by round.
@@ -129,10 +123,7 @@ class VectorRow:
     """A vectorised form; None is what was not measured.
 
     Attributes:
-      form: its class.
-      nenv: environments.
       status: `ok`, or why it has no speed.
-      detail: one line; empty when ok.
       env_steps_per_s: of all its environments together, resets included.
       speedup: over one environment, resets included, round by round.
       step_ns: of the time for each step, what the step itself takes on the cores that the form can
@@ -159,20 +150,13 @@ class EnvironmentRow:
     Attributes:
       environment: its name, as the user typed it.
       status: `ok`, or why it was not measured to the end.
-      detail: one line; empty when ok.
-      facts: what was recorded.
-      check: of its physics.
-      changes: of its model.
-      rounds: that were timed.
       step_ns: of a step of the environment, without resets.
       env_steps_per_s: its inverse.
       steps_per_s: of the engine, in these.
       layers: of a step, the one with the largest share first.
       timer: what timing the layers cost.
       reset: what a reset takes.
-      paths: the same physics by other paths.
       cores: that threads got, the median.
-      vectors: vectorised forms.
       no_vectors: why there are none; empty where there are.
     """
 

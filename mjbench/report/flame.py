@@ -27,8 +27,6 @@ class _Node:
 
     Attributes:
       frame: None for all threads together.
-      seconds: that samples stand for.
-      callees: by frame.
     """
 
     frame: Frame | None

@@ -63,7 +63,6 @@ def choose(histories: Sequence[MachineHistory], machine: str | None) -> SpeedHis
     """Return the history of one machine.
 
     Args:
-      histories: of each machine.
       machine: its name; None where there is only one.
 
     Raises:

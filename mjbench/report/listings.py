@@ -1,4 +1,4 @@
-"""Tables of what there is: models and paths."""
+"""Tables of what there is: models, paths and releases."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ from rich.table import Table
 
 from mjbench.comparison.listing import ListedModel
 from mjbench.paths import SteppingPath
+from mjbench.releases.catalogue import ReleaseRow
 from mjbench.report import tables
 from mjbench.report.tables import yes_no
 
@@ -17,7 +18,6 @@ class PathRow:
     """A way of stepping.
 
     Attributes:
-      path: its name.
       summary: what it is, in a few words.
       closed_loop: whether a policy can choose each control from the state before it.
       unavailable: why it cannot run here; None if it can.
@@ -71,5 +71,21 @@ def paths_table(rows: Sequence[PathRow]) -> Table:
             row.unavailable or "yes",
             row.summary,
             ", ".join(row.options),
+        )
+    return table
+
+
+def releases_table(rows: Sequence[ReleaseRow]) -> Table:
+    """Return the table of `mjbench releases`: where each one is."""
+    table = tables.plain_table(
+        ["release", "uploaded (UTC)", "on the index", "in the history", "here"]
+    )
+    for row in rows:
+        table.add_row(
+            row.version,
+            (row.uploaded or "unknown")[:10],
+            "not asked" if row.in_index is None else yes_no(row.in_index),
+            yes_no(row.in_history),
+            "installed" if row.installed else "",
         )
     return table

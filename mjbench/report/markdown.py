@@ -41,7 +41,6 @@ def table(
     """Yield the lines of a table.
 
     Args:
-      headings: of the columns.
       rows: cells of each row, in which only code may have pipes.
       right_aligned: headings of columns that are right-aligned.
     """

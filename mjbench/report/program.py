@@ -53,7 +53,6 @@ class ActivityRow:
     """An activity in a loop, for tables of a whole run.
 
     Attributes:
-      program: name of the program.
       loop: file and lines of the loop.
       activity: what took the time.
       share: of the loop's time.

@@ -14,7 +14,6 @@ def lines(history: SpeedHistory, release: str) -> Iterator[str]:
 
     Args:
       history: of releases; the release is not the first of it.
-      release: of MuJoCo.
     """
     yield f"# MuJoCo {release}\n"
     yield conclusion(history, release)

@@ -34,10 +34,6 @@ class RunDifference:
     """One variant that was timed in both runs.
 
     Attributes:
-      model: its name.
-      path: the way of stepping.
-      options: of the path.
-      nbatch: simulations.
       status: `ok`, `input` where the two cannot be compared, or `unavailable` where one is missing.
       detail: why they cannot; empty when ok.
       ratio: new time of a step over old time.
@@ -93,7 +89,6 @@ def _missing(
     """Return the row of a machine that one of two files does not have.
 
     Args:
-      machine: that the other has.
       absent: what the file is called that has it not.
       others: machines of that file.
     """
@@ -111,7 +106,6 @@ def run_differences(old: Sequence[Run], new: Sequence[Run], across: bool) -> lis
 
     Args:
       old: runs of `mjbench compare`.
-      new: others.
       across: compare also what differs in identity (see `identity`).
     """
     olds, news = _timed(old), _timed(new)

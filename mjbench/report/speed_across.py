@@ -23,7 +23,6 @@ class MachineChange:
     """What the history of one machine says of a change.
 
     Attributes:
-      machine: its name.
       listed: the change; None where its history does not list it.
     """
 
@@ -101,11 +100,7 @@ def _change(
     """Return a change on all machines.
 
     Args:
-      histories: of the machines.
       listed: by machine, and by the other arguments.
-      name: of the series.
-      is_operation: whether it is of an operation.
-      release: that the change came with.
     """
     machines = [
         MachineChange(each.name, listed.get((each.name, name, is_operation, release)))

@@ -45,7 +45,6 @@ class SpeedHistory:
     Attributes:
       models: the time of a step of each.
       operations: the time of each operation around the step.
-      background: what explains changes.
       machine: that steps were measured on; None where it is not known.
       since: the first release whose changes are listed; None for all.
       failures: records of what a release crashed, hung or failed in.
@@ -93,7 +92,6 @@ def from_records(
     Args:
       records: of `history measure` and `history explain`; others are left out.
       causes: that no measurement names.
-      machine: that measured the records.
       since: the first release whose changes are listed; None for all.
       operations_machine: that measured operations; None where it is the same.
     """
@@ -131,7 +129,6 @@ class Listed:
     """A change point, and what is known of it.
 
     Attributes:
-      series: of the model or operation.
       point: the change of its time.
       before: the last release before it.
       after: the first release with it.

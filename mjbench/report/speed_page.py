@@ -46,7 +46,6 @@ class Section:
     """A section of the page.
 
     Attributes:
-      heading: of the section.
       introduction: what its figures are; empty where the heading says it.
       body: lines in Markdown, a table or a sentence in its place.
       commands: that give its figures.

@@ -32,7 +32,6 @@ def step_changes(history: SpeedHistory, only: str | None = None) -> Iterator[str
     """Yield a table of the change points of steps, or that there are none.
 
     Args:
-      history: that has them.
       only: the release that they came with; None for all.
     """
     listed = _listed(history, history.models, only)
@@ -54,7 +53,6 @@ def operation_changes(history: SpeedHistory, only: str | None = None) -> Iterato
     """Yield a table of the change points of operations, or that there are none.
 
     Args:
-      history: that has them.
       only: the release that they came with; None for all.
     """
     listed = _listed(history, history.operations, only)

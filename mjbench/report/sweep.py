@@ -74,8 +74,6 @@ def print_summary(out: Console, summary: Summary, outcomes: Mapping[Cell, Outcom
     """Print what the nodes did, which cells failed, and which are missing.
 
     Args:
-      out: to print to.
-      summary: of the sweep.
       outcomes: of all cells that have a result, earlier ones included.
     """
     _print_nodes(out, summary)

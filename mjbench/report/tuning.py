@@ -32,8 +32,6 @@ class TunedRow:
     """A recommendation as a row of a flat table.
 
     Attributes:
-      model: its name.
-      settings: what people read.
       effect: on the motion.
       ratio: time of a simulated second over that of the present settings.
       error: of nine runs in ten, as a share of the motion.

@@ -29,9 +29,6 @@ class EngineTunedRow:
     """A recommendation as a row of a flat table.
 
     Attributes:
-      model: its name.
-      engine: path that steps it.
-      settings: what people read.
       ratio: time of a batched step over that with the present settings.
       error: transfer error of nine runs in ten, as a share of the motion.
     """

@@ -36,8 +36,6 @@ def print_table(out: Console, rows: Sequence[VerdictRow], confidence: float) -> 
     """Print the table of all comparisons, a sentence for each, and what they show together.
 
     Args:
-      out: to print to.
-      rows: of the comparisons.
       confidence: of what they show together (see `family.decide`).
     """
     headings = ["model", "old → new", "new / old", "interval", "verdict", "cause", "placement"]
@@ -106,12 +104,7 @@ def describe_all_machines(across: AcrossMachines) -> str:
 
 
 def describe_machines(comparison: MachineComparison, name: str) -> str:
-    """Return what machines show of a comparison, such as `…: slower on 3 of 4 machines, …`.
-
-    Args:
-      comparison: on all machines.
-      name: of the comparison.
-    """
+    """Return what machines show of a comparison, such as `…: slower on 3 of 4 machines, …`."""
     groups = {outcome: comparison.of_outcome(outcome) for outcome in Outcome}
     named = sorted((o for o in groups if groups[o]), key=lambda o: -len(groups[o]))
     parts = [

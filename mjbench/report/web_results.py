@@ -19,10 +19,7 @@ class WebPathRow:
     """One path on one model.
 
     Attributes:
-      path: its name.
-      options: of the path.
       status: `ok`, or why it has no speed.
-      detail: one line; empty when ok.
       check: how far it is from C; None for paths of C, and where it did not run.
       step_ns: of a step, the median block; None without a speed.
       steps_per_s: steps per second; None likewise.
@@ -153,7 +150,6 @@ def _path_row(path: WebPathRecord, base_ns: Sequence[int], steps: int) -> WebPat
     Args:
       path: its record.
       base_ns: blocks of C in the same rounds; none where it was not timed.
-      steps: of a block.
     """
     step_ns = statistics.median(path.block_ns) / steps if path.block_ns else None
     return WebPathRow(

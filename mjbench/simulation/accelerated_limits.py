@@ -48,7 +48,6 @@ class AcceleratedCheck:
     shadow is the run of C in which states and controls are rounded to float32 before every step.
 
     Attributes:
-      precision: that the engine computes in.
       received: whether the engine has exactly the start states and controls that it was given.
       still: whether no single step changed any state, although C's steps did.
       same_count: share of the steps in contact that have as many contacts as in C; None if there

@@ -30,10 +30,6 @@ class Difference:
     """The first entry in which states differ.
 
     Attributes:
-      field: the MjData field.
-      index: of the entry within the field.
-      simulation: index of the simulation.
-      got: the value.
       expected: the reference's value.
       step: number of steps after which the difference first shows; None if unknown.
       is_reordered: whether the simulations had been reordered since the run was prepared, and no
@@ -225,11 +221,11 @@ def counter_changes(baseline: Mapping[str, float], candidate: Mapping[str, float
     """Return the counters of work that differ, such as `contacts 1 → 5`."""
     return [
         f"{name.replace('_', ' ')} {_count(baseline[name])} → {_count(candidate[name])}"
-        for name in changed_counters(baseline, candidate)
+        for name in _changed_counters(baseline, candidate)
     ]
 
 
-def changed_counters(baseline: Mapping[str, float], candidate: Mapping[str, float]) -> list[str]:
+def _changed_counters(baseline: Mapping[str, float], candidate: Mapping[str, float]) -> list[str]:
     """Return the names of the counters of work that differ, of those that both have."""
     return [
         name

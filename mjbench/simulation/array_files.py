@@ -17,7 +17,6 @@ def load(stream: BinaryIO, name: str, fields: frozenset[str] | None = None) -> o
     A small .npz file may expand to any size. A member never gives more than its directory says.
 
     Args:
-      stream: of the file.
       name: of the file, for messages.
       fields: the arrays that will be read; None for all.
 

@@ -27,8 +27,6 @@ class ModelLayout:
     """What decides which numbers a state of a model, and a control, hold.
 
     Attributes:
-      nq: numbers in qpos.
-      nv: degrees of freedom.
       nu: controls.
       na: activations.
       joints: types of the joints in their order, such as `free`.
@@ -62,13 +60,9 @@ class CaptureHeader:
     """Where captured states come from.
 
     Attributes:
-      format: version of the file's format.
-      model: name of the model.
-      layout: of the model.
       digests: of the models that were stepped, each once (see `model_digest`): several where the
         program changes its model.
       mujoco_version: of MuJoCo, which stepped them.
-      timestep_s: of the model.
       steps: of the model in the program while it was captured.
       changed_inputs: MjData fields, other than the controls, that the program sets between steps.
     """

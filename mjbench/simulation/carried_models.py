@@ -16,7 +16,6 @@ def write(file: Path, paths: Mapping[str, Path]) -> None:
     """Write the list of models.
 
     Args:
-      file: to write.
       paths: where each model's file is, by its name.
 
     Raises:

@@ -264,7 +264,6 @@ def flag_enabled(model: mujoco.MjModel, name: str) -> bool | None:
     name for both.
 
     Args:
-      model: that has the flag.
       name: as MJCF has it, such as `multiccd`.
     """
     disables = getattr(mujoco.mjtDisableBit, f"mjDSBL_{name.upper()}", None)

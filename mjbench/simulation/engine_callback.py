@@ -36,7 +36,6 @@ def install(model: "mujoco.MjModel", name: str) -> None:
     Threads that step call it as well, and none of them waits for Python.
 
     Args:
-      model: that will be stepped.
       name: of a C function that takes a model and its data.
 
     Raises:

@@ -62,8 +62,6 @@ class GivenControls:
 
         Args:
           rows: (nbatch,) from which simulations start.
-          nrow: rows of the file.
-          ncontrol: controls of each simulation.
         """
         if len(self.sequences) == nrow:
             return self._of(rows, ncontrol)

@@ -30,7 +30,6 @@ def with_every_input(workload: Workload, seed: int) -> Workload:
 
     Args:
       workload: whose start states are changed, in a copy.
-      seed: of the values.
     """
     states = set_inputs(workload.model, workload.initial_state, seed)
     return dataclasses.replace(workload, initial_state=states, control=workload.control.copy())
@@ -42,9 +41,7 @@ def set_inputs(
     """Return states with a non-trivial value in every input; see `with_every_input`.
 
     Args:
-      model: of the states.
       states: (n, nstate) rows of mjSTATE_INTEGRATION.
-      seed: of the values.
       fields: the only MjData fields to set; None for all.
     """
     rng, changed = np.random.default_rng([seed, 3]), states.copy()

@@ -71,7 +71,6 @@ def set_attribute(options: Any, name: str, text: str) -> None:
     Args:
       options: `opt` of an MjModel, or `option` of an MjSpec.
       name: of the attribute, and of the field.
-      text: its value.
 
     Raises:
       InputError: no such attribute in this release, or it cannot have this value.

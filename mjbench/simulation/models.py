@@ -49,12 +49,7 @@ class UnknownModelError(InputError):
 
 @dataclass(frozen=True)
 class ModelSource:
-    """Where a model comes from.
-
-    Attributes:
-      name: as the user typed it.
-      path: of the file.
-    """
+    """Where a model comes from."""
 
     name: str
     path: Path

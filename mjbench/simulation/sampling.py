@@ -29,10 +29,8 @@ class SampleRequest:
     """The workload that is asked for.
 
     Attributes:
-      nbatch: simulations.
       nstep: steps of each that count.
       hold: steps per control.
-      seed: of starts and controls.
       starts: where start states are to come from; by default settled, as in every command.
       max_settling_nstep: steps of the settling run at most; None for no bound.
       may_shorten: whether simulations may have fewer steps, where a file has too few controls.
@@ -93,7 +91,6 @@ class Sample:
       workload: without diverged simulations.
       observation: its reference run; warnings, and which simulations are healthy, are those of all.
       spread: factor on the noise of starts and controls; below 1 where more would diverge.
-      starts: where its start states came from.
       asleep_in_run: see `Window`.
     """
 
@@ -172,8 +169,6 @@ def most_nstep(model: mujoco.MjModel, plan: StartPlan, nbatch: int, hold: int) -
     """Return how many steps of simulations the files of a plan have controls for.
 
     Args:
-      model: to step.
-      plan: that names the files.
       nbatch: simulations that are to start differently.
       hold: steps per control.
 

@@ -199,7 +199,6 @@ def settle_nstep(model: mujoco.MjModel, settle_s: float, max_nstep: int | None =
     """Return the steps for which a model settles: half of its settling run.
 
     Args:
-      model: to step.
       settle_s: simulated seconds asked for.
       max_nstep: steps of the whole settling run, at most; None for no bound.
     """
@@ -237,13 +236,9 @@ def settled(
     once, so its warm-start is that of the state before, as in any simulation.
 
     Args:
-      model: to step.
-      nbatch: number of starts.
       settle_nstep: steps before the first; the run is twice as long.
       hold: steps per control.
-      seed: of controls and perturbations.
       spread: scales both; at 0 the controls are the keyframe's.
-      perturbs: whether velocities are perturbed.
     """
     after = settle_nstep + (np.arange(nbatch) * settle_nstep) // nbatch
     run = _settling_run(model, after, hold, seed, spread)

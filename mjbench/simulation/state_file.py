@@ -114,7 +114,6 @@ def write(
     """Write captured states.
 
     Args:
-      stream: of the file.
       header: where they come from.
       columns: of each MjData field in a state.
       segments: each (count, nstate) states of consecutive steps.
@@ -246,12 +245,7 @@ def draw(
     in the file, unless others are given; random ones where there are none.
 
     Args:
-      model: to step.
-      recorded: the file's states.
-      nbatch: number of simulations.
-      nstep: steps of each.
       hold: steps per control.
-      seed: of rows and random controls.
       spread: scales the noise of random controls.
       given: controls of the user's own; None for none.
 

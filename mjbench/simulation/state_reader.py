@@ -12,7 +12,6 @@ class StateReader:
     Attributes:
       spec: mjSTATE_INTEGRATION.
       columns: of each MjData field in a state.
-      nstate: numbers of a state.
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -33,7 +32,6 @@ class StateReader:
 
         Args:
           state: (nstate,) of mjSTATE_INTEGRATION.
-          other: to compare it with.
         """
         before, after = self._before_ctrl, self._after_ctrl
         if (

@@ -105,7 +105,6 @@ def record_trajectory(
     """Run simulations in C and return all their states.
 
     Args:
-      workload: to run.
       nsim: number of simulations, the first and the last among them; at most all.
       change: of states and controls before every step, for a shadow; None for no change.
     """
@@ -143,8 +142,6 @@ def single_steps(
     `inputs`): an engine that drops one takes another step.
 
     Args:
-      workload: that was run.
-      trajectory: the run.
       most: number of steps; fewer if the run has fewer.
       rounded: round states and controls to float32 first, as an engine in float32 does.
       inputs_to_set: MjData fields of the inputs to set.
@@ -208,7 +205,6 @@ def violation(model: mujoco.MjModel, states: np.ndarray) -> Violation:
     """Return how far states violate constraints: the largest violations of any of them.
 
     Args:
-      model: of the states.
       states: (n, nstate) rows of mjSTATE_INTEGRATION.
     """
     data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")

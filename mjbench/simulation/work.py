@@ -127,8 +127,6 @@ class ModelFacts:
     """The facts about a model that determine what a step costs.
 
     Attributes:
-      nq: numbers in qpos.
-      nv: degrees of freedom.
       nu: controls.
       na: activations.
       contacts: at the start state.
@@ -204,7 +202,6 @@ def step_s(model: mujoco.MjModel, state: np.ndarray | None = None) -> float:
     """Return about how long one step takes, in seconds.
 
     Args:
-      model: to step.
       state: (nstate,) row of mjSTATE_INTEGRATION to step from; None for keyframe 0.
     """
     data = start_data(model)
@@ -231,7 +228,6 @@ def states_after(workload: Workload, nsteps: Sequence[int]) -> np.ndarray:
     """Return states of a workload, stepped the plain way, after some numbers of steps.
 
     Args:
-      workload: to step.
       nsteps: ascending; 0 is the start, `workload.nstep` the end.
 
     Returns:
@@ -277,7 +273,6 @@ def one_step(model: mujoco.MjModel, states: np.ndarray) -> dict[str, np.ndarray]
     """Return qpos, qvel and act, each (nstate, size), one step after each of `states`.
 
     Args:
-      model: to step.
       states: (nstate, size) rows of mjSTATE_INTEGRATION, which include the controls.
     """
     spec, data = compat.state_spec("INTEGRATION"), mujoco.MjData(model)

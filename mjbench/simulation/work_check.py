@@ -113,8 +113,6 @@ def drift(
     """Return how far two targets differ; None where their states differ in size.
 
     Args:
-      baseline: the one.
-      candidate: the other.
       is_compared: (nbatch,) bool, the simulations that diverge in neither.
       start_alike: whether their runs begin in the same states, so that these are compared, too.
     """

@@ -45,7 +45,6 @@ class Workload:
     """nbatch simulations of one model, each stepped nstep = ncontrol * hold times.
 
     Attributes:
-      model: to step.
       initial_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION, warm-start included.
       control: (nbatch, ncontrol, nu) controls in the actuators' units.
       hold: steps for which each control is held (an RL user's frame_skip).
@@ -212,11 +211,7 @@ def make(
     within the control range. The same arguments give the same workload.
 
     Args:
-      model: to step.
-      nbatch: number of simulations.
-      nstep: steps of each.
       hold: steps per control.
-      seed: of starts and controls.
       spread: scales the perturbations and the noise; at 0 every simulation is the keyframe.
 
     Raises:
@@ -259,7 +254,6 @@ def fields(model: mujoco.MjModel, states: np.ndarray) -> dict[str, np.ndarray]:
     """Return states split by MjData field, each (nbatch, size): the same in every release.
 
     Args:
-      model: of the states.
       states: (nbatch, nstate) rows of mjSTATE_INTEGRATION, whose layout differs between releases.
     """
     columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
@@ -400,11 +394,7 @@ def random_controls(
     They are an Ornstein-Uhlenbeck process, clipped to the control range.
 
     Args:
-      model: to control.
-      nbatch: number of simulations.
-      ncontrol: controls of each.
       hold: steps per control.
-      rng: draws them.
       spread: scales the noise.
     """
     if model.nu == 0:

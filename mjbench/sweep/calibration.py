@@ -38,12 +38,9 @@ class NodeState:
     """What a calibration saw.
 
     Attributes:
-      cores: of the machine.
-      usable_cores: that this process may use.
       cores_had: that as many threads as usable cores got.
       busy_cores: of the machine, that others kept busy.
       stolen: share of the processor time that the host gave to others.
-      neighbours: other mjbench that measure.
     """
 
     cores: int
@@ -58,12 +55,7 @@ def calibrate(
     sleep: Callable[[float], None] = time.sleep,
     clock: Callable[[], float] = time.perf_counter,
 ) -> NodeState:
-    """Look at this machine for about a second.
-
-    Args:
-      sleep: waits for seconds.
-      clock: returns seconds.
-    """
+    """Look at this machine for about a second."""
     others = neighbours.measuring_now()
     usable = machine.usable_cores()
     calibration = Calibration(usable)

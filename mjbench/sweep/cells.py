@@ -32,14 +32,11 @@ class Cell:
     """One result of a sweep. What does not apply to its kind is empty.
 
     Attributes:
-      kind: what it measures.
-      model: its name.
       release: version that is measured, of `versions` the candidate.
       baseline: of `versions`, the version that `release` is compared with; of `instructions`, the
         one that draws start states and controls for all.
       installed: version that is meant as it is installed beside mjbench; empty where releases are
         all installed apart.
-      path: of `versions`.
       metric: of `versions`; None elsewhere.
       machine: label of the machines that may measure it; empty for any.
       content: a text that stands for all else on which the result depends: the model's files, the

@@ -23,9 +23,7 @@ class PartEstimate:
     """What there is to do of one kind of cells.
 
     Attributes:
-      kind: of the cells.
       metric: of `versions`; None elsewhere.
-      cells: how many there are.
       done: how many have a result.
       missing_s: seconds that the others take on one machine; None where that is not known.
       is_limit: whether that is what they may take; else it follows from those that are done.
@@ -43,7 +41,6 @@ def estimate(cells: Sequence[Cell], done: Mapping[Cell, Outcome]) -> list[PartEs
     """Return what there is to do, by kind and metric.
 
     Args:
-      cells: all of them.
       done: how those ended that have a result.
     """
     parts = dict.fromkeys((cell.kind, cell.metric) for cell in cells)

@@ -12,12 +12,7 @@ from mjbench.sweep.scheduler import Node
 
 @dataclass(frozen=True)
 class Joined:
-    """A node can be given work.
-
-    Attributes:
-      node: the node.
-      machine: that it is.
-    """
+    """A node can be given work."""
 
     node: Node
     machine: Machine
@@ -25,12 +20,7 @@ class Joined:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A node cannot be given work.
-
-    Attributes:
-      name: of the node.
-      reason: why, in one line.
-    """
+    """A node cannot be given work."""
 
     name: str
     reason: str
@@ -38,12 +28,7 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class Left:
-    """A node is gone; what it measured has died.
-
-    Attributes:
-      node_id: of the node.
-      reason: why, in one line.
-    """
+    """A node is gone; what it measured has died."""
 
     node_id: str
     reason: str
@@ -51,12 +36,7 @@ class Left:
 
 @dataclass(frozen=True)
 class Reported:
-    """A node says something of an assignment.
-
-    Attributes:
-      number: of the assignment.
-      message: from the node.
-    """
+    """A node says something of an assignment."""
 
     number: int
     message: Message
@@ -64,12 +44,7 @@ class Reported:
 
 @dataclass(frozen=True)
 class Died:
-    """What measured an assignment is gone, and says nothing more.
-
-    Attributes:
-      number: of the assignment.
-      reason: why, in one line.
-    """
+    """What measured an assignment is gone, and says nothing more."""
 
     number: int
     reason: str

@@ -21,7 +21,6 @@ class Matrix:
     """All that a sweep measures.
 
     Attributes:
-      plan: that asks for it.
       cells: each once, in the order in which they are measured.
       carried: the user's own models, by name.
     """
@@ -56,7 +55,6 @@ def build(plan: Plan, software: Software) -> Matrix:
     """Return the cells of a plan; models of the user's own are read, with what they refer to.
 
     Args:
-      plan: what is to be measured.
       software: that measures. Results with other versions are other cells.
 
     Raises:

@@ -10,12 +10,7 @@ from mjbench.sweep.software import Software
 
 @dataclass(frozen=True)
 class NodeAnswer:
-    """What a node says of itself when it is first asked.
-
-    Attributes:
-      software: that it would measure with.
-      machine: that it is.
-    """
+    """What a node says of itself when it is first asked."""
 
     software: Software
     machine: Machine

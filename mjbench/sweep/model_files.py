@@ -28,7 +28,6 @@ class CarriedFile:
 
     Attributes:
       path: relative to the folder that holds all files, with `/`.
-      content: its bytes.
     """
 
     path: str
@@ -40,9 +39,7 @@ class CarriedModel:
     """A model with all of its files.
 
     Attributes:
-      name: as the user typed it.
       main: the path of its own file, one of `files`.
-      files: all of them.
       digest: of `main` and of all files, in hexadecimal.
     """
 

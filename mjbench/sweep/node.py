@@ -53,7 +53,6 @@ def measure(
     has started.
 
     Args:
-      request: what to measure.
       carried: the user's models that the command line names.
       calibrate: says what this machine has of its cores.
       is_lost: whether nobody hears this process any more; the command then ends.

@@ -38,7 +38,6 @@ class Part:
     """What a table of the plan asks for.
 
     Attributes:
-      kind: of its cells.
       options: arguments of the command line that its keys stand for.
     """
 
@@ -72,8 +71,6 @@ class Plan:
       paths: that releases are compared by.
       metrics: that they are compared by; of paths other than the plain loop, only the time.
       machines: labels of machines, each of which measures all cells; empty for one on any machine.
-      parts: what is measured.
-      rules: for nodes.
     """
 
     models: tuple[ModelSource, ...]
@@ -94,7 +91,6 @@ def load(
     """Read a plan.
 
     Args:
-      path: of the file.
       check: parses command lines, to see whether options have values that their command takes.
       known: returns the versions of MuJoCo that there are; none where that is not known.
 

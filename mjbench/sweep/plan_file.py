@@ -18,7 +18,6 @@ class PlanFile:
     """A file that was read; it refuses what is wrong with the place where it stands.
 
     Attributes:
-      path: of the file.
       values: by table, and within a table by key; the table before the first heading is empty.
     """
 
@@ -78,7 +77,6 @@ class PlanFile:
         """Return the error that something is wrong at a place.
 
         Args:
-          text: what is wrong.
           table: in which it stands; empty before the first one.
           key: of the value; empty for the table itself.
           item: of a list, where it is a text.

@@ -57,12 +57,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class CellResult:
-    """A cell that is complete.
-
-    Attributes:
-      cell: what was measured.
-      section: of the run set.
-    """
+    """A cell that is complete."""
 
     cell: Cell
     section: Section
@@ -91,7 +86,6 @@ class Collector:
         """Take what is measured.
 
         Args:
-          cells: of one kind.
           record_types: the class of each record of a run file by its `type`.
         """
         self._cells = tuple(cells)
@@ -118,9 +112,6 @@ class Collector:
         """Return the cells that the end of the command completes.
 
         A command that ended otherwise than its records say has not written all of them.
-
-        Args:
-          code: its exit code.
 
         Raises:
           InputError: the lines are not those of a run file.
@@ -159,13 +150,7 @@ def _is_answer(record: Record, cell: Cell) -> bool:
 
 
 def failed(cell: Cell, failure: Failure, machine: Machine) -> CellResult:
-    """Return the result of a cell that has none, because its command never wrote one.
-
-    Args:
-      cell: what was to be measured.
-      failure: how it ended last.
-      machine: on which it ended so.
-    """
+    """Return the result of a cell that has none, because its command never wrote one."""
     began = datetime.now(UTC).isoformat(timespec="seconds")
     header = RunHeader(runs.SCHEMA, cell.kind.value, machine, {}, began=began)
     record = _failed_record(cell, failure)

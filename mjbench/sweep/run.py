@@ -29,8 +29,6 @@ class Progress:
 
     Attributes:
       done: cells with a result, earlier ones included.
-      count: of all cells.
-      running: what nodes measure.
     """
 
     done: int
@@ -44,11 +42,7 @@ class Summary:
 
     Attributes:
       outcomes: of the cells that were measured now, in the order in which they were complete.
-      nodes: what became of each.
-      left_out: nodes that were given no work.
-      missing: cells without a result.
       reasons: why nodes did not measure, where they are why cells are missing.
-      is_interrupted: whether the user stopped it.
       finished: what the nodes said of each command that ended.
     """
 
@@ -80,14 +74,9 @@ class Sweep:
         """Prepare.
 
         Args:
-          matrix: of all cells.
           done: those that need not be measured.
-          executor: has nodes measure.
-          store: takes each result, once a cell.
           record_types: the class of each record of a run file by its `type`.
-          on_progress: called when something has changed.
           on_left_out: called with nodes that cannot be given work.
-          clock: returns seconds.
           program: what runs on nodes instead of mjbench; for tests.
         """
         self._matrix, self._executor, self._store = matrix, executor, store

@@ -24,7 +24,6 @@ class Node:
     """A node of the cluster.
 
     Attributes:
-      id: tells nodes apart.
       name: for people.
       host: of nodes on one machine the same; they do not measure at once.
       label: of the machine; empty without one.
@@ -43,8 +42,6 @@ class Assignment:
     """Cells for a node.
 
     Attributes:
-      number: of the assignment.
-      node: that measures them.
       cells: what it measures, by one command.
     """
 
@@ -63,7 +60,6 @@ class LostCell:
     """A cell that was begun as often as the plan allows, and never ended well.
 
     Attributes:
-      cell: what was to be measured.
       detail: how it ended last, in one line.
     """
 
@@ -76,11 +72,8 @@ class NodeRecord:
     """What became of a node.
 
     Attributes:
-      node: the node.
       is_there: whether it can be given work.
       cells: results that it delivered.
-      busy_s: seconds for which it measured.
-      refused: how often it refused.
       failed: how often its command or its worker failed.
       reason: why it refused or failed last; empty if it never did.
     """
@@ -132,7 +125,6 @@ class Scheduler:
           cells: each once, in the order in which they are to be measured.
           tries: how often a cell is begun at most.
           patience_s: seconds without a node that measures, after which `is_stuck`.
-          now_s: the time now.
         """
         self._waiting = Waiting(cells)
         self._tries, self._patience_s = tries, patience_s
@@ -335,9 +327,7 @@ class Scheduler:
         """Note that an assignment has ended.
 
         Args:
-          number: of the assignment.
           problem: what went wrong, in one line; empty where all went well.
-          now_s: the time now.
 
         Returns:
           The cells that are given up: none of their tries ended well. They count as done.

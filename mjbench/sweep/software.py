@@ -20,8 +20,6 @@ class Software:
     """Versions of what measures.
 
     Attributes:
-      python: its version.
-      mjbench: its version.
       code: digest of the code and data of mjbench, and of the shipped models.
       mujoco: its version; empty where it is missing.
       numpy: its version; empty where it is missing.

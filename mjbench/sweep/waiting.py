@@ -56,13 +56,7 @@ class Waiting:
         return sum(self._counts[sort] for sort in {(label, needs_quiet), ("", needs_quiet)})
 
     def next_together(self, label: str, needs_quiet: bool, most: int) -> tuple[Cell, ...]:
-        """Return the next cells that have not failed and that one command measures.
-
-        Args:
-          label: of the machine.
-          needs_quiet: whether they need a quiet machine.
-          most: so many at most.
-        """
+        """Return the next cells that have not failed and that one command measures."""
         sorts = {(label, needs_quiet), ("", needs_quiet)}
         groups = [group for sort in sorts for group in self._groups.get(sort, {}).values()]
         if not groups:

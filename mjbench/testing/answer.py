@@ -33,7 +33,6 @@ class SpeedCheck:
       high: upper end of its interval; None likewise.
       candidate_s: median seconds of a call; None where it was not timed.
       baseline_s: the same of the baseline.
-      rounds: that were timed.
       detail: why the answer is inconclusive, in one line; empty otherwise.
     """
 
@@ -64,7 +63,6 @@ def margin(confidence: float, deviation: float) -> float:
     """Return half the width of the interval of a normal value.
 
     Args:
-      confidence: of the interval.
       deviation: standard deviation of the value.
     """
     return NormalDist().inv_cdf((1 + confidence) / 2) * deviation
@@ -74,8 +72,6 @@ def of_interval(low: float, high: float, max_slowdown: float) -> Answer:
     """Return what an interval of the log ratio of candidate time over baseline time shows.
 
     Args:
-      low: lower end.
-      high: upper end.
       max_slowdown: how much slower the candidate may be, as a share.
     """
     log_limit = float(np.log1p(max_slowdown))

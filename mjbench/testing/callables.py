@@ -71,7 +71,6 @@ class Pair:
     """Two functions to compare.
 
     Attributes:
-      baseline: the reference.
       candidate: the one that is judged.
       setup: called before each block, untimed, to give both functions the same start.
     """
@@ -95,9 +94,6 @@ def compare(
     """Return whether a function is slower than a baseline.
 
     Args:
-      pair: the two functions.
-      question: what is asked.
-      clock: returns seconds.
       rng: draws the order of each quad; None for one that differs in every process.
     """
     with untraced():
@@ -145,7 +141,6 @@ def _judge(here: Interval, question: Question) -> _Judged:
 
     Args:
       here: the interval of the log ratio in this process.
-      question: what is asked.
     """
     between = margin(question.confidence, PROCESS_SPREAD)
     half_width = math.hypot(here.half_width, between)

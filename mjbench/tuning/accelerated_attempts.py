@@ -52,10 +52,6 @@ class EngineBaselineRequest:
     """Asks a child what settings of an engine are to be measured by.
 
     Attributes:
-      source: of the model.
-      engine: path that steps it.
-      plan: of the trials.
-      nbatch: simulations of a batched step.
       file: to write the pickled `EngineBaseline` to.
     """
 
@@ -78,10 +74,7 @@ class EngineBaseline:
     """C's runs with the present settings, and what an engine needs to repeat them.
 
     Attributes:
-      trials: starts and controls, within the horizon.
       runs: of C.
-      motion: how far the model moves.
-      peaks: contacts and constraints of any step.
       default_sizes: of the engine's buffers (see `AcceleratedPath.default_buffer_sizes`).
     """
 
@@ -97,12 +90,9 @@ class LaunchRequest:
     """Asks a child to try settings of an engine, one after the other.
 
     Attributes:
-      source: of the model.
-      engine: path that steps it.
       baseline_file: holds the pickled `EngineBaseline`.
       settings: to try.
       first: index of the first of them.
-      nbatch: simulations of a batched step.
       has_errors: whether to measure transfer errors, beside times.
       stop_after_s: seconds after which no other setting is begun.
       limit_s: seconds of silence after which the child is killed; its compiler gets more.

@@ -41,8 +41,6 @@ class EngineMeasurements(Protocol):
         """Try settings, one after the other, in a fresh process; return the present program.
 
         Args:
-          settings: to try.
-          on_attempt: called after each.
           stop_after_s: seconds after which no other is begun; None for no limit.
           has_errors: whether to measure transfer errors, beside times.
         """
@@ -58,10 +56,6 @@ class EngineOnThisMachine:
         """Measure nothing yet.
 
         Args:
-          pool: holds the files.
-          source: of the model.
-          engine: path that steps it.
-          nbatch: simulations of a batched step.
           limit_s: seconds of silence after which a process is killed; compilers get more.
         """
         self._source = ModelSource(source.name, source.path.resolve())

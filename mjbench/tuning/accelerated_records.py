@@ -33,7 +33,6 @@ class EngineProgram:
       error: the transfer error: distance of its runs from C's with the present settings, from the
         same starts, over the horizon; None where only time was measured.
       trace_s: seconds from Python to the compiler's input; None where there is no such stage.
-      compile_s: seconds that the compiler took.
       buffer_sizes: of the engine, by its names.
     """
 
@@ -48,9 +47,6 @@ class EngineAttempt:
     """How settings of an engine did in one process, beside the present ones.
 
     Attributes:
-      settings: that were tried together.
-      status: `ok`, or how they failed.
-      detail: why, in one line; empty when ok.
       program: what they compile to; None where they failed.
       samples: raw times of blocks; A is the present settings. None where they failed.
     """
@@ -85,11 +81,9 @@ class EngineRecommendation:
     """Settings that are faster in fresh processes, and err no more, from new starts.
 
     Attributes:
-      settings: to have together.
       ratio: time of a batched step over that with the present settings, with the 95 % interval of
         Student's t over processes.
       error: the transfer error: the larger of both looks.
-      program: of the second look.
       samples: raw times of each process.
     """
 
@@ -113,14 +107,8 @@ class EngineFacts:
     """What settings of an engine are measured by.
 
     Attributes:
-      device: that the engine runs on.
-      precision: that it computes in.
-      nrun: runs.
       horizon_s: simulated seconds of each over which errors are compared.
-      horizon_ncontrol: controls of each.
-      starts: where start states came from.
       rounding: distance of C's runs whose starts and controls are rounded to that precision.
-      settings: to try.
     """
 
     device: str
@@ -138,10 +126,7 @@ class EngineTuneRecord:
     """A search for settings of MJX or Warp on one model; None is what was not reached.
 
     Attributes:
-      model: its name.
       engine: path that steps it, such as `mjx`.
-      status: how the search ended.
-      detail: one line; empty when ok.
       seed: of starts and controls; the second look has the next one.
       nbatch: simulations of a batched step.
       max_error: the largest transfer error allowed, as a share of the motion; None for that of the
@@ -152,7 +137,6 @@ class EngineTuneRecord:
       untried: settings for which there was no time.
       front: recommendations, the fastest first.
       withdrawn: what the second look did not confirm.
-      seconds: that the search took.
     """
 
     record_type: ClassVar[str] = "engine_tune"

@@ -59,13 +59,7 @@ class EngineSearch:
         """Measure nothing yet.
 
         Args:
-          model: its name.
-          engine: path that steps it.
-          nbatch: simulations of a batched step.
           plan: of the search; all effects are allowed.
-          measurements: what is measured, and how.
-          advance: called when something begins.
-          clock: returns seconds.
         """
         self._model, self._engine, self._nbatch, self._plan = model, engine, nbatch, plan
         self._measure, self._advance, self._clock = measurements, advance, clock
@@ -100,12 +94,7 @@ class EngineSearch:
             self._second_look(finalists, self._facts)
 
     def record(self, status: Status = Status.OK, detail: str = "") -> EngineTuneRecord:
-        """Return what was measured so far.
-
-        Args:
-          status: how the search ended.
-          detail: why, in one line; empty when ok.
-        """
+        """Return what was measured so far."""
         return EngineTuneRecord(
             model=self._model,
             engine=self._engine,
@@ -264,13 +253,8 @@ def tune_engine(
     measured.
 
     Args:
-      pool: holds files.
-      source: of the model.
       engine: path that steps it, such as `mjx`.
-      nbatch: simulations of a batched step.
-      plan: of the search.
       limit_s: seconds of silence after which a process is killed; compilers get more.
-      advance: called when something begins.
     """
     measurements = EngineOnThisMachine(pool, source, engine, nbatch, limit_s)
     search = EngineSearch(source.name, engine, nbatch, plan, measurements, advance)

@@ -78,9 +78,6 @@ class Attempt:
     """How settings did.
 
     Attributes:
-      settings: that were tried together.
-      status: `ok`, or how it failed.
-      detail: why, in one line; empty when ok.
       accuracy: what they do to the motion; None where they failed.
       time_ratio: their time of a simulated second over that of the present settings, measured
         within one process; None where they failed, or were not timed.
@@ -100,8 +97,6 @@ class BaselineRequest:
     """Asks a child for the present settings' runs, and for the reference.
 
     Attributes:
-      source: of the model.
-      plan: of the trials.
       file: to write the pickled `Baseline` to.
       model_file: to save the compiled model to.
     """
@@ -117,9 +112,7 @@ class AttemptRequest:
     """Asks a child to try settings.
 
     Attributes:
-      source: of the model.
       baseline_file: holds the pickled `Baseline`.
-      settings: to try together.
       model_file: to save the changed model to; None to save none.
       nrun: runs of the trials to do, the first ones; None for all.
       quads: blocks to time, as quads; 0 to measure no time.
@@ -285,8 +278,6 @@ def _check_loop(
     """Refuse a change of the loop with which it reaches other states.
 
     Args:
-      model: to step.
-      loop: the change.
       trials: starts and controls.
       runs: of them by a plain loop.
 
@@ -309,11 +300,7 @@ def _prepared(
     """Return what does the trials by a path.
 
     Args:
-      model: to step.
-      trials: starts and controls.
       hold: steps for which each control is held.
-      path: way of stepping.
-      options: of the path.
 
     Raises:
       InputError: the path cannot run here.

@@ -78,9 +78,7 @@ def motion(model: mujoco.MjModel, initial_qpos: np.ndarray, runs: Trajectories) 
     """Return how far a model moves.
 
     Args:
-      model: that moves.
       initial_qpos: (nrun, nq) positions at the start.
-      runs: from there.
     """
     is_rad = angular(model)
     moved = _position_errors(model, np.repeat(initial_qpos[:, None], runs.qpos.shape[1], 1), runs)

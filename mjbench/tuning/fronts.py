@@ -48,11 +48,6 @@ def combinations(
     They are the fastest of each knob among the free settings, among those and the equivalent ones,
     and among all; each other setting together with all that cost no accuracy; and random choices of
     the others. None is a setting alone.
-
-    Args:
-      faster: settings that are faster alone.
-      most: number of combinations at most.
-      rng: draws the random ones.
     """
     chosen: dict[frozenset[str], tuple[Setting, ...]] = {}
 
@@ -150,7 +145,6 @@ def is_allowed(attempt: Attempt, max_error: float | None, present_error: float) 
     What changes no state is always allowed; what is equivalent, unless the user sets a limit.
 
     Args:
-      attempt: of the settings.
       max_error: the largest error allowed, as a share of the motion; None for the present one.
       present_error: of the present settings, from the same starts.
     """

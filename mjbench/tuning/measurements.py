@@ -30,7 +30,6 @@ class PairedTime:
     """How settings compare with the present ones in fresh processes.
 
     Attributes:
-      status: how the comparison ended.
       detail: one line; empty when ok.
       ratio: their time of a simulated second over that of the present settings, with a 95 %
         interval; None without one.
@@ -87,8 +86,6 @@ class OnThisMachine:
 
         Args:
           pool: starts the processes of comparisons, and holds the files.
-          source: of the model.
-          starts: where start states are to come from.
           hold: steps for which each control is held.
           limit_s: seconds of silence after which an attempt is killed.
         """

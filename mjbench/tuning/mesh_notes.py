@@ -35,7 +35,6 @@ class MeshNote:
 
     Attributes:
       geom: its name, or `geom 3` by its index where it has none.
-      mesh: name of its mesh.
       primitive: that contains the convex hull.
       share: the hull's share of the primitive's volume, from MIN_SHARE to 1.
     """

@@ -38,7 +38,6 @@ class Element:
     """An element of a file.
 
     Attributes:
-      name: of the element.
       attributes: as XML defines their values: entities replaced, line ends as spaces.
       start: byte at which its start tag begins.
       end: byte at which its end tag begins; without a meaning where it has none.
@@ -73,7 +72,6 @@ class StartTag:
     Attributes:
       end: behind its `>`.
       last: behind its last attribute; behind its name where it has none.
-      values: of its attributes, by name.
       quote: of its last attribute; `"` where it has none.
       is_empty: whether it is the whole element, as in `<option/>`.
     """
@@ -93,7 +91,6 @@ class Document:
       text: its bytes.
       visible: the same bytes, with spaces for what comments hold.
       codec: Python's name of its encoding.
-      root: its root element.
       files: values of `file` of its `<include>` and `<model>` elements.
     """
 

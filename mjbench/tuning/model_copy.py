@@ -18,7 +18,6 @@ class CopyRequest:
     """Asks a child for a copy.
 
     Attributes:
-      source: of the model.
       edits: of the copy; None only to see whether one could be written.
       target: file to write, absolute.
     """

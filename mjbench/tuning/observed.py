@@ -39,7 +39,6 @@ class Usage:
 
     Attributes:
       median: half of the steps took at most so many.
-      most: of any step.
     """
 
     median: int
@@ -83,8 +82,6 @@ def observe(
     """Return what is seen of a model that is loaded and stepped in this process.
 
     Args:
-      source: of the model.
-      seed: of starts and controls.
       plan: where the starts of the usual simulations come from.
       hold: steps per control.
 

@@ -20,8 +20,6 @@ class IdlePair:
     """Two bodies that collision detection tested in detail, and that never touched.
 
     Attributes:
-      body1: name of one.
-      body2: name of the other.
       closest_m: the shortest distance that was seen; None where none was computed, as in releases
         that cannot.
     """
@@ -57,7 +55,6 @@ class PairWatch:
         """Watch a model.
 
         Args:
-          model: to watch.
           nsample: how often `sample` will be called.
         """
         pairs = geom_pairs.read(model)

@@ -35,7 +35,6 @@ def physics(model: mujoco.MjModel, initial_state: np.ndarray, points: np.ndarray
     """Return what a model says of states.
 
     Args:
-      model: the user's own.
       initial_state: (nrun, nstate) where the runs began, rows of mjSTATE_INTEGRATION.
       points: (nrun, npoint, nstate) states along the runs.
     """

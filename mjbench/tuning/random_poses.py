@@ -18,10 +18,7 @@ def draw(
     where they start: joints do not bound them.
 
     Args:
-      model: to pose.
       start: (nq,) where joints start.
-      count: how many poses.
-      rng: draws them.
     """
     kinds, limited = np.asarray(model.jnt_type), np.asarray(model.jnt_limited).astype(bool)
     low, high = np.array(model.jnt_range).T

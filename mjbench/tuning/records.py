@@ -24,9 +24,6 @@ class AttemptRow:
     """Settings that were tried during the search.
 
     Attributes:
-      settings: that were tried together.
-      status: `ok`, or how they failed.
-      detail: why, in one line; empty when ok.
       accuracy: what they do to the motion; None where they failed.
       time_ratio: time of a simulated second over that of the present settings, measured within one
         process; None where they failed.
@@ -46,12 +43,10 @@ class Recommendation:
     """Settings that two looks confirm; the second had starts and controls of its own.
 
     Attributes:
-      settings: to have together.
       effect: on the motion; the larger of both looks.
       ratio: time of a simulated second over that of the present settings, in fresh processes from
         further starts, with its 95 % interval.
       error: the larger of both looks.
-      accuracy: of the second look.
       is_allowed: whether the error is no larger than allowed, in both looks; if not, the user may
         still choose them.
       samples: raw times of each launch.
@@ -71,7 +66,6 @@ class Withdrawal:
     """Settings that the second look did not confirm.
 
     Attributes:
-      settings: of the search's front.
       reason: why not, in one sentence.
     """
 
@@ -84,13 +78,9 @@ class TuneRecord:
     """A search for settings of one model; None is what was not reached.
 
     Attributes:
-      model: its name.
-      status: how the search ended.
-      detail: one line; empty when ok.
       seed: of starts and controls; the second look has the next one.
       max_error: the largest error allowed, as a share of the motion; None for that of the present
         settings, as `allowed_error` has it.
-      only: the largest effect allowed.
       present: what the present settings do, on the starts of the second look; its error is the
         larger of both looks.
       attempts: settings that were tried, alone and together.
@@ -99,7 +89,6 @@ class TuneRecord:
       withdrawn: what the second look did not confirm.
       meshes: that collide, and that nearly fill a primitive.
       stages: share of a step by stage.
-      seconds: that the search took.
     """
 
     record_type: ClassVar[str] = "tune"
@@ -129,6 +118,5 @@ def allowed_error(max_error: float | None, present_error: float) -> float:
 
     Args:
       max_error: that the user allows; None for that of the present settings.
-      present_error: of these.
     """
     return max_error or max((1 + SAME_ERROR) * present_error, NO_ERROR)

@@ -63,7 +63,6 @@ class TrialPlan:
 
     Attributes:
       seed: of both.
-      starts: where start states are to come from.
       hold: steps for which each control is held.
       ncontrol: controls of a run; None for as many as can be afforded.
       horizon_ncontrol: controls over which errors are compared; None to see how many can be.
@@ -81,20 +80,15 @@ class Present:
     """What the present settings do, beside the reference.
 
     Attributes:
-      nrun: runs.
       horizon_s: simulated seconds of each over which errors are compared.
       horizon_ncontrol: controls of each within the horizon.
-      ncontrol: controls of each.
       run_s: simulated seconds of each.
       is_comparable: whether errors mean something over the horizon; if not, it is the shortest one.
-      starts: where start states came from.
       error: of the present settings, from the reference.
       rounding: distance of runs from starts that differ in the last place.
       solver: distance of runs with the same timestep and a converged solver.
       motion_m: how far the model moves, in m; None without such degrees of freedom.
       motion_rad: in rad.
-      physics: of the present settings.
-      reference_physics: of the reference.
     """
 
     nrun: int
@@ -118,14 +112,11 @@ class Baseline:
     """The present settings' runs, and what settings are compared with.
 
     Attributes:
-      trials: of all runs.
       motion: how far the model moves within the horizon.
-      present: runs with the present settings.
       reference: of the converged model, within the horizon.
       unavoidable: (ncontrol,) how far runs with present settings are from themselves at the end of
         each control of the horizon, as shares of the motion: what their solver's tolerance and
         rounding make, as `equivalent_share` has it.
-      facts: what is said of them.
     """
 
     trials: Trials

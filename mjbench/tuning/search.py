@@ -61,10 +61,8 @@ class SearchPlan:
 
     Attributes:
       seed: of starts and controls; the second look has the next one.
-      starts: where start states are to come from.
       budget_s: seconds after which nothing is begun but the second look.
       max_error: the largest error allowed, as a share of the motion; None for the present one.
-      only: the largest effect allowed.
       hold: steps for which each control is held.
       skip: names of knobs that are left alone.
     """
@@ -102,16 +100,7 @@ class Search:
         advance: Advance = lambda done, text, share: None,
         clock: Callable[[], float] = time.monotonic,
     ):
-        """Measure nothing yet.
-
-        Args:
-          model: its name.
-          settings: to try.
-          plan: of the search.
-          measurements: what is measured, and how.
-          advance: called when something begins.
-          clock: returns seconds.
-        """
+        """Measure nothing yet."""
         self._model, self._settings, self._plan = model, settings, plan
         self._measure, self._advance, self._clock = measurements, advance, clock
         self._begin_s = clock()
@@ -138,12 +127,7 @@ class Search:
             self._second_look(attempts, self._present)
 
     def record(self, status: Status = Status.OK, detail: str = "") -> TuneRecord:
-        """Return what was measured so far.
-
-        Args:
-          status: how the search ended.
-          detail: why, in one line; empty when ok.
-        """
+        """Return what was measured so far."""
         return TuneRecord(
             model=self._model,
             status=status,
@@ -362,7 +346,6 @@ def ended(run: Callable[[], None], record: Callable[[Status, str], Record]) -> R
     """Return the record of a search, however it ended.
 
     Args:
-      run: searches.
       record: returns what was measured, from how the search ended and why, in one line.
     """
     try:

@@ -51,7 +51,6 @@ class Edit:
     """One change of a model's MJCF.
 
     Attributes:
-      part: what it changes.
       name: of the attribute; of the first body, where a pair is excluded.
       value: of the attribute, as MJCF has it; the second body's name, where a pair is excluded.
     """
@@ -66,9 +65,6 @@ class Setting:
     """One value of a knob.
 
     Attributes:
-      knob: name of the knob.
-      label: what people read, such as `solver=CG`.
-      edits: of the model.
       loop: what it changes in the loop.
       loses: what else the user gives up, in a few words, such as `sensor data`; empty for nothing.
       evidence: what was observed that makes it possible, in one sentence; empty for nothing.

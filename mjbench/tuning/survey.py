@@ -21,9 +21,6 @@ class SurveyRequest:
     """Asks a child what there is to try.
 
     Attributes:
-      source: of the model.
-      seed: of starts and controls.
-      starts: where start states are to come from.
       hold: steps for which each control is held.
     """
 

@@ -95,7 +95,6 @@ def run(model: mujoco.MjModel, trials: Trials, nthread: int | None = None) -> Tr
 
     Args:
       model: to step; its states must have the sizes of the trials'.
-      trials: starts and controls.
       nthread: threads to step with; None for as many as there are cores.
 
     Raises:

@@ -26,11 +26,7 @@ def tune(
     A model that cannot be stepped, and Ctrl-C, are the record's status; it holds what was measured.
 
     Args:
-      pool: starts processes, and holds files.
-      source: of the model.
-      plan: of the search.
       limit_s: seconds of silence after which a process is killed.
-      advance: called when something begins.
     """
     try:
         advance(0, "what there is to try", 0.0)

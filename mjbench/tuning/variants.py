@@ -226,7 +226,6 @@ def _check_target(source: ModelSource, target: Path, file: Path) -> None:
     """Refuse what cannot be the copy.
 
     Args:
-      source: of the model.
       target: as the user named it.
       file: where it leads.
 

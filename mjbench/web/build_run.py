@@ -37,8 +37,6 @@ class Engine:
     """The builds of a release, and what runs them.
 
     Attributes:
-      package: that has them.
-      node: that runs them.
       limit_s: seconds without an answer after which a process is killed.
       nthread: workers of a build with threads.
     """
@@ -80,7 +78,6 @@ class WarmUp:
     """What came before blocks were steady.
 
     Attributes:
-      first_ns: of the first block.
       seconds: of all blocks before the first that was about as fast as the last ones.
     """
 
@@ -114,8 +111,6 @@ class BuildRun:
         """Start nothing yet.
 
         Args:
-          engine: the builds.
-          variant: of a build.
           model: name of the model, for error messages.
           reference: the model, its workload, and what C does.
           folder: for files of this run; it is removed at its end.
@@ -285,8 +280,6 @@ def warm_up(
 
     Args:
       time_block: runs a block, and returns its nanoseconds.
-      least_s: seconds that it takes at least.
-      clock: returns seconds.
     """
     begin, blocks = clock(), [time_block()]
     while True:

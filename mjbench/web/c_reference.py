@@ -46,8 +46,6 @@ class WebSizes:
       nbatch: simulations; None to choose.
       nstep: steps of each; None to choose.
       hold: steps for which each control is held.
-      seed: of start states and controls.
-      starts: where start states are to come from.
     """
 
     nbatch: int | None = None
@@ -67,9 +65,6 @@ class CReference:
       block_file: holds the workload of a timed block, final states included.
       digest: of all start states and controls.
       traced: what C does.
-      work: of a step.
-      starts: where start states came from.
-      block: size of a timed block.
       compile_ms: to compile the model, with loading its files.
     """
 
@@ -104,13 +99,6 @@ def prepare(
     """Load a model, draw its workload, and see what C does with it.
 
     The files of the result last as long as the pool.
-
-    Args:
-      pool: starts the process.
-      release: of MuJoCo.
-      source: the model.
-      sizes: of the work.
-      clock: returns seconds.
 
     Raises:
       InputError: the model cannot be loaded, or every simulation of it diverges.
@@ -152,12 +140,7 @@ def prepare(
 
 
 def block_size(run: ReferenceRun, step_s: float) -> RunSize:
-    """Return the size of a timed block: first steps of first simulations.
-
-    Args:
-      run: the whole workload.
-      step_s: seconds of a step.
-    """
+    """Return the size of a timed block: first steps of first simulations."""
     nbatch, nstep = run.states.shape[1], len(run.states) - 1
     fitting = max(_MIN_BLOCK_NSTEP, int(_BLOCK_S / step_s))
     block_nstep = min(nstep, whole_holds(fitting, run.hold))
@@ -202,10 +185,6 @@ def timed_paths(
     They step without the timer of MuJoCo's Python package, which the builds do not have either.
 
     Args:
-      pool: starts the processes.
-      release: of MuJoCo.
-      reference: the model and its workload.
-      variants: the paths.
       core: that they run on; None for any.
 
     Raises:

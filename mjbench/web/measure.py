@@ -39,9 +39,6 @@ class WebPlan:
 
     Attributes:
       release: of MuJoCo, for C.
-      engine: the builds of that release.
-      sizes: of the work.
-      budget_s: seconds of timed rounds.
     """
 
     release: ReleaseSpec
@@ -63,11 +60,6 @@ def measure(pool: WorkerPool, source: ModelSource, plan: WebPlan) -> WebRecord:
     """Return what was measured of a model.
 
     A build that fails costs its own row. After Ctrl-C, the record holds what was checked before.
-
-    Args:
-      pool: starts processes of C.
-      source: the model.
-      plan: what is compared.
     """
     measurement = _Measurement(pool, source, plan)
     try:
@@ -116,12 +108,7 @@ class _Measurement:
         )
 
     def run(self, folder: Path, closing: contextlib.ExitStack) -> None:
-        """Check all builds, and time those that agree.
-
-        Args:
-          folder: for files.
-          closing: ends processes.
-        """
+        """Check all builds, and time those that agree."""
         plan = self._plan
         reference = c_reference.prepare(self._pool, plan.release, self._source, plan.sizes)
         self._reference = reference
@@ -211,8 +198,6 @@ def rounds(
       budget_s: seconds for all rounds; no two begin that would exceed them.
       on_failure: called with the key of a block that failed, and its error.
       required: keys of blocks that are never left out for their length.
-      rng: draws the orders.
-      clock: returns seconds.
     """
     rng, going_on = rng or random.Random(), dict(blocks)
     rows: list[Mapping[int, int]] = []

@@ -24,9 +24,7 @@ class Instantiated:
 
     Attributes:
       version: of the engine.
-      import_ms: to import its module.
       instantiate_ms: to compile and instantiate its WebAssembly, workers included.
-      heap_bytes: of the module.
       has_threadpool: whether the engine can have a thread pool of its own.
     """
 
@@ -60,7 +58,6 @@ class Memory:
     """Memory of a Node process.
 
     Attributes:
-      heap_bytes: of the module.
       rss_bytes: resident, of the whole process.
     """
 
@@ -88,7 +85,6 @@ class Instantiate(Request[Instantiated]):
     """Import a build's module, and instantiate its WebAssembly.
 
     Attributes:
-      script: the module's file.
       nthread: workers of a build with threads.
     """
 
@@ -120,8 +116,6 @@ class Steps:
     Attributes:
       starts_file: (nbatch, nstate) rows of mjSTATE_INTEGRATION.
       control_file: (nbatch, ncontrol, nu) controls.
-      nbatch: simulations.
-      ncontrol: controls of each.
       hold: steps for which each control is held.
       has_reset: whether an MjData must be reset between simulations.
     """

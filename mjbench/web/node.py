@@ -21,7 +21,6 @@ class Node:
     """An installed Node.
 
     Attributes:
-      file: its program.
       version: such as `20.20.2`.
     """
 
@@ -39,7 +38,6 @@ def find(command: str = COMMAND, limit_s: float = _LIMIT_S) -> Node:
     """Return the Node of a command, which may be a path.
 
     Args:
-      command: that the user named.
       limit_s: seconds in which it must say its version.
 
     Raises:

@@ -59,7 +59,6 @@ class NodeProcess:
         """Start the process.
 
         Args:
-          node: that runs it.
           name: for error messages.
           folder: an empty one, for what it prints.
           limit_s: seconds without an answer after which it is killed.

@@ -29,9 +29,7 @@ class StartUp:
     """What a build takes before its first step, in a fresh process.
 
     Attributes:
-      import_ms: to import the module.
       instantiate_ms: to compile and instantiate its WebAssembly, workers included.
-      compile_ms: to compile the model.
       first_ns: per step of the first block.
       warm_up_s: seconds of blocks before the first that was about as fast as the last ones.
       heap_bytes: of the module once it is instantiated.
@@ -51,9 +49,7 @@ class WebPathRecord:
 
     Attributes:
       path: its name: `wasm`, `wasm_mt`, or one of C's.
-      options: of the path.
       status: `ok`, or why it has no speed.
-      detail: one line; empty when ok.
       check: how far it is from C; None for paths of C, and where it did not run.
       start_up: what it took before it was steady; None likewise.
       block_ns: nanoseconds of each block.
@@ -77,11 +73,7 @@ class WebRecord:
     """One model, in C and in the WebAssembly builds of the same release.
 
     Attributes:
-      model: its name.
-      release: of MuJoCo.
-      node: version of Node.
       status: `ok`, or why it was not measured to the end.
-      detail: one line; empty when ok.
       nbatch: simulations that were compared; None where there was no workload.
       nstep: steps of each; None likewise.
       block_nbatch: simulations of a timed block, the first ones; None likewise.

@@ -31,9 +31,6 @@ class FirstDifference:
 
     Attributes:
       step: number of steps after which it does; 0 is the start itself.
-      field: of MjData.
-      index: of the entry within the field.
-      simulation: index of the simulation.
       difference: in SI units; 0 where only the sign of a zero differs.
     """
 
@@ -55,7 +52,6 @@ class PointDifference:
     Attributes:
       step: after so many steps.
       difference: the largest up to then, of any simulation (see `rounding_reference.differences`).
-      shadow: that of the shadow.
     """
 
     step: NonNegativeInt
@@ -68,10 +64,8 @@ class StepErrors:
     """How far single steps are from those of C.
 
     Attributes:
-      count: of them.
       error: the largest.
       shadow: the shadow's largest.
-      median_error: the median.
       median_shadow: the shadow's median.
     """
 
@@ -87,7 +81,6 @@ class RoundingCheck:
     """How far a build is from C.
 
     Attributes:
-      nstep: steps of the run.
       first: entry that differs; None where the run is identical to the last bit.
       points: after 0, 1, 10, 100, … steps, and at the end.
       excess: the first step after which the run differs by more than it may; None without one.
@@ -135,7 +128,6 @@ def check(
 
     Args:
       run: of C.
-      steps: single steps of C.
       states: (nstep + 1, nbatch, nstate) of the build's run.
       after: (n, nstate) to which the build's single steps lead.
       of_same_model: as `states`, of the model that C compiled; None where it was not run.

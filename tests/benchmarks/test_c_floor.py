@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from commands import ROOT
 
-from benchmarks import c_floor, c_floor_page
-from benchmarks.c_floor_tally import FloorRow, LaunchTimes, Spread
+from benchmarks import c_floor
+from benchmarks.studies import c_floor_page
+from benchmarks.studies.c_floor_tally import FloorRow, LaunchTimes, Spread
 from mjbench import paths
 from mjbench.comparison.sizes import SizeRequest, choose_sizes
 from mjbench.errors import MachineError

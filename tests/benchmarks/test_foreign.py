@@ -6,9 +6,10 @@ from pathlib import Path
 import pytest
 from example_models import CONTACT_XML
 
-from benchmarks import foreign, foreign_packages, foreign_page, foreign_progress, foreign_tally
+from benchmarks import foreign, foreign_packages, foreign_progress
 from benchmarks.foreign_packages import Package, PackageFiles
-from benchmarks.foreign_tally import FileResult, Outcome
+from benchmarks.studies import foreign_page, foreign_tally
+from benchmarks.studies.foreign_tally import FileResult, Outcome
 from mjbench.errors import InputError, MachineError
 from mjbench.status import ExitCode
 

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import ray_crossover, ray_page
-from benchmarks.ray_tally import (
+from benchmarks import ray_crossover
+from benchmarks.studies import ray_page
+from benchmarks.studies.ray_tally import (
     CallWork,
     Overtaking,
     PathTime,

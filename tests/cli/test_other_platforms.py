@@ -18,7 +18,6 @@ WORDS = {
     "lint": ["lint", "script.py"],
     "show": ["show", RUN],
     "diff": ["diff", RUN, RUN],
-    "falls": ["falls", "--samples", "5", "--threads", "1,2"],
 }
 QUICK = ["--nbatch", "4", "--nstep", "20"]
 MACOS = {
@@ -80,7 +79,7 @@ def test_on_windows_a_command_works_or_is_refused_in_one_line(
         assert ended.stdout == ""
         assert ended.stderr == (
             f"mjbench: `mjbench {command}` does not run on Windows; use WSL2."
-            " Commands that run on Windows: lint, show, diff, paths, falls\n"
+            " Commands that run on Windows: lint, show, diff, paths\n"
         )
 
 

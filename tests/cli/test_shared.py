@@ -15,7 +15,6 @@ from mjbench.cli.shared import (
     MAX_HERTZ,
     MAX_LARGE_COUNT,
     MAX_SECONDS,
-    Angles,
     Hertz,
     LargeCount,
     Names,
@@ -47,7 +46,6 @@ from mjbench.instrument.limits import MAX_THREADS
         (Hertz(), "500Hz", 500.0),
         (Seconds(), 600.0, 600.0),
         (Seconds(zero=True), "0", 0.0),
-        (Angles(), "0,-0,0.1", (0.0, 0.1)),
     ],
 )
 def test_words_become_values(kind: click.ParamType[Any], words: Any, value: Any) -> None:
@@ -77,7 +75,6 @@ def test_words_become_values(kind: click.ParamType[Any], words: Any, value: Any)
         (Seconds(zero=True), "-1", "not at least 0"),
         (Numbers(8), "1,9", "9 is above 8"),
         (Numbers(), str(10**30), "is above"),
-        (Angles(), "inf", "from -6.28 to 6.28"),
         (Seconds(), "nan", "not above 0"),
     ],
 )
@@ -159,7 +156,6 @@ TEXTS = st.one_of(
         (Shares(), 0, 10),
         (Seconds(), 0, MAX_SECONDS),
         (Seconds(zero=True), 0, MAX_SECONDS),
-        (Angles(), -math.tau, math.tau),
     ],
 )
 @settings(deadline=None)

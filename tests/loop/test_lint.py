@@ -121,7 +121,7 @@ def test_a_new_mjdata_per_episode_and_serial_simulations_are_found(tmp_path: Pat
                 mujoco.mj_step(model, data)
         """,
     )
-    assert [f.code for f in results] == ["MJB006", "MJB005"]
+    assert [f.code for f in results] == ["MJB006", "MJB005", "MJB017"]
 
 
 def test_what_runs_once_per_episode_does_not_run_in_every_step(tmp_path: Path) -> None:
@@ -153,7 +153,44 @@ def test_a_new_mjdata_of_a_new_model_is_not_found(tmp_path: Path) -> None:
                 mujoco.mj_step(model, data)
         """,
     )
-    assert [f.code for f in results] == ["MJB006", "MJB011"]
+    assert [f.code for f in results] == ["MJB006", "MJB011", "MJB017"]
+
+
+STEP = "mujoco.mj_step(model, data)"
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        f"for _ in range(frame_skip): {STEP}",
+        f"for i in range(9):\n    data.ctrl[:] = policy(data)\n    for _ in range(5): {STEP}",
+        f"while viewer.is_running():\n    for k in range(2, 9): {STEP}\n    viewer.sync()",
+        "for _ in range(9): mujoco.mj_step(self.model, self.data)",
+    ],
+)
+def test_steps_with_nothing_between_them_are_found(tmp_path: Path, lines: str) -> None:
+    (finding,) = findings(tmp_path, lines)
+    assert (finding.code, finding.callee, finding.is_wrong_result) == ("MJB017", "mj_step", False)
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        f"for _ in range(9):\n    {STEP}\n    data.ctrl[:] = policy(data)",
+        f"for _ in range(9):\n    data.ctrl[:] = 0\n    {STEP}",
+        "for data in datas: mujoco.mj_step(model, data)",
+        "for i in range(9): mujoco.mj_step(model, datas[i])",
+        f"for ctrl in plan: {STEP}",
+        f"while data.time < 1: {STEP}",
+        "for _ in range(9): mujoco.mj_step(model, controlled(data))",
+        "for _ in range(9): mujoco.mj_step(model, data, 5)",
+        "for _ in range(9): mujoco.mj_step1(model, data)",
+        f"for _ in range(9): {STEP}\nelse: print(1)",
+        STEP,
+    ],
+)
+def test_steps_with_something_between_them_are_not(tmp_path: Path, lines: str) -> None:
+    assert "MJB017" not in [f.code for f in findings(tmp_path, lines)]
 
 
 def test_costs_come_from_the_stored_table(tmp_path: Path) -> None:

@@ -37,7 +37,7 @@ def test_stored_views_are_one_state(faults: ModuleType) -> None:
     assert faults.stored_view() == "different states in 100 steps: 1 views, 100 copies"
 
 
-TIMED = ["MJB002", "MJB003", "MJB005", "MJB006", "MJB007", "MJB010", "MJB011", "MJB014"]
+TIMED = ["MJB002", "MJB003", "MJB005", "MJB006", "MJB007", "MJB010", "MJB011", "MJB014", "MJB017"]
 
 
 @pytest.mark.parametrize("code", TIMED)
@@ -58,6 +58,19 @@ def test_what_to_write_instead_computes_the_same(
 
 def test_halves_of_runge_kutta_are_steps_of_euler(faults: ModuleType) -> None:
     assert "by halves, as by Euler" in faults.halves_of_runge_kutta()
+
+
+def test_a_row_of_two_moments_is_late_by_a_step(faults: ModuleType) -> None:
+    shown = faults.row_of_two_moments()
+    apart = re.search(r"([\d.]+) mm apart", shown)
+    assert apart is not None and float(apart[1]) > 1
+    assert shown.endswith("0 with mj_kinematics, 0 with qpos of before the step")
+
+
+def test_an_observation_that_is_a_view_moves_the_box(faults: ModuleType) -> None:
+    heights = re.findall(r"[\d.]+(?= with)", faults.written_view())
+    assert len(heights) == 2
+    assert float(heights[0]) > 100 * float(heights[1]) > 10
 
 
 def test_threads_that_share_an_mjdata_are_a_fault(faults: ModuleType) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from paired_examples import BRIEF, CARTPOLE, INSTALLED
 
-from benchmarks.simulated_launches import Scenario, simulate, skewed, two_modes
+from benchmarks.studies.simulated_launches import Scenario, simulate, skewed, two_modes
 from mjbench.instrument import runs
 from mjbench.paired import preparation, protocol, verdict
 from mjbench.paired.averaging import Averaging

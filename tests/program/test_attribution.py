@@ -123,6 +123,15 @@ def test_a_forked_process_has_loops_of_its_own(file):
     assert (time.samples, time.loop.first) == (1, 7)
 
 
+def test_a_model_is_built_by_the_outermost_line_that_does_not_step(file):
+    building = "/lib/python3/site-packages/dm_control/mjcf/element.py"
+    module, main = Frame("<module>", file, 11), Frame("main", file, 9)
+    built = [module, main, Frame("observe", file, 2), Frame("add", building, 5)]
+    (time,) = attribution.loop_times([samples([built] * 3 + [stacks(file)["step"]])], 1)
+    assert time.building.place.line == 9
+    assert time.building.share == pytest.approx(0.75)
+
+
 def test_samples_at_several_rates_count_for_their_time(file):
     of = stacks(file)
     dense = ThreadSamples(Thread(1, 1, "MainThread"), [of["step"]] * 6, 0.1)

@@ -1,5 +1,6 @@
 """The call clock counts calls by the line that makes them, and changes none of them."""
 
+import multiprocessing.process
 import os
 import subprocess
 import sys
@@ -138,6 +139,56 @@ def test_rollout_counts_steps_of_all_simulations(clock, tmp_path):
     assert (single.callee, threaded.callee) == ("rollout", call_clock.THREADED_ROLLOUT)
     assert (single.steps, single.all_steps) == (5, 40)
     assert single.is_step
+
+
+def test_rollout_and_its_pool_stay_two_functions(clock, tmp_path):
+    class Rollout:
+        def rollout(self, model, data, initial_state):
+            return np.zeros((1, 2, 3)), None
+
+    module = ModuleType("rollout")
+    module.rollout, module.Rollout = lambda *_: (np.zeros((1, 2, 3)), None), Rollout
+    clock.install_rollout(module)
+    module.rollout(object(), object(), None)
+    module.Rollout().rollout(object(), [], None)
+    assert [call.callee for call in read(tmp_path).calls] == ["rollout", "Rollout.rollout"]
+
+
+def test_a_callback_is_the_programs_own_when_it_asks_for_it(clock):
+    module = ModuleType("mujoco")
+    kept = {}
+    module.set_mjcb_control = lambda function: kept.update(control=function)
+    module.get_mjcb_control = lambda: kept.get("control")
+    clock.install_callbacks(module)
+    assert module.get_mjcb_control() is None
+
+    def control(model, data):
+        pass
+
+    module.set_mjcb_control(control)
+    assert kept["control"] is not control
+    assert module.get_mjcb_control() is control
+
+
+def test_a_call_of_a_forked_process_is_none_of_its_parents_lines(clock, tmp_path):
+    """A worker whose lines are all of a package has its place there."""
+    folder = tmp_path / "site-packages"
+    names = {"count": lambda: clock.add("mj_step", sys._getframe(2), 1, 2, 1, 1)}
+    worker = compile("def work():\n    count()\nwork()", str(folder / "worker.py"), "exec")
+    process = compile(
+        "def _bootstrap():\n    exec(worker, names)\n_bootstrap()",
+        multiprocessing.process.__file__,
+        "exec",
+    )
+    exec(process, {"worker": worker, "names": names})
+    (call,) = read(tmp_path).calls
+    assert call.place.file == "worker.py"
+
+
+def test_no_file_of_lines_stays_open_that_a_program_could_get(clock, tmp_path):
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    clock.add("mj_step", sys._getframe(), 1, 2)
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
 
 
 def test_a_batch_counts_the_simulations_that_it_steps(clock, tmp_path):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from mjbench.loop.lint import Finding
-from mjbench.program import call_remedies, confirm, remedies, source_loops
+from mjbench.program import call_remedies, confirm, remedies
 from mjbench.program.activities import Activity, Place
 from mjbench.program.calls import CallTime, Incident
 from mjbench.program.hook import call_clock
@@ -160,25 +160,44 @@ def test_a_call_that_leaves_the_loop_saves_its_time_but_for_one():
 
 
 def test_what_replaces_a_call_is_subtracted_from_all_that_it_costs():
-    """Another line takes 0.2; the rest is the new MjData, what frees it, and its steps."""
+    """Its steps take longer, too, and a quarter of the time passes while it is freed."""
     other = LineTime(Place("train.py", 19, "main", "text"), 0.2, {NUMPY: 0.2})
     whole = loop_of(step(seconds=2.0), call("MjData", seconds=4.0))
     time = replace(whole, lines=[other], activities={PHYSICS: 0.8, NUMPY: 0.2})
     (question,) = [q for q in call_remedies.questions([time], []) if q.trial != Trial.NO_TIMER]
     assert (question.trial, question.steps) == (Trial.NEW_DATA_OR_COPY, 10)
-    measured = Measured({question: ratio(0.25)})
+    measured = Measured({question: replace(ratio(0.25), timed_share=0.75)})
     remedy = next(each for each in remedies.remedies(time, [], measured) if each.kind == "call")
-    assert (remedy.basis, remedy.gain) == (Basis.PAIRED, pytest.approx(0.6))
+    assert (remedy.basis, remedy.gain) == (Basis.PAIRED, pytest.approx(0.75 * 0.6 / 0.75))
     bound = next(each for each in remedies.remedies(time) if each.kind == "call")
     assert (bound.basis, bound.gain) == (Basis.BOUND, pytest.approx(0.4))
 
 
-def test_of_few_samples_a_pair_stands_for_its_part_of_what_is_timed():
-    time = loop_of(step(seconds=2.0), call("MjData", seconds=2.0), call("compile", 16, 5, 1.0))
-    time = replace(time, activities={PHYSICS: 0.5, Activity.REST: 0.5})
+def test_a_new_mjdata_costs_only_its_first_steps():
+    """Of 1,000 steps, 50 follow each of four MjData closely enough to pay for its memory."""
+    time = loop_of(step(seconds=8.0), call("MjData", calls=4, seconds=1.0))
     (question,) = [q for q in call_remedies.questions([time], []) if q.trial != Trial.NO_TIMER]
-    first = remedies.remedies(time, [], Measured({question: ratio(0.5)}))[0]
-    assert first.gain == pytest.approx(0.4)
+    assert question.steps == 50
+    remedies_ = remedies.remedies(time, [], Measured({question: ratio(0.5)}))
+    (gain,) = [each.gain for each in remedies_ if each.kind == "call"]
+    assert gain == pytest.approx(0.5 * (0.1 + 0.8 * 200 / 1000))
+
+
+def test_what_may_be_chance_is_not_suggested():
+    time = loop_of(step())
+    (question,) = call_remedies.questions([time], [])
+    chance = replace(ratio(0.5), high=1.1)
+    assert remedies.remedies(time, [], Measured({question: chance})) == []
+    (timer,) = remedies.remedies(time, [], Measured({question: ratio(0.5)}))
+    assert timer.gain == pytest.approx(0.25)  # of the steps, which take half of the loop
+
+
+def test_a_model_that_is_built_leaves_the_loop_with_all_that_this_takes():
+    building = LineTime(Place("train.py", 15, "main", "scene()"), 0.9, {Activity.BUILDING: 0.9})
+    time = loop_of(step(seconds=1.0), call("from_xml_string", number=3, seconds=1.0))
+    shares = {Activity.BUILDING: 0.8, PHYSICS: 0.1, Activity.LOADING: 0.1}
+    (remedy,) = remedies.remedies(replace(time, activities=shares, building=building))
+    assert (remedy.place.line, remedy.gain, remedy.basis) == (15, 0.9, Basis.BOUND)
 
 
 def test_a_copy_of_an_mjdata_is_compared_with_a_copy():
@@ -241,16 +260,21 @@ def test_the_timer_of_the_python_package_is_measured_on_the_model():
 
 def test_steps_with_nothing_between_them_are_one_call(tmp_path):
     file = tmp_path / "train.py"
-    file.write_text("for _ in range(9):\n    mj_step(model, data)\n    # and no more\n")
-    bare = replace(step(), place=Place(str(file), 2, "main"))
-    time = replace(loop_of(bare), loop=SourceLoop(str(file), 1, 3))
-    measured = Measured({Question(Trial.ONE_CALL): ratio(0.8)})
-    (remedy,) = remedies.remedies(time, [], measured)
+    bare = replace(step(), place=Place(str(file), 3, "main"))
+    time = replace(loop_of(bare), loop=SourceLoop(str(file), 1, 5))
+    question = Question(Trial.ONE_CALL)
+    held = "for _ in range(9):\n    for _ in range(5):\n        mj_step(m, d)\n        {}\n    {}\n"
+    file.write_text(held.format("# and no more", "d.ctrl[:] = policy(d)"))
+    findings = remedies.findings_of([str(file)])
+    assert question in call_remedies.questions([time], findings)
+    (remedy,) = remedies.remedies(time, findings, Measured({question: ratio(0.8)}))
+    assert (remedy.code, remedy.place.line, remedy.effect) == ("MJB017", 3, "nothing")
     assert remedy.gain == pytest.approx(0.1)
-    file.write_text("for _ in range(9):\n    mj_step(model, data)\n    policy(data)\n")
-    source_loops.loop_is_one_call.cache_clear()
-    source_loops._text.cache_clear()
-    assert remedies.remedies(time, [], measured) == []
+    assert remedies.remedies(time, findings, Measured({})) == [], "not measured"
+    file.write_text(held.format("d.ctrl[:] = policy(d)", "pass"))
+    findings = remedies.findings_of([str(file)])
+    assert question not in call_remedies.questions([time], findings)
+    assert remedies.remedies(time, findings, Measured({question: ratio(0.8)})) == []
 
 
 def test_simulations_in_turn_are_advised_where_a_batch_is_faster():

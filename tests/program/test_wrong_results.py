@@ -3,7 +3,7 @@
 import pytest
 
 from mjbench.loop.lint import Finding
-from mjbench.program import wrong_results
+from mjbench.program import remedies, wrong_results
 from mjbench.program.activities import Place
 from mjbench.program.calls import CallTime, Incident, ProgramCalls
 from mjbench.program.hook import call_clock
@@ -42,6 +42,16 @@ def test_wrong_results_are_those_of_lint_and_of_the_run_each_once():
     ]
     listed = wrong_results.wrong_results(found, ProgramCalls([], [halves, in_turn]))
     assert [remedy.code for remedy in listed] == ["", "MJB001"]
+
+
+def test_a_row_of_two_moments_stands_among_the_wrong_results(tmp_path):
+    file = tmp_path / "train.py"
+    file.write_text(
+        "for _ in range(9):\n    mj_step(m, d)\n    log.append((d.time, d.sensordata.copy()))\n"
+    )
+    (remedy,) = wrong_results.wrong_results(remedies.findings_of([str(file)]), ProgramCalls())
+    assert (remedy.code, remedy.place.line) == ("MJB015", 3)
+    assert "mj_forward(m, d)" in remedy.text
 
 
 def test_forces_that_nothing_computes_are_wrong_where_they_are_read(tmp_path):

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks import history_simulation, simulated_histories
-from benchmarks.simulated_histories import PLANS, RELEASES, Plan
+from benchmarks.studies import history_simulation, simulated_histories
+from benchmarks.studies.simulated_histories import PLANS, RELEASES, Plan
 from mjbench.releases import change_points, release_ratios
 
 SIGMA = 0.002

@@ -120,6 +120,7 @@ class CallClock:
         """
         self._folder, self._now_ns = folder, now_ns
         self._is_own: dict[str, bool] = {}
+        self._callback_code: Any = self  # of what times a callback; at first, of nothing
         self._standard = tuple(
             {os.path.realpath(sysconfig.get_path(name)) for name in ("stdlib", "platstdlib")}
             | {sysconfig.get_path(name) for name in ("stdlib", "platstdlib")}
@@ -135,7 +136,7 @@ class CallClock:
         self._counted: dict[int, tuple[int, int, int]] = {}  # by slot, at the end of the last burst
         self._burst: list[tuple[list[int], int, int, int]] = []  # the slots of the last burst
         self._next = itertools.count(1).__next__
-        self._names: int | None = None
+        self._names = ""  # path of the file of lines
         self._map = mmap.mmap(-1, SLOT.size * MAX_SLOTS)
         self._inside: set[int] = set()  # threads in a slow call, whose own calls do not count
         self._active: dict[int, int] = {}  # thread by the MjData that it steps
@@ -160,9 +161,8 @@ class CallClock:
                 self._map = mmap.mmap(descriptor, 0)
             finally:
                 os.close(descriptor)
-            # not a file object: one that is open at the end would make Python warn
-            flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
-            self._names = os.open(f"{path[:-6]}.sites", flags, 0o600)
+            self._names = f"{path[:-6]}.sites"
+            self._write_line("")
 
     # Slots
 
@@ -268,16 +268,26 @@ class CallClock:
         begin_ns: int,
         line: tuple[str, int, str] | None,
     ) -> list[int] | None:
-        """Return the slot of a call, by the line of the user's code; None where there is none."""
-        owns = self._is_own
+        """Return the slot of a call, by the line of the user's code.
+
+        Where no line of the process is the user's, it is that of an installed package; None where
+        there is none either.
+        """
+        owns, of_package = self._is_own, None
         if frame is None and self._latest is not None:
             return self._new_slot(callee, get_ident(), self._latest, begin_ns)
         while frame is not None:
             file = frame.f_code.co_filename
             if owns[file] if file in owns else self._owns(file):
                 break
+            if _begins_process(frame):
+                frame = None
+                break
+            if of_package is None and "-packages" in file:
+                of_package = frame
             frame = frame.f_back
-        else:
+        frame = frame or of_package
+        if frame is None:
             return None
         # by its identity: to hash the code itself takes microseconds
         key = (callee, id(frame.f_code), frame.f_lasti, get_ident())
@@ -308,19 +318,33 @@ class CallClock:
         self, callee: str, thread: int, stack: Sequence[tuple[str, int, str]], begin_ns: int
     ) -> list[int]:
         number = self._next()
-        if number < MAX_SLOTS and self._names is not None:
+        if number < MAX_SLOTS and self._names:
             line = {"slot": number, "callee": callee, "thread": thread, "stack": stack}
             if callee == "Renderer":
                 line["frame"] = self._detail
-            os.write(self._names, (json.dumps(line) + "\n").encode())
+            self._write_line(json.dumps(line) + "\n")
         return [min(number, MAX_SLOTS - 1), 0, 0, 0, 0, begin_ns, 0, 0, 0, 0, 0, 0]
+
+    def _write_line(self, line: str) -> None:
+        """Append a line to the file of lines, or begin the file.
+
+        It does not stay open: the program may close what it has not opened itself, and its own
+        files then get the same numbers.
+        """
+        with contextlib.suppress(OSError):
+            flags = os.O_WRONLY | os.O_CREAT | (os.O_APPEND if line else os.O_TRUNC)
+            descriptor = os.open(self._names, flags, 0o600)
+            try:
+                os.write(descriptor, line.encode())
+            finally:
+                os.close(descriptor)
 
     def _lines(self, frame: FrameType | None) -> Iterator[FrameType]:
         """Yield the frames of a process on a stack, innermost first, but Python's own."""
         count = 0
         while frame is not None and count < MAX_STACK:
             file = frame.f_code.co_filename
-            if frame.f_code.co_name == _PROCESS_FUNCTION and file.endswith(_PROCESS_MODULE):
+            if _begins_process(frame):
                 return
             if self._owns(file) or "-packages" in file:
                 yield frame
@@ -492,6 +516,8 @@ class CallClock:
             setter = getattr(module, f"set_{name}", None)
             if setter is not None:
                 setattr(module, f"set_{name}", self._setting(setter, name))
+                getter = getattr(module, f"get_{name}")
+                setattr(module, f"get_{name}", self._getting(getter))
 
     def _setting(self, setter: Any, name: str) -> Any:
         """Return what stands for a function that sets a callback."""
@@ -502,6 +528,17 @@ class CallClock:
 
         _copy_names(setter, set_callback)
         return set_callback
+
+    def _getting(self, getter: Any) -> Any:
+        """Return what stands for a function that returns a callback: it returns the program's."""
+
+        def get_callback() -> Any:
+            function = getter()
+            is_timed = getattr(function, "__code__", None) is self._callback_code
+            return function.__wrapped__ if is_timed else function
+
+        _copy_names(getter, get_callback)
+        return get_callback
 
     def _timed_callback(self, function: Any, name: str, code: Any) -> Any:
         now_ns, line = self._now_ns, (code.co_filename, code.co_firstlineno, code.co_name)
@@ -517,6 +554,7 @@ class CallClock:
                 self.add(callee, sys._getframe(1), begin_ns, now_ns(), line=line)
 
         _copy_names(function, call)
+        self._callback_code = call.__code__
         return call
 
     def install_processes(self, module: ModuleType) -> None:
@@ -564,8 +602,9 @@ class CallClock:
             _copy_names(original, call)
             module.rollout = call  # type: ignore[attr-defined]
         if hasattr(module, "Rollout"):
-            timed = self.slow(module.Rollout.rollout, "Rollout.rollout", _rollout_steps)
-            module.Rollout.rollout = timed
+            module.Rollout.rollout = self.slow(
+                module.Rollout.rollout, "Rollout.rollout", _rollout_steps
+            )
 
     def install_batch(self, module: ModuleType) -> None:
         """Time `mujoco.batch`."""
@@ -609,6 +648,12 @@ class CallClock:
         self.add(
             COMPILE, sys._getframe(1), begin_ns + inner_ns, end_ns, calls=1 if is_compile else 0
         )
+
+
+def _begins_process(frame: FrameType) -> bool:
+    """Return whether what is below a frame on the stack belongs to the process's parent."""
+    code = frame.f_code
+    return code.co_name == _PROCESS_FUNCTION and code.co_filename.endswith(_PROCESS_MODULE)
 
 
 def _leaf(value: Any) -> Any:

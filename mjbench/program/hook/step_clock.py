@@ -79,6 +79,7 @@ _ENVIRONMENTS = (
 _NONE = object()  # stands for an argument that is not given
 _HERE = os.path.dirname(os.path.abspath(__file__))
 _now_ns, _processor_ns = time.perf_counter_ns, time.process_time_ns
+_HIGH_DESCRIPTOR = 500
 # Of a thread's identifier, so that it fits a record.
 _THREAD_BITS = 2**63 - 1
 
@@ -181,6 +182,7 @@ class StepClock:
         self._burst_timers: list[float] | None = None
         self._latest: tuple[Any, Any] = None, None  # model and data of the step before
         self._latest_data: Any = None  # a weak reference to the data of the last burst
+        self._burst_place: tuple[Any, int] = None, 0  # code and instruction of its first step
         self._turns: dict[int, Any] | None = None  # simulations that are stepped in turn
         self._halves_seen = False
         self._burst_period_ns = self._burst_end_ns = 0
@@ -275,7 +277,7 @@ class StepClock:
                 return function(*(each for each in (m, d, nstep) if each is not _NONE))
             frame = get_frame(1)
             if not self._burst_calls:
-                self._begin_burst(m, d)
+                self._begin_burst(m, d, frame)
             elif d is not self._latest[1]:
                 self._change_simulation(m, d, frame)
             self._latest = m, d
@@ -314,7 +316,7 @@ class StepClock:
 
         return _replacement(call, function)
 
-    def _begin_burst(self, model: Any, data: Any) -> None:
+    def _begin_burst(self, model: Any, data: Any, frame: Any) -> None:
         """Begin a burst: read what must not be read in each call."""
         passed = self._planned_to_pass - self._to_pass
         since_ns = self._now_ns() - self._burst_end_ns
@@ -325,6 +327,7 @@ class StepClock:
         self._timestep_ns = _timestep_ns(model)
         self._burst_timers = _timers(data)
         self._burst_begin_ns = self._now_ns()
+        self._burst_place = frame.f_code, frame.f_lasti
         self._calls.observe(True)
         if not self._first_ns:
             self._first_ns = self._burst_begin_ns
@@ -367,10 +370,12 @@ class StepClock:
     def _change_simulation(self, model: Any, data: Any, frame: Any) -> None:
         """Note that a step is of another simulation than the step before it.
 
-        Where that happens at the second step of a burst, simulations are stepped in turn.
+        Where that happens at the second step of a burst, by the same call, simulations are stepped
+        in turn. Two calls may do different things.
         """
         earlier_model, earlier = self._latest
-        if self._burst_calls == 1 and earlier_model is model:
+        is_same_call = (frame.f_code, frame.f_lasti) == self._burst_place
+        if self._burst_calls == 1 and earlier_model is model and is_same_call:
             self._turns = {id(earlier): earlier}
         if self._turns is None:
             self._calls.look_for_warnings(earlier, frame, self._now_ns())
@@ -621,7 +626,6 @@ def _replacement(call: Any, function: Any) -> Any:
     take half as long again.
     """
     _copy_names(function, call)
-    call.__module__ = "mujoco"
     return MethodType(call, _MuJoCo())
 
 
@@ -735,9 +739,35 @@ def _without_own(frames: Any) -> Any:
         if not frames.tb_frame.f_code.co_filename.startswith(_HERE):
             rest.append(frames)
         frames = frames.tb_next
-    for frame, following in zip(rest, [*rest[1:], None], strict=True):
+    following = None
+    for frame in reversed(rest):
         frame.tb_next = following
-    return rest[0] if rest else None
+        following = frame
+    return following
+
+
+def _note_crashes(path: str) -> None:
+    """Let a crash leave the line that the program was at, in a file of its own.
+
+    The program sees a fault handler that is not enabled, until it enables it itself.
+    """
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    with contextlib.suppress(ImportError, OSError):
+        import fcntl
+
+        # a number that no file of the program gets, even if the program closes what it inherits
+        high = fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, _HIGH_DESCRIPTOR)
+        os.close(descriptor)
+        descriptor = high
+    enable, is_enabled = faulthandler.enable, faulthandler.is_enabled
+    enable(descriptor, all_threads=False)
+
+    def enable_for_program(*args: Any, **kwargs: Any) -> None:
+        faulthandler.is_enabled = is_enabled
+        enable(*args, **kwargs)
+
+    faulthandler.enable = _like(enable_for_program, enable)
+    faulthandler.is_enabled = _like(lambda: False, is_enabled)
 
 
 def start(folder: str, calls: Any, change: str = "") -> StepClock:
@@ -770,10 +800,7 @@ def start(folder: str, calls: Any, change: str = "") -> StepClock:
     gc.callbacks.append(clock.note_collection)
     _hide_from_tracebacks()
     if not faulthandler.is_enabled():
-        # a file of its own, in which a crash leaves the line that the program was at
-        path = os.path.join(folder, f"{os.getpid()}.fault")
-        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
-        faulthandler.enable(os.open(path, flags, 0o600), all_threads=False)
+        _note_crashes(os.path.join(folder, f"{os.getpid()}.fault"))
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(after_in_child=clock.begin_process)
     atexit.register(clock.end)

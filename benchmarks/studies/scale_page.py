@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from benchmarks.scale_tally import (
+from benchmarks.studies.scale_tally import (
     CellCost,
     CellKind,
     CellTally,
@@ -31,7 +31,7 @@ def _lines(tally: ScaleTally, measured: CellTally) -> Iterator[str]:
     yield _conclusion(tally)
     yield ""
     yield (
-        "Written by `python -m benchmarks.sweep_simulation` from `results/cells.json`,"
+        "Written by `python -m benchmarks.studies.sweep_simulation` from `results/cells.json`,"
         " `results/sweep.json` and `results/scale.json`; do not edit. Costs are measured; clusters"
         " are simulated."
     )
@@ -261,6 +261,6 @@ def _two_digits(value: float) -> str:
 _HOW = """
 ## Run it again
 
-`python -m benchmarks.sweep_simulation` takes half a minute. Its inputs come from
+`python -m benchmarks.studies.sweep_simulation` takes half a minute. Its inputs come from
 `python -m benchmarks.cell_cost` and `python -m benchmarks.sweep_cost`; run nothing else beside
 them.""".splitlines()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.simulated_launches import (
+from benchmarks.studies.simulated_launches import (
     Outcomes,
     Scenario,
     mixed,

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from mjbench.api import interrupts
+from mjbench.api import session
 
 
 @pytest.fixture(autouse=True)
@@ -18,10 +18,10 @@ def _usual_handler() -> Iterator[None]:
 
 def test_the_first_interrupts_and_the_second_does_not() -> None:
     now = [100.0]
-    with interrupts.once(lambda: now[0]):
+    with session.one_interrupt(lambda: now[0]):
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
-        now[0] += interrupts.CLEANUP_S
+        now[0] += session.CLEANUP_S
         signal.raise_signal(signal.SIGINT)
         now[0] += 1.0
         with pytest.raises(KeyboardInterrupt):  # the cleanup hangs
@@ -34,7 +34,7 @@ def test_a_handler_of_the_programs_own_stays() -> None:
         pass
 
     signal.signal(signal.SIGINT, own)
-    with interrupts.once():
+    with session.one_interrupt():
         assert signal.getsignal(signal.SIGINT) is own
     assert signal.getsignal(signal.SIGINT) is own
 
@@ -43,7 +43,7 @@ def test_another_thread_leaves_the_handler_alone() -> None:
     seen: list[object] = []
 
     def work() -> None:
-        with interrupts.once():
+        with session.one_interrupt():
             seen.append(signal.getsignal(signal.SIGINT))
 
     thread = threading.Thread(target=work)

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import simulated_launches, verdict_page, verdict_simulation, verdict_tally
-from benchmarks.simulated_launches import Scenario, simulate
+from benchmarks.studies import simulated_launches, verdict_page, verdict_simulation, verdict_tally
+from benchmarks.studies.simulated_launches import Scenario, simulate
 from mjbench.paired.judgement import judge
 from mjbench.paired.verdict import VerdictPlan
 

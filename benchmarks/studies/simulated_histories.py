@@ -11,7 +11,7 @@ from mjbench.releases import change_points
 from mjbench.releases.change_points import Changes
 
 RELEASES = 42
-NO_CHANGE = Path(__file__).parent.parent / "results" / "runs" / "reference-between-builds.jsonl"
+NO_CHANGE = Path(__file__).parents[2] / "results" / "runs" / "reference-between-builds.jsonl"
 # A drift lasts as many releases.
 _DRIFTING = 20
 

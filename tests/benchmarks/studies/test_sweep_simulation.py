@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import cell_cost, scale_page, sweep_simulation, tally_command, tally_file
-from benchmarks.scale_tally import (
+from benchmarks import cell_cost
+from benchmarks.studies import scale_page, sweep_simulation, tally_command, tally_file
+from benchmarks.studies.scale_tally import (
     Assumptions,
     CellCost,
     CellKind,
@@ -22,8 +23,8 @@ from benchmarks.scale_tally import (
     load_scale,
     load_scheduling,
 )
-from benchmarks.simulated_cluster import Course, SimulatedNode, Work, simulate
-from benchmarks.sweep_simulation import Matrix
+from benchmarks.studies.simulated_cluster import Course, SimulatedNode, Work, simulate
+from benchmarks.studies.sweep_simulation import Matrix
 from mjbench.errors import InputError
 from mjbench.instrument.runs import to_json
 from mjbench.paired.outcomes import Metric

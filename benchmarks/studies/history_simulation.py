@@ -1,6 +1,6 @@
 """How many change points of simulated histories are detected, and how many listed ones are wrong.
 
-    python -m benchmarks.history_simulation [--histories 1000]
+    python -m benchmarks.studies.history_simulation [--histories 1000]
 
 draws histories of a model whose truth is known, looks for changes as `mjbench history` does, and
 writes docs/method/history-errors.md. It takes about a minute.
@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import simulated_histories
-from benchmarks.simulated_histories import PLANS, RELEASES, Plan, Score
+from benchmarks.studies import simulated_histories
+from benchmarks.studies.simulated_histories import PLANS, RELEASES, Plan, Score
 from mjbench.report.markdown import table
 from mjbench.status import ExitCode
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "method" / "history-errors.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "method" / "history-errors.md"
 HISTORIES = 1000
 
 
@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
 def _page(scores: dict[Plan, Score]) -> Iterator[str]:
     histories = next(iter(scores.values())).histories
     yield "# Which change points of a history are detected, simulated\n"
-    yield "Written by `python -m benchmarks.history_simulation`; do not edit.\n"
+    yield "Written by `python -m benchmarks.studies.history_simulation`; do not edit.\n"
     yield _conclusion(scores) + "\n"
     yield (
         f"Each line is {histories:,} histories of {RELEASES} releases, with three change points at"

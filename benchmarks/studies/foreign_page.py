@@ -1,13 +1,19 @@
 """The page docs/foreign.md, written from the tally of `benchmarks.foreign`.
 
-`python -m benchmarks.foreign_page` writes it again from results/foreign.json.
+`python -m benchmarks.studies.foreign_page` writes it again from results/foreign.json.
 """
 
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
-from benchmarks.foreign_tally import NO_MODEL, FileResult, ForeignTally, Outcome, PackageTally
+from benchmarks.studies.foreign_tally import (
+    NO_MODEL,
+    FileResult,
+    ForeignTally,
+    Outcome,
+    PackageTally,
+)
 
 
 def page(tally: ForeignTally) -> str:
@@ -115,6 +121,7 @@ def _cell(text: str) -> str:
 
 
 if __name__ == "__main__":
-    from benchmarks import foreign, foreign_tally
+    from benchmarks import foreign
+    from benchmarks.studies import foreign_tally
 
     foreign.PAGE.write_text(page(foreign_tally.load(foreign.TALLY)), encoding="utf-8")

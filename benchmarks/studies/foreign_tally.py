@@ -8,8 +8,8 @@ from enum import StrEnum
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
-from benchmarks import tally_file
 from benchmarks.foreign_packages import Package, PackageFiles
+from benchmarks.studies import tally_file
 from mjbench.errors import one_line
 from mjbench.instrument.machine import Machine
 from mjbench.status import Status

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks import tally_file
+from benchmarks.studies import tally_file
 from mjbench.paths import BASE
 
 

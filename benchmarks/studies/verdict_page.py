@@ -1,11 +1,11 @@
 """The page docs/method/verdict-errors.md, written from the tally of simulated comparisons.
 
-`python -m benchmarks.verdict_page` writes it again from results/verdicts.json.
+`python -m benchmarks.studies.verdict_page` writes it again from results/verdicts.json.
 """
 
 from collections.abc import Iterator, Sequence
 
-from benchmarks.verdict_tally import FAMILY, FamilyRow, ScenarioRow, VerdictTally
+from benchmarks.studies.verdict_tally import FAMILY, FamilyRow, ScenarioRow, VerdictTally
 
 
 def page(tally: VerdictTally) -> str:
@@ -156,12 +156,12 @@ of those is not slower.
 _HOW = """
 ## Run it again
 
-`make verdicts` takes about three minutes. `python -m benchmarks.verdict_simulation --only NAME`
-prints the lines of some scenarios.""".splitlines()
+`make verdicts` takes about three minutes. To print the lines of some scenarios:
+`python -m benchmarks.studies.verdict_simulation --only NAME`.""".splitlines()
 
 
 if __name__ == "__main__":
-    from benchmarks import verdict_simulation, verdict_tally
+    from benchmarks.studies import verdict_simulation, verdict_tally
 
     tally = verdict_tally.load(verdict_simulation.TALLY)
     verdict_simulation.PAGE.write_text(page(tally), encoding="utf-8")

@@ -6,9 +6,10 @@ from typing import Any
 import pytest
 from commands import ROOT
 
-from benchmarks import foreign, foreign_packages, foreign_page, foreign_tally
+from benchmarks import foreign, foreign_packages
 from benchmarks.foreign_packages import Package, PackageFiles
-from benchmarks.foreign_tally import NO_MODEL, FileResult, Outcome
+from benchmarks.studies import foreign_page, foreign_tally
+from benchmarks.studies.foreign_tally import NO_MODEL, FileResult, Outcome
 from mjbench.comparison.compare import ModelRecords
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.status import ExitCode, Status
@@ -76,7 +77,7 @@ def test_a_model_that_agrees_on_fewer_or_closer_starts_says_so(tmp_path: Path) -
 def test_the_page_is_the_one_that_the_committed_tally_writes() -> None:
     tally = foreign_tally.load(foreign.TALLY)
     assert foreign.PAGE.read_text() == foreign_page.page(tally), (
-        "write it again: python -m benchmarks.foreign_page"
+        "write it again: python -m benchmarks.studies.foreign_page"
     )
 
 

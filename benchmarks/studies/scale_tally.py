@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from benchmarks import tally_file
-from benchmarks.sweep_tally import SweepCost, TaskCost
+from benchmarks.studies import tally_file
+from benchmarks.studies.sweep_tally import SweepCost, TaskCost
 
 
 class CellKind(StrEnum):

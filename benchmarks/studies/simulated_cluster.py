@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from benchmarks.scale_tally import Assumptions, SchedulingCost
+from benchmarks.studies.scale_tally import Assumptions, SchedulingCost
 from mjbench.sweep.cells import Cell
 from mjbench.sweep.scheduler import Assignment, Node, Scheduler
 

@@ -1,6 +1,6 @@
 """How often verdicts are wrong, undecided or late, on launches whose truth is known.
 
-    python -m benchmarks.verdict_simulation [--comparisons 4000] [--only NAME …]
+    python -m benchmarks.studies.verdict_simulation [--comparisons 4000] [--only NAME …]
 
 draws launches at random, judges them as `mjbench` does, prints how each scenario ends, and writes
 results/verdicts.json and docs/method/verdict-errors.md. It takes about three minutes. `--only`
@@ -12,11 +12,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks import verdict_page, verdict_tally
-from benchmarks.verdict_tally import SCENARIOS, VerdictTally
+from benchmarks.studies import verdict_page, verdict_tally
+from benchmarks.studies.verdict_tally import SCENARIOS, VerdictTally
 from mjbench.status import ExitCode
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 TALLY: Path = ROOT / "results" / "verdicts.json"
 PAGE: Path = ROOT / "docs" / "method" / "verdict-errors.md"
 COMPARISONS = 2000

@@ -1,6 +1,6 @@
 """What the full matrix would cost, and what a cluster does of it in a night, simulated.
 
-    python -m benchmarks.sweep_simulation [--page]
+    python -m benchmarks.studies.sweep_simulation [--page]
 
 reads what cells take from results/cells.json (`python -m benchmarks.cell_cost`), and what handing
 them out takes from results/sweep.json (`python -m benchmarks.sweep_cost`). It simulates clusters
@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import scale_page, tally_command, tally_file
-from benchmarks.scale_tally import (
+from benchmarks.studies import scale_page, tally_command, tally_file
+from benchmarks.studies.scale_tally import (
     Assumptions,
     CellCost,
     CellKind,
@@ -32,7 +32,7 @@ from benchmarks.scale_tally import (
     load_scale,
     load_scheduling,
 )
-from benchmarks.simulated_cluster import SimulatedNode, Work, simulate
+from benchmarks.studies.simulated_cluster import SimulatedNode, Work, simulate
 from mjbench.paired.outcomes import Metric
 from mjbench.paths import BASE
 from mjbench.status import ExitCode
@@ -40,7 +40,7 @@ from mjbench.sweep.cells import Cell, Kind
 from mjbench.sweep.commands import COMMANDS
 from mjbench.sweep.scheduler import Node
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 CELLS, SCHEDULING = ROOT / "results" / "cells.json", ROOT / "results" / "sweep.json"
 TALLY, PAGE = ROOT / "results" / "scale.json", ROOT / "docs" / "scale.md"
 # Nodes of each processor. One node has one processor; all others have every processor.

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from benchmarks.ray_tally import Overtaking, PathTime, RayModel, RaySize, RayTally
+from benchmarks.studies.ray_tally import Overtaking, PathTime, RayModel, RaySize, RayTally
 from mjbench.paths import BASE
 from mjbench.report import markdown
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from benchmarks.c_floor_tally import FloorRow, FloorTally, Spread
+from benchmarks.studies.c_floor_tally import FloorRow, FloorTally, Spread
 from mjbench.report import markdown
 
 HEADING = (

@@ -1,0 +1,224 @@
+"""Rows of a log that mix two moments: the new state, and what is still computed from another.
+
+`mj_step` computes positions, contacts, forces and sensors, and then integrates. After it, `qpos`,
+`qvel`, `act` and `time` are those of the new state; all that was computed is not, until something
+computes it again. A row counts where this is certain: the last call before it, of those that may
+compute something, is a step of the same MjData, in every iteration.
+"""
+
+import ast
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from mjbench.loop.lint_data_uses import PART_PREFIXES
+from mjbench.loop.lint_forward import COMPUTED, STATE, enough_for
+from mjbench.loop.lint_match import Match
+from mjbench.loop.script_names import dotted_name, is_step, last_name, nodes_inside
+from mjbench.loop.stepping_script import (
+    FIELDS,
+    STORING_METHODS,
+    VIEW_METHODS,
+    SteppingLoop,
+    SteppingMethod,
+    SteppingScript,
+)
+from mjbench.loop.stored_views import Store, StoredViews, store_of
+from mjbench.loop.view_writes import peeled
+
+# What a step integrates, and what is neither that nor computed from a state.
+_INTEGRATED = ("qpos", "qvel", "act", "time")
+_OF_NO_MOMENT = STATE | {"qacc_warmstart", "plugin_state"}
+_COMPUTED_NUMBERS = {"contact", "ncon", "nefc"}
+_PREFIXES = PART_PREFIXES | {"sensor": "sensor"}
+# Methods that write a row; those of other objects, and built-in functions, that compute nothing.
+_WRITING_METHODS = {"log", "write", "writerow"}
+_HARMLESS = {
+    *("abs", "bool", "dict", "enumerate", "float", "int", "len", "list", "max", "min", "print"),
+    *("range", "round", "sorted", "str", "sum", "tuple", "zip"),
+    *("astype", "copy", "flatten", "format", "is_running", "item", "items", "join", "keys"),
+    *("render", "tolist", "update_scene", "values"),
+    *(STORING_METHODS | VIEW_METHODS | _WRITING_METHODS),
+}
+_HARMLESS_MODULES = ("numpy", "math", "random", "time")
+# How the functions of the engine begin that compute nothing in an MjData.
+_READING = ("mju_", "mj_jac", "mj_getState", "mj_id2name", "mj_name2id", "mj_contactForce")
+_BRANCHES = ast.If | ast.IfExp | ast.BoolOp | ast.ExceptHandler | ast.match_case
+
+_Body = SteppingLoop | SteppingMethod
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """A field that a row reads, and the dotted name of its MjData."""
+
+    data: str
+    field: str
+
+
+@dataclass(frozen=True)
+class _LastStep:
+    """The last step before a row.
+
+    Attributes:
+      model: that is stepped, as it is written.
+      data: the dotted name of its MjData.
+      is_single: whether it is one call for one step, so that the state may be copied before it.
+      computed_since: fields of the new state that were computed after it.
+    """
+
+    model: str
+    data: str
+    is_single: bool
+    computed_since: frozenset[str]
+
+
+def rows_of_two_moments(script: SteppingScript) -> Iterator[Match]:
+    """Yield rows that hold the new state beside what is computed from another one."""
+    stored_views = StoredViews(script)
+    bodies: list[_Body] = [*script.loops, *script.methods]
+    for body in bodies:
+        if _sets_state(script, body):
+            continue
+        for node in body.inner:
+            if stored_views.loop_around(node) is (None if _is_method(body) else body):
+                for row in _logged(script, stored_views, node, body):
+                    yield from _mixed(script, row, body)
+
+
+def _is_method(body: _Body) -> bool:
+    return isinstance(body, SteppingMethod)
+
+
+def _sets_state(script: SteppingScript, body: _Body) -> bool:
+    """Return whether a body writes the state itself, which then is not that of a step."""
+    targets = (n for n in body.inner if not isinstance(getattr(n, "ctx", ast.Load()), ast.Load))
+    return any(
+        reading.field in _INTEGRATED
+        for target in targets
+        for reading in _readings(script, peeled(target))
+    )
+
+
+def _logged(
+    script: SteppingScript, stored_views: StoredViews, node: ast.AST, body: _Body
+) -> Iterator[ast.expr]:
+    """Yield the rows that a statement or a call adds to a log."""
+    store = store_of(node)
+    if isinstance(node, ast.Call) and not isinstance(script.parents[node], ast.Expr):
+        return  # `np.log(x)`
+    if isinstance(node, ast.Call) and last_name(node.func) in _WRITING_METHODS:
+        store = Store(node.func, None, node.args)
+    if store is None or (isinstance(node, ast.Assign) and store.key is None):
+        return
+    if script.is_view(store.place) or not stored_views.adds(store.key, body):
+        return
+    for value in store.values:
+        if isinstance(value, ast.Lambda):
+            continue
+        yield _assigned_row(script, value, body)
+
+
+def _assigned_row(script: SteppingScript, value: ast.expr, body: _Body) -> ast.expr:
+    """Return what a body assigns to a name, where it does so once; else the value itself."""
+    assigned = script.assigned(value) if isinstance(value, ast.Name) else []
+    if len(assigned) == 1:
+        (row,) = assigned
+        if isinstance(row, ast.expr) and row in body.inner and not script.is_view(row):
+            return row
+    return value
+
+
+def _mixed(script: SteppingScript, row: ast.expr, body: _Body) -> Iterator[Match]:
+    """Yield a row if it reads fields of two moments."""
+    readings = dict.fromkeys(r for n in (row, *nodes_inside(row)) for r in _readings(script, n))
+    for data in dict.fromkeys(reading.data for reading in readings):
+        fields = [reading.field for reading in readings if reading.data == data]
+        state = [field for field in fields if field in _INTEGRATED]
+        computed = {field for field in fields if is_computed(field)}
+        last = _last_step(script, row, body, data) if state and computed else None
+        late = sorted(computed - last.computed_since) if last else ()
+        if last and late:
+            yield Match(row, message=_message(last, state, late))
+
+
+def is_computed(field: str) -> bool:
+    """Return whether a step computes a field of MjData from the state that it begins with."""
+    is_array = bool(FIELDS.match(field)) and field not in _OF_NO_MOMENT
+    return is_array or field in _COMPUTED_NUMBERS
+
+
+def _readings(script: SteppingScript, node: ast.AST) -> Iterator[_Reading]:
+    """Yield the field that a node itself reads; those of the views that a name stands for."""
+    if isinstance(node, ast.Name):
+        values = script.assigned(node)
+        for value in values if all(v is not None and script.is_view(v) for v in values) else ():
+            assert value is not None
+            yield from (r for n in ast.walk(value) for r in _readings(script, n) if n is not node)
+    elif isinstance(node, ast.Attribute) and script.is_data(node.value):
+        yield _Reading(dotted_name(node.value), node.attr)
+    elif isinstance(node, ast.Attribute) and script.is_named_part(node.value):
+        owner = node.value
+        access = owner if isinstance(owner, ast.Call) else script.assigned(owner)[0]
+        assert isinstance(access, ast.Call) and isinstance(access.func, ast.Attribute)
+        prefix = _PREFIXES.get(access.func.attr, "")
+        yield _Reading(dotted_name(access.func.value), prefix + node.attr)
+
+
+def _last_step(script: SteppingScript, row: ast.expr, body: _Body, data: str) -> _LastStep | None:
+    """Return the last step of an MjData before a row; None where it is not certain."""
+    around = set(_above(script, row, body))
+    place = row.lineno, row.col_offset
+    own = {*ast.walk(row)}
+    calls = [n for n in body.inner if isinstance(n, ast.Call) and n not in own and n not in around]
+    calls.sort(key=lambda call: (call.lineno, call.col_offset), reverse=True)
+    before = [call for call in calls if (call.lineno, call.col_offset) < place]
+    after = [] if _is_method(body) else calls[: len(calls) - len(before)]
+    computed: set[str] = set()
+    for call in (*before, *after):  # the latest first; what stands after the row ran before it
+        if _is_harmless(script, call):
+            continue
+        name, given = last_name(call.func), call.args[1:2]
+        branches = {n for n in _above(script, call, body) if isinstance(n, _BRANCHES)}
+        if not given or dotted_name(given[0]) != data or not branches <= around:
+            return None
+        if name in COMPUTED:
+            computed |= COMPUTED[name]
+            continue
+        if not is_step(call) or name == "mj_step1":
+            return None
+        loops = {n for n in _above(script, call, body) if isinstance(n, ast.For | ast.While)}
+        is_single = not call.args[2:] and not call.keywords and loops <= {*around, body.node}
+        return _LastStep(ast.unparse(call.args[0]), data, is_single, frozenset(computed))
+    return None
+
+
+def _above(script: SteppingScript, node: ast.AST, body: _Body) -> Iterator[ast.AST]:
+    while node is not body.node:
+        node = script.parents[node]
+        yield node
+
+
+def _is_harmless(script: SteppingScript, call: ast.Call) -> bool:
+    """Return whether a call certainly computes nothing in an MjData."""
+    name = last_name(call.func) or (call.func.attr if isinstance(call.func, ast.Attribute) else "")
+    if script.is_numpy_call(call) or script.is_named_access(call) or name.startswith(_READING):
+        return True
+    origin = script.bindings.origin(dotted_name(call.func)).partition(".")[0]
+    return origin in _HARMLESS_MODULES or (name in _HARMLESS and not script.functions.called(call))
+
+
+def _message(last: _LastStep, state: Sequence[str], late: Sequence[str]) -> str:
+    functions = enough_for({*late}) or ["mj_forward"]
+    calls = ", ".join(f"{name}({last.model}, {last.data})" for name in functions)
+    old, new = _listed(late), _listed(state)
+    verb = "belongs" if len(late) == 1 else "belong"
+    copies = f", or copy {new} before the step and the rest after it" if last.is_single else ""
+    return (
+        f"{old} still {verb} to the state before the last step, {new} to the one after it: call"
+        f" {calls} before this row{copies}"
+    )
+
+
+def _listed(fields: Sequence[str]) -> str:
+    first = ", ".join(fields[:-1])
+    return f"{first} and {fields[-1]}" if first else fields[0]
