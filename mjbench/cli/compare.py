@@ -98,7 +98,7 @@ class _Options:
     help="What every path returns: final states; the state after every step, too; and sensor data"
     " of every step, too, which are of the state before it.",
 )
-@click.option("--nstep", type=COUNT, help="Steps of each simulation  [default: up to 200]")
+@click.option("--nstep", type=COUNT, help="Steps of each simulation  [default: up to 100]")
 @click.option(
     "--budget",
     type=Seconds(),
@@ -258,8 +258,4 @@ def _compare(
         run.write(CompareDocument.of(run.machine, models))
     if failure:
         raise failure
-    run.exit(
-        status
-        for results in models
-        for status in (results.model.status, *(r.status for r in results.results))
-    )
+    run.exit(status for results in models for status in results.statuses)

@@ -50,7 +50,8 @@ def _conclusion(advice: Advice) -> Conclusion:
     begin, rest = comparison.conclusion(advice)
     tone = Tone.GOOD if advice.speedup is not None else Tone.NEUTRAL
     return Conclusion(
-        f"{_sized(advice.model, advice.nbatch)}: {begin}{rest}", tone if advice.is_certain else Tone.UNSURE
+        f"{_sized(advice.model, advice.nbatch)}: {begin}{rest}",
+        tone if advice.is_certain else Tone.UNSURE,
     )
 
 

@@ -204,9 +204,7 @@ def _parts(named: NamedRun, machine: str) -> Iterator[_Part]:
 
     if run.of_type(ModelRecord):
         for section in comparisons.sections(derive_all(run.records), command):
-            first = [
-                replace(c, text=f"{machine}: {c.text}") for c in first_of(section.conclusions)
-            ]
+            first = [replace(c, text=f"{machine}: {c.text}") for c in first_of(section.conclusions)]
             yield replace(part(section), main=first) if machine else part(section)
     if rows := [record.row() for record in run.of_type(VerdictRecord)]:
         confidence = family.confidence_of(run.header)

@@ -31,8 +31,8 @@ _FALLING_CONTACTS = 0.05
 # Rivals that a sentence names, at most.
 _MOST_RIVALS = 2
 FORMER = (
-    "Timed by an earlier version of mjbench, in one process: speed-ups have no interval, and no path"
-    " is advised."
+    "Timed by an earlier version of mjbench, in one process: speed-ups have no interval, and no"
+    " path is advised."
 )
 _FALLING = (
     "Warning: a free body falls, and touches nothing: these are the speeds of free fall. Let it"
@@ -308,6 +308,12 @@ def _curve_crossing(row: Crossover) -> str:
     return f"; a curve through all sizes crosses at {curve.nbatch:,.0f} (95 %: {low} to {high})"
 
 
+def difference_cautions(rows: Sequence[RunDifference]) -> list[str]:
+    """Return what to know before the ratios of `mjbench diff`, a line each."""
+    lines = (f"{row.model}: {caution}" for row in rows for caution in row.cautions)
+    return list(dict.fromkeys(lines))
+
+
 def differences_table(rows: Sequence[RunDifference]) -> Table:
     """Return the table of `mjbench diff`; of sets, with a column for the machine."""
     machines = ["machine"] if any(row.machine for row in rows) else []
@@ -545,6 +551,8 @@ def _race_notes(model_results: ModelResults) -> list[str]:
     if model_results.model.status == Status.OK and not _unlike(model_results):
         lines.append("All paths agree with the plain loop.")
     race = model_results.race
+    if race is not None and race.status not in (Status.OK, Status.INTERRUPTED):
+        lines.append(f"The race ended early: {race.status}: {race.detail}")
     if race is not None and race.is_cut_short and race.status == Status.OK:
         count = len(race.launches)
         lines.append(

@@ -155,6 +155,12 @@ class ModelResults:
     is_former: bool = False
 
     @property
+    def statuses(self) -> list[Status]:
+        """How the model, its variants and its race ended."""
+        race = [self.race.status] if self.race else []
+        return [self.model.status, *(result.status for result in self.results), *race]
+
+    @property
     def cores_had(self) -> float | None:
         """The cores that threads got: the median of the launches; None without any."""
         had = list(self.model.cores_had)
