@@ -2,9 +2,11 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
 from mjbench.pages import charts
 from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.paths import BASE
 from mjbench.report import comparison, tables, vega
 from mjbench.report.advice import Advice, Loop, advise, advise_clock
 from mjbench.report.crossovers import crossovers
@@ -102,7 +104,7 @@ def _section(model_results: ModelResults, command: str) -> Section:
 
 def _path_table(model_results: ModelResults) -> DataTable:
     columns = (
-        Column(""),
+        Column("advised"),
         Column("path"),
         Column("ns/step", 4),
         *_SPEEDUPS,
@@ -133,7 +135,11 @@ def _path_table(model_results: ModelResults) -> DataTable:
 def _ends(result: PathResult) -> tuple[float | None, float | None, float | None]:
     """Return a path's speed-up, and the ends of its interval."""
     speedup = result.speedup
-    return (speedup.estimate, speedup.low, speedup.high) if speedup else (None, None, None)
+    if speedup is None:
+        return None, None, None
+    if result.variant == Variant(BASE, {}):  # 1 by definition
+        return speedup.estimate, None, None
+    return speedup.estimate, speedup.low, speedup.high
 
 
 def _speedup_figure(model_results: ModelResults, timed: Sequence[PathResult]) -> Figure:
@@ -151,7 +157,7 @@ def _speedup_figure(model_results: ModelResults, timed: Sequence[PathResult]) ->
     data = DataTable("Speed-ups", columns, rows)
     fastest = max(rows, key=lambda row: float(row[1] or 0.0))
     x = charts.quantity("speed-up", "times as fast as the plain loop", zero=True)
-    y = charts.names("path")
+    y = charts.names("path", labels=[row[0] for row in rows])
     layers: list[vega.Spec] = [
         charts.rule_at(1.0),
         {

@@ -28,6 +28,7 @@ from mjbench.status import Status
 
 # A model on whose free bodies gravity acts falls where it has fewer contacts than this in a step.
 _FALLING_CONTACTS = 0.05
+_PLAIN_LOOP = "the plain loop"
 # Rivals that a sentence names, at most.
 _MOST_RIVALS = 2
 FORMER = (
@@ -113,9 +114,11 @@ def conclusion_lines(model_results: ModelResults, names_size: bool) -> list[str 
     lines: list[str | Text] = [
         tables.headed(*conclusion(advice, names_size)) for advice in advise(model_results)
     ]
-    lines += [tables.headed(*thread_conclusion(row)) for row in advise_threads(model_results)]
+    lines += [
+        tables.headed(*thread_conclusion(row, names_size)) for row in advise_threads(model_results)
+    ]
     if (clock := advise_clock(model_results)) is not None:
-        lines.append(tables.headed(*clock_conclusion(clock)))
+        lines.append(tables.headed(*clock_conclusion(clock, names_size)))
     return lines
 
 
@@ -132,12 +135,15 @@ def conclusion(advice: Advice, names_size: bool = False) -> tuple[str, str]:
       advice: on a model.
       names_size: whether to say how many simulations there were.
     """
-    size = ""
-    if names_size and advice.nbatch is not None:
-        size = f", {tables.count_of(advice.nbatch, 'simulation')}"
-    gain = f", {_times_the_loop(advice.speedup)}" if advice.speedup is not None else ""
-    begin = f"{_LOOPS[advice.loop]}{size}: {described(Variant(advice.path, advice.options))}"
-    return begin, "; ".join([gain, *_reasons(advice)])
+    gain = f", {_times(advice.speedup, _PLAIN_LOOP)}" if advice.speedup is not None else ""
+    begin = f"{_LOOPS[advice.loop]}{_size(advice.nbatch, names_size)}"
+    described_path = described(Variant(advice.path, advice.options))
+    return f"{begin}: {described_path}", "; ".join([gain, *_reasons(advice)])
+
+
+def _size(nbatch: int | None, names_size: bool) -> str:
+    """Return how many simulations a sentence is about, to follow its first words."""
+    return f", {tables.count_of(nbatch, 'simulation')}" if names_size and nbatch else ""
 
 
 def described(variant: Variant) -> str:
@@ -177,29 +183,32 @@ def _reasons(advice: Advice) -> list[str]:
     return [*reasons, *advice.unable, *filter(None, [advice.break_even])]
 
 
-def _times_the_loop(speedup: Interval) -> str:
+def _times(speedup: Interval, baseline: str) -> str:
     low_high = ""
     if speedup.low is not None and speedup.high is not None:
         low_high = f" ({tables.factor(speedup.low)} to {tables.factor(speedup.high)})"
-    return f"{tables.factor(speedup.estimate)} times the plain loop{low_high}"
+    return f"{tables.factor(speedup.estimate)} times {baseline}{low_high}"
 
 
-def thread_conclusion(row: ThreadAdvice) -> tuple[str, str]:
+def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> tuple[str, str]:
     """Return how many threads a path should have: the beginning of a sentence, and its rest."""
     threads = "one thread" if row.nthread == 1 else f"{row.nthread} threads"
-    begin = f"{paths.find(row.path).title or row.path}: {threads}"
+    name = paths.find(row.path).title or row.path
+    begin = f"{name}{_size(row.nbatch, names_size)}: {threads}"
     doubt = "" if row.is_certain else "; not certain"
     if row.over_one is None:
         return begin, f"; no number up to {row.most_tried} is certainly faster{doubt}"
-    most = "" if row.nthread == row.most_tried else f"; {row.most_tried} are no faster by 5 %"
-    chunk = f" (chunk {row.chunk})" if row.chunk else ""
-    return begin + chunk, f", {row.over_one.text(tables.factor)} times one thread{most}{doubt}"
+    most = ""
+    if row.nthread < row.most_tried:
+        most = f"; {row.most_tried} threads gain less than 5 % more"
+    chunk = f" (chunk={row.chunk})" if row.chunk else ""
+    return begin + chunk, f", {_times(row.over_one, 'one thread')}{most}{doubt}"
 
 
-def clock_conclusion(clock: ClockAdvice) -> tuple[str, str]:
+def clock_conclusion(clock: ClockAdvice, names_size: bool = False) -> tuple[str, str]:
     """Return what turning MuJoCo's timer off gains: the beginning of a sentence, and its rest."""
-    begin = f"Any path: turn off {package_timer.NAME} ({package_timer.OFF_CODE})"
-    return begin, f", {_times_the_loop(clock.speedup)}. {package_timer.OFF_NOTE}"
+    begin = f"Any path{_size(clock.nbatch, names_size)}: turn off {package_timer.NAME}"
+    return f"{begin} ({package_timer.OFF_CODE})", f", {_times(clock.speedup, _PLAIN_LOOP)}"
 
 
 def print_summary(out: Console, models: Sequence[ModelResults]) -> None:
@@ -546,10 +555,12 @@ def notes(model_results: ModelResults) -> list[str | Text]:
 
 
 def _race_notes(model_results: ModelResults) -> list[str]:
-    """Return whether all paths agree, and whether the budget was too short for the race."""
+    """Return whether all paths agree, what its advice implies, and how the race ended."""
     lines = []
     if model_results.model.status == Status.OK and not _unlike(model_results):
         lines.append("All paths agree with the plain loop.")
+    if advise_clock(model_results) is not None:
+        lines.append(package_timer.OFF_NOTE)
     race = model_results.race
     if race is not None and race.status not in (Status.OK, Status.INTERRUPTED):
         lines.append(f"The race ended early: {race.status}: {race.detail}")
