@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 from example_records import measurement, model_record
+from mjbench.paired.contest import ContestLaunch, ContestRecord
 from set_files import MACHINE, labelled
 from verdict_records import FAILED, FASTER, OPEN, SAME, SLOWER, of_model
 
@@ -11,7 +12,6 @@ from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.runs import SCHEMA, InputFile, Record, Run, RunHeader
-from mjbench.paired.contest import ContestLaunch, ContestRecord
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.records import Ratio
 from mjbench.report import across_machines, advice_across, tables
