@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 from example_records import measurement, model_record
+from mjbench.paired.confirmation import ConfirmationRecord
 from sweep_examples import MACHINE, count_cell, header, line, verdict, verdict_cell
 
 from mjbench.counts.records import InstructionsRecord
 from mjbench.errors import Failure, InputError
 from mjbench.instrument import runs
 from mjbench.instrument.run_set import RunSetFile, Section, read
-from mjbench.paired.confirmation import ConfirmationRecord
 from mjbench.releases.release_ratios import StepRatioRecord
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.status import Status
