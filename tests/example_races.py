@@ -1,18 +1,23 @@
 """Invented races of paths with known speed-ups, run by the race itself without a process."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+import pytest
 from example_records import measurement, model_record
 
 from mjbench import paths
-from mjbench.comparison.plan import WITHOUT_TIMER, Variant
+from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
+from mjbench.instrument.progress import Progress
+from mjbench.paired import path_comparison
+from mjbench.paired.path_comparison import ModelComparison
 from mjbench.paired.race import RaceBudget, RaceLaunch, RaceRecord, race
 from mjbench.report import results
 from mjbench.report.results import ModelResults
+from mjbench.simulation.models import ModelSource
 
 # A variant and its speed-up over the plain loop.
 Entrant = tuple[Variant, float]
@@ -24,6 +29,8 @@ THREADS = Variant("threads", {"threads": 2})
 # rollout is clearly the fastest for open loop, and Batch.step for closed loop.
 CLEAR: Sequence[Entrant] = ((ROLLOUT, 3.0), (BATCH_STEP, 2.0), (THREADS, 0.8))
 _BASE_NS, _STEPS = 1_000_000, 1000
+# Speed-ups of paths by their names, whatever their options.
+_SPEEDUPS = {"rollout": 3.0, "batch_step": 2.0}
 
 
 def raced(
@@ -106,6 +113,34 @@ def compared(
             )
         )
     return [model, *measurements, *more, record]
+
+
+def invent_comparisons(monkeypatch: pytest.MonkeyPatch, **fields: Any) -> list[ComparisonPlan]:
+    """Have `compare` race invented paths; return the plans that it then has, as they come.
+
+    Args:
+      monkeypatch: of the test.
+      fields: of the last model's record.
+    """
+    plans: list[ComparisonPlan] = []
+
+    def compare_model(
+        pool: object, source: ModelSource, plan: ComparisonPlan, on_progress: Progress
+    ) -> Iterator[ModelComparison]:
+        plans.append(plan)
+        on_progress(source.name, 0.5)
+        entrants = [(each, _SPEEDUPS.get(each.path, 0.9)) for each in plan.variants[1:]]
+        record = raced(entrants, model=source.name, nbatch_asked=plan.nbatch)
+        sizes = {"nbatch": plan.nbatch or 10}
+        model, *measurements, ended = compared(record, **{**sizes, **fields})
+        assert isinstance(model, ModelRecord)
+        assert isinstance(ended, RaceRecord)
+        rows = tuple(row for row in measurements if isinstance(row, MeasurementRecord))
+        for is_over in (False, True):
+            yield ModelComparison(model, rows, ended, is_over)
+
+    monkeypatch.setattr(path_comparison, "compare_model", compare_model)
+    return plans
 
 
 def derived(

@@ -54,7 +54,6 @@ class _Options:
     actions_file: Path | None
     budget: float | None
     total_steps: int | None
-    confirm: bool | None
     quick: bool
     scaling: bool
     code: bool
@@ -113,7 +112,6 @@ class _Options:
     help="Steps that you will take in all: a path that compiles is advised only if that pays within"
     " them  [default: those of one block]",
 )
-@click.option("--confirm/--no-confirm", default=None, hidden=True, help="No longer has an effect.")
 @click.option(
     "--scaling",
     is_flag=True,

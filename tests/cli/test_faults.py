@@ -20,7 +20,7 @@ from mjbench.cli import cli
 from mjbench.instrument import isolate
 from mjbench.status import Status
 
-QUICK = ["--nbatch", "6", "--nstep", "40", "--budget", "0", "--no-confirm", "--results", "runs"]
+QUICK = ["--nbatch", "6", "--nstep", "40", "--budget", "0.1", "--results", "runs"]
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,7 @@ def test_a_file_of_another_kind_is_refused(tmp_path: Path, content: bytes) -> No
 def test_compare_replays_captured_states_or_actions_and_continues_with_no_others(
     folder: Path,
 ) -> None:
-    compare = ("compare", "robot.mjb", "--paths", "python_loop", "--budget", "0.01", "--no-confirm")
+    compare = ("compare", "robot.mjb", "--paths", "python_loop", "--budget", "0.01")
     (row,) = results(folder, *compare, "--states", "states.npz")
     assert row["starts"]["file"] == row["starts"]["controls_file"] == "states.npz"
     assert not row["starts"]["is_other_model"]

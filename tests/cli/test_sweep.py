@@ -26,7 +26,7 @@ from mjbench.sweep import plan as plans
 
 needs_ray = pytest.mark.skipif(bool(extras.missing(["ray"])), reason="Ray is not installed")
 ANYTHING = "[nodes]\nmin-cores = 0\nmax-busy = 100\nmax-stolen = 100\n"
-COMPARE = '[compare]\npaths = "rollout"\nthreads = 1\nnbatch = 4\nnstep = 20\nconfirm = false\n'
+COMPARE = '[compare]\npaths = "rollout"\nthreads = 1\nnbatch = 4\nnstep = 20\nbudget = 0.1\n'
 SET = "results/sweeps/plan.jsonl"
 
 
