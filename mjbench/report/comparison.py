@@ -319,7 +319,11 @@ def _curve_crossing(row: Crossover) -> str:
 
 def difference_cautions(rows: Sequence[RunDifference]) -> list[str]:
     """Return what to know before the ratios of `mjbench diff`, a line each."""
-    lines = (f"{row.model}: {caution}" for row in rows for caution in row.cautions)
+    lines = (
+        f"{', '.join(filter(None, (row.machine, row.model)))}: {caution}"
+        for row in rows
+        for caution in row.cautions
+    )
     return list(dict.fromkeys(lines))
 
 

@@ -145,12 +145,18 @@ class _Timed:
     record: MeasurementRecord
     machine: Machine
     step_s: Sequence[float]
-    result: PathResult
+    result: PathResult | None
+
+    @property
+    def is_former(self) -> bool:
+        """Whether an earlier version of mjbench timed it."""
+        return self.result is not None and self.result.is_former
 
     def cautions(self, name: str) -> list[str]:
         """Return what to know before its figures; `name` says which of the two it is."""
-        former = ["timed by an earlier version of mjbench"] if self.result.is_former else []
-        return [f"{name}: {text}" for text in (*self.result.disturbances, *former)]
+        former = ["timed by an earlier version of mjbench"] if self.is_former else []
+        disturbances = self.result.disturbances if self.result else ()
+        return [f"{name}: {text}" for text in (*disturbances, *former)]
 
 
 def _difference(olds: Sequence[_Timed], news: Sequence[_Timed], across: bool) -> RunDifference:
@@ -172,7 +178,7 @@ def _difference(olds: Sequence[_Timed], news: Sequence[_Timed], across: bool) ->
             across,
         )
         ratio = Ratio(speedup.median, speedup.low, speedup.high)
-        if olds[-1].result.is_former or news[-1].result.is_former:
+        if olds[-1].is_former or news[-1].is_former:
             ratio = Ratio(speedup.median, None, None)
     except InputError as error:
         status, detail = Status.INPUT, str(error)
@@ -192,8 +198,8 @@ def _timed(runs: Sequence[Run]) -> dict[_Key, list[_Timed]]:
         of_run: dict[_Key, _Timed] = {}
         for record in run.of_type(MeasurementRecord):
             step_s = _step_s(record, races.get((record.model, record.nbatch_asked)))
-            result = results.get(_key(record))
-            if result is not None and record.agrees and record.status == Status.OK and step_s:
+            if record.agrees and record.status == Status.OK and step_s:
+                result = results.get(_key(record))
                 of_run[_key(record)] = _Timed(record, run.header.machine, step_s, result)
         for key, measured in of_run.items():
             timed[key].append(measured)

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from example_races import BATCH_STEP, CLEAR, PLAIN, ROLLOUT, THREADS, Entrant, derived, raced
+from example_races import BATCH_STEP, CLEAR, PLAIN, RAY, ROLLOUT, THREADS, Entrant, derived, raced
 from example_records import measurement
 
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
@@ -148,8 +148,7 @@ def test_a_path_that_left_the_race_is_named_with_the_reason() -> None:
 
 
 def test_a_path_that_starts_slowly_is_never_advised_and_named_where_it_is_faster() -> None:
-    ray = Variant("ray", {"actors": 2})
-    record = raced([(ROLLOUT, 2.0), (ray, 4.0)], slow=[2], groups=[[0, 1], [0]])
+    record = raced([(ROLLOUT, 2.0), (RAY, 4.0)], slow=[2], groups=[[0, 1], [0]])
     first, second = sentences(derived(record))
     assert first.endswith("; ray actors=2 is faster, but takes seconds to start")
     assert "mujoco.rollout on 2 threads, 2.0" in first
