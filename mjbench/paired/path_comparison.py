@@ -156,6 +156,8 @@ class _PathComparison:
         if ended.status != Status.OK:
             return
         yield from self._run_race()
+        if self._race is not None and self._race.status == Status.INTERRUPTED:
+            return
         for index in children.accelerated:
             self._on_progress(f"{self._name}: {self._plan.variants[index]}", 1.0)
             children.run_accelerated(index)

@@ -9,6 +9,7 @@ run file.
 """
 
 import functools
+import math
 import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -68,25 +69,22 @@ class RaceLaunch:
             raise ValueError("ns has a row for each round, as many each way, of all its variants")
 
     def log_ratio(self, baseline: int, candidate: int) -> float:
-        """Return the natural logarithm of one variant's time over another's.
-
-        It is a median over pairs of rounds in opposite orders, so what a block leaves in the caches
-        for the next one weighs the same both ways.
-        """
-        first, second = (list(self.variants).index(i) for i in (baseline, candidate))
-        return statistics.median(pair[second] - pair[first] for pair in self._log_times)
+        """Return the natural logarithm of one variant's time over another's."""
+        return self._log_ns[candidate] - self._log_ns[baseline]
 
     def block_ns(self, variant: int) -> float:
-        """Return the median time of a variant's blocks, in nanoseconds."""
-        column = list(self.variants).index(variant)
-        return statistics.median(row[column] for row in self.ns)
+        """Return how long a variant's block takes, in nanoseconds."""
+        return math.exp(self._log_ns[variant])
 
     @functools.cached_property
-    def _log_times(self) -> list[list[float]]:
-        """(pairs of rounds, variants) means of the logarithms of times."""
-        logs = np.log(np.asarray(self.ns, dtype=float))
-        means: list[list[float]] = logs.reshape(-1, 2, logs.shape[1]).mean(axis=1).tolist()
-        return means
+    def _log_ns(self) -> dict[int, float]:
+        """The median of the logarithms of each variant's blocks, which one disturbed block spares.
+
+        Rounds run in both orders, so what a block leaves in the caches for the next one weighs the
+        same both ways.
+        """
+        medians = np.median(np.log(np.asarray(self.ns, dtype=float)), axis=0)
+        return dict(zip(self.variants, medians.tolist(), strict=True))
 
 
 @dataclass(frozen=True)
@@ -113,13 +111,19 @@ class Standing:
       chosen: the simplest that is as good as the fastest: within `MARGIN` certainly, and within
         half of it by estimate.
       rivals: others that may still be the fastest.
-      is_decided: whether no rival can be faster than the fastest by `MARGIN`.
+      most_gain: share by which a rival may be faster than the fastest, at most; infinity where
+        launches are too few to say.
     """
 
     fastest: int
     chosen: int
     rivals: Sequence[int]
-    is_decided: bool
+    most_gain: float
+
+    @property
+    def is_decided(self) -> bool:
+        """Whether no rival can be faster than the fastest by `MARGIN`."""
+        return self.most_gain <= MARGIN
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,15 +193,19 @@ class RaceRecord:
         """
         if variant not in self.variants:
             return None
-        return self._speedups[list(self.variants).index(variant)]
+        return self.speedups[list(self.variants).index(variant)]
 
     def ratio(self, faster: Variant, slower: Variant) -> Interval | None:
         """Return how many times faster one variant is than another; None where none timed both."""
         if faster not in self.variants or slower not in self.variants:
             return None
         first, second = (list(self.variants).index(each) for each in (faster, slower))
+        return self.ratio_of(first, second)
+
+    def ratio_of(self, first: int, second: int) -> Interval | None:
+        """Return how many times faster the first variant is than the second, by positions."""
         both = [each for each in self.launches if {first, second} <= set(each.variants)]
-        return Interval.of_log(*log_ratio(both, first, second, CONFIDENCE)) if both else None
+        return self._interval(both, first, second) if both else None
 
     def step_s(self, variant: Variant) -> list[float]:
         """Return the seconds of a step of a variant in each launch that gave its speed-up."""
@@ -220,6 +228,17 @@ class RaceRecord:
             return [None for _ in self.groups]
         return [standing(race, group, len(self.variants)) for group in self.groups]
 
+    def _interval(self, launches: Sequence[RaceLaunch], baseline: int, candidate: int) -> Interval:
+        """Return the ratio of two variants' times, the candidate's over the baseline's.
+
+        How many launches there are after a race does not depend on what they say, so theirs has
+        Student's interval; that of launches of the race may be computed after any of them.
+        """
+        if all(launch.is_final for launch in launches):
+            ratios = [launch.log_ratio(baseline, candidate) for launch in launches]
+            return Interval.of_log(*anytime.student_interval(ratios, CONFIDENCE))
+        return Interval.of_log(*log_ratio(launches, baseline, candidate, CONFIDENCE))
+
     @functools.cached_property
     def _final_launches(self) -> Sequence[RaceLaunch]:
         final = [launch for launch in self.launches if launch.is_final]
@@ -230,7 +249,8 @@ class RaceRecord:
         return final or [launch for launch in self.launches if position in launch.variants]
 
     @functools.cached_property
-    def _speedups(self) -> list[Interval | None]:
+    def speedups(self) -> list[Interval | None]:
+        """The speed-up of each variant over the plain loop; None where it was not timed."""
         speedups: list[Interval | None] = []
         for position in range(len(self.variants)):
             launches = self._launches_of(position)
@@ -238,8 +258,7 @@ class RaceRecord:
             if position == 0 and launches:
                 speedup = Interval(1.0, 1.0, 1.0)
             elif launches:
-                mean, half_width = log_ratio(launches, position, 0, CONFIDENCE)
-                speedup = Interval.of_log(mean, half_width)
+                speedup = self._interval(launches, position, 0)
             speedups.append(speedup)
         return speedups
 
@@ -414,7 +433,7 @@ def standing(launches: Sequence[RaceLaunch], group: Sequence[int], entrants: int
     confidence = 1 - ERROR / max(1, entrants * (entrants - 1))
     means = {i: log_ratio(launches, 0, i, confidence)[0] for i in left}
     fastest = min(left, key=lambda i: means[i])
-    chosen, rivals, is_decided = fastest, list[int](), True
+    chosen, rivals, most_gain = fastest, list[int](), 0.0
     for i in reversed(left):
         if i == fastest:
             continue
@@ -422,11 +441,11 @@ def standing(launches: Sequence[RaceLaunch], group: Sequence[int], entrants: int
         if mean - half_width > 0:
             continue
         rivals.append(i)
-        is_decided &= mean - half_width > -_LOG_MARGIN
+        most_gain = max(most_gain, float(np.expm1(half_width - mean)))
         is_simpler = left.index(i) < left.index(fastest)
         if is_simpler and mean <= _LOG_MARGIN / 2 and mean + half_width <= _LOG_MARGIN:
             chosen = i
-    return Standing(fastest, chosen, sorted(rivals), is_decided)
+    return Standing(fastest, chosen, sorted(rivals), most_gain)
 
 
 def log_ratio(

@@ -1,21 +1,21 @@
 """The blocks of one launch of a race: paths that run one workload in turns, in this process.
 
 It is the worker's part of `race`: after the worker has read model and workload, it prepares one
-path after the other, and then times rounds of all of them. The simulations are reordered before
-each round, so that the output of an earlier block is wrong, and what every block returns is
+path after the other, and then times blocks of them as it is asked. The simulations are reordered
+before each round, so that the output of an earlier block is wrong, and what every block returns is
 compared, outside the timed region.
 """
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from mjbench import paths
 from mjbench.comparison.verification import ReferenceCase
-from mjbench.errors import InputError
-from mjbench.paired.requests import PrepareEntrant, TimedRounds
+from mjbench.errors import InputError, MachineError
+from mjbench.paired.requests import PrepareEntrant, TimedEntrant, TimeEntrant
+from mjbench.simulation.model_guard import ModelGuard
 
 
 @dataclass
@@ -31,11 +31,15 @@ class RaceBlocks:
     rng: np.random.Generator
     _prepared: list[paths.Prepared] = field(default_factory=list)
 
+    def __post_init__(self) -> None:
+        self._guard = ModelGuard(self.case.workload.model)
+
     def prepare(self, request: PrepareEntrant) -> None:
         """Prepare a path after the others, and run it twice, the first time to check it.
 
         Raises:
           InputError: it cannot run, or returns something else than the plain loop.
+          MachineError: it changes the model, which all paths share.
         """
         path, workload = paths.find(request.path), self.case.workload
         reason = path.unavailable() or path.cannot_return(workload.returns)
@@ -47,26 +51,27 @@ class RaceBlocks:
             raise InputError(f"in a fresh process: {difference}")
         prepared.clear()
         prepared.run()
+        self._check_model()
         self._prepared.append(prepared)
 
-    def time(self, orders: Sequence[Sequence[int]]) -> TimedRounds:
-        """Time rounds; in each, every path runs one block.
+    def time(self, request: TimeEntrant) -> TimedEntrant:
+        """Run one block of a path, and compare what it returns.
 
-        Args:
-          orders: of the paths in each round, by the order in which they were prepared.
+        Raises:
+          MachineError: the path changes the model, which all of them share.
         """
-        clock, ns, differences = time.perf_counter_ns, list[list[int]](), dict[int, str]()
-        for order in orders:
+        if request.reorders:
             self.case.reorder(self.rng)
-            row = [0] * len(self._prepared)
-            for k in order:
-                prepared = self._prepared[k]
-                prepared.clear()
-                run = prepared.run
-                begin = clock()
-                run()
-                row[k] = clock() - begin
-                if difference := self.case.difference(prepared.final_states(), prepared):
-                    differences.setdefault(k, f"in a timed block: {difference}")
-            ns.append(row)
-        return TimedRounds(ns, differences)
+        prepared, clock = self._prepared[request.number], time.perf_counter_ns
+        prepared.clear()
+        run = prepared.run
+        begin = clock()
+        run()
+        ns = clock() - begin
+        self._check_model()
+        difference = self.case.difference(prepared.final_states(), prepared)
+        return TimedEntrant(ns, f"in a timed block: {difference}" if difference else "")
+
+    def _check_model(self) -> None:
+        if changed := self._guard.change():
+            raise MachineError(f"changes the model, which all paths share: {changed}")

@@ -4,18 +4,21 @@ import random
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.errors import InputError
 from mjbench.instrument import machine
 from mjbench.paired import cores, launch_seeds, requests
 from mjbench.paired.race import RaceLaunch, UnableError, UnableVariant
+from mjbench.paired.requests import Request
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError, WorkerProcess
 from mjbench.paths.parallelism import nthread
 from mjbench.releases import installs
 from mjbench.status import Status
 
+_T = TypeVar("_T")
 # Rounds of a launch: an even number, because every second one runs in the opposite order.
 ROUNDS = 4
 
@@ -67,7 +70,7 @@ class RaceLaunches:
 
         Raises:
           UnableError: a variant cannot run, or returns something else than the plain loop.
-          TargetError: the process crashed, hung or failed.
+          TargetError: the plain loop cannot, or the process crashed, hung or failed.
         """
         seeds = next(self._seeds)
         process = self._pool.start(self._release, f"{self._name} in a fresh process", seeds=seeds)
@@ -85,15 +88,29 @@ class RaceLaunches:
             had = self._cores_had(process, positions)
             prepared = random.sample(list(positions), len(positions))
             for position in prepared:
-                self._prepare(process, position)
-            timed = process.call(requests.TimeRounds(_orders(len(prepared))))
+                variant = self._variants[position]
+                request = requests.PrepareEntrant(variant.path, dict(variant.options))
+                self._attempt(process, position, request, "preparing")
+            rows = [self._time_round(process, prepared, o) for o in _orders(len(prepared))]
         finally:
             self._pool.end([process])
-        for k, detail in timed.differences.items():
-            raise UnableError(UnableVariant(prepared[k], Status.DISAGREES, detail))
         columns = [prepared.index(position) for position in positions]
-        ns = [[row[column] for column in columns] for row in timed.ns]
+        ns = [[row[column] for column in columns] for row in rows]
         return RaceLaunch(had, list(positions), ns, is_final)
+
+    def _time_round(
+        self, process: WorkerProcess, prepared: Sequence[int], order: Sequence[int]
+    ) -> list[int]:
+        """Return the nanoseconds of a block of each variant, in the order they were prepared."""
+        row = [0] * len(order)
+        for place, number in enumerate(order):
+            position = prepared[number]
+            request = requests.TimeEntrant(number, reorders=place == 0)
+            timed = self._attempt(process, position, request, "timing")
+            if timed.difference:
+                raise UnableError(UnableVariant(position, Status.DISAGREES, timed.difference))
+            row[number] = timed.ns
+        return row
 
     def _cores_had(self, process: WorkerProcess, positions: Sequence[int]) -> float | None:
         """Return how many cores threads get now; None where no variant has any."""
@@ -101,17 +118,24 @@ class RaceLaunches:
         count = min(machine.usable_cores(), threads)
         return process.call(requests.CountCores(count)) if count > 1 else None
 
-    def _prepare(self, process: WorkerProcess, position: int) -> None:
-        variant = self._variants[position]
+    def _attempt(
+        self, process: WorkerProcess, position: int, request: Request[_T], activity: str
+    ) -> _T:
+        """Return the answer to a request about one variant.
+
+        Raises:
+          UnableError: the variant cannot run; the plain loop's is a TargetError.
+        """
         try:
-            process.call(requests.PrepareEntrant(variant.path, dict(variant.options)))
+            return process.call(request)
         except InputError as error:
-            detail = str(error).removeprefix(f"{process.name}: ")
-            raise UnableError(UnableVariant(position, Status.FAILED, detail)) from error
+            status, cause = Status.FAILED, str(error).removeprefix(f"{process.name}: ")
         except TargetError as error:
             if position == 0:
                 raise
-            raise UnableError(UnableVariant(position, Status.CRASHED, str(error))) from error
+            status, cause = error.status, error.cause
+        detail = f"{cause} while {activity} {self._variants[position]}"
+        raise UnableError(UnableVariant(position, status, detail))
 
 
 def _orders(count: int) -> list[list[int]]:

@@ -269,15 +269,17 @@ class PrepareEntrant(Request[None]):
 
 
 @dataclass(frozen=True)
-class TimeRounds(Request["TimedRounds"]):
-    """Time rounds of the paths that were prepared.
+class TimeEntrant(Request["TimedEntrant"]):
+    """Run one block of a path of a race.
 
     Attributes:
-      orders: in which the paths run in each round, numbered in the order they were prepared.
+      number: of the path, in the order in which they were prepared.
+      reorders: whether the simulations are reordered first, as they are before each round.
     """
 
-    activity = "timing blocks"
-    orders: Sequence[Sequence[int]]
+    activity = "timing a block"
+    number: int
+    reorders: bool
 
 
 @dataclass(frozen=True)
@@ -316,16 +318,16 @@ class CountCores(Request[float]):
 
 
 @dataclass(frozen=True)
-class TimedRounds:
-    """Rounds of blocks, one block a path.
+class TimedEntrant:
+    """A block of a path of a race.
 
     Attributes:
-      ns: (rounds, paths) nanoseconds of each block.
-      differences: where a timed block first differs from the plain loop, by path; none of most.
+      ns: nanoseconds that it took.
+      difference: where what it returned first differs from the plain loop; empty where it does not.
     """
 
-    ns: Sequence[Sequence[int]]
-    differences: Mapping[int, str]
+    ns: int
+    difference: str
 
 
 @dataclass(frozen=True)

@@ -100,7 +100,7 @@ class Worker:
             requests.Equip: self._equip,
             requests.EquipRace: self._equip_race,
             requests.PrepareEntrant: self._prepare_entrant,
-            requests.TimeRounds: self._time_rounds,
+            requests.TimeEntrant: self._time_entrant,
             requests.Prepare: self._prepare,
             requests.PrepareOperation: self._prepare_operation,
             requests.TimeBlocks: self._time_blocks,
@@ -252,13 +252,11 @@ class Worker:
         self.scattered.append(_scattered(self.rng))
         self.race.prepare(request)
 
-    def _time_rounds(self, request: requests.TimeRounds) -> requests.TimedRounds:
-        race = self.race
-        assert race is not None, "EquipRace comes first"
-        _collect_garbage()
-        timed: list[requests.TimedRounds] = []
-        _call_deeper(self.rng.randrange(_DEPTH), lambda: timed.append(race.time(request.orders)))
-        return timed[0]
+    def _time_entrant(self, request: requests.TimeEntrant) -> requests.TimedEntrant:
+        assert self.race is not None, "EquipRace comes first"
+        if request.reorders:
+            _collect_garbage()
+        return self.race.time(request)
 
     def _read_workload(self, file: Path) -> "PortableWorkload":
         from mjbench.simulation import workload

@@ -1,11 +1,10 @@
-"""Paths of a model are verified in a child: what becomes of the rows when it dies, and who pays."""
+"""Paths of a model are verified in a child; see `test_path_comparison` for what ends it."""
 
 from pathlib import Path
 from typing import Any
 
 import pytest
 from commands import TESTS
-from pretender import Pretender
 
 from mjbench.comparison.compare import ModelChildren
 from mjbench.comparison.plan import ComparisonPlan, Variant
@@ -39,14 +38,11 @@ def rows_of(of_model: ModelChildren) -> dict[str, MeasurementRecord]:
 @pytest.mark.parametrize(
     ("name", "status", "detail"),
     [
-        ("Crashes", Status.CRASHED, "SIGSEGV) while preparing wrong_paths:Crashes"),
         ("Hangs", Status.TIMEOUT, "no answer within 3 s"),
         ("Raises", Status.FAILED, "RuntimeError: out of luck"),
-        ("Exits", Status.CRASHED, "exit code 0 while preparing wrong_paths:Exits"),
-        ("SharedModel", Status.FAILED, "which all paths share: opt.disableflags while preparing"),
     ],
 )
-def test_a_path_that_ends_the_child_costs_its_own_row_alone(
+def test_a_path_that_hangs_or_raises_costs_its_own_row_alone(
     tmp_path: Path, contact_file: str, name: str, status: Status, detail: str
 ) -> None:
     culprit = f"wrong_paths:{name}"
@@ -57,20 +53,6 @@ def test_a_path_that_ends_the_child_costs_its_own_row_alone(
     assert detail in rows[culprit].detail
     assert of_model.agreeing == [0, 2]
     assert of_model.model_record().status == Status.OK
-
-
-def test_two_paths_that_end_the_child_cost_two_rows(tmp_path: Path, contact_file: str) -> None:
-    names = ("wrong_paths:Crashes", "wrong_paths:Exits")
-    rows = rows_of(verified(tmp_path, contact_file, *names))
-    assert [rows[name].status for name in names] == [Status.CRASHED] * 2
-    assert rows["python_loop"].status == Status.OK
-
-
-def test_a_path_that_changes_its_process_is_verified_all_the_same(
-    tmp_path: Path, contact_file: str
-) -> None:
-    of_model = verified(tmp_path, contact_file, "wrong_paths:Untidy", "python_loop_hold")
-    assert of_model.agreeing == [0, 1, 2]
 
 
 def test_a_path_that_does_not_return_what_is_asked_for_is_unavailable(
@@ -87,7 +69,6 @@ def test_a_path_that_does_not_return_what_is_asked_for_is_unavailable(
 @pytest.mark.parametrize(
     ("text", "limit_s", "status", "detail"),
     [
-        ("<mujoco><nothing/></mujoco>", 60.0, Status.INPUT, "cannot load"),
         (
             "<mujoco><option timestep='.1'/><worldbody><body><joint name='j' type='slide'"
             " stiffness='1e9'/><geom size='.1' mass='.001'/></body></worldbody></mujoco>",
@@ -143,17 +124,3 @@ def test_a_path_that_did_not_race_says_that_it_was_not_timed(
     assert (second.status, second.detail) == (Status.FAILED, "it was not timed")
     of_model.is_over = False
     assert of_model.measurements([0])[1].status == Status.INTERRUPTED
-
-
-def test_an_accelerated_path_that_fails_in_the_parent_costs_its_own_row(
-    tmp_path: Path, contact_file: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(self: object) -> dict[str, str | None]:
-        raise RuntimeError("no environment")
-
-    monkeypatch.setattr(Pretender, "environment", fail)
-    of_model = verified(tmp_path, contact_file, "pretender:Pretender")
-    of_model.run_accelerated(1)
-    row = rows_of(of_model)["pretender:Pretender"]
-    assert (row.status, row.detail) == (Status.FAILED, "RuntimeError: no environment")
-    assert of_model.agreeing == [0]
