@@ -113,7 +113,7 @@ def compare(
       chunk: simulations that a thread takes at a time; None for the path's default.
       options: values of further options of paths by name, such as `{"pool": ["new", "kept"]}`.
       nbatch: simulations; several are measured one after the other; None for up to 64.
-      nstep: steps of each simulation; None for up to 200.
+      nstep: steps of each simulation; None for up to 100.
       hold: steps for which each control is held: an environment's frame_skip.
       returns: what every path returns: `final`, `trajectory` or `sensors`.
       seed: of start states and controls.

@@ -54,7 +54,6 @@ class _Options:
     actions_file: Path | None
     budget: float | None
     total_steps: int | None
-    confirm: bool | None
     quick: bool
     scaling: bool
     code: bool
@@ -98,7 +97,7 @@ class _Options:
     help="What every path returns: final states; the state after every step, too; and sensor data"
     " of every step, too, which are of the state before it.",
 )
-@click.option("--nstep", type=COUNT, help="Steps of each simulation  [default: up to 200]")
+@click.option("--nstep", type=COUNT, help="Steps of each simulation  [default: up to 100]")
 @click.option(
     "--budget",
     type=Seconds(),
@@ -113,7 +112,6 @@ class _Options:
     help="Steps that you will take in all: a path that compiles is advised only if that pays within"
     " them  [default: those of one block]",
 )
-@click.option("--confirm/--no-confirm", default=None, hidden=True, help="No longer has an effect.")
 @click.option(
     "--scaling",
     is_flag=True,
@@ -258,8 +256,4 @@ def _compare(
         run.write(CompareDocument.of(run.machine, models))
     if failure:
         raise failure
-    run.exit(
-        status
-        for results in models
-        for status in (results.model.status, *(r.status for r in results.results))
-    )
+    run.exit(status for results in models for status in results.statuses)

@@ -2,23 +2,34 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
 from mjbench.pages import charts
 from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
-from mjbench.report import comparison, vega
+from mjbench.paths import BASE
+from mjbench.report import comparison, tables, vega
 from mjbench.report.advice import Advice, Loop, advise, advise_clock
 from mjbench.report.crossovers import crossovers
 from mjbench.report.results import ModelResults, PathResult
+from mjbench.report.thread_advice import advise_threads
 from mjbench.report.work_crossovers import work_crossovers
 from mjbench.status import Status
 
 # Colours of paths by whether a policy can choose each control.
 _LOOPS = {Loop.OPEN.value: vega.ORANGE, Loop.CLOSED.value: vega.BLUE}
+# A speed-up, and the ends of its interval.
+_SPEEDUPS = tuple(Column(title, 3, is_factor=True) for title in ("speed-up", "low", "high"))
 
 
 def _conclusions(model_results: ModelResults) -> Iterator[Conclusion]:
-    """Yield what the comparison on a model comes to: disagreement first, then advice."""
+    """Yield what the comparison on a model comes to.
+
+    What to know before the numbers comes first, then what went wrong, then advice.
+    """
     record = model_results.model
+    for text in comparison.cautions(model_results):
+        name = "" if text == comparison.FORMER else f"{_name(record)}: "
+        yield Conclusion(f"{name}{text}", Tone.CAUTION)
     if record.status not in (Status.OK, Status.INTERRUPTED):
         yield Conclusion(f"{record.model}: {record.status}: {record.detail}", Tone.BAD)
     for result in model_results.results:
@@ -31,20 +42,28 @@ def _conclusions(model_results: ModelResults) -> Iterator[Conclusion]:
     if clock is not None:
         begin, rest = comparison.clock_conclusion(clock)
         yield Conclusion(f"{_name(record)}: {begin}{rest}", Tone.GOOD)
+    for row in advise_threads(model_results):
+        begin, rest = comparison.thread_conclusion(row)
+        tone = Tone.GOOD if row.is_certain else Tone.UNSURE
+        yield Conclusion(f"{_name(record)}: {begin}{rest}", tone)
 
 
 def _conclusion(advice: Advice) -> Conclusion:
     begin, rest = comparison.conclusion(advice)
     tone = Tone.GOOD if advice.speedup is not None else Tone.NEUTRAL
-    size = f", {advice.nbatch:,} simulations" if advice.nbatch else ""
     return Conclusion(
-        f"{advice.model}{size}: {begin}{rest}", tone if advice.is_certain else Tone.UNSURE
+        f"{_sized(advice.model, advice.nbatch)}: {begin}{rest}",
+        tone if advice.is_certain else Tone.UNSURE,
     )
 
 
 def _name(record: ModelRecord) -> str:
-    size = f", {record.nbatch:,} simulations" if record.nbatch else ""
-    return f"{record.model}{size}"
+    return _sized(record.model, record.nbatch)
+
+
+def _sized(model: str, nbatch: int | None) -> str:
+    """Return the name of a model with its simulations, where there were any."""
+    return f"{model}, {tables.count_of(nbatch, 'simulation')}" if nbatch else model
 
 
 def sections(models: Sequence[ModelResults], command: str) -> Iterator[Section]:
@@ -70,8 +89,8 @@ def sections(models: Sequence[ModelResults], command: str) -> Iterator[Section]:
 
 def _section(model_results: ModelResults, command: str) -> Section:
     record = model_results.model
-    notes = [str(line) for line in comparison.heading_lines(model_results)]
-    table = _path_table(model_results.results)
+    notes = [str(comparison.heading(record)), *comparison.detail_lines(record)]
+    table = _path_table(model_results)
     timed = [r for r in model_results.results if r.speedup is not None]
     return Section(
         heading=_name(record),
@@ -79,25 +98,26 @@ def _section(model_results: ModelResults, command: str) -> Section:
         conclusions=[*_conclusions(model_results)],
         figures=[_speedup_figure(model_results, timed)] if timed else [],
         tables=[table],
-        notes=[*notes, *(str(line) for line in comparison.notes(model_results))],
+        notes=[*notes, *map(str, comparison.notes(model_results))],
     )
 
 
-def _path_table(results: Sequence[PathResult]) -> DataTable:
+def _path_table(model_results: ModelResults) -> DataTable:
     columns = (
+        Column("advised"),
         Column("path"),
         Column("ns/step", 4),
-        Column("speed-up", 3),
-        Column("low", 3),
-        Column("high", 3),
+        *_SPEEDUPS,
         Column("× real time", 3),
         Column("loop"),
         Column("agrees"),
         Column("launches", 3),
         Column("why not"),
     )
+    marks = comparison.marks(model_results)
     rows = [
         (
+            marks.get(str(r.variant), ""),
             str(r.variant),
             r.step_ns,
             *_ends(r),
@@ -107,7 +127,7 @@ def _path_table(results: Sequence[PathResult]) -> DataTable:
             r.launches or None,
             r.detail,
         )
-        for r in results
+        for r in model_results.results
     ]
     return DataTable("Paths", columns, rows)
 
@@ -115,7 +135,11 @@ def _path_table(results: Sequence[PathResult]) -> DataTable:
 def _ends(result: PathResult) -> tuple[float | None, float | None, float | None]:
     """Return a path's speed-up, and the ends of its interval."""
     speedup = result.speedup
-    return (speedup.estimate, speedup.low, speedup.high) if speedup else (None, None, None)
+    if speedup is None:
+        return None, None, None
+    if result.variant == Variant(BASE, {}):  # 1 by definition
+        return speedup.estimate, None, None
+    return speedup.estimate, speedup.low, speedup.high
 
 
 def _speedup_figure(model_results: ModelResults, timed: Sequence[PathResult]) -> Figure:
@@ -123,9 +147,7 @@ def _speedup_figure(model_results: ModelResults, timed: Sequence[PathResult]) ->
     model = model_results.model.model
     columns = (
         Column("path"),
-        Column("speed-up", 3),
-        Column("low", 3),
-        Column("high", 3),
+        *_SPEEDUPS,
         Column("loop"),
     )
     rows = [
@@ -135,7 +157,7 @@ def _speedup_figure(model_results: ModelResults, timed: Sequence[PathResult]) ->
     data = DataTable("Speed-ups", columns, rows)
     fastest = max(rows, key=lambda row: float(row[1] or 0.0))
     x = charts.quantity("speed-up", "times as fast as the plain loop", zero=True)
-    y = charts.names("path")
+    y = charts.names("path", labels=[row[0] for row in rows])
     layers: list[vega.Spec] = [
         charts.rule_at(1.0),
         {

@@ -108,8 +108,8 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
     ]
     parts += _history_parts(named_runs)
     chosen = _most_important(parts) if len(named_runs) > 1 else parts
-    # what went wrong comes first
-    main = [conclusion for part in chosen for conclusion in part.main]
+    # several models may say the same
+    main = list(dict.fromkeys(conclusion for part in chosen for conclusion in part.main))
     main.sort(key=lambda conclusion: conclusion.tone != Tone.BAD)
     sections = [part.section for part in chosen]
     if results.has_several and (first := machines.section(results, _report_command(named_runs))):
@@ -117,6 +117,7 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
         # they stand right above it, unless there are too many
         are_all_above = len(first.conclusions) <= _MOST_CONCLUSIONS
         sections.insert(0, replace(first, conclusions=()) if are_all_above else first)
+    main.sort(key=lambda conclusion: conclusion.tone != Tone.CAUTION)
     sections = list(_with_fewer_figures(sections))
     if len(sections) == 1:  # its conclusions are those of the report
         sections = [replace(sections[0], conclusions=())]
@@ -130,6 +131,11 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
     if len(chosen) < len(parts):
         main.append(_left_out(len(parts) - len(chosen), len(parts)))
     return Report(title, main, sections, _machines(named_runs, results.machines))
+
+
+def first_of(conclusions: Sequence[Conclusion]) -> list[Conclusion]:
+    """Return what to know before the numbers, and what went wrong."""
+    return [each for each in conclusions if each.tone in (Tone.CAUTION, Tone.BAD)]
 
 
 def _report_command(named_runs: Sequence[NamedRun]) -> str:
@@ -197,8 +203,8 @@ def _parts(named: NamedRun, machine: str) -> Iterator[_Part]:
 
     if run.of_type(ModelRecord):
         for section in comparisons.sections(derive_all(run.records), command):
-            bad = [c for c in section.conclusions if c.tone == Tone.BAD]
-            yield replace(part(section), main=bad) if machine else part(section)
+            first = [replace(c, text=f"{machine}: {c.text}") for c in first_of(section.conclusions)]
+            yield replace(part(section), main=first) if machine else part(section)
     if rows := [record.row() for record in run.of_type(VerdictRecord)]:
         confidence = family.confidence_of(run.header)
         yield part(verdicts.section(rows, confidence, command), is_side_by_side=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
-from mjbench.comparison.plan import WITHOUT_TIMER
+from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.instrument.interval import Interval
 from mjbench.paired.race import MARGIN, RaceRecord, Standing
 from mjbench.paths import BASE
@@ -50,7 +50,7 @@ class Advice:
       speedup: over the plain loop, the same as in the path's row; None for the plain loop itself.
       reason: why.
       is_certain: whether no other path can be faster by 2 %, and nothing disturbed the race.
-      rivals: paths that may be as fast, each with its options.
+      rivals: paths that may be as fast, each with its options, the fastest by estimate first.
       unable: paths that left the race because they could not go on, or that are not advised because
         they take seconds to start, each with the reason.
       break_even: when compiling pays for an accelerated path that is faster, in one line; empty
@@ -67,7 +67,7 @@ class Advice:
     speedup: Interval | None
     reason: Reason
     is_certain: bool
-    rivals: Sequence[str]
+    rivals: Sequence[Variant]
     unable: Sequence[str]
     break_even: str
     realtime_factor: float | None
@@ -106,7 +106,7 @@ class _Choice:
     result: PathResult
     reason: Reason
     is_certain: bool
-    rivals: Sequence[str] = ()
+    rivals: Sequence[Variant] = ()
     break_even: str = ""
 
 
@@ -146,18 +146,23 @@ def _choose(
 ) -> _Choice:
     """Return the C path to use of those that compete with each other."""
     by_variant = {str(result.variant): result for result in model_results.results}
-    names = [str(variant) for variant in race.variants]
-    chosen = by_variant.get(names[place.chosen], base)
-    rivals = [names[i] for i in {place.fastest, *place.rivals} - {place.chosen}]
+    chosen = by_variant.get(str(race.variants[place.chosen]), base)
     is_certain = place.is_decided and not race.is_cut_short and not model_results.disturbances
+    reason = Reason.SIMPLER if place.fastest != place.chosen else Reason.FASTER
+    gain = chosen.speedup
     if chosen.variant == base.variant:
         reason = Reason.SIMPLER if place.fastest != place.chosen else Reason.NO_GAIN
-        return _Choice(base, reason, is_certain, rivals)
-    if chosen.speedup is None or not chosen.speedup.is_above(1.0):
-        is_certain &= chosen.speedup is not None and chosen.speedup.is_bounded
-        return _Choice(base, Reason.NO_GAIN, is_certain, [*rivals, names[place.chosen]])
-    reason = Reason.SIMPLER if place.fastest != place.chosen else Reason.FASTER
-    return _Choice(chosen, reason, is_certain, rivals)
+    elif gain is None or not gain.is_above(1.0):
+        is_certain &= gain is not None and gain.high is not None and gain.high <= 1 + MARGIN
+        chosen, reason = base, Reason.NO_GAIN
+    others = (race.variants[i] for i in {place.fastest, place.chosen, *place.rivals})
+    rivals = [
+        result
+        for variant in others
+        if (result := by_variant.get(str(variant))) and result.variant != chosen.variant
+    ]
+    rivals.sort(key=lambda result: result.steps_per_s or 0.0, reverse=True)
+    return _Choice(chosen, reason, is_certain, [result.variant for result in rivals])
 
 
 def _others_timed(model_results: ModelResults, loop: Loop) -> bool:
@@ -176,7 +181,7 @@ def _unable(
     unable = [f"{race.variants[each.variant]} left: {each.detail}" for each in race.unable]
     slow = {str(race.variants[i]) for i in race.slow}
     unable += [
-        f"{r.variant} takes seconds to start"
+        f"{r.variant} is faster, but takes seconds to start"
         for r in model_results.results
         if str(r.variant) in slow
         and r.is_timed

@@ -28,6 +28,13 @@ from mjbench.status import Status
 
 # A model on whose free bodies gravity acts falls where it has fewer contacts than this in a step.
 _FALLING_CONTACTS = 0.05
+_PLAIN_LOOP = "the plain loop"
+# Rivals that a sentence names, at most.
+_MOST_RIVALS = 2
+FORMER = (
+    "Timed by an earlier version of mjbench, in one process: speed-ups have no interval, and no"
+    " path is advised."
+)
 _FALLING = (
     "Warning: a free body falls, and touches nothing: these are the speeds of free fall. Let it"
     " settle (--settle 3s), or give states of your own (--states)."
@@ -60,16 +67,18 @@ def print_model(out: Console, sizes: Sequence[ModelResults], code: bool = False)
     timed = [each for each in sizes if _has_results(each)]
     for model_results in sizes:
         out.print()
-        print_lines(out, heading_lines(model_results))
+        print_lines(out, caution_lines(model_results))
+        print_lines(out, [heading(model_results.model)])
         if model_results in timed:
-            print_lines(out, conclusion_lines(model_results))
-    if not timed:
-        return
-    out.print(path_table(timed))
+            print_lines(out, conclusion_lines(model_results, len(sizes) > 1))
+    if timed:
+        out.print(path_table(timed))
     compiled = [r for each in timed for r in each.results if r.compile_s is not None]
     if compiled:
         out.print(_compile_table(compiled))
-    print_lines(out, list(dict.fromkeys(line for each in timed for line in notes(each))))
+    about = [line for each in timed for line in notes(each)]
+    about += [line for each in sizes for line in detail_lines(each.model)]
+    print_lines(out, list(dict.fromkeys(about)))
     if code:
         _print_code(out, [advice for each in timed for advice in advise(each)])
 
@@ -79,7 +88,9 @@ def shown_so_far(sizes: Sequence[ModelResults]) -> Group | None:
     timed = [each for each in sizes if any(result.is_timed for result in each.results)]
     if not timed:
         return None
-    return Group(*conclusion_lines(timed[-1]), path_table(timed))
+    last = timed[-1]
+    lines = [*caution_lines(last), *conclusion_lines(last, len(timed) > 1)]
+    return Group(*lines, path_table(timed))
 
 
 def print_lines(out: Console, lines: Sequence[str | Text]) -> None:
@@ -93,14 +104,21 @@ def _has_results(model_results: ModelResults) -> bool:
     return is_ok or any(r.is_timed or r.agrees is False for r in model_results.results)
 
 
-def conclusion_lines(model_results: ModelResults) -> list[str | Text]:
-    """Return what follows from a comparison, for each loop, and for MuJoCo's timer."""
+def conclusion_lines(model_results: ModelResults, names_size: bool) -> list[str | Text]:
+    """Return what follows from a comparison, for each loop, and for MuJoCo's timer.
+
+    Args:
+      model_results: of the comparison.
+      names_size: whether lines say how many simulations there were, because others stand beside.
+    """
     lines: list[str | Text] = [
-        tables.headed(*conclusion(advice)) for advice in advise(model_results)
+        tables.headed(*conclusion(advice, names_size)) for advice in advise(model_results)
     ]
-    lines += [tables.headed(*thread_conclusion(row)) for row in advise_threads(model_results)]
+    lines += [
+        tables.headed(*thread_conclusion(row, names_size)) for row in advise_threads(model_results)
+    ]
     if (clock := advise_clock(model_results)) is not None:
-        lines.append(tables.headed(*clock_conclusion(clock)))
+        lines.append(tables.headed(*clock_conclusion(clock, names_size)))
     return lines
 
 
@@ -110,65 +128,87 @@ _LOOPS = {
 }
 
 
-def conclusion(advice: Advice) -> tuple[str, str]:
-    """Return which path to use, and why: the beginning of a sentence, and its rest."""
-    begin = f"{_LOOPS[advice.loop]}: {described(Variant(advice.path, advice.options))}"
-    return begin, f", {why(advice)}" if advice.reason != Reason.NO_GAIN else f"; {why(advice)}"
+def conclusion(advice: Advice, names_size: bool = False) -> tuple[str, str]:
+    """Return which path to use, and why: the beginning of a sentence, and its rest.
+
+    Args:
+      advice: on a model.
+      names_size: whether to say how many simulations there were.
+    """
+    gain = f", {_times(advice.speedup, _PLAIN_LOOP)}" if advice.speedup is not None else ""
+    begin = f"{_LOOPS[advice.loop]}{_size(advice.nbatch, names_size)}"
+    described_path = described(Variant(advice.path, advice.options))
+    return f"{begin}: {described_path}", "; ".join([gain, *_reasons(advice)])
+
+
+def _size(nbatch: int | None, names_size: bool) -> str:
+    """Return how many simulations a sentence is about, to follow its first words."""
+    return f", {tables.count_of(nbatch, 'simulation')}" if names_size and nbatch else ""
 
 
 def described(variant: Variant) -> str:
-    """Return a path with its options for a sentence, such as `Batch.step on 2 threads`."""
+    """Return a path with its options for a sentence, such as `Batch.step on 2 threads`.
+
+    Options that have the path's own value are left out.
+    """
     path, options = paths.find(variant.path), dict(variant.options)
     text = path.title or path.name
-    if "threads" in options:
-        text += f" on {tables.count_of(options.pop('threads'), 'thread')}"
+    for option in path.options:
+        if option.name not in options:
+            continue
+        if option.name == "threads":
+            text += f" on {tables.count_of(options.pop(option.name), 'thread')}"
+        elif option.is_parallel:
+            text = f"{options.pop(option.name)} {text}"
+        elif option.values and options[option.name] == option.values[0]:
+            del options[option.name]
     rest = describe_options(options)
     return f"{text} ({rest})" if rest else text
 
 
-def why(advice: Advice) -> str:
-    """Return why a path is advised, in a clause."""
-    gain = ""
-    if advice.speedup is not None:
-        gain = _times_the_loop(advice.speedup)
+def _reasons(advice: Advice) -> list[str]:
+    """Return why a path is advised, in clauses."""
+    reasons = []
     match advice.reason:
-        case Reason.FASTER | Reason.PAYS:
-            text = gain
-        case Reason.SIMPLER:
-            text = ", ".join(filter(None, (gain, "and no other path is faster by 2 %")))
-        case Reason.NO_GAIN:
-            text = "no path is certainly faster"
+        case Reason.SIMPLER | Reason.NO_GAIN if advice.is_certain:
+            reasons.append("no other path is faster by 2 %")
         case Reason.ALONE:
-            text = "no other path was timed for it"
+            reasons.append("no other path was timed for it")
     if not advice.is_certain and advice.reason != Reason.PAYS:
-        text += "; not certain"
-    if advice.rivals and not advice.is_certain:
-        text += f": {' or '.join(advice.rivals)} may be faster"
-    return "; ".join(filter(None, (text, *advice.unable, advice.break_even)))
+        rivals = [described(each) for each in advice.rivals]
+        if len(rivals) > _MOST_RIVALS:
+            rivals = [f"{len(rivals)} other paths"]
+        doubt = f": {' or '.join(rivals)} may be faster" if rivals else ""
+        reasons.append(f"not certain{doubt}")
+    return [*reasons, *advice.unable, *filter(None, [advice.break_even])]
 
 
-def _times_the_loop(speedup: Interval) -> str:
+def _times(speedup: Interval, baseline: str) -> str:
     low_high = ""
     if speedup.low is not None and speedup.high is not None:
         low_high = f" ({tables.factor(speedup.low)} to {tables.factor(speedup.high)})"
-    return f"{tables.factor(speedup.estimate)} times the plain loop{low_high}"
+    return f"{tables.factor(speedup.estimate)} times {baseline}{low_high}"
 
 
-def thread_conclusion(row: ThreadAdvice) -> tuple[str, str]:
+def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> tuple[str, str]:
     """Return how many threads a path should have: the beginning of a sentence, and its rest."""
     threads = "one thread" if row.nthread == 1 else f"{row.nthread} threads"
-    begin = f"{paths.find(row.path).title or row.path}: {threads}"
+    name = paths.find(row.path).title or row.path
+    begin = f"{name}{_size(row.nbatch, names_size)}: {threads}"
+    doubt = "" if row.is_certain else "; not certain"
     if row.over_one is None:
-        return begin, f"; no number up to {row.most_tried} is certainly faster"
-    most = "" if row.nthread == row.most_tried else f"; {row.most_tried} are no faster by 5 %"
-    chunk = f" (chunk {row.chunk})" if row.chunk else ""
-    return begin + chunk, f", {row.over_one.text(tables.factor)} times one thread{most}"
+        return begin, f"; no number up to {row.most_tried} is certainly faster{doubt}"
+    most = ""
+    if row.nthread < row.most_tried:
+        most = f"; {row.most_tried} threads gain less than 5 % more"
+    chunk = f" (chunk={row.chunk})" if row.chunk else ""
+    return begin + chunk, f", {_times(row.over_one, 'one thread')}{most}{doubt}"
 
 
-def clock_conclusion(clock: ClockAdvice) -> tuple[str, str]:
+def clock_conclusion(clock: ClockAdvice, names_size: bool = False) -> tuple[str, str]:
     """Return what turning MuJoCo's timer off gains: the beginning of a sentence, and its rest."""
-    begin = f"Any path: turn off {package_timer.NAME} ({package_timer.OFF_CODE})"
-    return begin, f", {_times_the_loop(clock.speedup)}. {package_timer.OFF_NOTE}"
+    begin = f"Any path{_size(clock.nbatch, names_size)}: turn off {package_timer.NAME}"
+    return f"{begin} ({package_timer.OFF_CODE})", f", {_times(clock.speedup, _PLAIN_LOOP)}"
 
 
 def print_summary(out: Console, models: Sequence[ModelResults]) -> None:
@@ -190,7 +230,7 @@ def print_summary(out: Console, models: Sequence[ModelResults]) -> None:
             names[row.model],
             *size,
             row.loop,
-            f"{_mark(row.is_certain)} {Variant(row.path, row.options)}",
+            f"{mark(row.is_certain)} {Variant(row.path, row.options)}",
             tables.factor(row.speedup.estimate) if row.speedup else "1",
             tables.ends(row.speedup),
             _times_real_time(row.realtime_factor),
@@ -200,8 +240,20 @@ def print_summary(out: Console, models: Sequence[ModelResults]) -> None:
     out.print(table)
 
 
-def _mark(is_certain: bool) -> str:
+def mark(is_certain: bool) -> str:
+    """Return the mark of what is advised."""
     return "✓" if is_certain else "?"
+
+
+def marks(model_results: ModelResults) -> dict[str, str]:
+    """Return the marks of advised paths: ✓ where that is certain, ? where it is not.
+
+    The keys are the paths, each with its options.
+    """
+    return {
+        str(Variant(row.path, row.options)): mark(row.is_certain)
+        for row in sorted(advise(model_results), key=lambda row: not row.is_certain)
+    }
 
 
 def print_code_hint(out: Console, models: Sequence[ModelResults]) -> None:
@@ -265,6 +317,16 @@ def _curve_crossing(row: Crossover) -> str:
     return f"; a curve through all sizes crosses at {curve.nbatch:,.0f} (95 %: {low} to {high})"
 
 
+def difference_cautions(rows: Sequence[RunDifference]) -> list[str]:
+    """Return what to know before the ratios of `mjbench diff`, a line each."""
+    lines = (
+        f"{', '.join(filter(None, (row.machine, row.model)))}: {caution}"
+        for row in rows
+        for caution in row.cautions
+    )
+    return list(dict.fromkeys(lines))
+
+
 def differences_table(rows: Sequence[RunDifference]) -> Table:
     """Return the table of `mjbench diff`; of sets, with a column for the machine."""
     machines = ["machine"] if any(row.machine for row in rows) else []
@@ -287,26 +349,37 @@ def differences_table(rows: Sequence[RunDifference]) -> Table:
     return table
 
 
-def heading_lines(model_results: ModelResults) -> list[str | Text]:
-    """Return what stands above the results of a model: what disturbed it, sizes, its steps."""
-    lines: list[str | Text] = []
+def cautions(model_results: ModelResults) -> list[str]:
+    """Return what a reader must know before the numbers of a model, a sentence each."""
+    sentences = []
     if model_results.disturbances:
-        text = f"Disturbed: {'; '.join(model_results.disturbances)}. Measure again."
-        lines.append(Text(text, style="yellow"))
+        sentences.append(disturbed(model_results.disturbances))
     if model_results.is_former:
-        lines.append(
-            "An earlier version of mjbench timed these paths in one process: the speed-ups have no"
-            " interval, and no path is advised."
-        )
-    return [*lines, *model_lines(model_results.model)]
+        sentences.append(FORMER)
+    model = model_results.model
+    if model.facts is None or model.work is None or not model.facts.can_fall:
+        return sentences
+    if not model.start_contacts and model.work.contacts < _FALLING_CONTACTS:
+        sentences.append(_FALLING)
+    return sentences
 
 
-def model_lines(model: ModelRecord) -> list[str | Text]:
-    """Return the sizes of a model's comparison, what its steps did, and its starts."""
+def disturbed(disturbances: Sequence[str]) -> str:
+    """Return what disturbed a measurement, as a sentence, and what to do."""
+    return f"Disturbed: {'; '.join(disturbances)}. Measure again."
+
+
+def caution_lines(model_results: ModelResults) -> list[str | Text]:
+    """Return `cautions` as lines in yellow."""
+    return [Text(text, style="yellow") for text in cautions(model_results)]
+
+
+def heading(model: ModelRecord) -> Text:
+    """Return the name of a model with the sizes of its comparison, or with why it failed."""
     detail = model.detail.removeprefix(f"{model.model}: ")
     if model.facts is None or model.work is None:
         status = "" if model.status == Status.INPUT else f"{model.status}: "
-        return [tables.headed(model.model, f": {status}{detail}")]
+        return tables.headed(model.model, f": {status}{detail}")
     simulations = tables.count_of(model.nbatch or 0, "simulation")
     sizes = f": {simulations} × {tables.count_of(model.nstep or 0, 'step')}"
     if model.hold and model.hold > 1:
@@ -315,10 +388,18 @@ def model_lines(model: ModelRecord) -> list[str | Text]:
         sizes += f", returns {_RETURNS[model.returns]}"
     if model.reduced:
         sizes += " (reduced to keep a block short; --nbatch and --nstep set them)"
+    if model.status not in (Status.OK, Status.INTERRUPTED):
+        sizes += f"; {model.status}: {detail}"
+    return tables.headed(model.model, sizes)
+
+
+def detail_lines(model: ModelRecord) -> list[str]:
+    """Return what a model's steps did, its starts, and what MuJoCo warned of."""
+    if model.facts is None or model.work is None:
+        return []
     work = model.work
     actuators = "" if model.facts.nu else ", no actuators"
-    lines: list[str | Text] = [
-        tables.headed(model.model, sizes),
+    lines = [
         f"nv {model.facts.nv}, {model.facts.integrator}, {model.facts.solver}{actuators}; per step"
         f" {work.contacts:.1f} contacts ({model.start_contacts or 0} at the start),"
         f" {work.constraints:.1f} constraints, {work.solver_iterations:.1f} solver iterations",
@@ -329,16 +410,12 @@ def model_lines(model: ModelRecord) -> list[str | Text]:
             " with more, most simulations diverge"
         )
     lines += starts_lines(model.starts, with_warnings=False)
-    if model.facts.can_fall and not model.start_contacts and work.contacts < _FALLING_CONTACTS:
-        lines.append(Text(_FALLING, style="yellow"))
     if model.diverged:
         diverged = tables.count_of(model.diverged, "simulation")
         lines.append(f"{diverged} diverged, left out of all figures ({model.divergence})")
     lines += tables.warning_lines(model.warnings)
     if model.warnings:
         lines.append("mujoco.rollout and Batch.rollout stop a simulation at its first warning")
-    if model.status not in (Status.OK, Status.INTERRUPTED):
-        lines.append(f"{model.status}: {detail}")
     return lines
 
 
@@ -352,31 +429,45 @@ _RETURNS = {
 def path_table(sizes: Sequence[ModelResults]) -> Table:
     """Return the table of the paths on one model, at each of its sizes.
 
-    Advised paths have a mark: ✓ where that is certain, ? where it is not.
+    Advised paths have a mark (see `marks`). Whether paths agree is a column where one does not.
     """
-    has_sizes = len(sizes) > 1
+    has_sizes, all_agree = len(sizes) > 1, not any(map(_unlike, sizes))
     headings = ["", "path", *(["simulations"] if has_sizes else [])]
     table = tables.plain_table(
-        [*headings, "ns/step", "speed-up", "95 %", "× real", "loop", "agrees"],
+        [
+            *headings,
+            *("ns/step", "speed-up", "95 %", "× real", "loop"),
+            *([] if all_agree else ["agrees"]),
+        ],
         right=range(2, len(headings) + 4),
+        wrapped=[1],
     )
     for model_results in sizes:
-        marks = {
-            str(Variant(row.path, row.options)): _mark(row.is_certain)
-            for row in advise(model_results)
-        }
-        for result in model_results.results:
-            if _is_unavailable(result) or _is_pending(result):
-                continue
+        of_paths = marks(model_results)
+        for result in _shown(model_results):
             table.add_row(
-                marks.get(str(result.variant), ""),
+                of_paths.get(str(result.variant), ""),
                 str(result.variant),
                 *([f"{result.nbatch:,}" if result.nbatch else ""] if has_sizes else []),
                 *_speed_cells(result),
                 Loop.CLOSED if result.closed_loop else Loop.OPEN,
-                agrees(result),
+                *([] if all_agree else [agrees(result)]),
             )
     return table
+
+
+def _shown(model_results: ModelResults) -> list[PathResult]:
+    """Return the results that have a row: what is unavailable here, or not begun, has none."""
+    return [
+        result
+        for result in model_results.results
+        if not (_is_unavailable(result) or _is_pending(result))
+    ]
+
+
+def _unlike(model_results: ModelResults) -> list[PathResult]:
+    """Return the results in the table that do not agree, or whose agreement is not known."""
+    return [result for result in _shown(model_results) if agrees(result) != _AGREES]
 
 
 def _speed_cells(result: PathResult) -> list[str]:
@@ -404,10 +495,13 @@ def _is_unavailable(result: PathResult) -> bool:
     return result.status == Status.UNAVAILABLE
 
 
+_AGREES = "yes"
+
+
 def agrees(result: PathResult) -> str:
     """Return whether a path agrees, or why that is not known, in a few words."""
     if result.status == Status.OK:
-        return "yes" if result.is_judged else "not judged"
+        return _AGREES if result.is_judged else "not judged"
     return "NO" if result.status == Status.DISAGREES else str(result.status)
 
 
@@ -461,7 +555,26 @@ def notes(model_results: ModelResults) -> list[str | Text]:
     lines += [f"{r.path}: {r.agreement}" for r in results if r.check and r.agrees]
     lines += _buffer_lines(results)
     lines += _error_causes(results)
-    return [*lines, *_cores_note(model_results)]
+    return [*_race_notes(model_results), *lines, *_cores_note(model_results)]
+
+
+def _race_notes(model_results: ModelResults) -> list[str]:
+    """Return whether all paths agree, what its advice implies, and how the race ended."""
+    lines = []
+    if model_results.model.status == Status.OK and not _unlike(model_results):
+        lines.append("All paths agree with the plain loop.")
+    if advise_clock(model_results) is not None:
+        lines.append(package_timer.OFF_NOTE)
+    race = model_results.race
+    if race is not None and race.status not in (Status.OK, Status.INTERRUPTED):
+        lines.append(f"The race ended early: {race.status}: {race.detail}")
+    if race is not None and race.is_cut_short and race.status == Status.OK:
+        count = len(race.launches)
+        lines.append(
+            f"The budget ended the race after {count} {'launch' if count == 1 else 'launches'}:"
+            " a longer --budget makes it more certain."
+        )
+    return lines
 
 
 def _buffer_lines(results: Sequence[PathResult]) -> list[str]:

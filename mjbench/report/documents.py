@@ -70,7 +70,7 @@ RECORD_TYPES: Mapping[str, type] = {
 class CompareDocument:
     """What `mjbench compare --json` writes."""
 
-    schema: int = SCHEMA
+    schema: int = 2
     machine: Machine
     results: Sequence[PathResult]
     advice: Sequence[Advice]

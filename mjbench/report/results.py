@@ -24,10 +24,6 @@ from mjbench.simulation.work import Work
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
 
-# Below this share of the usable cores, threaded figures say more about the machine's other guests
-# than about the paths.
-POOR_CORES = 0.85
-
 
 @dataclass(frozen=True, kw_only=True)
 class PathResult:
@@ -69,6 +65,8 @@ class PathResult:
       buffer_sizes: sizes of an accelerated engine's buffers, by its names for them.
       overtakes_after_steps: break-even: steps of the plain loop that take as long as compiling and
         running the same number; None where the plain loop is faster.
+      disturbances: what disturbed its race, a clause each; empty where nothing did.
+      is_former: whether an earlier version of mjbench timed it: all paths in one process.
     """
 
     model: str
@@ -104,6 +102,8 @@ class PathResult:
     check: AcceleratedCheck | None = None
     buffer_sizes: Mapping[str, int] | None = None
     overtakes_after_steps: float | None = None
+    disturbances: Sequence[str] = ()
+    is_former: bool = False
 
     @property
     def is_accelerated(self) -> bool:
@@ -155,6 +155,12 @@ class ModelResults:
     is_former: bool = False
 
     @property
+    def statuses(self) -> list[Status]:
+        """How the model, its variants and its race ended."""
+        race = [self.race.status] if self.race else []
+        return [self.model.status, *(result.status for result in self.results), *race]
+
+    @property
     def cores_had(self) -> float | None:
         """The cores that threads got: the median of the launches; None without any."""
         had = list(self.model.cores_had)
@@ -164,19 +170,16 @@ class ModelResults:
 
     @property
     def disturbances(self) -> list[str]:
-        """What disturbed the race, a sentence each; empty where nothing did."""
+        """What disturbed the race, a clause each; empty where nothing did."""
         race, lines = self.race, list[str]()
-        if race is None:
-            return lines
-        if race.stolen_share is not None and race.stolen_share >= machine.NOTABLE_STOLEN:
-            lines.append(
-                f"the host took {100 * race.stolen_share:.0f} % of the processor time for others"
-            )
-        if race.neighbours:
+        stolen = (race.stolen_share if race else None) or 0.0
+        if stolen >= machine.NOTABLE_STOLEN:
+            lines.append(f"the host took {100 * stolen:.0f} % of the processor time for others")
+        if race and race.neighbours:
             others = ", ".join(f"mjbench {name}" for name in race.neighbours)
             lines.append(f"{others} measured on this machine at the same time")
         cores, usable = self.cores_had, self._cores_wanted
-        if cores is not None and cores < POOR_CORES * usable:
+        if cores is not None and cores < machine.ENOUGH_CORES * usable:
             lines.append(f"threads had {cores:.2f} of {usable} cores")
         return lines
 
@@ -218,7 +221,10 @@ def derive(
     elif base is not None:
         base_ns = 1e9 * _step_s(base)
     results = [_result(model, m, base_ns, _speedup(m, base, race, base_ns)) for m in measurements]
-    return ModelResults(model, tuple(results), race, is_former)
+    derived = ModelResults(model, tuple(results), race, is_former)
+    disturbances = derived.disturbances
+    marked = (replace(r, disturbances=disturbances, is_former=is_former) for r in results)
+    return replace(derived, results=tuple(marked))
 
 
 def derive_all(records: Sequence[Record]) -> list[ModelResults]:

@@ -73,15 +73,23 @@ def _printable_lines(text: str) -> str:
     return "\n".join(map(printable, text.split("\n")))
 
 
-def plain_table(headings: Sequence[str], right: Sequence[int] | range = ()) -> Table:
-    """Return an empty table without frames; the columns numbered in `right` are right-aligned."""
+def plain_table(
+    headings: Sequence[str], right: Sequence[int] | range = (), wrapped: Sequence[int] = ()
+) -> Table:
+    """Return an empty table without frames.
+
+    Args:
+      headings: of its columns.
+      right: columns that are right-aligned.
+      wrapped: columns whose cells may have several lines; without any, the last one.
+    """
     table = Table(box=None, pad_edge=False, header_style="bold")
     for i, heading in enumerate(headings):
-        is_last = i == len(headings) - 1
+        is_wrapped = i in (wrapped or [len(headings) - 1])
         table.add_column(
             heading,
             justify="right" if i in right else "left",
-            no_wrap=not is_last,
+            no_wrap=not is_wrapped,
             overflow="fold",
         )
     return table
