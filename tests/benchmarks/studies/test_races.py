@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from benchmarks import races
-from benchmarks.tally_file import load
+from benchmarks.studies import races
+from benchmarks.studies.tally_file import load
 from mjbench.comparison.plan import Variant
 from mjbench.paired.race import RaceLaunch, RaceRecord
 

@@ -1,7 +1,7 @@
 """How good is the race of `mjbench compare`? Its errors, on stored launches.
 
-    python -m benchmarks.races measure [MODEL …] [--launches N]
-    python -m benchmarks.races replay [--races N]
+    python -m benchmarks.studies.races measure [MODEL …] [--launches N]
+    python -m benchmarks.studies.races replay [--races N]
 
 `measure` launches all C paths of each model N times, and one of them twice in each launch, and
 writes the launches to results/races.jsonl. That takes a minute or more a model.
@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmarks import tally_command
-from benchmarks.tally_file import dumps
+from benchmarks.studies import tally_command
+from benchmarks.studies.tally_file import dumps
 from mjbench.errors import InputError, MachineError
 from mjbench.simulation import models
 from mjbench.status import ExitCode, Status
@@ -34,10 +34,10 @@ from mjbench.status import ExitCode, Status
 if TYPE_CHECKING:
     from mjbench.paired.race import RaceRecord
 
-RESULTS = Path(__file__).parents[1] / "results"
+RESULTS = Path(__file__).parents[2] / "results"
 LAUNCHES_FILE, TALLY_FILE = RESULTS / "races.jsonl", RESULTS / "races.json"
-PAGE = Path(__file__).parents[1] / "docs" / "method" / "timing.md"
-_BEGIN, _END = "<!-- races: written by benchmarks.races -->", "<!-- end -->"
+PAGE = Path(__file__).parents[2] / "docs" / "method" / "timing.md"
+_BEGIN, _END = "<!-- races: written by benchmarks.studies.races -->", "<!-- end -->"
 # Seconds that a launch takes beside its blocks, and blocks that prepare a path, untimed.
 _START_S, _PREPARING_BLOCKS = 0.4, 2
 
@@ -332,6 +332,6 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
 
 if __name__ == "__main__":
     # Not this module's own `main`: see c_floor.
-    from benchmarks import races as own
+    from benchmarks.studies import races as own
 
     sys.exit(own.main())
