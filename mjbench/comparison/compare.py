@@ -25,7 +25,7 @@ from mjbench.comparison.messages import (
 from mjbench.comparison.plan import ComparisonPlan
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.errors import failure_of
-from mjbench.instrument import isolate, machine
+from mjbench.instrument import isolate, machine, scratch
 from mjbench.paths.accelerated import AcceleratedPath
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
@@ -40,6 +40,34 @@ class _VariantState:
     compile_report: CompileReport | None = None
     cached_compile: CachedCompile | None = None
     memory: PeakMemory | None = None
+
+
+@dataclass(frozen=True)
+class VerifiedModel:
+    """Whether paths agree on one model.
+
+    Attributes:
+      model: its record.
+      measurements: one a variant, without times.
+    """
+
+    model: ModelRecord
+    measurements: tuple[MeasurementRecord, ...]
+
+
+def verify_model(source: ModelSource, plan: ComparisonPlan) -> VerifiedModel:
+    """Verify the paths of a plan that run C, and time nothing."""
+    with scratch.folder() as folder:
+        children = ModelChildren(
+            source,
+            plan,
+            folder / "model.mjb",
+            folder / "workload.pickle",
+            folder / "accelerated.pickle",
+            is_over=True,
+        )
+        children.verify(lambda: None)
+        return VerifiedModel(children.model_record(), children.measurements(children.agreeing))
 
 
 @dataclass
