@@ -157,10 +157,10 @@ def test_a_program_that_never_returns_is_a_row_that_says_timeout(
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1]))
     with WorkerPool() as pool:
-        *_, last = path_comparison.compare_model(
-            pool, models.resolve(MODEL), plan, lambda name, share: None
-        )
-    rows = {r.path: r for r in results.derive(last.model, last.measurements, last.race).results}
+        source = models.resolve(MODEL)
+        *_, last = path_comparison.compare_model(pool, source, plan, lambda name, share: None)
+    derived = results.derive(last.model, last.measurements, last.race)
+    rows = {result.path: result for result in derived.results}
     assert rows["hangs:Hangs"].status == Status.TIMEOUT
     assert "timing hangs" in rows["hangs:Hangs"].detail
     assert rows["hangs:Hangs"].step_ns is None
