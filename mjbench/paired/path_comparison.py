@@ -93,6 +93,9 @@ def finished(records: Sequence[Record], nvariant: int) -> list[Record]:
         if not isinstance(model, ModelRecord) or model.status not in FINISHED:
             continue
         measurements, its_race = of_model(model, records), race_of(model, records)
+        raced = [m for m in measurements if m.status == Status.OK and not m.samples_s]
+        if raced and its_race is None:  # the last line of the file was cut short
+            continue
         statuses = [each.status for each in measurements] + ([its_race.status] if its_race else [])
         if len(measurements) == nvariant and all(status in FINISHED for status in statuses):
             done += [model, *measurements, *([its_race] if its_race else [])]

@@ -1,5 +1,6 @@
 """Which path to use on a model: for open loop, and for closed loop. It follows from the race."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -51,6 +52,8 @@ class Advice:
       reason: why.
       is_certain: whether no other path can be faster by 2 %, and nothing disturbed the race.
       rivals: paths that may be as fast, each with its options, the fastest by estimate first.
+      most_gain: share by which one of them may be faster than the fastest, at most; None where
+        launches are too few to say.
       unable: paths that left the race because they could not go on, or that are not advised because
         they take seconds to start, each with the reason.
       break_even: when compiling pays for an accelerated path that is faster, in one line; empty
@@ -68,6 +71,7 @@ class Advice:
     reason: Reason
     is_certain: bool
     rivals: Sequence[Variant]
+    most_gain: float | None
     unable: Sequence[str]
     break_even: str
     realtime_factor: float | None
@@ -100,6 +104,7 @@ class _Choice:
       reason: why.
       is_certain: see `Advice`.
       rivals: likewise.
+      most_gain: likewise.
       break_even: likewise.
     """
 
@@ -107,6 +112,7 @@ class _Choice:
     reason: Reason
     is_certain: bool
     rivals: Sequence[Variant] = ()
+    most_gain: float | None = None
     break_even: str = ""
 
 
@@ -162,7 +168,8 @@ def _choose(
         if (result := by_variant.get(str(variant))) and result.variant != chosen.variant
     ]
     rivals.sort(key=lambda result: result.steps_per_s or 0.0, reverse=True)
-    return _Choice(chosen, reason, is_certain, [result.variant for result in rivals])
+    most_gain = place.most_gain if math.isfinite(place.most_gain) else None
+    return _Choice(chosen, reason, is_certain, [result.variant for result in rivals], most_gain)
 
 
 def _others_timed(model_results: ModelResults, loop: Loop) -> bool:
@@ -225,6 +232,7 @@ def _advice(loop: Loop, choice: _Choice, unable: Sequence[str]) -> Advice:
         reason=choice.reason,
         is_certain=choice.is_certain,
         rivals=choice.rivals,
+        most_gain=choice.most_gain,
         unable=unable,
         break_even=choice.break_even,
         realtime_factor=result.realtime_factor,

@@ -178,7 +178,8 @@ def _reasons(advice: Advice) -> list[str]:
         rivals = [described(each) for each in advice.rivals]
         if len(rivals) > _MOST_RIVALS:
             rivals = [f"{len(rivals)} other paths"]
-        doubt = f": {' or '.join(rivals)} may be faster" if rivals else ""
+        most = f" by up to {100 * advice.most_gain:.0f} %" if advice.most_gain else ""
+        doubt = f": {' or '.join(rivals)} may be faster{most}" if rivals else ""
         reasons.append(f"not certain{doubt}")
     return [*reasons, *advice.unable, *filter(None, [advice.break_even])]
 

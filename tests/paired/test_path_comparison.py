@@ -169,3 +169,12 @@ def test_an_accelerated_path_that_fails_in_the_parent_costs_its_own_row(
     assert rows["pretender:Pretender"].status == Status.FAILED
     assert rows["pretender:Pretender"].detail == "RuntimeError: no environment"
     assert rows["python_loop"].is_timed
+
+
+def test_a_model_whose_race_was_torn_off_is_measured_again(
+    pool: WorkerPool, contact_file: str
+) -> None:
+    *_, last = comparisons(pool, contact_file, Variant("python_loop_hold", {}))
+    records = last.records
+    assert path_comparison.finished(records, 2) == records
+    assert path_comparison.finished(records[:-1], 2) == []
