@@ -10,7 +10,7 @@ LAB := build/lab/mujoco-lab.html
 .PHONY: help bench test lint upgrade site lab picture c-floor slowdown soak fuzz verdicts foreign clean
 
 help:
-	@echo "make bench     compare the C paths, and MJX where it applies, on the ten shipped models (15 to 20 minutes)"
+	@echo "make bench     compare the C paths on the ten shipped models (4 minutes)"
 	@echo "make test      run lint (see below) and the tests (15 to 25 minutes on two cores)"
 	@echo "make site      write the history, all reports and the documents as a static site to $(SITE)"
 	@echo "make lab       write a page in which MuJoCo runs in a browser to $(LAB) (needs an npm package)"
@@ -26,7 +26,7 @@ help:
 	@echo "All but clean set up .venv first, if it is missing or out of date."
 
 bench: $(STAMP)
-	$(BIN)/mjbench compare --paths usual
+	$(BIN)/mjbench compare --budget 22s
 
 test: lint
 	$(BIN)/python -m pytest -n 2 --dist worksteal

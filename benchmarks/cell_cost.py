@@ -156,14 +156,11 @@ def _run(*arguments: str) -> _CommandRun:
 
 def _step_us(comparison: "Run") -> float:
     """Return the microseconds of a step in the plain loop of a comparison."""
-    from mjbench.comparison.records import MeasurementRecord
+    from mjbench.paired.race import RaceRecord
 
-    (base,) = (
-        measurement
-        for measurement in comparison.of_type(MeasurementRecord)
-        if measurement.path == BASE and not measurement.options
-    )
-    return 1e6 * statistics.median(base.samples_s) / (base.nbatch * base.nstep)
+    (race,) = comparison.of_type(RaceRecord)
+    assert race.base_step_ns is not None, "the plain loop was timed"
+    return 1e-3 * race.base_step_ns
 
 
 def _install_bytes(release: str) -> int:

@@ -101,13 +101,10 @@ def compare_file(files: PackageFiles, file: str, limit_s: float) -> FileResult:
     Raises:
       KeyboardInterrupt: the user stopped it.
     """
-    from mjbench.comparison.compare import compare_model
+    from mjbench.comparison.compare import verify_model
 
     source = ModelSource(file, files.root / file)
-    records = compare_model(source, plan(limit_s), lambda name, share: None)
-    if records.interrupted:
-        raise KeyboardInterrupt
-    return foreign_tally.judge(files, file, records)
+    return foreign_tally.judge(files, file, verify_model(source, plan(limit_s)))
 
 
 def tally_of(

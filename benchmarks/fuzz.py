@@ -121,9 +121,6 @@ def _options(choices: random.Random, command: "click.Command") -> list[str]:
         flag = option.opts[0]
         if option.name in ("wait", "clock"):  # it would wait for another; it would take long
             continue
-        if option.name == "confirm":
-            arguments.append("--no-confirm")
-            continue
         if choices.random() < 0.25:
             if option.is_flag:
                 arguments.append(flag)

@@ -75,7 +75,6 @@ def measured(case: Case, budget_s: float) -> RayModel:
             nbatch=nbatch,
             nstep=case.nstep,
             budget_s=budget_s,
-            confirm=False,
         ).results
         results += compared
         sizes.append(RaySize(nbatch, case.nstep, _times(compared)))
@@ -102,7 +101,7 @@ def _times(results: "Sequence[PathResult]") -> list[PathTime]:
         if result.step_ns is None or result.nbatch is None or result.nstep is None:
             raise InputError(f"{result.model}: {result.path}: {result.status}: {result.detail}")
         key = result.path, nthread(result.options)
-        ms = 1e-6 * result.step_ns.median * result.nbatch * result.nstep
+        ms = 1e-6 * result.step_ns * result.nbatch * result.nstep
         fastest[key] = min(ms, fastest.get(key, ms))
     return [PathTime(path, count, ms) for (path, count), ms in fastest.items()]
 

@@ -15,7 +15,7 @@ from mjbench.instrument.machine import Machine
 from mjbench.status import Status
 
 if TYPE_CHECKING:
-    from mjbench.comparison.compare import ModelRecords
+    from mjbench.comparison.compare import VerifiedModel
     from mjbench.comparison.records import ModelRecord
 
 
@@ -165,7 +165,7 @@ class ForeignTally:
     packages: tuple[PackageTally, ...]
 
 
-def judge(files: PackageFiles, file: str, records: "ModelRecords") -> FileResult:
+def judge(files: PackageFiles, file: str, records: "VerifiedModel") -> FileResult:
     """Return how a file ended, from the records of its comparison."""
     model = records.model
     statuses = {_variant(m.path, m.options): m.status for m in records.measurements}

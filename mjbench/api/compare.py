@@ -1,6 +1,5 @@
 """`mjbench.compare`: the ways of stepping a model: do they agree, and which is fastest?"""
 
-import contextlib
 import itertools
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,10 +11,8 @@ from rich.console import Console
 
 from mjbench import paths as stepping_paths
 from mjbench.api import checks, failures, model_sources, start_states
-from mjbench.api.confirmation import Confirmation
 from mjbench.api.measured import Measured
 from mjbench.api.session import Session
-from mjbench.comparison import compare as model_comparison
 from mjbench.comparison import selection
 from mjbench.comparison.plan import BUDGET_S, ComparisonPlan
 from mjbench.comparison.records import ModelRecord
@@ -24,11 +21,13 @@ from mjbench.instrument import progress
 from mjbench.instrument.limits import MAX_LARGE_COUNT, MAX_THREADS, TIME_LIMIT_S
 from mjbench.instrument.progress import Progress
 from mjbench.instrument.runs import Record
+from mjbench.paired import path_comparison
+from mjbench.paired.worker_pool import WorkerPool
 from mjbench.report import comparison as report
 from mjbench.report.advice import Advice, ClockAdvice
 from mjbench.report.crossovers import Crossover
 from mjbench.report.documents import CompareDocument
-from mjbench.report.results import ModelResults, PathResult, derive, derive_all
+from mjbench.report.results import ModelResults, PathResult, derive_all
 from mjbench.report.work_crossovers import WorkCrossover
 from mjbench.simulation import models as shipped_models
 from mjbench.simulation.models import ModelSource
@@ -96,7 +95,6 @@ def compare(
     actions: "Actions | None" = None,
     budget_s: float = BUDGET_S,
     total_steps: float | None = None,
-    confirm: bool = True,
     time_limit_s: float = TIME_LIMIT_S,
     wait: bool = False,
     on_progress: Progress | None = None,
@@ -115,7 +113,7 @@ def compare(
       chunk: simulations that a thread takes at a time; None for the path's default.
       options: values of further options of paths by name, such as `{"pool": ["new", "kept"]}`.
       nbatch: simulations; several are measured one after the other; None for up to 64.
-      nstep: steps of each simulation; None for up to 200.
+      nstep: steps of each simulation; None for up to 100.
       hold: steps for which each control is held: an environment's frame_skip.
       returns: what every path returns: `final`, `trajectory` or `sensors`.
       seed: of start states and controls.
@@ -125,11 +123,9 @@ def compare(
         `mjbench.capture` stores them.
       actions: a file of controls, or an array (ncontrol, nu) or (nsequence, ncontrol, nu), in place
         of random ones.
-      budget_s: seconds of timing for each model.
+      budget_s: seconds for each model, agreement included; what compiles comes on top.
       total_steps: steps that you will take in all: a path that compiles is advised only if that
         pays within them; None for those of one block.
-      confirm: whether to compare the paths that may be the fastest again in fresh processes, up to
-        40 seconds a model; without it, only the plain loop is advised.
       time_limit_s: a child process that reports nothing for this long is killed.
       wait: whether to wait until no other mjbench measures on this machine.
       on_progress: called with what is measured now, and the share of all work that is done.
@@ -147,7 +143,7 @@ def compare(
         hold=checks.count("hold", hold),
         seed=checks.seed("seed", seed),
         returns=checks.choice("returns", returns, Product),
-        budget_s=checks.seconds("budget_s", budget_s, zero=True),
+        budget_s=checks.seconds("budget_s", budget_s),
         limit_s=checks.seconds("time_limit_s", time_limit_s),
         import_from=_own_path_folder(path_names),
         named=selection.named(path_names),
@@ -171,7 +167,7 @@ def compare(
     ):
         sized = [replace(plan, starts=starts) for plan in plans]
         turns = list(itertools.product(sources, sized))
-        records = _measure(turns, confirm, on_progress or progress.ignore)
+        records = _measure(turns, on_progress or progress.ignore)
         failures.check_any([record for record in records if isinstance(record, ModelRecord)])
         files = [*(source.path for source in sources), *starts.files]
         run = session.run(records, {"models": [source.name for source in sources]}, files)
@@ -179,7 +175,7 @@ def compare(
 
 
 def _measure(
-    turns: Sequence[tuple[ModelSource, ComparisonPlan]], confirm: bool, on_progress: Progress
+    turns: Sequence[tuple[ModelSource, ComparisonPlan]], on_progress: Progress
 ) -> list[Record]:
     """Return the records of models at their sizes.
 
@@ -187,23 +183,16 @@ def _measure(
       KeyboardInterrupt: the user stopped it.
     """
     records: list[Record] = []
-    with contextlib.ExitStack() as closing:
-        confirmation = Confirmation(records.append, closing)
+    with WorkerPool() as pool:
         for number, (source, plan) in enumerate(turns):
 
             def advance(name: str, share: float, number: int = number) -> None:
                 on_progress(name, (number + share) / len(turns))
 
-            measured = model_comparison.compare_model(source, plan, advance)
-            records += measured.all
-            if measured.interrupted:
+            *_, last = path_comparison.compare_model(pool, source, plan, advance)
+            records += last.records
+            if last.is_interrupted:
                 raise KeyboardInterrupt
-            if confirm:
-                advance(f"{source.name}: in fresh processes", 1.0)
-                results = derive(measured.model, measured.measurements)
-                confirmation.complete(source, plan, results)
-                if confirmation.is_interrupted:
-                    raise KeyboardInterrupt
             advance(source.name, 1.0)
     return records
 

@@ -1,15 +1,13 @@
 """`mjbench compare`: ways of stepping, on each model."""
 
-import contextlib
 import functools
-import itertools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjbench.cli.context import OutputOptions, RunContext, Storage
+from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     CODE,
@@ -30,18 +28,12 @@ from mjbench.cli.shared import (
 )
 from mjbench.errors import InputError, MachineError
 from mjbench.instrument.limits import MAX_THREADS
-from mjbench.status import FINISHED, Status
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from mjbench.comparison.plan import ComparisonPlan
-    from mjbench.comparison.scaling import ScalingRequest
-    from mjbench.instrument.runs import Record
     from mjbench.simulation.models import ModelSource
-
-# Share of the bar of a model that measuring it has, where paths are compared again after that.
-_MEASURED_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -62,7 +54,7 @@ class _Options:
     actions_file: Path | None
     budget: float | None
     total_steps: int | None
-    confirm: bool
+    quick: bool
     scaling: bool
     code: bool
     time_limit: float
@@ -105,11 +97,14 @@ class _Options:
     help="What every path returns: final states; the state after every step, too; and sensor data"
     " of every step, too, which are of the state before it.",
 )
-@click.option("--nstep", type=COUNT, help="Steps of each simulation  [default: up to 200]")
+@click.option("--nstep", type=COUNT, help="Steps of each simulation  [default: up to 100]")
 @click.option(
     "--budget",
-    type=Seconds(zero=True),
-    help="Time to spend on timing each model  [default: 8s]",
+    type=Seconds(),
+    help="Time for each model, agreement included; what compiles comes on top  [default: 25s]",
+)
+@click.option(
+    "--quick", is_flag=True, help="The same as --budget 5s: a first impression, mostly not certain."
 )
 @click.option(
     "--total-steps",
@@ -118,30 +113,20 @@ class _Options:
     " them  [default: those of one block]",
 )
 @click.option(
-    "--confirm/--no-confirm",
-    default=True,
-    show_default=True,
-    help="Compare the paths that may be the fastest again in fresh processes, up to 40 seconds a"
-    " model; without it, only the plain loop is advised.",
-)
-@click.option(
     "--scaling",
     is_flag=True,
-    help="Search how many threads, which chunk size, and how many simulations: from one thread to"
-    " twice as many as can run at once. --threads, --chunk and --nbatch fix what is tried. It takes"
-    " about three times the --budget, and up to 20 seconds for each"
-    " comparison in fresh processes."
-    "  [paths by default: rollout, batch_step]",
+    help="Let many numbers of threads, up to twice as many as can run at once, and chunk sizes take"
+    " part; --threads and --chunk name them  [paths by default: rollout, batch_step]",
 )
 @CODE
 @with_options(HOLD, SEED, *STARTS, LIMIT, *STORING)
 def compare(names: tuple[str, ...], **options: Any) -> None:
     """Compare ways of stepping MODELs (default: all C paths): do they agree, and how fast are they?
 
-    What they return is compared first, bit by bit; a path that disagrees gets no speed. Then
-    blocks of every path are timed in turns. MJX and Warp compile first; they are held to
-    tolerances and timed alone, each in a process of its own. What is advised was compared again in
-    fresh processes. Raw samples go to a run file in results/runs; `mjbench show` prints it again.
+    What they return is compared first, bit by bit; a path that disagrees gets no speed. Then they
+    race: in one fresh process after the other, blocks of all paths are timed in turns, and paths
+    that are certainly slower leave. MJX and Warp compile first; they are held to tolerances and
+    timed alone. Raw samples go to a run file in results/runs; `mjbench show` prints it again.
 
     Without a MODEL: all shipped models.
 
@@ -152,51 +137,13 @@ def compare(names: tuple[str, ...], **options: Any) -> None:
       mjbench compare humanoid --scaling
       mjbench compare cartpole --paths mjx,rollout --nbatch 16,256,4096
     """
-    from mjbench.cli.compare_scaling import search_models
     from mjbench.simulation.models import resolve, shipped
 
     parsed = _Options(**options)
     check_sizes(parsed.nstep, parsed.hold)
     sources = [resolve(name) for name in names or shipped()]
     sources = list({source.path: source for source in sources}.values())
-    if parsed.scaling:
-        output = OutputOptions(parsed.results, parsed.resume, parsed.wait, parsed.json_file)
-        request = _scaling_request(parsed)
-        search_models(sources, request, output, parsed.confirm, parsed.code)
-    else:
-        _compare(sources, _plans(parsed), parsed)
-
-
-def _scaling_request(options: _Options) -> "ScalingRequest":
-    """Return what --scaling is to search.
-
-    Raises:
-      InputError: an option that a search has no use for, or a path without threads.
-    """
-    from mjbench.comparison import scaling, selection
-    from mjbench.comparison.scaling import ScalingRequest
-    from mjbench.instrument import topology
-
-    if options.total_steps is not None:
-        raise InputError("--total-steps has no effect with --scaling, where no path compiles")
-    import_from = own_path_folder(options.path_names)
-    given = options.path_names or list(scaling.USUAL_PATHS)
-    expanded = selection.expand(given)
-    choices = selection.choices(options.option_words, expanded)
-    several = [name for name, values in choices.items() if len(values) > 1]
-    if "chunk" in choices:
-        raise InputError("--option chunk: give --chunk with --scaling")
-    if several:
-        raise InputError(f"--option {several[0]}: give one value with --scaling")
-    return ScalingRequest(
-        plan=_plan(options, import_from),
-        path_names=[n for n in expanded if n in given or scaling.parallel_option(n)],
-        options={name: value for name, (value,) in choices.items()},
-        topology=topology.read(),
-        thread_counts=options.threads,
-        chunk_sizes=options.chunk,
-        nbatch=options.nbatch,
-    )
+    _compare(sources, _plans(parsed), parsed)
 
 
 def _plans(options: _Options) -> list["ComparisonPlan"]:
@@ -204,11 +151,16 @@ def _plans(options: _Options) -> list["ComparisonPlan"]:
     from mjbench.comparison import selection
 
     import_from = own_path_folder(options.path_names)
+    path_names, threads, chunk = options.path_names or [], options.threads, options.chunk
+    if options.scaling:
+        path_names = path_names or list(selection.SCALING_PATHS)
+        threads = threads or selection.scaling_threads()
+        chunk = chunk or list(selection.SCALING_CHUNKS)
     return selection.plans(
         _plan(options, import_from),
-        options.path_names or [],
-        options.threads,
-        options.chunk,
+        path_names,
+        threads,
+        chunk,
         options.option_words,
         options.nbatch,
     )
@@ -217,7 +169,7 @@ def _plans(options: _Options) -> list["ComparisonPlan"]:
 def _plan(options: _Options, import_from: str | None) -> "ComparisonPlan":
     """Return the plan that the options ask for, with variants and size left open."""
     from mjbench.comparison import selection
-    from mjbench.comparison.plan import BUDGET_S, ComparisonPlan
+    from mjbench.comparison.plan import ComparisonPlan
     from mjbench.simulation.workload import Product
 
     return ComparisonPlan(
@@ -227,7 +179,7 @@ def _plan(options: _Options, import_from: str | None) -> "ComparisonPlan":
         seed=options.seed,
         starts=start_plan(options.settle_s, options.states_file, options.actions_file),
         returns=Product(options.returns),
-        budget_s=BUDGET_S if options.budget is None else options.budget,
+        budget_s=_budget_s(options),
         limit_s=options.time_limit,
         import_from=import_from,
         named=selection.named(options.path_names or []),
@@ -235,13 +187,25 @@ def _plan(options: _Options, import_from: str | None) -> "ComparisonPlan":
     )
 
 
+def _budget_s(options: _Options) -> float:
+    """Return the seconds that a model may take.
+
+    Raises:
+      InputError: --quick and --budget are both given.
+    """
+    from mjbench.comparison.plan import BUDGET_S, QUICK_BUDGET_S
+
+    if options.quick and options.budget is not None:
+        raise InputError("--quick is a budget of 5 s: give it, or --budget")
+    return options.budget or (QUICK_BUDGET_S if options.quick else BUDGET_S)
+
+
 def _compare(
     sources: "Sequence[ModelSource]", plans: "Sequence[ComparisonPlan]", options: _Options
 ) -> None:
-    from mjbench.api.confirmation import Confirmation
-    from mjbench.comparison import compare
-    from mjbench.instrument.progress import part_of
     from mjbench.instrument.runs import to_json
+    from mjbench.paired.path_comparison import compare_model, finished, stored
+    from mjbench.paired.worker_pool import WorkerPool
     from mjbench.paths import user_module_files
     from mjbench.report import comparison as report
     from mjbench.report.documents import CompareDocument
@@ -251,61 +215,45 @@ def _compare(
     arguments["nbatch"] = [plan.nbatch for plan in plans]
     nvariant = len(plans[0].variants)
     storage = Storage(
-        options.results, arguments, options.resume, lambda records: _finished(records, nvariant)
+        options.results, arguments, options.resume, lambda records: finished(records, nvariant)
     )
     models: list[ModelResults] = []
-    statuses: list[Status] = []
     failure: MachineError | None = None
-    turns = list(itertools.product(sources, plans))
     files = [source.path for source in sources]
     files += user_module_files(variant.path for variant in plans[0].variants)
     files += plans[0].starts.files
     with RunContext("compare", options.json_file, files, storage, options.wait) as run:
-        with run.progress(len(turns)) as advance, contextlib.ExitStack() as closing:
-            confirmation = Confirmation(run.record, closing)
-            for number, (source, plan) in enumerate(turns):
-                on_progress = functools.partial(advance, number)
-                measured = _MEASURED_SHARE if options.confirm else 1.0
-                records = compare.stored(source, plan, run.resumed_records)
-                if records is None:
-                    on_measuring = part_of(on_progress, 0.0, measured)
-                    records = compare.compare_model(source, plan, on_measuring)
+        with run.progress(len(sources) * len(plans)) as bar, WorkerPool() as pool:
+            for source in sources:
+                sizes: list[ModelResults] = []
+                for plan in plans:
+                    done = stored(source, plan, run.resumed_records)
+                    on_progress = functools.partial(bar, len(models) + len(sizes))
+                    comparisons = [done] if done else compare_model(pool, source, plan, on_progress)
+                    for known in comparisons:
+                        results = derive(known.model, known.measurements, known.race)
+                        bar.show(report.shown_so_far([*sizes, results]))
+                    sizes.append(results)
                     try:
-                        for record in records.all:
+                        for record in () if done else known.records:
                             run.record(record)
                     except MachineError as error:
                         failure = error
-                results = derive(records.model, records.measurements, run.resumed_records)
-                is_over = records.interrupted or failure is not None
-                if options.confirm and not is_over:
-                    on_confirming = part_of(on_progress, measured, 1.0)
-                    results = confirmation.complete(source, plan, results, on_confirming)
-                report.print_model(run.out, results, options.code)
-                models.append(results)
-                statuses += [records.model.status, *(r.status for r in results.results)]
-                if records.interrupted or confirmation.is_interrupted:
-                    run.interrupt()
-                if is_over or confirmation.is_interrupted:
+                    if known.is_interrupted:
+                        run.interrupt()
+                    if known.is_interrupted or failure:
+                        break
+                bar.show(None)
+                report.print_model(run.out, sizes, options.code)
+                models += sizes
+                if run.interrupted or failure:
                     break
         report.print_crossovers(run.out, models)
-        if len(models) > 1:
+        if len({each.model.model for each in models}) > 1:
             report.print_summary(run.out, models)
         if not options.code:
             report.print_code_hint(run.out, models)
         run.write(CompareDocument.of(run.machine, models))
     if failure:
         raise failure
-    run.exit(statuses)
-
-
-def _finished(records: "Sequence[Record]", nvariant: int) -> "list[Record]":
-    """Return the records that need not be measured again: of models, and of fresh processes."""
-    from mjbench.comparison.records import ModelRecord, finished
-    from mjbench.report.results import again_of
-
-    done: list[Record] = []
-    for record in finished(records, nvariant):
-        done.append(record)
-        if isinstance(record, ModelRecord):
-            done += [c for c in again_of(record, records) if c.status in FINISHED]
-    return done
+    run.exit(status for results in models for status in results.statuses)

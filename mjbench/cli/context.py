@@ -17,14 +17,26 @@ from mjbench.errors import InputError, printable
 from mjbench.status import ExitCode, Status, exit_code
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import Console, RenderableType
 
     from mjbench.instrument.machine import Machine, ProcessorTime
     from mjbench.instrument.neighbours import Neighbour, Presence
     from mjbench.instrument.run_file import RunFile
     from mjbench.instrument.runs import Record
 
-Advance = Callable[[int, str, float], None]
+
+class ProgressBar:
+    """A progress bar that shows nothing; `terminal_progress` has the one of terminals.
+
+    Calling it with the number of an item, what is done now, and the share of the item that is done,
+    moves it.
+    """
+
+    def __call__(self, number: int, name: str, share: float) -> None:
+        """Show how far the work is."""
+
+    def show(self, results: "RenderableType | None") -> None:
+        """Show results above the bar until others replace them; None removes them."""
 
 
 @dataclass(frozen=True)
@@ -218,37 +230,15 @@ class RunContext:
         report_line("interrupted; what was measured is saved")
 
     @contextlib.contextmanager
-    def progress(self, count: int) -> Iterator[Advance]:
-        """Yield a function (number, name, share) that moves a progress bar of `count` items.
-
-        There is no bar unless the console is a terminal.
-        """
+    def progress(self, count: int) -> "Iterator[ProgressBar]":
+        """Yield a progress bar of `count` items; there is none unless the console is a terminal."""
         if not self.out.is_terminal:
-            yield lambda number, name, share: None
+            yield ProgressBar()
             return
-        from rich.progress import (
-            BarColumn,
-            Progress,
-            TextColumn,
-            TimeElapsedColumn,
-            TimeRemainingColumn,
-        )
+        from mjbench.cli.terminal_progress import terminal_progress
 
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-        )
-        # no refresh thread: it would take time from the blocks being timed
-        with Progress(*columns, console=self.out, auto_refresh=False, transient=True) as bar:
-            task = bar.add_task("starting", total=count)
-
-            def advance(number: int, name: str, share: float) -> None:
-                bar.update(task, completed=number + share, description=name, refresh=True)
-
-            yield advance
+        with terminal_progress(self.out, count) as bar:
+            yield bar
 
     def exit(self, statuses: Iterable[Status]) -> None:
         """End the process with the exit code that the statuses of all rows stand for."""

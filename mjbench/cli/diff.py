@@ -37,7 +37,7 @@ def diff(old: Path, new: Path, across: bool, json_file: str | None) -> None:
       mjbench diff old.jsonl new.jsonl
     """
     from mjbench.instrument import run_set
-    from mjbench.report.comparison import differences_table
+    from mjbench.report.comparison import difference_cautions, differences_table
     from mjbench.report.documents import RECORD_TYPES, DiffDocument
     from mjbench.report.run_differences import differences
 
@@ -46,6 +46,8 @@ def diff(old: Path, new: Path, across: bool, json_file: str | None) -> None:
         rows = differences(stored[0], stored[1], across)
         if line := _left_out(stored):
             report_line(line)
+        for caution in difference_cautions(rows):
+            run.out.print(caution, soft_wrap=True)
         if rows:
             run.out.print(differences_table(rows))
         if not any(row.path for row in rows):

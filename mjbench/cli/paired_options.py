@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjbench.cli.context import Advance, OutputOptions, RunContext, Storage
+from mjbench.cli.context import OutputOptions, ProgressBar, RunContext, Storage
 from mjbench.cli.fail_on import FailOn
 from mjbench.cli.group import report_line
 from mjbench.cli.shared import check_sizes, start_plan
@@ -165,6 +165,6 @@ def report(run: RunContext, rows: Sequence["VerdictRow"], confidence: float) -> 
     run.write(VerdictDocument(machine=run.machine, results=rows))
 
 
-def _show_launch(advance: Advance, number: int, name: str, judgement: "Judgement") -> None:
+def _show_launch(advance: "ProgressBar", number: int, name: str, judgement: "Judgement") -> None:
     share = 1 - 1 / (1 + judgement.launches / _HALFWAY_LAUNCHES)
     advance(number, f"{name} {100 * (judgement.ratio - 1):+.2f} %", share)

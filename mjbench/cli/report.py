@@ -3,14 +3,18 @@
 import contextlib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from mjbench.cli.context import RunContext
-from mjbench.cli.group import cli
+from mjbench.cli.group import cli, report_line
 from mjbench.cli.output_file import OutputFile
 from mjbench.cli.shared import RESULTS
 from mjbench.errors import InputError, writing
+
+if TYPE_CHECKING:
+    from mjbench.instrument.run_set import RunSet
 
 # Formats of pages, which several runs share, and of other tools.
 _PAGES = ("html", "markdown")
@@ -52,9 +56,8 @@ def report(
       mjbench report --markdown >> "$GITHUB_STEP_SUMMARY"
       mjbench report --format junit -o junit.xml
     """
-    from mjbench.instrument import run_set, runs
+    from mjbench.instrument import runs
     from mjbench.pages import exports
-    from mjbench.report.documents import RECORD_TYPES
 
     form = "markdown" if markdown else form
     chosen = list(files) or [runs.latest(results)]
@@ -67,7 +70,7 @@ def report(
     with RunContext("report", inputs=chosen) as run, contextlib.closing(file):
         if form == "parquet":
             with writing(Path(target)):
-                exports.write_parquet(run_set.read(chosen[0], RECORD_TYPES), Path(target))
+                exports.write_parquet(_stored(chosen[0]), Path(target))
         else:
             file.open()
             file.write(_text(form, chosen))
@@ -75,13 +78,23 @@ def report(
             run.out.print(f"Report: {target}", soft_wrap=True)
 
 
-def _text(form: str, files: Sequence[Path]) -> str:
-    """Return run files and sets in a format."""
+def _stored(file: Path) -> "RunSet":
+    """Return a run file or set for another tool; say what to know before its numbers."""
     from mjbench.instrument import run_set
-    from mjbench.pages import exports, html, markdown, reports
+    from mjbench.pages import exports
     from mjbench.report.documents import RECORD_TYPES
 
+    stored = run_set.read(file, RECORD_TYPES)
+    for caution in exports.cautions(stored):
+        report_line(caution)
+    return stored
+
+
+def _text(form: str, files: Sequence[Path]) -> str:
+    """Return run files and sets in a format."""
+    from mjbench.pages import exports, html, markdown, reports
+
     if form not in _PAGES:
-        return exports.FORMATS[form](run_set.read(files[0], RECORD_TYPES))
+        return exports.FORMATS[form](_stored(files[0]))
     content = reports.build(reports.read(files))
     return html.render(content) if form == "html" else "\n".join(markdown.render(content)) + "\n"

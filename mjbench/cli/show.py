@@ -67,7 +67,6 @@ def _show_set(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:
 
 def _shown(run: RunContext, stored: "Run", code: bool) -> object:
     """Print a run; return its JSON document."""
-    from mjbench.comparison.scaling import ScalingRecord
     from mjbench.counts.records import ExplainRecord, InstructionsRecord
     from mjbench.paired.placement_spread import SpreadRecord
     from mjbench.paired.records import VerdictRecord
@@ -90,8 +89,6 @@ def _shown(run: RunContext, stored: "Run", code: bool) -> object:
     if counts := stored.of_type(InstructionsRecord):
         print_counts(run.out, counts, _MOST_FUNCTIONS)
         return InstructionsDocument(results=counts)
-    if stored.of_type(ScalingRecord):
-        return _scaling(run, stored, code)
     return (
         _loops(run, stored, code)
         or _searches(run, stored)
@@ -141,20 +138,6 @@ def _release_ratios(run: RunContext, stored: "Run") -> object:
     records = stored.of_type(RatioRecord)
     report.print_table(run.out, records)
     return HistoryDocument.of(stored.header.machine, records)
-
-
-def _scaling(run: RunContext, stored: "Run", code: bool) -> object:
-    from mjbench.comparison.scaling import ScalingRecord
-    from mjbench.paired.confirmation import ConfirmationRecord
-    from mjbench.report import scaling as report
-    from mjbench.report import thread_advice
-    from mjbench.report.documents import CompareDocument
-
-    confirmations = stored.of_type(ConfirmationRecord)
-    models = thread_advice.by_model(stored.of_type(ScalingRecord), confirmations)
-    for results in models:
-        report.print_results(run.out, results, code)
-    return CompareDocument.of_scaling(stored.header.machine, models)
 
 
 def _loops(run: RunContext, stored: "Run", code: bool) -> object | None:

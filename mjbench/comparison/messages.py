@@ -26,19 +26,23 @@ class ListRequest:
 
 @dataclass(frozen=True)
 class MeasureRequest:
-    """One model and the paths to measure on it in turns (see `measure`).
+    """One model and the paths to verify on it (see `measure`).
 
     Attributes:
       source: the model.
       plan: the comparison.
       exclude: variants not to touch: those that killed a child before, and accelerated ones.
-      workload_file: to save the workload in, for the children of accelerated paths; None without.
+      model_file: to save the compiled model in, for the launches of a race.
+      workload_file: to save the workload in, with its final states, for the same.
+      accelerated_file: to save the workload in for the children of accelerated paths; None without.
     """
 
     source: ModelSource
     plan: ComparisonPlan
     exclude: frozenset[int]
-    workload_file: Path | None
+    model_file: Path
+    workload_file: Path
+    accelerated_file: Path | None
 
 
 @dataclass(frozen=True)
@@ -122,40 +126,6 @@ class AgreementReport:
     agreement: str = ""
     snippet: str = ""
     check: AcceleratedCheck | None = None
-
-
-@dataclass(frozen=True)
-class RoundTimed:
-    """One round of blocks.
-
-    Attributes:
-      seconds: of a block, by variant.
-      cores: that threads got in this round (see `machine.Calibration`).
-    """
-
-    seconds: Mapping[int, float]
-    cores: float
-
-
-@dataclass(frozen=True)
-class ClockRoundTimed:
-    """One round of blocks with MuJoCo's timer, and of the same blocks without it.
-
-    Attributes:
-      with_clock_s: seconds of a block, by variant.
-      without_clock_s: likewise.
-    """
-
-    with_clock_s: Mapping[int, float]
-    without_clock_s: Mapping[int, float]
-
-
-@dataclass(frozen=True)
-class BlockDisagreed:
-    """A timed block of a variant did not reach the reference run's final states."""
-
-    index: int
-    detail: str
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,8 @@ from mjbench.paths.parallelism import nthread
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
 from mjbench.simulation.workload import Product
 
-# Seconds of timing for each model.
-BUDGET_S = 8.0
-# Paths whose speed in one process is at least this share of the fastest's may be the fastest: in
-# fresh processes, ratios of paths differ from those in one (docs/method/timing.md).
-MAY_BE_FASTEST = 0.85
+# Seconds for each model, agreement included, that paths which run C may take; and with --quick.
+BUDGET_S, QUICK_BUDGET_S = 25.0, 5.0
 # A child process that is silent for longer, in seconds, is killed.
 LIMIT_S = TIME_LIMIT_S
 
@@ -41,6 +38,10 @@ def describe_options(options: Mapping[str, Any]) -> str:
     return " ".join(f"{name}={value}" for name, value in options.items())
 
 
+# The plain loop without the timer of MuJoCo's Python package: part of each race, never its winner.
+WITHOUT_TIMER = Variant("python_loop", {"clock": "off"})
+
+
 @dataclass(frozen=True)
 class ComparisonPlan:
     """What to compare on each model.
@@ -53,12 +54,10 @@ class ComparisonPlan:
       seed: of start states and controls.
       starts: where start states are to come from.
       returns: what every run returns.
-      budget_s: seconds of timing per model.
+      budget_s: seconds for a model, agreement included, that paths which run C may take.
       limit_s: a child process that is silent for longer is killed.
       import_from: a folder that the user's own paths may be imported from.
       named: paths that the user asked for by name; they are tried even where that is slow.
-      times_clock: whether to time every path without MuJoCo's timer, too.
-      narrows: whether the last rounds hold only the variants that may be the fastest.
       total_steps: steps that the user will take in all, within which compiling must pay; None for
         those of one block.
     """
@@ -74,8 +73,6 @@ class ComparisonPlan:
     limit_s: float = LIMIT_S
     import_from: str | None = None
     named: tuple[str, ...] = ()
-    times_clock: bool = True
-    narrows: bool = True
     total_steps: int | None = None
 
     def size_request(self, has_accelerated: bool) -> SizeRequest:

@@ -13,7 +13,7 @@ from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import ModelFacts, Work
 from mjbench.simulation.workload import Product
-from mjbench.status import FINISHED, Status
+from mjbench.status import Status
 
 # Keys of `check` in files that were written before motion without constraints had this name.
 _RENAMED = {
@@ -53,7 +53,7 @@ class ModelRecord:
       work: contacts, constraints and solver iterations per step.
       nbatch_asked: simulations that the user asked for; None where mjbench chose.
       usable_cores: cores that this process may use.
-      cores_had: cores that threads got, one calibration a round.
+      cores_had: cores that threads got; only in files of earlier versions, see `RaceLaunch`.
       total_steps: steps that the user will take in all; None where they did not say.
     """
 
@@ -117,10 +117,8 @@ class MeasurementRecord:
       gpu_memory_bytes: most memory of the GPU; None on a CPU.
       check: how far an accelerated path is from C.
       buffer_sizes: sizes of an accelerated engine's buffers, by its names for them.
-      samples_s: seconds of each block; for paths that run C, the same position is the same round.
-      with_clock_s: seconds of blocks with the timer of MuJoCo's Python package, which were timed in
-        turns with those without it; none in releases that install none.
-      without_clock_s: the others; the same position is the same round.
+      samples_s: seconds of each block of an accelerated path; of one that runs C only in files of
+        earlier versions, where the same position is the same round.
     """
 
     record_type: ClassVar[str] = "measurement"
@@ -154,19 +152,15 @@ class MeasurementRecord:
     check: AcceleratedCheck | None = None
     buffer_sizes: Mapping[str, PositiveInt] | None = None
     samples_s: Sequence[PositiveFloat] = field(default=())
-    with_clock_s: Sequence[PositiveFloat] = field(default=())
-    without_clock_s: Sequence[PositiveFloat] = field(default=())
 
     def __post_init__(self) -> None:
-        """Check that what was timed has its sizes, and each round its two blocks.
+        """Check that what was timed has its sizes.
 
         Raises:
           ValueError: it has not.
         """
         if self.samples_s and (self.nbatch is None or self.nstep is None):
             raise ValueError("it was timed, but nbatch or nstep is missing")
-        if len(self.with_clock_s) != len(self.without_clock_s):
-            raise ValueError("with_clock_s and without_clock_s differ in length")
 
     @property
     def is_accelerated(self) -> bool:
@@ -175,7 +169,7 @@ class MeasurementRecord:
 
     @property
     def is_timed(self) -> bool:
-        """Whether it has a speed: its final states agree and its blocks were timed."""
+        """Whether it has blocks of its own, and agrees; paths of a race have theirs there."""
         return bool(self.agrees and self.status == Status.OK and self.samples_s)
 
     @staticmethod
@@ -200,26 +194,43 @@ def of_model(model: ModelRecord, records: Sequence[object]) -> list[MeasurementR
     ]
 
 
-def finished(records: Sequence[object], nvariant: int) -> list[ModelRecord | MeasurementRecord]:
-    """Return the records that need not be measured again when a run is continued.
+@dataclass(frozen=True)
+class ContestRecord:
+    """A comparison in fresh processes in a file of an earlier version; nothing of it is read."""
 
-    Those are of models all of whose variants ended, none by a failure, each followed by its
-    measurements.
+    record_type: ClassVar[str] = "contest"
+    model: str
 
-    Args:
-      records: of the run.
-      nvariant: how many measurements a model has.
+
+@dataclass(frozen=True)
+class ConfirmationRecord:
+    """The same of two paths."""
+
+    record_type: ClassVar[str] = "confirmation"
+    model: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScalingRecord:
+    """A run of a search for the number of threads in a file of an earlier version.
+
+    Attributes:
+      model: what it says of the model.
+      measurements: one a variant.
     """
-    done: list[ModelRecord | MeasurementRecord] = []
-    for model in records:
-        if isinstance(model, ModelRecord) and model.status in FINISHED:
-            measurements = of_model(model, records)
-            ended = all(measurement.status in FINISHED for measurement in measurements)
-            if ended and len(measurements) == nvariant:
-                done += [model, *measurements]
-    return done
+
+    record_type: ClassVar[str] = "scaling"
+    model: ModelRecord
+    measurements: Sequence[MeasurementRecord]
 
 
 RECORD_TYPES: Mapping[str, type] = {
-    kind.record_type: kind for kind in (ModelRecord, MeasurementRecord)
+    kind.record_type: kind
+    for kind in (
+        ModelRecord,
+        MeasurementRecord,
+        ContestRecord,
+        ConfirmationRecord,
+        ScalingRecord,
+    )
 }

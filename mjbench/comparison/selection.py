@@ -5,18 +5,28 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from mjbench import paths
-from mjbench.comparison.plan import ComparisonPlan, Variant
+from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
 from mjbench.errors import InputError, describe
-from mjbench.instrument import machine
+from mjbench.instrument import machine, topology
 from mjbench.paths.parallelism import WORKER_OPTIONS
 
 # Names that stand for several paths.
 C_PATHS, USUAL_PATHS = "c", "usual"
+# What `--scaling` tries: paths for open and for closed loop, and simulations that a thread takes at
+# a time.
+SCALING_PATHS, SCALING_CHUNKS = ("rollout", "batch_step"), (1, 4, 16)
 
 
 def default_threads() -> list[int]:
     """Return the thread counts tried by default: one, and every usable core."""
     return sorted({1, machine.usable_cores()})
+
+
+def scaling_threads() -> list[int]:
+    """Return the thread counts that `--scaling` tries: powers of two, and where cores end."""
+    cores = topology.read()
+    powers = {2**i for i in range(cores.usable.bit_length())}
+    return sorted({*powers, *cores.thread_counts(), 2 * cores.usable})
 
 
 def variants(
@@ -79,7 +89,10 @@ def plans(
     sizes: list[int | None] = [*nbatches] if nbatches else [None]
     if names and len(sizes) > 1:
         names = [*names, *rivals(names)]
-    plan = dataclasses.replace(plan, variants=variants(names, threads, values_by_name))
+    selected = list(variants(names, threads, values_by_name))
+    if WITHOUT_TIMER not in selected:
+        selected.insert(1, WITHOUT_TIMER)
+    plan = dataclasses.replace(plan, variants=tuple(selected))
     return [dataclasses.replace(plan, nbatch=size) for size in sizes]
 
 

@@ -15,9 +15,9 @@ from mjbench.simulation.workload import Product, whole_holds
 # LONG_BLOCK_S, they shrink until it takes about BLOCK_S: first the steps, then the simulations, to
 # no fewer than the minimum. Where that is still too long, the steps shrink again, to one if need
 # be; not where accelerated paths take part, whose single step is mostly the program's start.
-NBATCH, NSTEP = 64, 200
+NBATCH, NSTEP = 64, 100
 MIN_NSTEP, MIN_NBATCH = 10, 8
-LONG_BLOCK_S, BLOCK_S = 0.08, 0.05
+LONG_BLOCK_S, BLOCK_S = 0.02, 0.015
 # Simulations per thread that a reduced batch keeps, so that threads have work to share.
 MIN_NBATCH_PER_THREAD = 4
 

@@ -32,29 +32,36 @@ class ReferenceCase:
 
     Attributes:
       workload: without diverged simulations.
-      observation: of the reference run.
+      final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION after the reference run.
       outputs: of the reference run, of every step, as the workload asks for.
       resources: MjData, arrays and pools.
       numbers: (nbatch,) of the simulations, as they were before they were reordered.
       label: how it differs from what the user asked for, such as `with every input set`; empty for
         the user's own.
+      start_contacts: contacts at the first simulation's start.
     """
 
     workload: Workload
-    observation: Observation
+    final_state: np.ndarray
     outputs: StepOutputs
     resources: paths.Resources
     numbers: np.ndarray
     label: str = ""
+    start_contacts: int = 0
 
     @classmethod
     def create(
         cls, workload: Workload, observation: Observation, label: str = ""
     ) -> "ReferenceCase":
         """Return the case of a workload and its reference run."""
-        outputs = work.step_outputs(workload)
-        numbers = np.arange(workload.nbatch)
-        return cls(workload, observation, outputs, paths.Resources(workload), numbers, label)
+        case = cls.of_states(workload, observation.final_state)
+        return dataclasses.replace(case, label=label, start_contacts=observation.start_contacts)
+
+    @classmethod
+    def of_states(cls, workload: Workload, final_state: np.ndarray) -> "ReferenceCase":
+        """Return the case of a workload and its final states; what each step returns is stepped."""
+        outputs, numbers = work.step_outputs(workload), np.arange(workload.nbatch)
+        return cls(workload, final_state, outputs, paths.Resources(workload), numbers)
 
     @classmethod
     def in_contact(cls, hold: int, seed: int) -> "ReferenceCase":
@@ -74,7 +81,7 @@ class ReferenceCase:
             them.
         """
         difference = self._output_difference(prepared) or agreement.first_differing_entry(
-            states.values, self.observation.final_state, self._state_columns, states.mask
+            states.values, self.final_state, self._state_columns, states.mask
         )
         if difference is None:
             return None
@@ -114,8 +121,7 @@ class ReferenceCase:
         """Reorder the simulations of the workload and of the reference run, in place."""
         order = workload.draw_order(self.workload.nbatch, rng)
         self.resources.reorder(order)
-        final_state = self.observation.final_state
-        final_state[...] = final_state[order]
+        self.final_state[...] = self.final_state[order]
         self.outputs.reorder(order)
         self.numbers[...] = self.numbers[order]
 
@@ -191,7 +197,7 @@ class FurtherCases:
           case: the user's.
           step_s: seconds that a step of it takes.
         """
-        needs_contact = case.observation.start_contacts == 0
+        needs_contact = case.start_contacts == 0
         hold, seed = case.workload.hold, case.workload.seed
         contact = ReferenceCase.in_contact(hold, seed) if needs_contact else None
         return cls(contact, _input_cases(case.workload, step_s))

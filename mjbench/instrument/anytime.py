@@ -219,6 +219,26 @@ def mean_and_deviation(
     return float(fitted.mean[0]), math.sqrt(variance)
 
 
+def student_interval(samples: Sequence[float], confidence: float) -> tuple[float, float]:
+    """Return the mean of launches, and half the width of Student's interval; infinity for one.
+
+    It holds for a number of launches that does not depend on what they say. Disturbed launches are
+    left out (see `fit`).
+
+    Args:
+      samples: one of each launch.
+      confidence: such as 0.95.
+    """
+    from scipy.special import stdtrit
+
+    fitted = fit(_cells(samples, None))
+    freedom = int(fitted.freedom[0])
+    if freedom <= 0:
+        return float(fitted.mean[0]), math.inf
+    deviation = math.sqrt(float(fitted.leverage[0]) * float(fitted.squares[0]) / freedom)
+    return float(fitted.mean[0]), float(stdtrit(freedom, (1 + confidence) / 2)) * deviation
+
+
 def evidence(
     samples: Sequence[float], confidence: float, residues: Sequence[int] | None = None
 ) -> Evidence:

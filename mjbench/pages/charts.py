@@ -10,6 +10,8 @@ from mjbench.report.vega import GREY, Spec
 WIDTH = 640
 # Of a chart whose rows are names: pixels a row.
 _ROW_HEIGHT = 22
+# Pixels of a label, at most, and of a letter of a wide font.
+_LABEL_WIDTH, _LETTER_WIDTH = 300, 7
 
 
 def values(table: DataTable) -> list[dict[str, Cell]]:
@@ -63,14 +65,21 @@ def quantity(field: str, title: str, *, log: bool = False, **scale: Any) -> Spec
     }
 
 
-def names(field: str, title: str | None = None) -> Spec:
-    """Return the encoding of names, in the order of the rows."""
+def names(field: str, title: str | None = None, labels: Sequence[str] = ()) -> Spec:
+    """Return the encoding of names, in the order of the rows.
+
+    Args:
+      field: title of the column.
+      title: of the axis.
+      labels: the names, where there is to be room for them in a wide font, too.
+    """
+    room = _LETTER_WIDTH * max(map(len, labels), default=0)
     return {
         "field": _escaped(field),
         "type": "nominal",
         "sort": None,
         "title": title,
-        "axis": {"labelLimit": 300},
+        "axis": {"labelLimit": _LABEL_WIDTH, "minExtent": min(room, _LABEL_WIDTH)},
     }
 
 

@@ -3,51 +3,67 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.comparison.plan import Variant
+from mjbench.comparison.records import ModelRecord
 from mjbench.pages import charts
 from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
-from mjbench.paired.contest import ContestRecord
 from mjbench.paths import BASE
-from mjbench.report import comparison, vega
-from mjbench.report.advice import Advice, Loop, Reason, advise, advise_clock
+from mjbench.report import comparison, tables, vega
+from mjbench.report.advice import Advice, Loop, advise, advise_clock
 from mjbench.report.crossovers import crossovers
 from mjbench.report.results import ModelResults, PathResult
+from mjbench.report.thread_advice import advise_threads
 from mjbench.report.work_crossovers import work_crossovers
-from mjbench.simulation import package_timer
 from mjbench.status import Status
 
 # Colours of paths by whether a policy can choose each control.
 _LOOPS = {Loop.OPEN.value: vega.ORANGE, Loop.CLOSED.value: vega.BLUE}
+# A speed-up, and the ends of its interval.
+_SPEEDUPS = tuple(Column(title, 3, is_factor=True) for title in ("speed-up", "low", "high"))
 
 
 def _conclusions(model_results: ModelResults) -> Iterator[Conclusion]:
-    """Yield what the comparison on a model comes to: disagreement first, then advice."""
+    """Yield what the comparison on a model comes to.
+
+    What to know before the numbers comes first, then what went wrong, then advice.
+    """
     record = model_results.model
+    for text in comparison.cautions(model_results):
+        name = "" if text == comparison.FORMER else f"{_name(record)}: "
+        yield Conclusion(f"{name}{text}", Tone.CAUTION)
     if record.status not in (Status.OK, Status.INTERRUPTED):
         yield Conclusion(f"{record.model}: {record.status}: {record.detail}", Tone.BAD)
     for result in model_results.results:
         if result.status == Status.DISAGREES:
-            variant = Variant(result.path, result.options)
-            text = f"{result.model}: {variant} does other work than the plain loop"
+            text = f"{result.model}: {result.variant} does other work than the plain loop"
             yield Conclusion(f"{text}: {result.agreement}", Tone.BAD)
     for advice in advise(model_results):
         yield _conclusion(advice)
     clock = advise_clock(model_results)
     if clock is not None:
-        yield Conclusion(
-            f"{record.model}, any path: without {package_timer.NAME}, {package_timer.OFF_CODE}, the"
-            f" plain loop is {clock.speedup:.2f} times as fast ({clock.low:.2f} to"
-            f" {clock.high:.2f} in fresh processes)",
-            Tone.GOOD,
-        )
+        begin, rest = comparison.clock_conclusion(clock)
+        yield Conclusion(f"{_name(record)}: {begin}{rest}", Tone.GOOD)
+    for row in advise_threads(model_results):
+        begin, rest = comparison.thread_conclusion(row)
+        tone = Tone.GOOD if row.is_certain else Tone.UNSURE
+        yield Conclusion(f"{_name(record)}: {begin}{rest}", tone)
 
 
 def _conclusion(advice: Advice) -> Conclusion:
-    loop = "open loop" if advice.loop == Loop.OPEN else "closed loop"
-    text = f"{advice.model}, {loop}: {Variant(advice.path, advice.options)}"
-    tone = Tone.UNSURE if advice.reason == Reason.UNCONFIRMED else Tone.NEUTRAL
-    if advice.reason in (Reason.FASTER, Reason.SIMPLER, Reason.PAYS) and advice.speedup:
-        tone = Tone.GOOD
-    return Conclusion(f"{text}, {comparison.why(advice)}", tone)
+    begin, rest = comparison.conclusion(advice)
+    tone = Tone.GOOD if advice.speedup is not None else Tone.NEUTRAL
+    return Conclusion(
+        f"{_sized(advice.model, advice.nbatch)}: {begin}{rest}",
+        tone if advice.is_certain else Tone.UNSURE,
+    )
+
+
+def _name(record: ModelRecord) -> str:
+    return _sized(record.model, record.nbatch)
+
+
+def _sized(model: str, nbatch: int | None) -> str:
+    """Return the name of a model with its simulations, where there were any."""
+    return f"{model}, {tables.count_of(nbatch, 'simulation')}" if nbatch else model
 
 
 def sections(models: Sequence[ModelResults], command: str) -> Iterator[Section]:
@@ -73,75 +89,75 @@ def sections(models: Sequence[ModelResults], command: str) -> Iterator[Section]:
 
 def _section(model_results: ModelResults, command: str) -> Section:
     record = model_results.model
-    notes = [str(line) for line in comparison.heading_lines(record)]
-    heading = (
-        record.model if record.nbatch is None else f"{record.model}, {record.nbatch:,} simulations"
-    )
-    table = _path_table(model_results.results)
+    notes = [str(comparison.heading(record)), *comparison.detail_lines(record)]
+    table = _path_table(model_results)
     timed = [r for r in model_results.results if r.speedup is not None]
     return Section(
-        heading=heading,
+        heading=_name(record),
         command=command,
         conclusions=[*_conclusions(model_results)],
         figures=[_speedup_figure(model_results, timed)] if timed else [],
         tables=[table],
-        notes=[*notes, *(str(line) for line in comparison.notes(model_results))],
+        notes=[*notes, *map(str, comparison.notes(model_results))],
     )
 
 
-def _path_table(results: Sequence[PathResult]) -> DataTable:
+def _path_table(model_results: ModelResults) -> DataTable:
     columns = (
+        Column("advised"),
         Column("path"),
         Column("ns/step", 4),
-        Column("speed-up", 3),
+        *_SPEEDUPS,
         Column("× real time", 3),
         Column("loop"),
         Column("agrees"),
-        Column("without the clock, ×", 3),
-        Column("rounds", 3),
+        Column("launches", 3),
         Column("why not"),
     )
+    marks = comparison.marks(model_results)
     rows = [
         (
-            str(Variant(r.path, r.options)),
-            r.step_ns.median if r.step_ns else None,
-            r.speedup.median if r.speedup else None,
+            marks.get(str(r.variant), ""),
+            str(r.variant),
+            r.step_ns,
+            *_ends(r),
             r.realtime_factor,
             (Loop.CLOSED if r.closed_loop else Loop.OPEN).value,
             comparison.agrees(r),
-            r.clock_gain,
-            r.rounds or None,
+            r.launches or None,
             r.detail,
         )
-        for r in results
+        for r in model_results.results
     ]
     return DataTable("Paths", columns, rows)
 
 
+def _ends(result: PathResult) -> tuple[float | None, float | None, float | None]:
+    """Return a path's speed-up, and the ends of its interval."""
+    speedup = result.speedup
+    if speedup is None:
+        return None, None, None
+    if result.variant == Variant(BASE, {}):  # 1 by definition
+        return speedup.estimate, None, None
+    return speedup.estimate, speedup.low, speedup.high
+
+
 def _speedup_figure(model_results: ModelResults, timed: Sequence[PathResult]) -> Figure:
-    """Return speed-ups as bars; paths that were compared in fresh processes have an interval."""
+    """Return speed-ups as bars, with their intervals as lines."""
     model = model_results.model.model
     columns = (
         Column("path"),
-        Column("speed-up", 3),
+        *_SPEEDUPS,
         Column("loop"),
-        Column("in fresh processes", 3),
-        Column("low", 3),
-        Column("high", 3),
     )
     rows = [
-        (
-            str(Variant(r.path, r.options)),
-            r.speedup.median if r.speedup else None,
-            (Loop.CLOSED if r.closed_loop else Loop.OPEN).value,
-            *_fresh_speedup(model_results.contest, Variant(r.path, r.options)),
-        )
+        (str(r.variant), *_ends(r), (Loop.CLOSED if r.closed_loop else Loop.OPEN).value)
         for r in timed
     ]
     data = DataTable("Speed-ups", columns, rows)
     fastest = max(rows, key=lambda row: float(row[1] or 0.0))
     x = charts.quantity("speed-up", "times as fast as the plain loop", zero=True)
-    y = charts.names("path")
+    y = charts.names("path", labels=[row[0] for row in rows])
     layers: list[vega.Spec] = [
         charts.rule_at(1.0),
         {
@@ -150,8 +166,8 @@ def _speedup_figure(model_results: ModelResults, timed: Sequence[PathResult]) ->
         },
     ]
     intervals = ""
-    if any(row[-1] is not None for row in rows):
-        intervals = " Lines are 95 % intervals of paths that were compared in fresh processes."
+    if any(row[2] is not None for row in rows):
+        intervals = " Lines are 95 % intervals."
         layers.append(
             {
                 "mark": {"type": "rule", "strokeWidth": 2, "color": "currentColor"},
@@ -172,19 +188,6 @@ def _speedup_figure(model_results: ModelResults, timed: Sequence[PathResult]) ->
     )
 
 
-def _fresh_speedup(
-    contest: ContestRecord | None, variant: Variant
-) -> tuple[float | None, float | None, float | None]:
-    """Return a path's speed-up over the plain loop in fresh processes, with its interval."""
-    base = Variant(BASE, {})
-    if contest is None or variant == base:
-        return None, None, None
-    ratio = contest.ratio(base, variant)
-    if ratio is None or ratio.low is None or ratio.high is None:
-        return None, None, None
-    return 1 / ratio.estimate, 1 / ratio.high, 1 / ratio.low
-
-
 def _crossover_section(
     heading: str, model_of: Mapping[str, str], models: Sequence[ModelResults], command: str
 ) -> Section:
@@ -200,7 +203,7 @@ def _crossover_section(
 def _crossover_figure(name: str, models: Sequence[ModelResults]) -> Figure:
     columns = (Column("simulations", 4), Column("steps per second", 4), Column("path"))
     rows = [
-        (r.nbatch, r.steps_per_s, str(Variant(r.path, r.options)))
+        (r.nbatch, r.steps_per_s, str(r.variant))
         for model_results in models
         if model_results.model.model == name
         for r in model_results.results

@@ -14,6 +14,7 @@ Cell = str | float | int | None
 class Tone(StrEnum):
     """What a conclusion means for its reader."""
 
+    CAUTION = "caution"
     GOOD = "good"
     BAD = "bad"
     UNSURE = "unsure"
@@ -35,10 +36,12 @@ class Column:
     Attributes:
       title: with the unit, where there is one.
       digits: significant digits of its numbers; None for a column of text.
+      is_factor: whether its numbers are speed-ups, which are written alike everywhere.
     """
 
     title: str
     digits: int | None = None
+    is_factor: bool = False
 
     @property
     def is_number(self) -> bool:
@@ -51,6 +54,8 @@ class Column:
             return ""
         if isinstance(cell, str) or self.digits is None:
             return str(cell)
+        if self.is_factor:
+            return tables.factor(float(cell))
         if abs(cell) >= 1000:
             return f"{cell:,.0f}"
         return tables.plain(float(cell), self.digits)

@@ -20,6 +20,8 @@ from mjbench.paired.across_machines import Outcome
 from mjbench.paired.records import VerdictRecord
 from mjbench.report import rows, verdicts
 from mjbench.report.across_machines import verdict_cell
+from mjbench.report.comparison import cautions as cautions_of
+from mjbench.report.comparison import disturbed
 from mjbench.report.results import derive_all
 from mjbench.status import Status
 
@@ -35,6 +37,8 @@ class Metric:
       name: what it is of.
       unit: of it; smaller is better.
       low: lower end of its interval; None without one.
+      high: upper end.
+      disturbances: what disturbed its measurement, a clause each.
     """
 
     name: str
@@ -42,6 +46,7 @@ class Metric:
     value: float
     low: float | None = None
     high: float | None = None
+    disturbances: Sequence[str] = ()
 
 
 def metrics(stored: RunSet) -> list[Metric]:
@@ -67,6 +72,17 @@ def metrics(stored: RunSet) -> list[Metric]:
             " one: give a run file, or --format csv"
         )
     return values
+
+
+def cautions(stored: RunSet) -> list[str]:
+    """Return what to know before the numbers of runs of `compare`, a line each."""
+    lines = (
+        f"{prefix}{model_results.model.model}: {caution}"
+        for run, prefix in _prefixed(stored.runs)
+        for model_results in derive_all(run.records)
+        for caution in cautions_of(model_results)
+    )
+    return list(dict.fromkeys(lines))
 
 
 def _prefixed(runs: Sequence[Run]) -> list[tuple[Run, str]]:
@@ -96,7 +112,7 @@ def _step_times(run: Run) -> Iterator[Metric]:
             for r in model_results.results:
                 if r.step_ns is not None:
                     name = f"{r.model}: {Variant(r.path, r.options)}, {r.nbatch} simulations"
-                    yield Metric(name, "ns/step", r.step_ns.median)
+                    yield Metric(name, "ns/step", r.step_ns, disturbances=r.disturbances)
 
 
 def _ratios(run: Run) -> Iterator[Metric]:
@@ -139,6 +155,8 @@ def as_github_action_benchmark(stored: RunSet) -> str:
         }
         if metric.low is not None and metric.high is not None:
             entry["range"] = f"{metric.low:.4g} to {metric.high:.4g}"
+        if metric.disturbances:
+            entry["extra"] = disturbed(metric.disturbances)
         entries.append(entry)
     return json.dumps(entries, indent=1) + "\n"
 

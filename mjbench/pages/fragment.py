@@ -13,6 +13,7 @@ from mjbench.pages.html import MARKS
 
 # Of the marks before conclusions, which are bold; the texts have the colour of the page.
 COLOURS = {
+    Tone.CAUTION: "#a87900",
     Tone.GOOD: "#0a8a63",
     Tone.BAD: "#d1492e",
     Tone.UNSURE: "#a87900",

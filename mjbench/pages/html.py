@@ -7,7 +7,13 @@ from mjbench.pages.content import Figure, Report, Tone
 from mjbench.report import vega
 
 # What stands before a conclusion, beside its colour.
-MARKS = {Tone.GOOD: "✓", Tone.BAD: "✗", Tone.UNSURE: "?", Tone.NEUTRAL: "•"}
+MARKS = {
+    Tone.CAUTION: "!",
+    Tone.GOOD: "✓",
+    Tone.BAD: "✗",
+    Tone.UNSURE: "?",
+    Tone.NEUTRAL: "•",
+}
 
 
 def render(report: Report) -> str:

@@ -7,7 +7,13 @@ from mjbench.pages.content import Conclusion, DataTable, Report, Tone
 from mjbench.report import markdown
 from mjbench.report.markdown import code, escaped
 
-_MARKS = {Tone.GOOD: "✅ ", Tone.BAD: "❌ ", Tone.UNSURE: "❔ ", Tone.NEUTRAL: ""}
+_MARKS = {
+    Tone.CAUTION: "⚠️ ",
+    Tone.GOOD: "✅ ",
+    Tone.BAD: "❌ ",
+    Tone.UNSURE: "❔ ",
+    Tone.NEUTRAL: "",
+}
 
 
 def render(report: Report) -> Iterator[str]:

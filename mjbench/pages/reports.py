@@ -7,7 +7,6 @@ from pathlib import Path
 
 from mjbench.comparison.planning_run import PlanningRow
 from mjbench.comparison.records import ModelRecord
-from mjbench.comparison.scaling import ScalingRecord
 from mjbench.counts.records import ExplainRecord, InstructionsRecord
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.errors import printable
@@ -25,14 +24,12 @@ from mjbench.pages import (
     loops,
     machines,
     programs,
-    scaling,
     tuning,
     verdicts,
     web,
 )
 from mjbench.pages.content import Column, Conclusion, DataTable, Report, Section, Tone
 from mjbench.paired import family, selfcheck
-from mjbench.paired.confirmation import ConfirmationRecord
 from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.paired.records import VerdictRecord
 from mjbench.paired.selfcheck_records import TrialRecord
@@ -44,7 +41,6 @@ from mjbench.report import across_machines as across
 from mjbench.report import history_files
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.report.results import derive_all
-from mjbench.report.thread_advice import by_model
 from mjbench.tuning.records import TuneRecord
 from mjbench.web.records import WebRecord
 
@@ -111,8 +107,8 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
     ]
     parts += _history_parts(named_runs)
     chosen = _most_important(parts) if len(named_runs) > 1 else parts
-    # what went wrong comes first
-    main = [conclusion for part in chosen for conclusion in part.main]
+    # several models may say the same
+    main = list(dict.fromkeys(conclusion for part in chosen for conclusion in part.main))
     main.sort(key=lambda conclusion: conclusion.tone != Tone.BAD)
     sections = [part.section for part in chosen]
     if results.has_several and (first := machines.section(results, _report_command(named_runs))):
@@ -120,6 +116,7 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
         # they stand right above it, unless there are too many
         are_all_above = len(first.conclusions) <= _MOST_CONCLUSIONS
         sections.insert(0, replace(first, conclusions=()) if are_all_above else first)
+    main.sort(key=lambda conclusion: conclusion.tone != Tone.CAUTION)
     sections = list(_with_fewer_figures(sections))
     if len(sections) == 1:  # its conclusions are those of the report
         sections = [replace(sections[0], conclusions=())]
@@ -133,6 +130,11 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
     if len(chosen) < len(parts):
         main.append(_left_out(len(parts) - len(chosen), len(parts)))
     return Report(title, main, sections, _machines(named_runs, results.machines))
+
+
+def first_of(conclusions: Sequence[Conclusion]) -> list[Conclusion]:
+    """Return what to know before the numbers, and what went wrong."""
+    return [each for each in conclusions if each.tone in (Tone.CAUTION, Tone.BAD)]
 
 
 def _report_command(named_runs: Sequence[NamedRun]) -> str:
@@ -200,8 +202,8 @@ def _parts(named: NamedRun, machine: str) -> Iterator[_Part]:
 
     if run.of_type(ModelRecord):
         for section in comparisons.sections(derive_all(run.records), command):
-            bad = [c for c in section.conclusions if c.tone == Tone.BAD]
-            yield replace(part(section), main=bad) if machine else part(section)
+            first = [replace(c, text=f"{machine}: {c.text}") for c in first_of(section.conclusions)]
+            yield replace(part(section), main=first) if machine else part(section)
     if rows := [record.row() for record in run.of_type(VerdictRecord)]:
         confidence = family.confidence_of(run.header)
         yield part(verdicts.section(rows, confidence, command), is_side_by_side=True)
@@ -211,8 +213,6 @@ def _parts(named: NamedRun, machine: str) -> Iterator[_Part]:
 
 def _other_sections(run: Run, command: str) -> Iterator[Section]:
     """Yield the sections of a run of which nothing stands side by side with other machines."""
-    for results in by_model(run.of_type(ScalingRecord), run.of_type(ConfirmationRecord)):
-        yield scaling.section(results, command)
     yield from loops.overhead_sections(run.of_type(OverheadRow), command)
     yield from loops.profile_sections(run.of_type(ProfileRow), command)
     yield from loops.latency_sections(run.of_type(LatencyRow), command)

@@ -28,6 +28,7 @@ from mjbench.pages.content import Tone
 from mjbench.pages.reports import NamedRun
 from mjbench.report import history_plots, markdown, release_page, speed_page, tables
 from mjbench.report.advice import advise
+from mjbench.report.comparison import mark
 from mjbench.report.markdown import code, escaped
 from mjbench.report.results import derive_all
 from mjbench.report.speed_history import SpeedHistory
@@ -360,15 +361,18 @@ def _summary(runs: Sequence[NamedRun]) -> Iterator[str]:
         for conclusion in conclusions:
             yield f"- {escaped(conclusion.text)}"
         return
+    for conclusion in reports.first_of(conclusions):
+        yield f"- {escaped(conclusion.text)}"
+    yield ""
+    names = [(row.model, row.nbatch) for row in advice]
+    has_sizes = len({model for model, _ in names}) < len(set(names))
     rows = [
         (
-            escaped(row.model),
+            escaped(f"{row.model}, {row.nbatch:,} simulations" if has_sizes else row.model),
             row.loop.value,
-            code(str(Variant(row.path, row.options))),
-            f"{tables.factor(row.speedup)}×" if row.speedup else "",
-            f"{tables.factor(row.low)} to {tables.factor(row.high)}"
-            if row.low and row.high
-            else "",
+            f"{mark(row.is_certain)} {code(str(Variant(row.path, row.options)))}",
+            f"{tables.factor(row.speedup.estimate)}×" if row.speedup else "",
+            tables.ends(row.speedup),
         )
         for row in advice
     ]

@@ -235,6 +235,54 @@ class Prepare(Request[int]):
 
 
 @dataclass(frozen=True)
+class EquipRace(Request[None]):
+    """Read a saved model and a workload for the paths of a race (see `race_blocks`).
+
+    Attributes:
+      model_file: holds the model.
+      workload_file: holds a pickled `PortableWorkload`, with its final states.
+      returns: what runs return.
+      cores: to run on.
+      import_from: a folder that paths of the user's own may be imported from; None for none.
+    """
+
+    activity = "reading the workload"
+    model_file: Path
+    workload_file: Path
+    returns: "Product"
+    cores: Sequence[int]
+    import_from: str | None = None
+
+
+@dataclass(frozen=True)
+class PrepareEntrant(Request[None]):
+    """Prepare one more path of a race, and check it.
+
+    Attributes:
+      path: its name.
+      options: of the path.
+    """
+
+    activity = "preparing a run"
+    path: str
+    options: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class TimeEntrant(Request["TimedEntrant"]):
+    """Run one block of a path of a race.
+
+    Attributes:
+      number: of the path, in the order in which they were prepared.
+      reorders: whether the simulations are reordered first, as they are before each round.
+    """
+
+    activity = "timing a block"
+    number: int
+    reorders: bool
+
+
+@dataclass(frozen=True)
 class PrepareOperation(Request["ReadyOperation"]):
     """Prepare an operation in fresh memory, do it, and return nanoseconds of a block.
 
@@ -267,6 +315,19 @@ class CountCores(Request[float]):
 
     activity = "counting cores"
     nthread: int
+
+
+@dataclass(frozen=True)
+class TimedEntrant:
+    """A block of a path of a race.
+
+    Attributes:
+      ns: nanoseconds that it took.
+      difference: where what it returned first differs from the plain loop; empty where it does not.
+    """
+
+    ns: int
+    difference: str
 
 
 @dataclass(frozen=True)

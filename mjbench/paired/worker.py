@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from mjbench.paired.loop_sections import Section
+    from mjbench.paired.race_blocks import RaceBlocks
     from mjbench.paired.single_steps import TimedSteps
     from mjbench.paths import Resources, States
     from mjbench.simulation.workload import PortableWorkload, Workload
@@ -65,6 +66,7 @@ class Worker:
       sections: of the run, which blocks time one after the other.
       single_steps: what blocks run where their slowest steps are compared; None elsewhere.
       resources: of that run; None before the first.
+      race: the paths of a race's launch; None in other launches.
       slowdown: share of its time by which a block lasts longer.
       padding: memory that moves whatever is allocated after it.
       scattered: the same, of the last layouts.
@@ -78,6 +80,7 @@ class Worker:
     def __init__(self, connection: Connection):
         self.connection = connection
         self.resources: Resources | None = None
+        self.race: RaceBlocks | None = None
         self.slowdown = 0.0
         self.sections: Sequence[Section] = ()
         self.single_steps: TimedSteps | None = None
@@ -95,6 +98,9 @@ class Worker:
             requests.Trace: self._trace,
             requests.ListFiles: self._list_files,
             requests.Equip: self._equip,
+            requests.EquipRace: self._equip_race,
+            requests.PrepareEntrant: self._prepare_entrant,
+            requests.TimeEntrant: self._time_entrant,
             requests.Prepare: self._prepare,
             requests.PrepareOperation: self._prepare_operation,
             requests.TimeBlocks: self._time_blocks,
@@ -223,6 +229,34 @@ class Worker:
         self.model = models.load(models.ModelSource("", request.model_file))
         self._read_workload(request.workload_file)
         paths.find(request.path)  # imports it
+
+    def _equip_race(self, request: requests.EquipRace) -> None:
+        import numpy as np
+
+        from mjbench.comparison.verification import ReferenceCase
+        from mjbench.paired.race_blocks import RaceBlocks
+        from mjbench.simulation import models
+
+        if request.import_from:
+            sys.path.append(request.import_from)
+        self._lay_out_memory(request.cores)
+        self.model = models.load(models.ModelSource("", request.model_file))
+        self._read_workload(request.workload_file)
+        assert self.final_state is not None, "a race is run with final states to compare"
+        rng = np.random.default_rng(self.rng.randrange(2**32))
+        workload = self.workload.returning(request.returns)
+        self.race = RaceBlocks(ReferenceCase.of_states(workload, self.final_state), rng)
+
+    def _prepare_entrant(self, request: requests.PrepareEntrant) -> None:
+        assert self.race is not None, "EquipRace comes first"
+        self.scattered.append(_scattered(self.rng))
+        self.race.prepare(request)
+
+    def _time_entrant(self, request: requests.TimeEntrant) -> requests.TimedEntrant:
+        assert self.race is not None, "EquipRace comes first"
+        if request.reorders:
+            _collect_garbage()
+        return self.race.time(request)
 
     def _read_workload(self, file: Path) -> "PortableWorkload":
         from mjbench.simulation import workload

@@ -22,7 +22,16 @@ _MAX_FAILURE_BYTES = 1 << 16
 
 
 class TargetError(MachineError):
-    """A target's process crashed, hung or failed; the message names the target in one line."""
+    """A target's process crashed, hung or failed; the message names the target in one line.
+
+    Attributes:
+      status: whether it crashed, hung (`timeout`) or failed.
+      cause: the message without the target and what it was doing.
+    """
+
+    def __init__(self, message: str, status: Status = Status.FAILED, cause: str = ""):
+        super().__init__(message)
+        self.status, self.cause = status, cause or message
 
 
 class Process(Protocol):
@@ -142,9 +151,11 @@ class WorkerProcess:
         self._pending.popleft()
         if isinstance(answer, requests.Done):
             return answer.value
+        message = f"{self.name}: {answer.detail}"
         kinds = {Status.INPUT: InputError, Status.UNAVAILABLE: UnavailableError}
-        kind = kinds.get(answer.status, TargetError)
-        raise kind(f"{self.name}: {answer.detail}")
+        if kind := kinds.get(answer.status):
+            raise kind(message)
+        raise TargetError(message, cause=answer.detail)
 
     def _receive(self, max_bytes: int) -> bytes:
         """Return the bytes of the next answer, `max_bytes` at most."""
@@ -152,15 +163,16 @@ class WorkerProcess:
         if not self.connection.poll(self.limit_s):
             self._process.end()
             output = child.last_line(self._output_file)
-            raise TargetError(
-                f"{self.name}: no answer within {self.limit_s:g} s while {activity}{output}"
-            )
+            cause = f"no answer within {self.limit_s:g} s"
+            message = f"{self.name}: {cause} while {activity}{output}"
+            raise TargetError(message, Status.TIMEOUT, cause)
         try:
             return self.connection.recv_bytes(max_bytes)
         except (EOFError, OSError):
             cause = self._describe_end()
             output = child.last_line(self._output_file)
-            raise TargetError(f"{self.name}: {cause} while {activity}{output}") from None
+            message = f"{self.name}: {cause} while {activity}{output}"
+            raise TargetError(message, Status.CRASHED, cause) from None
 
     def _describe_end(self) -> str:
         """Describe how the process ended; one that goes on sent an answer that is too long."""

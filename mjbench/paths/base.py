@@ -192,9 +192,12 @@ class SteppingPath(ABC):
     Class attributes:
       name: the path's name on the command line and in results.
       summary: one line for people.
+      title: what a sentence calls it, such as `Batch.step`; empty for its name.
       closed_loop: whether a feedback policy can choose each control from the state before it.
       in_process: whether it steps in the process that prepared it.
       compiles: whether it compiles the step first, and is held to tolerances (`AcceleratedPath`).
+      starts_slowly: whether it takes seconds to start in a fresh process, so that it is timed in
+        few of them.
       usual: whether `--paths usual` includes it where it is available, and `--paths c` if it steps
         in C.
       products: what its runs can return.
@@ -203,9 +206,11 @@ class SteppingPath(ABC):
 
     name: ClassVar[str]
     summary: ClassVar[str]
+    title: ClassVar[str] = ""
     closed_loop: ClassVar[bool]
     in_process: ClassVar[bool] = True
     compiles: ClassVar[bool] = False
+    starts_slowly: ClassVar[bool] = False
     usual: ClassVar[bool] = True
     products: ClassVar[tuple[Product, ...]] = (Product.FINAL,)
     options: ClassVar[tuple[Option, ...]] = ()

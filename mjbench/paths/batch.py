@@ -92,6 +92,7 @@ class BatchStep(_BatchPath):
 
     name = "batch_step"
     summary = "mujoco.batch step(), controls of all simulations written before each"
+    title = "Batch.step"
     closed_loop = True
     options: ClassVar[tuple[Option, ...]] = (
         _THREADS,
@@ -175,6 +176,7 @@ class BatchRollout(_BatchPath):
 
     name = "batch_rollout"
     summary = "mujoco.batch rollout(), open loop"
+    title = "Batch.rollout"
     closed_loop = False
     options: ClassVar[tuple[Option, ...]] = (_THREADS, _DATA)
 

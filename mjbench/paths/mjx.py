@@ -28,6 +28,7 @@ class Mjx(AcceleratedPath):
 
     name = "mjx"
     summary = "MJX: jit(vmap(loop of mjx.step)), float32"
+    title = "MJX in float32"
     precision = Precision.FLOAT32
     extra = "mjx"
     engine = "MJX"
@@ -142,6 +143,7 @@ class Mjx64(Mjx):
 
     name = "mjx64"
     summary = "MJX: jit(vmap(loop of mjx.step)), float64"
+    title = "MJX in float64"
     precision = Precision.FLOAT64
 
 
@@ -150,6 +152,7 @@ class MjxWarp(Mjx):
 
     name = "mjx_warp"
     summary = "MJX with impl=warp: MuJoCo Warp called from JAX, float32"
+    title = "MJX with Warp"
     extra = "mjx,warp"
     usual = False
     packages: ClassVar[tuple[str, ...]] = ("jax", "mujoco.mjx", "mujoco_warp", "warp")

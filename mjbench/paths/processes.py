@@ -41,6 +41,7 @@ class Processes(SteppingPath):
 
     name = "processes"
     summary = "worker processes, each a Python loop over its share"
+    title = "worker processes"
     closed_loop = True
     in_process = False
     products = tuple(Product)

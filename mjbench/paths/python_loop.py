@@ -28,6 +28,7 @@ class PythonLoop(SteppingPath):
 
     name = "python_loop"
     summary = "for loop over mj_step, one call per step"
+    title = "the plain loop"
     closed_loop = True
     products = tuple(Product)
     options = (Option("clock", f"{package_timer.NAME} (mjData.timer)", ("on",), str, _ON_OFF),)
@@ -91,6 +92,7 @@ class PythonLoopHold(SteppingPath):
 
     name = "python_loop_hold"
     summary = "for loop over mj_step(nstep=hold), one call per control"
+    title = "mj_step with nstep"
     closed_loop = True
     products = tuple(Product)
     options = (

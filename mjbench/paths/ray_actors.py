@@ -51,9 +51,11 @@ class Ray(SteppingPath):
 
     name = "ray"
     summary = "Ray actors, each with mujoco.rollout over its share"
+    title = "Ray actors"
     closed_loop = False
     in_process = False
     usual = False
+    starts_slowly = True
     products = tuple(Product)
     options = (Option("actors", "Ray actors, a process each", (), int),)
 

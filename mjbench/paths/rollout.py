@@ -31,6 +31,7 @@ class Rollout(SteppingPath):
 
     name = "rollout"
     summary = "mujoco.rollout, open loop, states of every step returned"
+    title = "mujoco.rollout"
     closed_loop = False
     products = tuple(Product)
     options = (

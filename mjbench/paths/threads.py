@@ -20,6 +20,7 @@ class Threads(SteppingPath):
 
     name = "threads"
     summary = "ThreadPoolExecutor, each thread a Python loop with its own MjData"
+    title = "a thread pool of Python loops"
     closed_loop = True
     products = tuple(Product)
     options = (

@@ -32,6 +32,7 @@ class Warp(AcceleratedPath):
 
     name = "warp"
     summary = "MuJoCo Warp: mujoco_warp.step over all worlds as a captured graph, float32"
+    title = "MuJoCo Warp"
     precision = Precision.FLOAT32
     extra = "warp"
     engine = "MuJoCo Warp"

@@ -156,7 +156,9 @@ def comparison_names(comparisons: Sequence[MachineComparison]) -> list[str]:
 
 
 def print_side_by_side(out: Console, results: SideBySide) -> None:
-    """Print the tables of several machines, and the conclusions."""
+    """Print what disturbed machines, their tables, and the conclusions."""
+    for line in advice_across.cautions(results.advice):
+        out.print(line, soft_wrap=True)
     for matrix in matrices(results):
         headings, rows = matrix.wide()
         widths = [max(map(len, column)) for column in zip(headings, *rows, strict=True)]

@@ -13,7 +13,8 @@ from mjbench.comparison.records import ModelRecord
 from mjbench.instrument.machine_identity import Software, software_names
 from mjbench.instrument.runs import InputFile, Run
 from mjbench.report import tables
-from mjbench.report.advice import Advice, Loop, Reason, advise
+from mjbench.report.advice import Advice, Loop, advise
+from mjbench.report.comparison import disturbed, mark
 from mjbench.report.results import ModelResults, derive_all
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.workload import Product
@@ -64,11 +65,13 @@ class MachineAdvice:
       machine: its name, with its software where it has several.
       advice: of each run that asked; usually one.
       detail: why there is none; empty otherwise.
+      disturbances: what disturbed its runs, a clause each.
     """
 
     machine: str
     advice: Sequence[Advice] = ()
     detail: str = ""
+    disturbances: Sequence[str] = ()
 
     @property
     def path(self) -> str:
@@ -111,8 +114,12 @@ def advice_across(runs: Sequence[Run], names: Sequence[str]) -> list[AdviceAcros
             for loop, given in _by_loop(results).items():
                 earlier = answers[replace(question, loop=loop)].get(name, MachineAdvice(name))
                 given = [*earlier.advice, *given]
-                detail = "" if given else "no plain loop was timed"
-                answers[replace(question, loop=loop)][name] = MachineAdvice(name, given, detail)
+                answers[replace(question, loop=loop)][name] = MachineAdvice(
+                    name,
+                    given,
+                    "" if given else _why_none(results),
+                    [*earlier.disturbances, *results.disturbances],
+                )
     for question, answer in failed:
         for other, of_other in answers.items():
             if (other.model, other.files) == (question.model, question.files):
@@ -122,8 +129,26 @@ def advice_across(runs: Sequence[Run], names: Sequence[str]) -> list[AdviceAcros
 
 def cell(machine: MachineAdvice) -> str:
     """Return the path that is advised on a machine, with its speed-up, for a cell of a table."""
-    texts = [f"{Variant(a.path, a.options)}{_gain(a)}" for a in machine.advice]
+    texts = [f"{mark(a.is_certain)} {Variant(a.path, a.options)}{_gain(a)}" for a in machine.advice]
     return "; ".join(dict.fromkeys(texts)) or machine.detail
+
+
+def cautions(all_advice: Sequence[AdviceAcross]) -> list[str]:
+    """Return what disturbed the runs of machines, a sentence each."""
+    sentences = (
+        f"{machine.machine}, {across.question.model}: {disturbed(machine.disturbances)}"
+        for across in all_advice
+        for machine in across.machines
+        if machine.disturbances
+    )
+    return list(dict.fromkeys(sentences))
+
+
+def _why_none(results: ModelResults) -> str:
+    """Return why nothing is advised."""
+    if results.is_former:
+        return "timed by an earlier version of mjbench"
+    return "no plain loop was timed"
 
 
 def describe(all_advice: Sequence[AdviceAcross]) -> Iterator[str]:
@@ -172,15 +197,9 @@ def _by_loop(results: ModelResults) -> dict[Loop, list[Advice]]:
 
 
 def _gain(advice: Advice) -> str:
-    """Return a path's speed-up over the plain loop with its interval, or that it has no rival."""
-    if advice.reason == Reason.UNCONFIRMED and advice.rival:
-        return f" ({advice.rival} seems faster)"
-    if not advice.speedup:
-        return ""
-    text = f" {tables.factor(advice.speedup)}×"
-    if advice.low and advice.high:
-        text += f" ({tables.factor(advice.low)} to {tables.factor(advice.high)})"
-    return text
+    """Return a path's speed-up over the plain loop with its interval; empty for the loop itself."""
+    gain = advice.speedup
+    return f" {gain.text(lambda ratio: tables.factor(ratio) + '×')}" if gain else ""
 
 
 def _with_software(runs: Sequence[Run], names: Sequence[str]) -> list[str]:

@@ -1,14 +1,16 @@
-"""The output of `mjbench compare`: heading, table, notes and advice of each model."""
+"""The output of `mjbench compare`: what follows for each model, its table, and notes."""
 
-import statistics
 from collections.abc import Sequence
 
-from rich.console import Console
+from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
+from mjbench import paths
 from mjbench.comparison.plan import Variant, describe_options
 from mjbench.comparison.records import ModelRecord
+from mjbench.instrument.interval import Interval
+from mjbench.paths import BASE
 from mjbench.paths.accelerated import keyword_arguments
 from mjbench.paths.parallelism import nthread
 from mjbench.report import tables
@@ -17,65 +19,197 @@ from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.results import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
 from mjbench.report.starts import starts_lines
+from mjbench.report.thread_advice import ThreadAdvice, advise_threads
 from mjbench.report.work_crossovers import CallWork, WorkCrossover, work_crossovers
 from mjbench.simulation import accelerated_limits, package_timer
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
 
-# Below this share of the usable cores, threaded figures say more about the machine's other
-# guests than about the paths.
-POOR_CORES = 0.85
-
-
 # A model on whose free bodies gravity acts falls where it has fewer contacts than this in a step.
 _FALLING_CONTACTS = 0.05
+_PLAIN_LOOP = "the plain loop"
+# Rivals that a sentence names, at most.
+_MOST_RIVALS = 2
+FORMER = (
+    "Timed by an earlier version of mjbench, in one process: speed-ups have no interval, and no"
+    " path is advised."
+)
 _FALLING = (
     "Warning: a free body falls, and touches nothing: these are the speeds of free fall. Let it"
     " settle (--settle 3s), or give states of your own (--states)."
 )
 
 
-def print_model(out: Console, model_results: ModelResults, code: bool = False) -> None:
-    """Print one model's heading, table, warnings and advice.
-
-    Args:
-      code: whether to print the Python of the paths that are advised.
-    """
-    model, results = model_results.model, model_results.results
-    out.print()
-    for line in heading_lines(model):
-        out.print(line, soft_wrap=True)
-    if model.status != Status.OK and not any(r.step_ns or r.agrees is False for r in results):
-        return
-    shown = [result for result in results if not _is_unavailable(result)]
-    out.print(_path_table(shown))
-    if any(result.compile_s is not None for result in shown):
-        out.print(_compile_table(shown))
-    for line in notes(model_results):
-        out.print(line, soft_wrap=True)
-    all_advice = advise(model_results)
-    clock = advise_clock(model_results)
-    if clock is not None:
-        _print_clock(out, clock, results)
-    for advice in all_advice:
-        _print_advice(out, advice)
-    if code:
-        _print_code(out, all_advice)
-
-
 def print_models(out: Console, models: Sequence[ModelResults], code: bool = False) -> None:
     """Print what comparisons of models come to, one after the other and together.
 
     Args:
+      out: where to.
       models: in the order they were measured.
       code: whether to print the Python of the paths that are advised.
     """
-    for model_results in models:
-        print_model(out, model_results, code)
+    for name in dict.fromkeys(each.model.model for each in models):
+        print_model(out, [each for each in models if each.model.model == name], code)
     print_crossovers(out, models)
-    if len(models) > 1:
+    if len({each.model.model for each in models}) > 1:
         print_summary(out, models)
+
+
+def print_model(out: Console, sizes: Sequence[ModelResults], code: bool = False) -> None:
+    """Print what follows for one model at each of its sizes, and one table of all sizes.
+
+    Args:
+      out: where to.
+      sizes: the results of the model, one a size.
+      code: whether to print the Python of the paths that are advised.
+    """
+    timed = [each for each in sizes if _has_results(each)]
+    for model_results in sizes:
+        out.print()
+        print_lines(out, caution_lines(model_results))
+        print_lines(out, [heading(model_results.model)])
+        if model_results in timed:
+            print_lines(out, conclusion_lines(model_results, len(sizes) > 1))
+    if timed:
+        out.print(path_table(timed))
+    compiled = [r for each in timed for r in each.results if r.compile_s is not None]
+    if compiled:
+        out.print(_compile_table(compiled))
+    about = [line for each in timed for line in notes(each)]
+    about += [line for each in sizes for line in detail_lines(each.model)]
+    print_lines(out, list(dict.fromkeys(about)))
+    if code:
+        _print_code(out, [advice for each in timed for advice in advise(each)])
+
+
+def shown_so_far(sizes: Sequence[ModelResults]) -> Group | None:
+    """Return what is shown of a model while it is measured; None before there is a speed."""
+    timed = [each for each in sizes if any(result.is_timed for result in each.results)]
+    if not timed:
+        return None
+    last = timed[-1]
+    lines = [*caution_lines(last), *conclusion_lines(last, len(timed) > 1)]
+    return Group(*lines, path_table(timed))
+
+
+def print_lines(out: Console, lines: Sequence[str | Text]) -> None:
+    """Print lines, which the terminal wraps."""
+    for line in lines:
+        out.print(line, soft_wrap=True)
+
+
+def _has_results(model_results: ModelResults) -> bool:
+    is_ok = model_results.model.status == Status.OK
+    return is_ok or any(r.is_timed or r.agrees is False for r in model_results.results)
+
+
+def conclusion_lines(model_results: ModelResults, names_size: bool) -> list[str | Text]:
+    """Return what follows from a comparison, for each loop, and for MuJoCo's timer.
+
+    Args:
+      model_results: of the comparison.
+      names_size: whether lines say how many simulations there were, because others stand beside.
+    """
+    lines: list[str | Text] = [
+        tables.headed(*conclusion(advice, names_size)) for advice in advise(model_results)
+    ]
+    lines += [
+        tables.headed(*thread_conclusion(row, names_size)) for row in advise_threads(model_results)
+    ]
+    if (clock := advise_clock(model_results)) is not None:
+        lines.append(tables.headed(*clock_conclusion(clock, names_size)))
+    return lines
+
+
+_LOOPS = {
+    Loop.OPEN: "For controls known beforehand (open loop)",
+    Loop.CLOSED: "For RL (closed loop)",
+}
+
+
+def conclusion(advice: Advice, names_size: bool = False) -> tuple[str, str]:
+    """Return which path to use, and why: the beginning of a sentence, and its rest.
+
+    Args:
+      advice: on a model.
+      names_size: whether to say how many simulations there were.
+    """
+    gain = f", {_times(advice.speedup, _PLAIN_LOOP)}" if advice.speedup is not None else ""
+    begin = f"{_LOOPS[advice.loop]}{_size(advice.nbatch, names_size)}"
+    described_path = described(Variant(advice.path, advice.options))
+    return f"{begin}: {described_path}", "; ".join([gain, *_reasons(advice)])
+
+
+def _size(nbatch: int | None, names_size: bool) -> str:
+    """Return how many simulations a sentence is about, to follow its first words."""
+    return f", {tables.count_of(nbatch, 'simulation')}" if names_size and nbatch else ""
+
+
+def described(variant: Variant) -> str:
+    """Return a path with its options for a sentence, such as `Batch.step on 2 threads`.
+
+    Options that have the path's own value are left out.
+    """
+    path, options = paths.find(variant.path), dict(variant.options)
+    text = path.title or path.name
+    for option in path.options:
+        if option.name not in options:
+            continue
+        if option.name == "threads":
+            text += f" on {tables.count_of(options.pop(option.name), 'thread')}"
+        elif option.is_parallel:
+            text = f"{options.pop(option.name)} {text}"
+        elif option.values and options[option.name] == option.values[0]:
+            del options[option.name]
+    rest = describe_options(options)
+    return f"{text} ({rest})" if rest else text
+
+
+def _reasons(advice: Advice) -> list[str]:
+    """Return why a path is advised, in clauses."""
+    reasons = []
+    match advice.reason:
+        case Reason.SIMPLER | Reason.NO_GAIN if advice.is_certain:
+            reasons.append("no other path is faster by 2 %")
+        case Reason.ALONE:
+            reasons.append("no other path was timed for it")
+    if not advice.is_certain and advice.reason != Reason.PAYS:
+        rivals = [described(each) for each in advice.rivals]
+        if len(rivals) > _MOST_RIVALS:
+            rivals = [f"{len(rivals)} other paths"]
+        most = f" by up to {100 * advice.most_gain:.0f} %" if advice.most_gain else ""
+        doubt = f": {' or '.join(rivals)} may be faster{most}" if rivals else ""
+        reasons.append(f"not certain{doubt}")
+    return [*reasons, *advice.unable, *filter(None, [advice.break_even])]
+
+
+def _times(speedup: Interval, baseline: str) -> str:
+    low_high = ""
+    if speedup.low is not None and speedup.high is not None:
+        low_high = f" ({tables.factor(speedup.low)} to {tables.factor(speedup.high)})"
+    return f"{tables.factor(speedup.estimate)} times {baseline}{low_high}"
+
+
+def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> tuple[str, str]:
+    """Return how many threads a path should have: the beginning of a sentence, and its rest."""
+    threads = "one thread" if row.nthread == 1 else f"{row.nthread} threads"
+    name = paths.find(row.path).title or row.path
+    begin = f"{name}{_size(row.nbatch, names_size)}: {threads}"
+    doubt = "" if row.is_certain else "; not certain"
+    if row.over_one is None:
+        return begin, f"; no number up to {row.most_tried} is certainly faster{doubt}"
+    most = ""
+    if row.nthread < row.most_tried:
+        most = f"; {row.most_tried} threads gain less than 5 % more"
+    chunk = f" (chunk={row.chunk})" if row.chunk else ""
+    return begin + chunk, f", {_times(row.over_one, 'one thread')}{most}{doubt}"
+
+
+def clock_conclusion(clock: ClockAdvice, names_size: bool = False) -> tuple[str, str]:
+    """Return what turning MuJoCo's timer off gains: the beginning of a sentence, and its rest."""
+    begin = f"Any path{_size(clock.nbatch, names_size)}: turn off {package_timer.NAME}"
+    return f"{begin} ({package_timer.OFF_CODE})", f", {_times(clock.speedup, _PLAIN_LOOP)}"
 
 
 def print_summary(out: Console, models: Sequence[ModelResults]) -> None:
@@ -93,21 +227,34 @@ def print_summary(out: Console, models: Sequence[ModelResults]) -> None:
     names = tables.short_names([row.model for row in advice])
     for row in advice:
         size = [f"{row.nbatch:,}"] if has_sizes else []
-        interval = (
-            f"{tables.factor(row.low)}–{tables.factor(row.high)}" if row.low and row.high else ""
-        )
         table.add_row(
             names[row.model],
             *size,
             row.loop,
-            str(Variant(row.path, row.options)),
-            tables.factor(row.speedup) if row.speedup else "1",
-            interval,
+            f"{mark(row.is_certain)} {Variant(row.path, row.options)}",
+            tables.factor(row.speedup.estimate) if row.speedup else "1",
+            tables.ends(row.speedup),
             _times_real_time(row.realtime_factor),
         )
     out.print()
-    out.print(tables.headed("Advice", " (speed-ups over the plain loop, in fresh processes)"))
+    out.print(tables.headed("Advice", " (speed-ups over the plain loop; ? is not certain)"))
     out.print(table)
+
+
+def mark(is_certain: bool) -> str:
+    """Return the mark of what is advised."""
+    return "✓" if is_certain else "?"
+
+
+def marks(model_results: ModelResults) -> dict[str, str]:
+    """Return the marks of advised paths: ✓ where that is certain, ? where it is not.
+
+    The keys are the paths, each with its options.
+    """
+    return {
+        str(Variant(row.path, row.options)): mark(row.is_certain)
+        for row in sorted(advise(model_results), key=lambda row: not row.is_certain)
+    }
 
 
 def print_code_hint(out: Console, models: Sequence[ModelResults]) -> None:
@@ -171,6 +318,16 @@ def _curve_crossing(row: Crossover) -> str:
     return f"; a curve through all sizes crosses at {curve.nbatch:,.0f} (95 %: {low} to {high})"
 
 
+def difference_cautions(rows: Sequence[RunDifference]) -> list[str]:
+    """Return what to know before the ratios of `mjbench diff`, a line each."""
+    lines = (
+        f"{', '.join(filter(None, (row.machine, row.model)))}: {caution}"
+        for row in rows
+        for caution in row.cautions
+    )
+    return list(dict.fromkeys(lines))
+
+
 def differences_table(rows: Sequence[RunDifference]) -> Table:
     """Return the table of `mjbench diff`; of sets, with a column for the machine."""
     machines = ["machine"] if any(row.machine for row in rows) else []
@@ -193,12 +350,37 @@ def differences_table(rows: Sequence[RunDifference]) -> Table:
     return table
 
 
-def heading_lines(model: ModelRecord) -> list[str | Text]:
-    """Return what stands above the table of a model: its sizes, what its steps did, its starts."""
+def cautions(model_results: ModelResults) -> list[str]:
+    """Return what a reader must know before the numbers of a model, a sentence each."""
+    sentences = []
+    if model_results.disturbances:
+        sentences.append(disturbed(model_results.disturbances))
+    if model_results.is_former:
+        sentences.append(FORMER)
+    model = model_results.model
+    if model.facts is None or model.work is None or not model.facts.can_fall:
+        return sentences
+    if not model.start_contacts and model.work.contacts < _FALLING_CONTACTS:
+        sentences.append(_FALLING)
+    return sentences
+
+
+def disturbed(disturbances: Sequence[str]) -> str:
+    """Return what disturbed a measurement, as a sentence, and what to do."""
+    return f"Disturbed: {'; '.join(disturbances)}. Measure again."
+
+
+def caution_lines(model_results: ModelResults) -> list[str | Text]:
+    """Return `cautions` as lines in yellow."""
+    return [Text(text, style="yellow") for text in cautions(model_results)]
+
+
+def heading(model: ModelRecord) -> Text:
+    """Return the name of a model with the sizes of its comparison, or with why it failed."""
     detail = model.detail.removeprefix(f"{model.model}: ")
     if model.facts is None or model.work is None:
         status = "" if model.status == Status.INPUT else f"{model.status}: "
-        return [tables.headed(model.model, f": {status}{detail}")]
+        return tables.headed(model.model, f": {status}{detail}")
     simulations = tables.count_of(model.nbatch or 0, "simulation")
     sizes = f": {simulations} × {tables.count_of(model.nstep or 0, 'step')}"
     if model.hold and model.hold > 1:
@@ -207,10 +389,18 @@ def heading_lines(model: ModelRecord) -> list[str | Text]:
         sizes += f", returns {_RETURNS[model.returns]}"
     if model.reduced:
         sizes += " (reduced to keep a block short; --nbatch and --nstep set them)"
+    if model.status not in (Status.OK, Status.INTERRUPTED):
+        sizes += f"; {model.status}: {detail}"
+    return tables.headed(model.model, sizes)
+
+
+def detail_lines(model: ModelRecord) -> list[str]:
+    """Return what a model's steps did, its starts, and what MuJoCo warned of."""
+    if model.facts is None or model.work is None:
+        return []
     work = model.work
     actuators = "" if model.facts.nu else ", no actuators"
-    lines: list[str | Text] = [
-        tables.headed(model.model, sizes),
+    lines = [
         f"nv {model.facts.nv}, {model.facts.integrator}, {model.facts.solver}{actuators}; per step"
         f" {work.contacts:.1f} contacts ({model.start_contacts or 0} at the start),"
         f" {work.constraints:.1f} constraints, {work.solver_iterations:.1f} solver iterations",
@@ -221,16 +411,12 @@ def heading_lines(model: ModelRecord) -> list[str | Text]:
             " with more, most simulations diverge"
         )
     lines += starts_lines(model.starts, with_warnings=False)
-    if model.facts.can_fall and not model.start_contacts and work.contacts < _FALLING_CONTACTS:
-        lines.append(Text(_FALLING, style="yellow"))
     if model.diverged:
         diverged = tables.count_of(model.diverged, "simulation")
         lines.append(f"{diverged} diverged, left out of all figures ({model.divergence})")
     lines += tables.warning_lines(model.warnings)
     if model.warnings:
         lines.append("mujoco.rollout and Batch.rollout stop a simulation at its first warning")
-    if model.status not in (Status.OK, Status.INTERRUPTED):
-        lines.append(f"{model.status}: {detail}")
     return lines
 
 
@@ -241,28 +427,63 @@ _RETURNS = {
 }
 
 
-def _path_table(results: Sequence[PathResult]) -> Table:
+def path_table(sizes: Sequence[ModelResults]) -> Table:
+    """Return the table of the paths on one model, at each of its sizes.
+
+    Advised paths have a mark (see `marks`). Whether paths agree is a column where one does not.
+    """
+    has_sizes, all_agree = len(sizes) > 1, not any(map(_unlike, sizes))
+    headings = ["", "path", *(["simulations"] if has_sizes else [])]
     table = tables.plain_table(
-        ["path", "ns/step", "speed-up", "× real", "loop", "agrees"], right=range(1, 4)
+        [
+            *headings,
+            *("ns/step", "speed-up", "95 %", "× real", "loop"),
+            *([] if all_agree else ["agrees"]),
+        ],
+        right=range(2, len(headings) + 4),
+        wrapped=[1],
     )
-    for result in results:
-        table.add_row(
-            str(Variant(result.path, result.options)),
-            *_speed_cells(result),
-            Loop.CLOSED if result.closed_loop else Loop.OPEN,
-            agrees(result),
-        )
+    for model_results in sizes:
+        of_paths = marks(model_results)
+        for result in _shown(model_results):
+            table.add_row(
+                of_paths.get(str(result.variant), ""),
+                str(result.variant),
+                *([f"{result.nbatch:,}" if result.nbatch else ""] if has_sizes else []),
+                *_speed_cells(result),
+                Loop.CLOSED if result.closed_loop else Loop.OPEN,
+                *([] if all_agree else [agrees(result)]),
+            )
     return table
 
 
-def _speed_cells(result: PathResult) -> list[str]:
-    if result.step_ns is None:
-        return [""] * 3
+def _shown(model_results: ModelResults) -> list[PathResult]:
+    """Return the results that have a row: what is unavailable here, or not begun, has none."""
     return [
-        f"{result.step_ns.median:,.0f}",
-        tables.factor(result.speedup.median) if result.speedup else "",
+        result
+        for result in model_results.results
+        if not (_is_unavailable(result) or _is_pending(result))
+    ]
+
+
+def _unlike(model_results: ModelResults) -> list[PathResult]:
+    """Return the results in the table that do not agree, or whose agreement is not known."""
+    return [result for result in _shown(model_results) if agrees(result) != _AGREES]
+
+
+def _speed_cells(result: PathResult) -> list[str]:
+    if result.step_ns is None or result.speedup is None:
+        return [""] * 4
+    return [
+        f"{result.step_ns:,.0f}",
+        tables.factor(result.speedup.estimate),
+        tables.ends(result.speedup) if result.path != BASE or result.options else "",
         _times_real_time(result.realtime_factor),
     ]
+
+
+def _is_pending(result: PathResult) -> bool:
+    return result.status == Status.INTERRUPTED and result.agrees is None
 
 
 def _times_real_time(factor: float | None) -> str:
@@ -275,10 +496,13 @@ def _is_unavailable(result: PathResult) -> bool:
     return result.status == Status.UNAVAILABLE
 
 
+_AGREES = "yes"
+
+
 def agrees(result: PathResult) -> str:
     """Return whether a path agrees, or why that is not known, in a few words."""
     if result.status == Status.OK:
-        return "yes" if result.is_judged else "not judged"
+        return _AGREES if result.is_judged else "not judged"
     return "NO" if result.status == Status.DISAGREES else str(result.status)
 
 
@@ -297,7 +521,7 @@ def _compile_table(results: Sequence[PathResult]) -> Table:
             "" if result.trace_s is None else f"{result.trace_s:.1f}",
             f"{result.compile_s:.1f}",
             "" if result.cached_compile_s is None else f"{result.cached_compile_s:.1f}",
-            f"{result.step_ns.median:,.0f}" if result.step_ns else "",
+            f"{result.step_ns:,.0f}" if result.step_ns else "",
             _memory(result),
             _break_even(result),
         )
@@ -332,7 +556,26 @@ def notes(model_results: ModelResults) -> list[str | Text]:
     lines += [f"{r.path}: {r.agreement}" for r in results if r.check and r.agrees]
     lines += _buffer_lines(results)
     lines += _error_causes(results)
-    return [*lines, *_cores_note(model_results)]
+    return [*_race_notes(model_results), *lines, *_cores_note(model_results)]
+
+
+def _race_notes(model_results: ModelResults) -> list[str]:
+    """Return whether all paths agree, what its advice implies, and how the race ended."""
+    lines = []
+    if model_results.model.status == Status.OK and not _unlike(model_results):
+        lines.append("All paths agree with the plain loop.")
+    if advise_clock(model_results) is not None:
+        lines.append(package_timer.OFF_NOTE)
+    race = model_results.race
+    if race is not None and race.status not in (Status.OK, Status.INTERRUPTED):
+        lines.append(f"The race ended early: {race.status}: {race.detail}")
+    if race is not None and race.is_cut_short and race.status == Status.OK:
+        count = len(race.launches)
+        lines.append(
+            f"The budget ended the race after {count} {'launch' if count == 1 else 'launches'}:"
+            " a longer --budget makes it more certain."
+        )
+    return lines
 
 
 def _buffer_lines(results: Sequence[PathResult]) -> list[str]:
@@ -346,15 +589,12 @@ def _buffer_lines(results: Sequence[PathResult]) -> list[str]:
 
 
 def _cores_note(model_results: ModelResults) -> list[str | Text]:
-    cores, usable = model_results.cores_had, model_results.model.usable_cores
-    is_threaded = any(r.step_ns and nthread(r.options) > 1 for r in model_results.results)
-    if cores is None or not is_threaded:
+    """Return how many cores threads had; where they had too few, the heading says so."""
+    cores = model_results.cores_had
+    if cores is None or model_results.disturbances:
         return []
-    text = f"Threads had {cores:.2f} of {usable} usable cores in this run (calibration)."
-    if cores < POOR_CORES * usable:
-        text = f"Warning: {text} Threaded figures are low by about as much."
-        return [Text(text, style="yellow")]
-    return [text]
+    usable = model_results.model.usable_cores
+    return [f"Threads had {cores:.2f} of {usable} usable cores (calibration)."]
 
 
 def _error_causes(results: Sequence[PathResult]) -> list[str]:
@@ -378,59 +618,10 @@ def _unavailable_lines(results: Sequence[PathResult]) -> list[str]:
     ]
 
 
-def _print_clock(out: Console, clock: ClockAdvice, results: Sequence[PathResult]) -> None:
-    low, high = tables.factor(clock.low), tables.factor(clock.high)
-    gain = f"{tables.factor(clock.speedup)}× the plain loop ({low} to {high} in fresh processes)"
-    heading, code = f"Any path: turn off {package_timer.NAME}", package_timer.OFF_CODE
-    out.print(tables.headed(heading, f", {gain}: {code}"), soft_wrap=True)
-    out.print(f"  {package_timer.OFF_NOTE}", soft_wrap=True)
-    gains = [result.clock_gain for result in results if result.clock_gain is not None]
-    if len(gains) > 1:
-        gain = tables.factor(statistics.median(gains))
-        out.print(
-            f"  In this process, {len(gains)} paths gain {gain}× (the median).", soft_wrap=True
-        )
-
-
-_LOOPS = {Loop.OPEN: "Open loop", Loop.CLOSED: "Closed loop"}
-
-
-def _print_advice(out: Console, advice: Advice) -> None:
-    heading = f"{_LOOPS[advice.loop]}: {Variant(advice.path, advice.options)}"
-    out.print(tables.headed(heading, f", {why(advice)}"), soft_wrap=True)
-
-
-def why(advice: Advice) -> str:
-    """Return why a path is advised, in a clause."""
-    gain = ""
-    if advice.speedup:
-        gain = f"{tables.factor(advice.speedup)}× the plain loop"
-        if advice.low and advice.high:
-            low, high = tables.factor(advice.low), tables.factor(advice.high)
-            gain += f" ({low} to {high} in fresh processes)"
-    match advice.reason:
-        case Reason.FASTER | Reason.PAYS:
-            text = gain
-        case Reason.SIMPLER:
-            text = f"{gain + '; ' if gain else ''}{advice.rival} is not faster by 3 %"
-        case Reason.NO_GAIN:
-            text = "no path is certainly faster"
-        case Reason.ALONE:
-            text = "no other path was timed for it"
-        case Reason.UNCONFIRMED if advice.rival:
-            text = f"{advice.rival} seems faster, but was not compared again in fresh processes"
-        case Reason.UNCONFIRMED:
-            text = "no path seems faster; nothing was compared again in fresh processes"
-    if advice.detail:
-        text += f": {advice.detail}"
-    unable = [f"cannot run beside the others: {each}" for each in advice.unable]
-    return "; ".join(filter(None, (text, *unable, advice.break_even)))
-
-
 def _print_code(out: Console, all_advice: Sequence[Advice]) -> None:
     """Print the Python of the paths that are advised, each once."""
     for snippet in dict.fromkeys(advice.snippet for advice in all_advice):
-        loops = [_LOOPS[advice.loop].lower() for advice in all_advice if advice.snippet == snippet]
+        loops = [f"{advice.loop} loop" for advice in all_advice if advice.snippet == snippet]
         path = next(str(Variant(a.path, a.options)) for a in all_advice if a.snippet == snippet)
         print_snippet(out, path, snippet, f" ({' and '.join(loops)})")
 

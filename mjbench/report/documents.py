@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from mjbench.comparison import records as comparison_records
 from mjbench.comparison.listing import ListedModel
 from mjbench.comparison.planning_run import PlanningRow
-from mjbench.comparison.scaling import ScalingRecord
 from mjbench.counts.records import (
     ExplainRecord,
     ExplainRow,
@@ -20,9 +19,8 @@ from mjbench.instrument.runs import SCHEMA
 from mjbench.loop.latency import LatencyRow
 from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.profile import ProfileRow
-from mjbench.paired.confirmation import ConfirmationRecord
-from mjbench.paired.contest import ContestRecord
 from mjbench.paired.placement_spread import SpreadRecord, SpreadRow
+from mjbench.paired.race import RaceRecord
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.program.records import ProgramRow
@@ -35,9 +33,9 @@ from mjbench.report.doctor import NoiseRow
 from mjbench.report.environment_results import EnvironmentRow
 from mjbench.report.lint import LintDocument
 from mjbench.report.listings import PathRow
-from mjbench.report.results import ModelResults, PathResult, derive
+from mjbench.report.results import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
-from mjbench.report.thread_advice import ScalingResults, ScalingRow, ThreadAdvice
+from mjbench.report.thread_advice import ThreadAdvice, advise_threads
 from mjbench.report.web_results import WebRow
 from mjbench.report.work_crossovers import WorkCrossover, work_crossovers
 from mjbench.status import Status
@@ -47,9 +45,7 @@ from mjbench.web.records import WebRecord
 # The records of a run file by their `type`.
 RECORD_TYPES: Mapping[str, type] = {
     **comparison_records.RECORD_TYPES,
-    ConfirmationRecord.record_type: ConfirmationRecord,
-    ContestRecord.record_type: ContestRecord,
-    ScalingRecord.record_type: ScalingRecord,
+    RaceRecord.record_type: RaceRecord,
     OverheadRow.record_type: OverheadRow,
     ProfileRow.record_type: ProfileRow,
     ProgramRow.record_type: ProgramRow,
@@ -70,16 +66,15 @@ RECORD_TYPES: Mapping[str, type] = {
 
 @dataclass(frozen=True, kw_only=True)
 class CompareDocument:
-    """What `mjbench compare --json` writes; `scaling` and `threads` are of a search (--scaling)."""
+    """What `mjbench compare --json` writes."""
 
-    schema: int = SCHEMA
+    schema: int = 2
     machine: Machine
     results: Sequence[PathResult]
     advice: Sequence[Advice]
     clock: Sequence[ClockAdvice]
     crossovers: Sequence[Crossover]
     work_crossovers: Sequence[WorkCrossover]
-    scaling: Sequence[ScalingRow] = ()
     threads: Sequence[ThreadAdvice] = ()
 
     @classmethod
@@ -93,25 +88,7 @@ class CompareDocument:
             clock=[clock for m in models if (clock := advise_clock(m)) is not None],
             crossovers=crossovers(results),
             work_crossovers=work_crossovers(results),
-        )
-
-    @classmethod
-    def of_scaling(cls, machine: Machine, models: Sequence[ScalingResults]) -> "CompareDocument":
-        """Return the document of searches; its results are those of all their runs."""
-        return cls(
-            machine=machine,
-            results=[
-                result
-                for search in models
-                for record in search.records
-                for result in derive(record.model, record.measurements).results
-            ],
-            advice=[],
-            clock=[],
-            crossovers=[],
-            work_crossovers=[],
-            scaling=[row for search in models for row in search.rows()],
-            threads=[advice for search in models for advice in search.advice()],
+            threads=[advice for m in models for advice in advise_threads(m)],
         )
 
 

@@ -9,13 +9,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from mjbench.comparison.records import MeasurementRecord, ModelRecord, of_model
-from mjbench.instrument import stats
+from mjbench.comparison.plan import Variant
+from mjbench.comparison.records import MeasurementRecord, ModelRecord, ScalingRecord, of_model
+from mjbench.instrument import machine, stats
+from mjbench.instrument.interval import Interval
 from mjbench.instrument.runs import Record
-from mjbench.instrument.stats import Estimate
-from mjbench.paired.confirmation import ComparedSizes, ConfirmationRecord
-from mjbench.paired.contest import ContestRecord
+from mjbench.paired.path_comparison import race_of
+from mjbench.paired.race import RaceRecord
 from mjbench.paths import BASE
+from mjbench.paths.parallelism import nthread
 from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
@@ -23,39 +25,38 @@ from mjbench.simulation.workload import Product
 from mjbench.status import Status
 
 
-@dataclass(frozen=True)
-class StepTime:
-    """Nanoseconds of one step of one simulation: over blocks, the median and the fastest."""
-
-    median: float
-    min: float
-
-
 @dataclass(frozen=True, kw_only=True)
 class PathResult:
     """What a comparison says of one variant; None is what cannot be said.
 
     Attributes:
+      model: its name.
+      path: the way of stepping.
+      options: of the path.
+      status: how it ended.
+      detail: one line; empty when ok.
       agrees: whether its final states are the reference's.
       agreement: the rule that was held, or the first difference.
       closed_loop: whether a policy can choose each control from the state before it.
+      nbatch: simulations.
+      nstep: steps of each.
       hold: steps per control.
       returns: what every run returned.
+      starts: where start states came from.
       diverged: simulations left out because they diverged.
       warnings: how many of the others raised each warning of MuJoCo.
       steps_per_s: steps of all simulations per second.
-      step_ns: nanoseconds of one step of one simulation.
+      step_ns: nanoseconds of one step of one simulation: that of the plain loop over `speedup`.
       realtime_factor: simulated seconds per second, all simulations together.
-      speedup: over the plain Python loop, in this process; what differs from process to process is
-        in the intervals of `advice` alone, so this one has none.
+      speedup: over the plain Python loop, with its 95 % interval from launch to launch; without
+        ends where it is from one process, or from too few launches.
+      launches: fresh processes that gave the speed-up.
       work: contacts, constraints and solver iterations per step.
-      clock_gain: how many times faster it is without MuJoCo's timer, in this process; None
-        where that was not timed.
-      rounds: blocks that were timed.
       snippet: Python that does what the path does.
       nbatch_asked: simulations that the user asked for; None where mjbench chose.
       precision: of an accelerated path; None for paths that run C.
       device: that an accelerated path ran on.
+      trace_s: seconds of tracing.
       compile_s: seconds of the compiler.
       cached_compile_s: the same where its cache holds the program; None where not measured.
       memory_bytes: most memory of the process.
@@ -64,6 +65,8 @@ class PathResult:
       buffer_sizes: sizes of an accelerated engine's buffers, by its names for them.
       overtakes_after_steps: break-even: steps of the plain loop that take as long as compiling and
         running the same number; None where the plain loop is faster.
+      disturbances: what disturbed its race, a clause each; empty where nothing did.
+      is_former: whether an earlier version of mjbench timed it: all paths in one process.
     """
 
     model: str
@@ -82,12 +85,11 @@ class PathResult:
     diverged: int | None = None
     warnings: Mapping[str, int] | None = None
     steps_per_s: float | None = None
-    step_ns: StepTime | None = None
+    step_ns: float | None = None
     realtime_factor: float | None = None
-    speedup: Estimate | None = None
-    clock_gain: float | None = None
+    speedup: Interval | None = None
+    launches: int = 0
     work: Work | None = None
-    rounds: int = 0
     snippet: str = ""
     nbatch_asked: int | None = None
     precision: Precision | None = None
@@ -100,6 +102,8 @@ class PathResult:
     check: AcceleratedCheck | None = None
     buffer_sizes: Mapping[str, int] | None = None
     overtakes_after_steps: float | None = None
+    disturbances: Sequence[str] = ()
+    is_former: bool = False
 
     @property
     def is_accelerated(self) -> bool:
@@ -116,17 +120,18 @@ class PathResult:
         return self.check is None or self.check.unconstrained_steps > 0
 
     @property
-    def rate(self) -> float:
-        """How fast it is, to compare with others of its model; paired with the base if possible."""
-        if self.speedup is not None:
-            return self.speedup.median
-        assert self.steps_per_s is not None, "only timed results have a rate"
-        return self.steps_per_s
+    def variant(self) -> Variant:
+        """The path with its options."""
+        return Variant(self.path, self.options)
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether it has a speed."""
+        return self.steps_per_s is not None
 
     def rate_over(self, other: "PathResult") -> float:
-        """Return this path's steps per second over another's."""
-        assert self.steps_per_s is not None, "only timed results have a rate"
-        assert other.steps_per_s is not None, "only timed results have a rate"
+        """Return this path's steps per second over another's; both must be timed."""
+        assert self.steps_per_s and other.steps_per_s, "only timed results have a rate"
         return self.steps_per_s / other.steps_per_s
 
 
@@ -138,28 +143,57 @@ class ModelResults:
     """The records of one model at one size, and what follows from them.
 
     Attributes:
+      model: the model's record.
       results: one a variant.
-      confirmations: comparisons of two variants in fresh processes.
-      contest: the comparison of those that may be the fastest; None where there is none.
+      race: of the paths that run C; None where there was none, and in files of earlier versions.
+      is_former: whether an earlier version of mjbench timed all paths in one process.
     """
 
     model: ModelRecord
     results: tuple[PathResult, ...]
-    confirmations: tuple[ConfirmationRecord, ...] = ()
-    contest: ContestRecord | None = None
+    race: RaceRecord | None = None
+    is_former: bool = False
+
+    @property
+    def statuses(self) -> list[Status]:
+        """How the model, its variants and its race ended."""
+        race = [self.race.status] if self.race else []
+        return [self.model.status, *(result.status for result in self.results), *race]
 
     @property
     def cores_had(self) -> float | None:
-        """The cores that threads got: the median of the calibrations; None without any."""
-        return statistics.median(self.model.cores_had) if self.model.cores_had else None
+        """The cores that threads got: the median of the launches; None without any."""
+        had = list(self.model.cores_had)
+        if self.race is not None:
+            had = [each.cores for each in self.race.launches if each.cores is not None]
+        return statistics.median(had) if had else None
 
     @property
-    def compared_sizes(self) -> ComparedSizes:
-        """The sizes of the comparison, in which the plain loop was timed."""
-        nbatch, nstep = self.model.nbatch, self.model.nstep
-        base = next(result for result in self.results if result.path == BASE)
-        assert nbatch and nstep and base.step_ns, "the plain loop was timed"
-        return ComparedSizes(nbatch, nstep, 1e-9 * base.step_ns.median)
+    def disturbances(self) -> list[str]:
+        """What disturbed the race, a clause each; empty where nothing did."""
+        race, lines = self.race, list[str]()
+        stolen = (race.stolen_share if race else None) or 0.0
+        if stolen >= machine.NOTABLE_STOLEN:
+            lines.append(f"the host took {100 * stolen:.0f} % of the processor time for others")
+        if race and race.neighbours:
+            others = ", ".join(f"mjbench {name}" for name in race.neighbours)
+            lines.append(f"{others} measured on this machine at the same time")
+        cores, usable = self.cores_had, self._cores_wanted
+        if cores is not None and cores < machine.ENOUGH_CORES * usable:
+            lines.append(f"threads had {cores:.2f} of {usable} cores")
+        return lines
+
+    @property
+    def _cores_wanted(self) -> int:
+        """The cores that the most threads of a path can use."""
+        threads = [nthread(result.options) for result in self.results if result.is_timed]
+        return min([self.model.usable_cores, max(threads, default=1)])
+
+    @property
+    def base(self) -> PathResult | None:
+        """The plain loop, where it was timed."""
+        plain = Variant(BASE, {})
+        return next((r for r in self.results if r.variant == plain and r.is_timed), None)
 
     @property
     def total_steps(self) -> int | None:
@@ -170,22 +204,27 @@ class ModelResults:
 
 
 def derive(
-    model: ModelRecord,
-    measurements: Sequence[MeasurementRecord],
-    others: Sequence[object] = (),
+    model: ModelRecord, measurements: Sequence[MeasurementRecord], race: RaceRecord | None
 ) -> ModelResults:
     """Return the results of one model at one size from its records.
 
     Args:
-      others: records of a run, of which those in fresh processes are taken.
+      model: the model's record.
+      measurements: its variants.
+      race: of those that run C.
     """
     base = next((m for m in measurements if m.path == BASE and m.is_timed), None)
-    timestep = model.facts.timestep if model.facts else 0.0
-    results = [replace(_result(m, base, timestep), starts=model.starts) for m in measurements]
-    again = again_of(model, others)
-    confirmations = tuple(record for record in again if isinstance(record, ConfirmationRecord))
-    contests = [record for record in again if isinstance(record, ContestRecord)]
-    return ModelResults(model, tuple(results), confirmations, contests[-1] if contests else None)
+    is_former = race is None and base is not None
+    base_ns = None
+    if race is not None:
+        base_ns = race.base_step_ns
+    elif base is not None:
+        base_ns = 1e9 * _step_s(base)
+    results = [_result(model, m, base_ns, _speedup(m, base, race, base_ns)) for m in measurements]
+    derived = ModelResults(model, tuple(results), race, is_former)
+    disturbances = derived.disturbances
+    marked = (replace(r, disturbances=disturbances, is_former=is_former) for r in results)
+    return replace(derived, results=tuple(marked))
 
 
 def derive_all(records: Sequence[Record]) -> list[ModelResults]:
@@ -194,49 +233,77 @@ def derive_all(records: Sequence[Record]) -> list[ModelResults]:
     Args:
       records: of a run file; those of other types are ignored.
     """
-    by_model: dict[tuple[str, int | None], list[Record]] = {}
+    results = []
     for record in records:
-        if isinstance(record, ModelRecord | MeasurementRecord | ConfirmationRecord | ContestRecord):
-            by_model.setdefault((record.model, record.nbatch_asked), []).append(record)
-    models = [record for record in records if isinstance(record, ModelRecord)]
-    return [
-        derive(model, of_model(model, own), own)
-        for model in models
-        for own in [by_model[model.model, model.nbatch_asked]]
-    ]
-
-
-def again_of(
-    model: ModelRecord, records: Sequence[object]
-) -> list[ConfirmationRecord | ContestRecord]:
-    """Return the comparisons in fresh processes of a model at one size, from those of a run."""
-    return [
-        record
-        for record in records
-        if isinstance(record, ConfirmationRecord | ContestRecord)
-        and (record.model, record.nbatch_asked) == (model.model, model.nbatch_asked)
-    ]
+        match record:
+            case ModelRecord():
+                race = race_of(record, records)
+                results.append(derive(record, of_model(record, records), race))
+            case ScalingRecord():
+                results.append(derive(record.model, record.measurements, None))
+    return results
 
 
 def _result(
-    record: MeasurementRecord, base: MeasurementRecord | None, timestep: float
+    model: ModelRecord,
+    record: MeasurementRecord,
+    base_ns: float | None,
+    speedup: tuple[Interval, int] | None,
 ) -> PathResult:
+    """Return the result of a variant.
+
+    Args:
+      model: its model.
+      record: of the variant.
+      base_ns: nanoseconds of a step of the plain loop.
+      speedup: over the plain loop, and from how many launches; None where it has none.
+    """
     shared = {name: value for name, value in vars(record).items() if name in _RESULT_FIELDS}
-    untimed = PathResult(**shared, rounds=len(record.samples_s))
-    if not record.is_timed:
+    untimed = PathResult(**shared, starts=model.starts)
+    if not record.agrees or record.status != Status.OK or speedup is None or base_ns is None:
         return untimed
-    steps = steps_per_block(record)
-    step_s = statistics.median(record.samples_s) / steps
+    ratio, launches = speedup
+    step_ns = base_ns / ratio.estimate
+    timestep = model.facts.timestep if model.facts else 0.0
     return replace(
         untimed,
-        steps_per_s=1.0 / step_s,
-        step_ns=StepTime(1e9 * step_s, 1e9 * min(record.samples_s) / steps),
+        steps_per_s=1e9 / step_ns,
+        step_ns=step_ns,
         # a stored timestep may be one by which no time passes
-        realtime_factor=timestep / step_s if 0 < timestep < math.inf else None,
-        speedup=_speedup(record, base) if base else None,
-        clock_gain=_clock_gain(record),
-        overtakes_after_steps=_break_even_steps(record, base) if base else None,
+        realtime_factor=1e9 * timestep / step_ns if 0 < timestep < math.inf else None,
+        speedup=ratio,
+        launches=launches,
+        overtakes_after_steps=_break_even_steps(record, base_ns, step_ns),
     )
+
+
+def _speedup(
+    record: MeasurementRecord,
+    base: MeasurementRecord | None,
+    race: RaceRecord | None,
+    base_ns: float | None,
+) -> tuple[Interval, int] | None:
+    """Return the speed-up of a variant over the plain loop, and from how many launches it is.
+
+    An accelerated path is timed alone, so its speed-up is a ratio of medians. In a file of an
+    earlier version (no race), that of a C path is a median over rounds of one process.
+    """
+    if record.is_accelerated:
+        if not record.samples_s or base_ns is None:
+            return None
+        return Interval(1e-9 * base_ns / _step_s(record)), 1
+    if race is not None:
+        variant = Variant(record.path, record.options)
+        speedup = race.speedup(variant)
+        return None if speedup is None else (speedup, race.launch_count(variant))
+    if base is None or not record.samples_s:
+        return None
+    return Interval(stats.median_speedup(base.samples_s, record.samples_s)), 1
+
+
+def _step_s(record: MeasurementRecord) -> float:
+    """Return the seconds of a step of a variant whose blocks are in its record."""
+    return statistics.median(record.samples_s) / steps_per_block(record)
 
 
 def steps_per_block(record: MeasurementRecord) -> int:
@@ -246,25 +313,7 @@ def steps_per_block(record: MeasurementRecord) -> int:
     return record.nbatch * record.nstep
 
 
-def _speedup(record: MeasurementRecord, base: MeasurementRecord) -> Estimate:
-    """Return the speed-up over the base: paired by rounds for C, unpaired for accelerated paths."""
-    if record.is_accelerated:
-        median = statistics.median(base.samples_s) / statistics.median(record.samples_s)
-    else:
-        median = stats.median_speedup(base.samples_s, record.samples_s)
-    return Estimate(median, None, None)
-
-
-def _clock_gain(record: MeasurementRecord) -> float | None:
-    if not record.without_clock_s:
+def _break_even_steps(record: MeasurementRecord, base_ns: float, step_ns: float) -> float | None:
+    if record.compile_s is None or step_ns >= base_ns:
         return None
-    return stats.median_speedup(record.with_clock_s, record.without_clock_s)
-
-
-def _break_even_steps(record: MeasurementRecord, base: MeasurementRecord) -> float | None:
-    if record.compile_s is None:
-        return None
-    steps = steps_per_block(record)
-    saved_s = (statistics.median(base.samples_s) - statistics.median(record.samples_s)) / steps
-    spent_s = (record.trace_s or 0.0) + record.compile_s
-    return spent_s / saved_s if saved_s > 0 else None
+    return 1e9 * ((record.trace_s or 0.0) + record.compile_s) / (base_ns - step_ns)

@@ -5,8 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from mjbench.comparison.planning_run import PlanningRow
-from mjbench.comparison.records import ModelRecord
-from mjbench.comparison.scaling import ScalingRecord
 from mjbench.counts.records import ExplainRecord, InstructionsRecord
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.instrument import run_set
@@ -17,7 +15,6 @@ from mjbench.loop.latency import LatencyRow
 from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.profile import ProfileRow
 from mjbench.paired import selfcheck
-from mjbench.paired.confirmation import ConfirmationRecord
 from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.paired.records import VerdictRecord
 from mjbench.paired.selfcheck_records import TrialRecord
@@ -27,7 +24,6 @@ from mjbench.report import environment_results, tuning, web_results
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.report.program import program_rows
 from mjbench.report.results import derive_all
-from mjbench.report.thread_advice import by_model
 from mjbench.tuning.records import TuneRecord
 from mjbench.web.records import WebRecord
 
@@ -41,7 +37,7 @@ def load(file: str | Path) -> list[dict[str, Cell]]:
     """Return the results of a run file or of a run set, a flat dictionary each.
 
     Keys are those of the JSON documents (docs/formats.md); those of nested values are joined by
-    dots, such as `step_ns.median`. Every row has all keys of the table. Rows of a set begin with
+    dots, such as `speedup.estimate`. Every row has all keys of the table. Rows of a set begin with
     `machine`, the name of the machine among those of the set, `cell`, what of a sweep it is, and
     `began`, when the run began.
 
@@ -92,11 +88,8 @@ def _with_all_keys(some: Iterable[dict[str, Cell]]) -> list[dict[str, Cell]]:
 
 def _results(run: Run) -> Iterator[object]:
     """Yield the results of a run of any command, one a row."""
-    if run.of_type(ModelRecord):
-        for model_results in derive_all(run.records):
-            yield from model_results.results
-    for results in by_model(run.of_type(ScalingRecord), run.of_type(ConfirmationRecord)):
-        yield from results.rows()
+    for model_results in derive_all(run.records):
+        yield from model_results.results
     for verdict in run.of_type(VerdictRecord):
         yield verdict.row()
     if trials := run.of_type(TrialRecord):

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import MeasurementRecord
 from mjbench.errors import InputError
 from mjbench.instrument import stats
@@ -13,9 +14,10 @@ from mjbench.instrument.machine_identity import MachineIdentity, identify
 from mjbench.instrument.run_set import RunSet
 from mjbench.instrument.runs import Run
 from mjbench.instrument.stats import TimedBlocks
+from mjbench.paired.race import RaceRecord
 from mjbench.paired.records import Ratio
 from mjbench.paths.accelerated import CPU
-from mjbench.report.results import steps_per_block
+from mjbench.report.results import PathResult, derive_all, steps_per_block
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.status import Status
 
@@ -36,6 +38,8 @@ class RunDifference:
       detail: why they cannot; empty when ok.
       ratio: new time of a step over old time.
       machine: name of the machine that measured both; empty for two run files.
+      cautions: what to know before the ratio: what disturbed either, and which is of an earlier
+        version of mjbench; then the ratio has no interval.
     """
 
     model: str
@@ -46,6 +50,7 @@ class RunDifference:
     detail: str = ""
     ratio: Ratio | None = None
     machine: str = ""
+    cautions: Sequence[str] = ()
 
 
 def differences(old: RunSet, new: RunSet, across: bool) -> list[RunDifference]:
@@ -129,15 +134,29 @@ def identity(record: MeasurementRecord, machine: Machine) -> dict[str, object]:
 
 @dataclass(frozen=True)
 class _Timed:
-    """A measurement, and the machine that did it."""
+    """A measurement, the machine that did it, and seconds of a step in each launch or block."""
 
     record: MeasurementRecord
     machine: Machine
+    step_s: Sequence[float]
+    result: PathResult | None
+
+    @property
+    def is_former(self) -> bool:
+        """Whether an earlier version of mjbench timed it."""
+        return self.result is not None and self.result.is_former
+
+    def cautions(self, name: str) -> list[str]:
+        """Return what to know before its figures; `name` says which of the two it is."""
+        former = ["timed by an earlier version of mjbench"] if self.is_former else []
+        disturbances = self.result.disturbances if self.result else ()
+        return [f"{name}: {text}" for text in (*disturbances, *former)]
 
 
 def _difference(olds: Sequence[_Timed], news: Sequence[_Timed], across: bool) -> RunDifference:
     old, new = olds[-1].record, news[-1].record
     status, detail, ratio = Status.OK, "", None
+    cautions = [*olds[-1].cautions("OLD"), *news[-1].cautions("NEW")]
     try:
         for name, timed in (("OLD", olds), ("NEW", news)):
             if len(timed) > 1:
@@ -148,14 +167,17 @@ def _difference(olds: Sequence[_Timed], news: Sequence[_Timed], across: bool) ->
             raise InputError(f"not comparable: one returns {old.returns}, the other {new.returns}")
         # how many times faster the old one is: new time over old
         speedup = stats.unpaired(
-            TimedBlocks(_step_s(new), identity(new, news[-1].machine)),
-            TimedBlocks(_step_s(old), identity(old, olds[-1].machine)),
+            TimedBlocks(news[-1].step_s, identity(new, news[-1].machine)),
+            TimedBlocks(olds[-1].step_s, identity(old, olds[-1].machine)),
             across,
         )
         ratio = Ratio(speedup.median, speedup.low, speedup.high)
+        if olds[-1].is_former or news[-1].is_former:
+            ratio = Ratio(speedup.median, None, None)
     except InputError as error:
         status, detail = Status.INPUT, str(error)
-    return RunDifference(new.model, new.path, new.options, new.nbatch, status, detail, ratio)
+    row = RunDifference(new.model, new.path, new.options, new.nbatch, status, detail, ratio)
+    return replace(row, cautions=cautions)
 
 
 def _timed(runs: Sequence[Run]) -> dict[_Key, list[_Timed]]:
@@ -165,16 +187,26 @@ def _timed(runs: Sequence[Run]) -> dict[_Key, list[_Timed]]:
     """
     timed: dict[_Key, list[_Timed]] = defaultdict(list)
     for run in runs:
-        of_run = {_key(r): r for r in run.of_type(MeasurementRecord) if r.is_timed}
-        for key, record in of_run.items():
-            timed[key].append(_Timed(record, run.header.machine))
+        races = {(race.model, race.nbatch_asked): race for race in run.of_type(RaceRecord)}
+        results = {_key(r): r for each in derive_all(run.records) for r in each.results}
+        of_run: dict[_Key, _Timed] = {}
+        for record in run.of_type(MeasurementRecord):
+            step_s = _step_s(record, races.get((record.model, record.nbatch_asked)))
+            if record.agrees and record.status == Status.OK and step_s:
+                result = results.get(_key(record))
+                of_run[_key(record)] = _Timed(record, run.header.machine, step_s, result)
+        for key, measured in of_run.items():
+            timed[key].append(measured)
     return timed
 
 
-def _key(record: MeasurementRecord) -> _Key:
+def _key(record: MeasurementRecord | PathResult) -> _Key:
     return record.model, record.path, repr(sorted(record.options.items())), record.nbatch
 
 
-def _step_s(record: MeasurementRecord) -> Sequence[float]:
-    steps = steps_per_block(record)
-    return [seconds / steps for seconds in record.samples_s]
+def _step_s(record: MeasurementRecord, race: RaceRecord | None) -> Sequence[float]:
+    """Return the seconds of a step in each launch, or in each block of one process."""
+    if record.samples_s:
+        steps = steps_per_block(record)
+        return [seconds / steps for seconds in record.samples_s]
+    return race.step_s(Variant(record.path, record.options)) if race is not None else ()

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mjbench.instrument.machine import Machine
-from mjbench.instrument.runs import SCHEMA, Run
+from mjbench.instrument.runs import Run
 from mjbench.paired.across_machines import AcrossMachines
 from mjbench.report.across_machines import SideBySide
 from mjbench.report.advice_across import AdviceAcross
@@ -24,7 +24,7 @@ class SetRun:
 class RunSetDocument:
     """What `mjbench show --json` writes of a run set: what machines show side by side."""
 
-    schema: int = SCHEMA
+    schema: int = 2
     runs: Sequence[SetRun]
     verdicts: AcrossMachines
     advice: Sequence[AdviceAcross]

@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mjbench.errors import printable
+from mjbench.instrument.interval import Interval
 from mjbench.instrument.units import count_of as count_of
 from mjbench.instrument.units import plain as plain
 from mjbench.status import ExitCode
@@ -72,15 +73,23 @@ def _printable_lines(text: str) -> str:
     return "\n".join(map(printable, text.split("\n")))
 
 
-def plain_table(headings: Sequence[str], right: Sequence[int] | range = ()) -> Table:
-    """Return an empty table without frames; the columns numbered in `right` are right-aligned."""
+def plain_table(
+    headings: Sequence[str], right: Sequence[int] | range = (), wrapped: Sequence[int] = ()
+) -> Table:
+    """Return an empty table without frames.
+
+    Args:
+      headings: of its columns.
+      right: columns that are right-aligned.
+      wrapped: columns whose cells may have several lines; without any, the last one.
+    """
     table = Table(box=None, pad_edge=False, header_style="bold")
     for i, heading in enumerate(headings):
-        is_last = i == len(headings) - 1
+        is_wrapped = i in (wrapped or [len(headings) - 1])
         table.add_column(
             heading,
             justify="right" if i in right else "left",
-            no_wrap=not is_last,
+            no_wrap=not is_wrapped,
             overflow="fold",
         )
     return table
@@ -131,6 +140,13 @@ def _simulations(counts: Mapping[str, int]) -> str:
 def factor(ratio: float) -> str:
     """Return a speed-up in the digits that mean something."""
     return f"{ratio:.2f}" if ratio >= 0.1 else plain(ratio, 1)
+
+
+def ends(interval: Interval | None) -> str:
+    """Return the ends of the interval of a speed-up; empty without."""
+    if interval is None or interval.low is None or interval.high is None:
+        return ""
+    return f"{factor(interval.low)}–{factor(interval.high)}"
 
 
 def yes_no(value: bool) -> str:

@@ -89,7 +89,7 @@ def _sizes(results: Sequence[PathResult]) -> list[_Size]:
         same = [base, *(r for r in others if r.nbatch_asked == base.nbatch_asked)]
         assert base.nbatch and base.nstep and base.step_ns, "a timed result has sizes and a time"
         steps = base.nbatch * base.nstep
-        sizes.append(_Size(CallWork(steps, 1e-6 * steps * base.step_ns.median), same))
+        sizes.append(_Size(CallWork(steps, 1e-6 * steps * base.step_ns), same))
     return sorted(sizes, key=lambda size: size.work.steps)
 
 
@@ -103,7 +103,7 @@ def _crossover(
         own, rival = size.fastest(PATH, actors), size.fastest(path, threads)
         if rival is None:
             continue
-        shares.append((size.work, own.rate / rival.rate if own else 0.0))
+        shares.append((size.work, own.rate_over(rival) if own else 0.0))
         if own is not None:
             largest = size.work, own, rival
     if largest is None or len(shares) < 2:
@@ -121,5 +121,5 @@ def _crossover(
         rival=Rival(path, {n: v for n, v in rival.options.items() if n in WORKER_OPTIONS}),
         least=least,
         largest=work,
-        share=own.rate / rival.rate,
+        share=own.rate_over(rival),
     )

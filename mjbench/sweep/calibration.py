@@ -28,7 +28,7 @@ class Limits:
       max_stolen: of the processor time, which the host of a virtual machine may give to others.
     """
 
-    min_cores: float = 0.7
+    min_cores: float = machine.ENOUGH_CORES
     max_busy: float = 0.3
     max_stolen: float = 0.1
 

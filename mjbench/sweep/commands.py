@@ -18,12 +18,10 @@ class Option:
     Attributes:
       name: such as `time-limit`.
       is_switch: whether it has no value: `true` is `--name`.
-      is_on_by_default: of a switch: `false` is `--no-name`; of others it is no argument.
     """
 
     name: str
     is_switch: bool = False
-    is_on_by_default: bool = False
 
 
 @dataclass(frozen=True)
@@ -129,7 +127,6 @@ COMMANDS: Mapping[Kind, Command] = {
     Kind.COMPARE: Command(
         options=(
             *_options("paths", "threads", "chunk", "budget", "returns", "total-steps"),
-            Option("confirm", is_switch=True, is_on_by_default=True),
             *_options("time-limit", *_SIZES),
         ),
         name=("compare",),

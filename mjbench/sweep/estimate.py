@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from mjbench.comparison.plan import BUDGET_S
-from mjbench.paired import contest, outcomes
+from mjbench.paired import outcomes
 from mjbench.paired.outcomes import Metric
 from mjbench.releases.release_ratios import TARGET_S
 from mjbench.sweep.cells import Cell, Kind
@@ -14,7 +14,7 @@ from mjbench.sweep.results import Outcome
 # What one cell may take, in seconds, where that has a limit that its plan does not set.
 _LIMITS_S: Mapping[Kind, float] = {
     Kind.VERSIONS: outcomes.TIME_LIMIT_S,
-    Kind.COMPARE: BUDGET_S + contest.TIME_LIMIT_S,
+    Kind.COMPARE: BUDGET_S,
 }
 
 

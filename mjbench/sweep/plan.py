@@ -232,9 +232,7 @@ def _option_arguments(option: Option, value: Any) -> list[str]:
         if not (isinstance(value, bool) and option.is_switch):
             kind = "true or false" if option.is_switch else "a number or a text"
             raise InputError(f"give {kind}")
-        if value:
-            return [f"--{option.name}"]
-        return [f"--no-{option.name}"] if option.is_on_by_default else []
+        return [f"--{option.name}"] if value else []
     values = value if isinstance(value, list) else [value]
     if not values or not all(type(item) in (str, int, float) for item in values):
         raise InputError("give a number, a text, or a list of them")

@@ -24,9 +24,10 @@ RENAMED = {
 }
 # What only commands have: where results go, what is printed, exit codes.
 OF_COMMANDS = {"results", "resume", "json_file", "code", "findings", "allow_inconclusive"}
-# `compare --scaling` is a search of its own; `--new` names releases that may also be arguments.
+# `compare --quick` and `--scaling` stand for other options; `--new` names releases that may also
+# be arguments.
 # `--family` is for verdicts of which a sweep runs each as a command.
-NOT_HERE = {"scaling", "news", "old", "family"}
+NOT_HERE = {"quick", "scaling", "news", "old", "family"}
 # What only functions have.
 OF_FUNCTIONS = {"on_progress", "model", "models", "old", "news"}
 # Where the command's default is chosen by what it calls, and its help says so.

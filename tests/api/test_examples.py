@@ -30,7 +30,7 @@ def test_the_examples_of_a_program_run(
     compare, versions = mjbench.compare, mjbench.versions
 
     def briefly(*models: Any, **options: Any) -> Any:
-        return compare(*models, **{**options, **sizes, "budget_s": 0.0, "confirm": False})
+        return compare(*models, **{**options, **sizes, "budget_s": 0.1})
 
     def installed(*releases: str, **options: Any) -> Any:
         options |= {"models": "cartpole", "time_limit_s": 0.1, "as_shipped": True}

@@ -35,7 +35,6 @@ def test_paths_are_compared(model: Any) -> None:
         nbatch=4,
         nstep=10,
         budget_s=0.1,
-        confirm=False,
         on_progress=lambda name, share: shares.append(share),
     )
     assert [results.model.model for results in compared.models] == ["MuJoCo Model", "cartpole"]
@@ -51,12 +50,12 @@ def test_a_model_that_fails_costs_its_own_results(tmp_path_factory: Any) -> None
     broken = tmp_path_factory.mktemp("models") / "broken.xml"
     broken.write_text("<mujoco><nothing/></mujoco>")
     compared = mjbench.compare(
-        broken, "cartpole", paths="rollout", threads=1, nbatch=2, nstep=4, budget_s=0, confirm=False
+        broken, "cartpole", paths="rollout", threads=1, nbatch=2, nstep=4, budget_s=0.1
     )
     failed, fine = (results.model for results in compared.models)
     assert (failed.status, fine.status) == (Status.INPUT, Status.OK)
     with pytest.raises(InputError, match=r"broken\.xml: MuJoCo cannot load it"):
-        mjbench.compare(broken, budget_s=0.0)
+        mjbench.compare(broken, budget_s=0.1)
 
 
 def test_releases_are_compared() -> None:

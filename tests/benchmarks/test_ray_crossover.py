@@ -20,7 +20,7 @@ from benchmarks.studies.ray_tally import (
 )
 from mjbench.errors import InputError
 from mjbench.instrument.runs import to_json
-from mjbench.report.results import PathResult, StepTime
+from mjbench.report.results import PathResult
 from mjbench.status import Status
 
 SMALL, LARGE = CallWork(steps=40, loop_ms=0.2), CallWork(steps=4000, loop_ms=20.0)
@@ -61,7 +61,7 @@ def result(path: str, step_ns: float | None, **options: int) -> PathResult:
         detail="" if step_ns else "why",
         nbatch=2,
         nstep=20,
-        step_ns=StepTime(step_ns, step_ns) if step_ns else None,
+        step_ns=step_ns if step_ns else None,
     )
 
 

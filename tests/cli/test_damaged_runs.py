@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 from example_environment_records import record as environment_record
+from example_races import RAY, ROLLOUT, compared, raced
 from example_records import CHECK, measurement, model_record
 from example_web_records import record as web_record
 from example_web_records import wasm
@@ -49,6 +50,7 @@ COMPARISON = (
     model_record(model="n", status=Status.FAILED, detail="it failed", facts=None, work=None),
     measurement(model="n", status=Status.FAILED, agrees=None),
 )  # fmt: skip
+RACE = compared(raced([(ROLLOUT, 2.0), (RAY, 3.0)], launches=4, slow=[2], groups=[[0, 1], [0]]))
 MOVED = PlacementPair(Placement(16, 4080), Placement(0, 64))
 VERDICTS = (
     VerdictRecord(
@@ -87,7 +89,8 @@ SPREADS = (
     SpreadRecord(model="n", release="4.0.0", build="b", status=Status.FAILED, detail="killed"),
 )  # fmt: skip
 KINDS = {
-    "compare": COMPARISON, "versions": VERDICTS, "selfcheck": TRIALS, "placement": SPREADS,
+    "compare": (*COMPARISON, *RACE),
+    "versions": VERDICTS, "selfcheck": TRIALS, "placement": SPREADS,
     "env": (environment_record(),),
     "web": (web_record(wasm()),),
 }  # fmt: skip

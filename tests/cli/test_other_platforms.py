@@ -23,7 +23,7 @@ QUICK = ["--nbatch", "4", "--nstep", "20"]
 MACOS = {
     **WORDS,
     "compare": ["compare", "contact.xml", "--paths", "rollout,processes", *QUICK, "--threads", "2",
-                "--budget", "0", "--no-confirm", "--results", "runs"],
+                "--budget", "0.1", "--results", "runs"],
     "versions": ["versions", "installed", "installed", "cartpole", *QUICK,
                  "--time-limit", "0.1s", "--results", "runs"],
     "selfcheck": ["selfcheck", "cartpole", "--trials", "1", "--slowdowns", "0",

@@ -5,10 +5,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import click.testing
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from commands import mjbench
+from example_races import invent_comparisons
 
 from mjbench.cli import cli
 from mjbench.paired import verdict
@@ -17,37 +19,44 @@ from mjbench.paired.outcomes import Verdict
 from mjbench.paired.targets import Target
 from mjbench.status import Status
 
-COMPARE = ("compare", "cartpole", "linkage", "--paths", "python_loop", "--nbatch", "2", "--nstep")
+COMPARE = ("compare", "cartpole", "linkage", "--paths", "rollout", "--threads", "2")
 
 
-def test_a_torn_comparison_is_continued_where_it_ended(tmp_path: Path) -> None:
-    words = (*COMPARE, "20", "--budget", "0.01", "--no-confirm")
-    assert mjbench(*words, cwd=tmp_path).returncode == 0
-    (file,) = (tmp_path / "results/runs").glob("*.jsonl")
-    complete = file.read_text().splitlines()
-    file.write_text(file.read_text()[:-20])
-    done = mjbench(*words, "--resume", str(file), "--json", "out.json", cwd=tmp_path)
-    assert done.returncode == 0
+def invoke(*words: str) -> "click.testing.Result":
+    return CliRunner().invoke(cli, list(words))
+
+
+def test_a_torn_comparison_is_continued_where_it_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    plans = invent_comparisons(monkeypatch)
+    assert invoke(*COMPARE).exit_code == 0
+    (file,) = Path("results/runs").glob("*.jsonl")
+    complete = file.read_text()
+    *kept, _race = complete.splitlines(keepends=True)
+    file.write_text("".join(kept)[:-20])  # the last path of the second model
+    assert len(plans) == 2
+    done = invoke(*COMPARE, "--resume", str(file), "--json", "out.json")
+    assert done.exit_code == 0, done.output
     assert "the last line was cut short" in done.stderr
-    lines = file.read_text().splitlines()
-    assert lines[:3] == complete[:3]  # the header, and the model that was finished
-    assert lines[3:] != complete[3:]
-    assert len(lines) == len(complete)
-    rows = json.loads((tmp_path / "out.json").read_text())["results"]
-    assert [row["model"] for row in rows] == ["cartpole", "linkage"]
+    assert len(plans) == 3
+    assert file.read_text() == complete
+    rows = json.loads(Path("out.json").read_text())["results"]
+    assert list(dict.fromkeys(row["model"] for row in rows)) == ["cartpole", "linkage"]
     assert all(row["step_ns"] for row in rows)
 
 
 def test_a_run_is_not_continued_with_other_start_states(tmp_path: Path) -> None:
     file, words = (
         tmp_path / "states.npz",
-        ("--states", "states.npz", "--budget", "0.01", "--no-confirm"),
+        ("--states", "states.npz", "--budget", "0.01"),
     )
     np.savez(file, qpos=np.zeros((3, 2)))
     compare = ("compare", "cartpole", "--paths", "python_loop", "--nbatch", "2", "--nstep", "20")
     done = mjbench(*compare, *words, "--json", "out.json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
+    row = json.loads((tmp_path / "out.json").read_text())["results"][0]
     assert row["starts"].pop("window")["nstart"] == 2
     assert row["starts"] == {
         "settle_s": 0,
@@ -65,22 +74,27 @@ def test_a_run_is_not_continued_with_other_start_states(tmp_path: Path) -> None:
     assert "states.npz has changed since that run began" in refused.stderr
 
 
-def test_a_finished_run_is_shown_and_left_as_it_is(tmp_path: Path) -> None:
-    words = (*COMPARE, "20", "--budget", "0.01", "--no-confirm")
-    mjbench(*words, cwd=tmp_path)
-    (file,) = (tmp_path / "results/runs").glob("*.jsonl")
+def test_a_finished_run_is_shown_and_left_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    plans = invent_comparisons(monkeypatch)
+    words = (*COMPARE, "--nstep", "20")
+    invoke(*words)
+    (file,) = Path("results/runs").glob("*.jsonl")
     before = file.read_text()
-    done = mjbench(*words, "--resume", str(file), cwd=tmp_path)
-    assert done.returncode == 0
-    assert "linkage" in done.stdout
+    done = invoke(*words, "--resume", str(file))
+    assert done.exit_code == 0, done.output
+    assert len(plans) == 2
+    assert "linkage: 10 simulations" in done.stdout
     assert file.read_text() == before
     for other, message in (
-        ((*COMPARE, "30", "--budget", "0.01", "--no-confirm"), "nstep 20, and this command 30"),
+        ((*COMPARE, "--nstep", "30"), "nstep 20, and this command 30"),
         (("ab", "path=rollout", "path=rollout"), "the command compare"),
         ((*words, "--json", str(file)), "choose another"),
     ):
-        refused = mjbench(*other, "--resume", str(file), cwd=tmp_path)
-        assert refused.returncode == 2
+        refused = invoke(*other, "--resume", str(file))
+        assert refused.exit_code == 2
         assert message in refused.stderr
         assert file.read_text() == before
 

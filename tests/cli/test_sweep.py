@@ -26,11 +26,11 @@ from mjbench.sweep import plan as plans
 
 needs_ray = pytest.mark.skipif(bool(extras.missing(["ray"])), reason="Ray is not installed")
 ANYTHING = "[nodes]\nmin-cores = 0\nmax-busy = 100\nmax-stolen = 100\n"
-COMPARE = '[compare]\npaths = "rollout"\nthreads = 1\nnbatch = 4\nnstep = 20\nconfirm = false\n'
+COMPARE = '[compare]\npaths = "rollout"\nthreads = 1\nnbatch = 4\nnstep = 20\n'
 SET = "results/sweeps/plan.jsonl"
 
 
-def write_plan(folder: Path, models: str, budget: str = "budget = 0\n") -> None:
+def write_plan(folder: Path, models: str, budget: str = "budget = 0.1\n") -> None:
     plan_file(folder, f"models = [{models}]\n{COMPARE}{budget}{ANYTHING}")
 
 
@@ -50,7 +50,7 @@ def test_a_dry_run_says_what_there_is_to_do_and_measures_nothing(tmp_path: Path)
     rows = [" ".join(line.split()) for line in done.stdout.splitlines()[-4:]]
     assert rows == [
         "versions, time 2 0 2 at most 2 min on one machine",
-        "compare 2 0 2 at most 2 min on one machine",
+        "compare 2 0 2 at most 1 min on one machine",
         "instructions 4 0 4 unknown until one is measured",
         "history 4 0 4 at most 4 min on one machine",
     ]

@@ -7,11 +7,13 @@ from typing import Any
 import pytest
 from pretender import MODEL, NBATCH, NSTEP, available, make_workload
 
-from mjbench.comparison import accelerated_run, compare
+from mjbench.comparison import accelerated_run
 from mjbench.comparison.accelerated_check import MAX_SINGLE_STEPS
 from mjbench.comparison.messages import AgreementReport, BlockTime, CompileReport, PeakMemory
 from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.instrument import isolate
+from mjbench.paired import path_comparison
+from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths.accelerated import AcceleratedPath, save_workload
 from mjbench.report import results
 from mjbench.simulation import models
@@ -147,15 +149,18 @@ def test_a_program_that_never_returns_is_a_row_that_says_timeout(
         variants=tuple(Variant(name, {}) for name in names),
         nbatch=2,
         nstep=4,
-        budget_s=0.0,
+        budget_s=0.1,
         limit_s=3.0,
         import_from=str(tmp_path),
         named=names,
     )
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1]))
-    records = compare.compare_model(models.resolve(MODEL), plan, lambda name, share: None)
-    rows = {r.path: r for r in results.derive(records.model, records.measurements).results}
+    with WorkerPool() as pool:
+        source = models.resolve(MODEL)
+        *_, last = path_comparison.compare_model(pool, source, plan, lambda name, share: None)
+    derived = results.derive(last.model, last.measurements, last.race)
+    rows = {result.path: result for result in derived.results}
     assert rows["hangs:Hangs"].status == Status.TIMEOUT
     assert "timing hangs" in rows["hangs:Hangs"].detail
     assert rows["hangs:Hangs"].step_ns is None

@@ -1,102 +1,126 @@
-"""What becomes of a model's rows when a child dies, and whose row pays."""
+"""Paths of a model are verified in a child; see `test_path_comparison` for what ends it."""
 
 from pathlib import Path
+from typing import Any
 
-import mujoco
 import pytest
 from commands import TESTS
-from pretender import Pretender
 
-from mjbench.comparison import compare
+from mjbench.comparison.compare import ModelChildren
 from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.comparison.records import MeasurementRecord
 from mjbench.simulation import models
-from mjbench.simulation.engine_clock import has_clock
+from mjbench.simulation.workload import Product
 from mjbench.status import Status
 
 
-def measured(contact_file: str, *names: str, limit_s: float = 60.0) -> dict[str, MeasurementRecord]:
-    plan = ComparisonPlan(
-        variants=tuple(Variant(name, {}) for name in ("python_loop", *names)),
-        nbatch=3,
-        nstep=4,
-        budget_s=0.0,
-        limit_s=limit_s,
-        import_from=str(TESTS),
+def children(folder: Path, model: str, *names: str, **plan: Any) -> ModelChildren:
+    variants = tuple(Variant(name, {}) for name in ("python_loop", *names))
+    usual = {"nbatch": 3, "nstep": 4, "limit_s": 60.0, "import_from": str(TESTS)}
+    files = (folder / "model.mjb", folder / "workload.pickle", folder / "accelerated.pickle")
+    return ModelChildren(
+        models.resolve(model), ComparisonPlan(variants=variants, **{**usual, **plan}), *files
     )
-    records = compare.compare_model(models.resolve(contact_file), plan, lambda name, share: None)
-    return {record.path: record for record in records.measurements}
+
+
+def verified(folder: Path, model: str, *names: str, **plan: Any) -> ModelChildren:
+    of_model = children(folder, model, *names, **plan)
+    of_model.verify(lambda: None)
+    of_model.is_over = True
+    return of_model
+
+
+def rows_of(of_model: ModelChildren) -> dict[str, MeasurementRecord]:
+    """Return the records as if a race had timed all that agrees."""
+    return {record.path: record for record in of_model.measurements(of_model.agreeing)}
 
 
 @pytest.mark.parametrize(
     ("name", "status", "detail"),
     [
-        ("CrashesWhenTimed", Status.CRASHED, "SIGSEGV) while timing wrong_paths:CrashesWhenTimed"),
-        ("HangsWhenTimed", Status.TIMEOUT, "while timing wrong_paths:HangsWhenTimed"),
-        ("SharedModel", Status.FAILED, "which all paths share: opt.disableflags while preparing"),
-        ("SharedModelWhenTimed", Status.FAILED, "which all paths share: body_mass while timing"),
-        ("Crashes", Status.CRASHED, "SIGSEGV) while preparing wrong_paths:Crashes"),
-        ("Exits", Status.CRASHED, "exit code 0 while preparing wrong_paths:Exits"),
-        ("RaisesWhenTimed", Status.FAILED, "SystemExit: enough while timing wrong_paths:Raises"),
+        ("Hangs", Status.TIMEOUT, "no answer within 3 s"),
+        ("Raises", Status.FAILED, "RuntimeError: out of luck"),
     ],
 )
-def test_a_path_that_ends_the_child_costs_its_own_row_alone(
-    contact_file: str, name: str, status: Status, detail: str
+def test_a_path_that_hangs_or_raises_costs_its_own_row_alone(
+    tmp_path: Path, contact_file: str, name: str, status: Status, detail: str
 ) -> None:
     culprit = f"wrong_paths:{name}"
     limit_s = 3.0 if status == Status.TIMEOUT else 60.0
-    rows = measured(contact_file, culprit, "python_loop_hold", limit_s=limit_s)
+    of_model = verified(tmp_path, contact_file, culprit, "python_loop_hold", limit_s=limit_s)
+    rows = rows_of(of_model)
     assert rows[culprit].status == status
     assert detail in rows[culprit].detail
-    assert rows[culprit].samples_s == []
-    for name in ("python_loop", "python_loop_hold"):
-        assert rows[name].is_timed, rows[name].detail
+    assert of_model.agreeing == [0, 2]
+    assert of_model.model_record().status == Status.OK
 
 
-def test_a_path_that_replays_its_warm_up_is_caught_in_the_first_round(contact_file: str) -> None:
-    rows = measured(contact_file, "wrong_paths:MemoWhenTimed", "python_loop_hold")
-    assert rows["wrong_paths:MemoWhenTimed"].status == Status.DISAGREES
-    assert "in a timed block" in rows["wrong_paths:MemoWhenTimed"].detail
-    assert rows["python_loop_hold"].is_timed
-
-
-def test_paths_are_timed_without_the_engines_clock_too(contact_file: str) -> None:
-    if not has_clock(mujoco.MjModel.from_xml_path(contact_file)):
-        pytest.skip("this release of MuJoCo has no clock of its own")
-    rows = measured(contact_file, "python_loop_hold", "wrong_paths:Elsewhere")
-    for name in ("python_loop", "python_loop_hold"):
-        assert len(rows[name].with_clock_s) == len(rows[name].without_clock_s) >= 5
-    assert rows["wrong_paths:Elsewhere"].with_clock_s == []
-    assert rows["wrong_paths:Elsewhere"].is_timed
-
-
-def test_two_paths_that_end_the_child_cost_two_rows(contact_file: str) -> None:
-    names = ("wrong_paths:Crashes", "wrong_paths:CrashesWhenTimed")
-    rows = measured(contact_file, *names)
-    assert [rows[name].status for name in names] == [Status.CRASHED] * 2
-    assert rows["python_loop"].is_timed
-
-
-def test_a_model_that_cannot_be_loaded_has_rows_that_say_so(tmp_path: Path) -> None:
-    (tmp_path / "broken.xml").write_text("<mujoco><nothing/></mujoco>")
-    rows = measured(str(tmp_path / "broken.xml"), "python_loop_hold")
-    assert {row.status for row in rows.values()} == {Status.INPUT}
-    assert all("cannot load" in row.detail for row in rows.values())
-
-
-def test_a_path_that_changes_its_process_is_measured_all_the_same(contact_file: str) -> None:
-    rows = measured(contact_file, "wrong_paths:Untidy", "python_loop_hold")
-    assert all(row.is_timed for row in rows.values()), [row.detail for row in rows.values()]
-
-
-def test_an_accelerated_path_that_fails_in_the_parent_costs_its_own_row(
-    contact_file: str, monkeypatch: pytest.MonkeyPatch
+def test_a_path_that_does_not_return_what_is_asked_for_is_unavailable(
+    tmp_path: Path, contact_file: str
 ) -> None:
-    def fail(self: object) -> dict[str, str | None]:
-        raise RuntimeError("no environment")
+    plan = {"returns": Product.SENSORS, "hold": 2}
+    of_model = verified(tmp_path, contact_file, "python_loop_hold", **plan)
+    row = rows_of(of_model)["python_loop_hold"]
+    assert row.status == Status.UNAVAILABLE
+    assert "returns no state between" in row.detail
+    assert of_model.model_record().returns == Product.SENSORS
 
-    monkeypatch.setattr(Pretender, "environment", fail)
-    rows = measured(contact_file, "pretender:Pretender")
-    assert rows["pretender:Pretender"].status == Status.FAILED
-    assert rows["pretender:Pretender"].detail == "RuntimeError: no environment"
-    assert rows["python_loop"].is_timed
+
+@pytest.mark.parametrize(
+    ("text", "limit_s", "status", "detail"),
+    [
+        (
+            "<mujoco><option timestep='.1'/><worldbody><body><joint name='j' type='slide'"
+            " stiffness='1e9'/><geom size='.1' mass='.001'/></body></worldbody></mujoco>",
+            60.0,
+            Status.INPUT,
+            "diverges",
+        ),
+        (
+            "<mujoco><option solver='PGS' iterations='2147483647' tolerance='0'"
+            " noslip_iterations='2147483647'/><worldbody><geom type='plane' size='1 1 1'/>"
+            "<body pos='0 0 .099'><freejoint/><geom type='box' size='.1 .1 .1'/></body>"
+            "</worldbody></mujoco>",
+            3.0,
+            Status.TIMEOUT,
+            "no answer within 3 s",
+        ),
+    ],
+)
+def test_a_model_that_cannot_be_stepped_has_rows_that_say_so(
+    tmp_path: Path, text: str, limit_s: float, status: Status, detail: str
+) -> None:
+    (tmp_path / "m.xml").write_text(text)
+    model = str(tmp_path / "m.xml")
+    of_model = verified(tmp_path, model, "python_loop_hold", limit_s=limit_s)
+    rows = rows_of(of_model).values()
+    assert {row.status for row in rows} == {of_model.model_record().status} == {status}
+    assert all(detail in row.detail for row in rows)
+
+
+def test_simulations_that_diverge_are_left_out_and_counted(tmp_path: Path) -> None:
+    # unstable only where the random start velocity is positive: it leaves a spring-free stretch
+    (tmp_path / "edge.xml").write_text(
+        "<mujoco><option timestep='.05' gravity='0 0 0'><flag contact='disable'/></option>"
+        "<worldbody><body><joint name='a' type='slide' axis='1 0 0'/><geom size='.1'/></body>"
+        "<body pos='0 1 0'><joint name='b' type='slide' axis='1 0 0' limited='true' range='-9 0'"
+        " solreflimit='-1e7 -1'/><geom size='.1' mass='.01'/></body></worldbody>"
+        "<keyframe><key qpos='0 -.0003'/></keyframe></mujoco>"
+    )
+    of_model = verified(tmp_path, str(tmp_path / "edge.xml"), nbatch=64, nstep=30)
+    record = of_model.model_record()
+    assert record.diverged is not None
+    assert 0 < record.diverged < 64, "the model no longer diverges in part"
+    assert record.nbatch == 64 - record.diverged
+    assert of_model.agreeing == [0]
+
+
+def test_a_path_that_did_not_race_says_that_it_was_not_timed(
+    tmp_path: Path, contact_file: str
+) -> None:
+    of_model = verified(tmp_path, contact_file, "python_loop_hold")
+    first, second = of_model.measurements([0])
+    assert first.status == Status.OK
+    assert (second.status, second.detail) == (Status.FAILED, "it was not timed")
+    of_model.is_over = False
+    assert of_model.measurements([0])[1].status == Status.INTERRUPTED

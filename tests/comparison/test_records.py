@@ -19,8 +19,6 @@ RECORD = MeasurementRecord(
     precision=Precision.FLOAT32,
     check=CHECK,
     samples_s=[],
-    with_clock_s=[],
-    without_clock_s=[],
 )
 
 

@@ -99,7 +99,7 @@ def test_paths_that_disagree_stand_at_the_head_whichever_machine(tmp_path: Path)
     ]
     assert content.sections[0].tables[0].title == "Advised paths by machine"
     bad = [c.text for c in content.conclusions if c.tone == Tone.BAD]
-    assert bad == ["m: rollout does other work than the plain loop: qpos differs"]
+    assert bad == ["a: m: rollout does other work than the plain loop: qpos differs"]
 
 
 def test_a_set_of_many_runs_leaves_sections_out_and_says_so(

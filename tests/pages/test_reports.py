@@ -2,13 +2,15 @@
 
 import html.parser
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import example_races
 import pytest
 from click.testing import CliRunner
 from commands import ROOT
-from example_records import measurement, model_record
+from example_records import model_record
 
 from mjbench.cli import cli
 from mjbench.instrument import machine, runs
@@ -55,15 +57,10 @@ def run_file(folder: Path, *records: Record, command: str = "compare") -> Path:
     return file.path
 
 
-def compared(name: str, **fields: Any) -> tuple[Record, Record, Record]:
-    """Return the records of a model on which one path is fast and another as `fields` say."""
-    samples = [0.01 + 1e-5 * i for i in range(8)]
-    fast = {"path": "rollout", "options": {"threads": 2}, "samples_s": [s / 2 for s in samples]}
-    return (
-        model_record(model=name),
-        measurement(model=name, samples_s=samples),
-        measurement(model=name, **{**fast, **fields}),
-    )
+def compared(name: str, **fields: Any) -> list[Record]:
+    """Return the records of a model on which one path is as `fields` say."""
+    model, base, rollout, *others = example_races.compared(example_races.raced(model=name))
+    return [model, base, replace(rollout, **fields), *others]
 
 
 def named(file: Path) -> NamedRun:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 from commands import ROOT
+from example_races import BATCH_STEP, ROLLOUT, compared, raced
 from set_files import labelled, run_file, set_of
 from verdict_records import SLOWER
 
@@ -80,19 +81,24 @@ def assert_complete(folder: Path, *pages: str) -> None:
 
 
 def test_the_first_page_says_what_was_found(tmp_path: Path, history: SpeedHistory) -> None:
-    named = NamedRun(RUN, runs.load(RUN, RECORD_TYPES))
-    site.write_source(Project(tmp_path, [named], history), tmp_path)
+    entrants = [(ROLLOUT, 3.0), (BATCH_STEP, 2.0)]
+    sizes = [compared(raced(entrants, nbatch_asked=n, cores=n / 32), nbatch=n) for n in (32, 64)]
+    records = [record for size in sizes for record in size]
+    named_runs = reports.read([run_file(tmp_path / "runs", labelled("a"), *records)])
+    site.write_source(Project(tmp_path, named_runs, history), tmp_path)
     index = (tmp_path / "index.md").read_text()
     assert index.index("a step became slower for") < index.index("The newest comparison of paths")
     assert "The newest release, 4.0.0: " in index
-    assert "| humanoid | open | `" in index
+    assert "- m, 32 simulations: Disturbed: threads had 1.00 of 2 cores. Measure again." in index
+    assert index.index("Disturbed: ") < index.index("| m, 32 simulations | open | ? `rollout")
+    assert "| m, 64 simulations | closed | ✓ `batch_step threads=2 data=shared` | 2.0" in index
     releases = history.releases()[1:]
     assert sorted(path.stem for path in (tmp_path / "releases").glob("*.md")) == sorted(releases)
     page = (tmp_path / "releases/3.3.1.md").read_text()
     assert "\n# MuJoCo 3.3.1\n\nA step became slower for " in page
     assert "| 3.3.0 → 3.3.1 | `cartpole` |" in page
     assert "| `humanoid` | 3.3.0 |" in page
-    report = (tmp_path / "copied/reports/reference-mujoco-4.0.0.html").read_text()
+    (report,) = [file.read_text() for file in (tmp_path / "copied/reports").iterdir()]
     assert report.startswith("<!doctype html>")
 
 

@@ -1,17 +1,18 @@
 """What machines show side by side, in tables and in sentences."""
 
 from dataclasses import replace
+from typing import Any
 
+import example_races
 import pytest
-from example_records import measurement, model_record
+from example_races import ROLLOUT
+from example_records import model_record
 from set_files import MACHINE, labelled
 from verdict_records import FAILED, FASTER, OPEN, SAME, SLOWER, of_model
 
-from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.runs import SCHEMA, InputFile, Record, Run, RunHeader
-from mjbench.paired.contest import ContestLaunch, ContestRecord
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.records import Ratio
 from mjbench.report import across_machines, advice_across, tables
@@ -149,26 +150,11 @@ def test_a_table_that_is_too_wide_for_the_terminal_has_a_row_for_each_cell() -> 
 
 # advised paths
 
-SAMPLES = [0.01 + 1e-5 * i for i in range(8)]
-PATHS = Variant("python_loop", {}), Variant("rollout", {"threads": 2})
 
-
-def compared(factor: float = 2.0, model: str = "m", **fields: object) -> list[Record]:
+def compared(speedup: float = 2.0, **race: Any) -> list[Record]:
     """Return records of a model on which rollout is so many times faster."""
-    launch = ContestLaunch(None, (0, 1), [[1000.0 * factor, 1000.0]] * 4)
-    return [
-        model_record(model=model, seed=0, **fields),
-        measurement(model=model, samples_s=SAMPLES),
-        measurement(
-            model=model,
-            path="rollout",
-            options={"threads": 2},
-            samples_s=[s / factor for s in SAMPLES],
-        ),
-        ContestRecord(
-            model=model, nbatch_asked=None, variants=PATHS, status=Status.OK, launches=[launch] * 6
-        ),
-    ]
+    entrants = [(ROLLOUT, speedup)]
+    return [*example_races.compared(example_races.raced(entrants, spread=0, **race), seed=0)]
 
 
 def answers(*runs: Run) -> dict[str, dict[str, str]]:
@@ -183,8 +169,8 @@ def test_advised_paths_stand_side_by_side() -> None:
     found = answers(run("a", *compared()), run("b", *compared(1.0)))
     assert list(found) == ["m, 10 × 100 steps, open loop", "m, 10 × 100 steps, closed loop"]
     cells = found["m, 10 × 100 steps, open loop"]
-    assert cells["a"].startswith("rollout threads=2 2.00× (2.00 to 2.00)")
-    assert cells["b"] == "python_loop"
+    assert cells["a"] == "✓ rollout threads=2 pool=kept 2.00× (2.00× to 2.00×)"
+    assert cells["b"] == "✓ python_loop"
 
 
 def test_machines_that_differ_are_named_before_what_all_agree_on() -> None:
@@ -219,9 +205,17 @@ def test_software_of_one_machine_is_kept_apart() -> None:
 def test_runs_of_one_machine_that_advise_different_paths_are_undecided() -> None:
     runs = [run("a", *compared()), run("a", *compared(1.0)), run("b", *compared())]
     cells = answers(*runs)["m, 10 × 100 steps, open loop"]
-    assert cells["a"].startswith("rollout threads=2 2.00× (2.00 to 2.00); python_loop")
+    assert cells["a"].startswith("✓ rollout threads=2 pool=kept 2.00× (2.00× to 2.00×); ✓ python")
     sentence = next(iter(advice_across.describe(side_by_side(runs).advice)))
     assert sentence.endswith("undecided on 1 of 2 machines, rollout on 1")
+
+
+def test_what_disturbed_a_machine_comes_first_and_makes_its_advice_uncertain() -> None:
+    runs = run("a", *compared(cores=1.2)), run("b", *compared())
+    cells = answers(*runs)["m, 10 × 100 steps, open loop"]
+    assert [cells[name][0] for name in "ab"] == ["?", "✓"]
+    text = tables.text_of(lambda out: across_machines.print_side_by_side(out, side_by_side(runs)))
+    assert text.startswith("a, m: Disturbed: threads had 1.20 of 2 cores. Measure again.\n")
 
 
 def test_a_model_that_failed_on_a_machine_says_so_there() -> None:

@@ -1,228 +1,192 @@
-"""Which path is advised, and what has to be compared again before."""
+"""Which path is advised for each loop, how certain that is, and how a sentence says it."""
 
+import re
 from dataclasses import replace
 from typing import Any
 
 import pytest
-from example_records import measurement, model_record
+from example_races import BATCH_STEP, CLEAR, PLAIN, RAY, ROLLOUT, THREADS, Entrant, derived, raced
+from example_records import measurement
 
-from mjbench.comparison.plan import Variant
-from mjbench.paired.confirmation import ConfirmationRecord
-from mjbench.paired.contest import ContestLaunch, ContestRecord, UnableVariant
+from mjbench.comparison.plan import WITHOUT_TIMER, Variant
+from mjbench.comparison.records import MeasurementRecord
+from mjbench.paired.race import UnableVariant
 from mjbench.report import results
-from mjbench.report.advice import Advice, Loop, Reason, advise, contest_groups
-from mjbench.report.comparison import why
+from mjbench.report.advice import Loop, Reason, advise, advise_clock
+from mjbench.report.comparison import conclusion
 from mjbench.report.results import ModelResults
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.status import Status
 
-COMPILED = {"precision": Precision.FLOAT32, "trace_s": 1.0, "compile_s": 3.0, "closed_loop": True}
-LOOP = {"samples_s": [1.0] * 7, "closed_loop": True}
+POOL = Variant("rollout", {"threads": 2, "pool": "new"})
 
 
-def derived(**rows: dict[str, Any]) -> ModelResults:
-    records = [measurement(path=path, **row) for path, row in rows.items()]
-    return results.derive(model_record(), records)
+def sentences(model_results: ModelResults, names_size: bool = False) -> list[str]:
+    return ["".join(conclusion(advice, names_size)) for advice in advise(model_results)]
 
 
-def contest(spread: float = 0.001, **times: float) -> ContestRecord:
-    """Return a contest of ten launches, in which each path takes its time, more or less."""
-    launches = [
-        ContestLaunch(
-            None,
-            range(len(times)),
-            [[round(1e6 * time * (1 + sign * i * spread)) for i, time in enumerate(times.values())]]
-            * 4,
-        )
-        for sign in (-1, 1) * 5
+def chosen(model_results: ModelResults) -> list[tuple[str, Reason, bool]]:
+    return [(each.path, each.reason, each.is_certain) for each in advise(model_results)]
+
+
+def compiled(speedup: float) -> MeasurementRecord:
+    """Return an accelerated path that takes four seconds to compile."""
+    return measurement(
+        path="mjx",
+        samples_s=[0.001 / speedup] * 3,
+        precision=Precision.FLOAT32,
+        trace_s=1.0,
+        compile_s=3.0,
+        closed_loop=True,
+    )
+
+
+def test_the_fastest_of_each_loop_is_advised_with_the_speed_up_of_its_row() -> None:
+    model_results = derived(raced())
+    assert chosen(model_results) == [
+        ("rollout", Reason.FASTER, True),
+        ("batch_step", Reason.FASTER, True),
     ]
-    variants = [Variant(path, {}) for path in times]
-    return ContestRecord(model="m", variants=variants, status=Status.OK, launches=launches)
+    rows = {str(result.variant): result for result in model_results.results}
+    assert [advice.loop for advice in advise(model_results)] == [Loop.OPEN, Loop.CLOSED]
+    for advice, variant in zip(advise(model_results), (ROLLOUT, BATCH_STEP), strict=True):
+        assert advice.speedup == rows[str(variant)].speedup
 
 
-def advised(
-    model_results: ModelResults,
-    contest: ContestRecord | None = None,
-    total_steps: int | None = None,
-) -> list[Advice]:
-    model = replace(model_results.model, total_steps=total_steps)
-    return advise(replace(model_results, model=model, contest=contest))
+def test_a_conclusion_says_path_speed_up_and_interval() -> None:
+    open_loop, closed_loop = sentences(derived(raced()))
+    number = r"\d\.\d\d"
+    gain = rf"{number} times the plain loop \({number} to {number}\)"
+    begin = r"For controls known beforehand \(open loop\): mujoco.rollout on 2 threads, "
+    assert re.fullmatch(begin + gain, open_loop)
+    assert re.fullmatch(rf"For RL \(closed loop\): Batch.step on 2 threads, {gain}", closed_loop)
 
 
-def names(groups: list[list[Variant]]) -> list[list[str]]:
-    return [[variant.path for variant in group] for group in groups]
-
-
-def test_the_fastest_of_each_loop_is_advised_once_it_is_certainly_faster() -> None:
-    model_results = derived(
-        python_loop=LOOP,
-        rollout={"samples_s": [0.25] * 7},
-        batch_step={"samples_s": [0.5] * 7, "closed_loop": True},
-        threads={"samples_s": [0.1] * 7, "agrees": False, "status": Status.DISAGREES},
-    )
-    assert names(contest_groups(model_results)) == [
-        ["python_loop", "rollout"],
-        ["python_loop", "batch_step"],
-    ]
-    again = contest(python_loop=1.0, rollout=0.25, batch_step=0.5)
-    assert contest_groups(replace(model_results, contest=again)) == []
-    advice = advised(model_results, again)
-    assert [(a.loop, a.path, a.reason) for a in advice] == [
-        (Loop.OPEN, "rollout", Reason.FASTER),
-        (Loop.CLOSED, "batch_step", Reason.FASTER),
-    ]
-    first = advice[0]
-    assert first.speedup == pytest.approx(4.0, rel=1e-3)
-    assert first.low is not None
-    assert first.high is not None
-    assert 3.9 < first.low < 4.0 < first.high < 4.1
-
-
-def test_fresh_processes_decide_between_paths_that_seem_about_as_fast() -> None:
-    model_results = derived(
-        python_loop=LOOP,
-        rollout={"samples_s": [0.55] * 7},
-        threads={"samples_s": [0.50] * 7, "closed_loop": True},
-        processes={"samples_s": [0.65] * 7, "closed_loop": True},
-    )
-    assert names(contest_groups(model_results))[0] == ["python_loop", "rollout", "threads"]
-    advice = advised(model_results, contest(python_loop=1.0, rollout=0.5, threads=0.6))
-    assert [(a.path, a.reason) for a in advice] == [
-        ("rollout", Reason.FASTER),
-        ("threads", Reason.FASTER),
-    ]
-
-
-def test_ray_is_never_advised_and_named_where_it_seems_faster() -> None:
-    model_results = derived(
-        python_loop=LOOP, rollout={"samples_s": [0.5] * 7}, ray={"samples_s": [0.4] * 7}
-    )
-    assert names(contest_groups(model_results)) == [["python_loop", "rollout"]]
-    open_loop, closed_loop = advised(model_results, contest(python_loop=1.0, rollout=0.5))
-    assert (open_loop.path, open_loop.reason) == ("rollout", Reason.FASTER)
-    reason = "ray: Ray takes too long to start in fresh processes"
-    assert open_loop.unable == [reason]
-    assert why(open_loop).endswith(f"; cannot run beside the others: {reason}")
-    assert closed_loop.unable == []
-
-
-def test_a_gain_that_is_not_certain_is_not_advised() -> None:
-    model_results = derived(python_loop=LOOP, rollout={"samples_s": [0.86] * 7})
-    open_loop = advised(model_results, contest(spread=0.4, python_loop=1.0, rollout=0.86))[0]
-    assert (open_loop.path, open_loop.reason) == ("python_loop", Reason.NO_GAIN)
-    assert open_loop.rival == "rollout"
-
-
-def test_what_was_not_compared_again_is_not_advised() -> None:
-    model_results = derived(python_loop=LOOP, rollout={"samples_s": [0.5] * 7})
-    open_loop = advised(model_results)[0]
-    assert (open_loop.path, open_loop.reason) == ("python_loop", Reason.UNCONFIRMED)
-    again = contest(python_loop=1.0, rollout=0.5)
-    failed = replace(again, status=Status.FAILED, detail="it fell over")
-    late = replace(again, launches=(), detail="it takes too long")
-    for record in (failed, late):
-        open_loop = advised(model_results, record)[0]
-        assert (open_loop.reason, open_loop.detail) == (Reason.UNCONFIRMED, record.detail)
-
-
-def test_what_nothing_was_compared_with_is_said() -> None:
-    alone = derived(python_loop=LOOP, rollout={"samples_s": [0.5] * 7})
-    closed = advised(alone, contest(python_loop=1.0, rollout=0.5))[1]
-    assert (closed.path, closed.reason) == ("python_loop", Reason.ALONE)
-    assert why(closed) == "no other path was timed for it"
-    similar = derived(python_loop=LOOP, rollout={"samples_s": [1.05] * 7})
-    open_loop = advised(similar)[0]
-    assert (open_loop.reason, open_loop.rival) == (Reason.UNCONFIRMED, "")
-    assert why(open_loop) == "no path seems faster; nothing was compared again in fresh processes"
-
-
-def test_a_path_that_cannot_run_beside_the_others_is_named() -> None:
-    model_results = derived(
-        python_loop=LOOP, rollout={"samples_s": [0.5] * 7}, threads={"samples_s": [0.5] * 7}
-    )
-    unable = [UnableVariant(2, "out of memory")]
-    record = replace(contest(python_loop=1.0, rollout=0.5, threads=0.4), unable=unable)
-    open_loop = advised(model_results, record)[0]
-    assert (open_loop.path, open_loop.reason) == ("rollout", Reason.FASTER)
-    assert open_loop.unable == ["threads: out of memory"]
-    assert why(open_loop).endswith("; cannot run beside the others: threads: out of memory")
-    for unable in ([UnableVariant(0, "no")], [UnableVariant(1, "no"), UnableVariant(2, "no")]):
-        open_loop = advised(model_results, replace(record, unable=unable))[0]
-        assert (open_loop.path, open_loop.reason) == ("python_loop", Reason.UNCONFIRMED)
-        assert len(open_loop.unable) == len(unable)
-
-
-def test_a_run_of_an_earlier_version_says_so() -> None:
-    model_results = derived(python_loop=LOOP, rollout={"samples_s": [0.5] * 7})
-    pair = ConfirmationRecord(
-        model="m",
-        baseline="python_loop",
-        baseline_options={},
-        candidate="rollout",
-        candidate_options={},
-        status=Status.OK,
-    )
-    open_loop = advise(replace(model_results, confirmations=(pair,)))[0]
-    assert (open_loop.path, open_loop.reason) == ("python_loop", Reason.UNCONFIRMED)
-    assert "earlier version" in open_loop.detail
+def test_beside_other_sizes_a_conclusion_says_how_many_simulations() -> None:
+    first = sentences(derived(raced(), nbatch=64), names_size=True)[0]
+    assert first.startswith("For controls known beforehand (open loop), 64 simulations: mujoco.")
 
 
 @pytest.mark.parametrize(
-    ("time", "path", "reason"),
-    [(0.49, "batch_step", Reason.SIMPLER), (0.48, "threads", Reason.FASTER)],
+    ("variant", "text"),
+    [
+        (PLAIN, "the plain loop"),
+        (Variant("batch_step", {"threads": 1, "data": "persistent"}), "Batch.step on 1 thread ("),
+        (Variant("processes", {"processes": 4}), "4 worker processes"),
+        (Variant("rollout", {"threads": 2, "chunk": 4, "pool": "kept"}), "2 threads (chunk=4)"),
+    ],
 )
-def test_within_three_percent_the_simpler_wins(time: float, path: str, reason: Reason) -> None:
-    model_results = derived(
-        python_loop=LOOP,
-        batch_step={"samples_s": [0.52] * 7, "closed_loop": True},
-        threads={"samples_s": [0.50] * 7, "closed_loop": True},
+def test_a_sentence_names_a_path_without_options_that_are_usual(
+    variant: Variant, text: str
+) -> None:
+    entrants: list[Entrant] = [(variant, 2.0)] if variant != PLAIN else []
+    assert text in sentences(derived(raced(entrants)))[0]
+
+
+def test_the_simpler_of_two_that_are_as_fast_is_advised() -> None:
+    model_results = derived(raced([(ROLLOUT, 3.0), (POOL, 3.003)]))
+    assert chosen(model_results)[0] == ("rollout", Reason.SIMPLER, True)
+    assert advise(model_results)[0].options == ROLLOUT.options
+    assert sentences(model_results)[0].endswith("; no other path is faster by 2 %")
+
+
+def test_the_plain_loop_is_advised_where_no_path_is_faster() -> None:
+    model_results = derived(raced([(ROLLOUT, 0.5), (THREADS, 0.8)]))
+    assert chosen(model_results) == [("python_loop", Reason.NO_GAIN, True)] * 2
+    assert sentences(model_results)[1] == (
+        "For RL (closed loop): the plain loop; no other path is faster by 2 %"
     )
-    advice = advised(model_results, contest(python_loop=1.0, batch_step=0.5, threads=time))
-    assert {(a.path, a.reason) for a in advice} == {(path, reason)}
+    assert advise(model_results)[0].speedup is None
 
 
-def test_a_plain_loop_that_is_as_fast_is_advised() -> None:
-    model_results = derived(
-        python_loop=LOOP, python_loop_hold={"samples_s": [0.995] * 7, "closed_loop": True}
-    )
-    assert names(contest_groups(model_results)) == [["python_loop", "python_loop_hold"]] * 2
-    advice = advised(model_results, contest(python_loop=1.0, python_loop_hold=0.995))
-    assert {(a.path, a.reason) for a in advice} == {("python_loop", Reason.SIMPLER)}
+def test_a_loop_that_nothing_else_was_timed_for_is_said() -> None:
+    model_results = derived(raced([(ROLLOUT, 2.0)]))
+    assert chosen(model_results)[1] == ("python_loop", Reason.ALONE, True)
+    assert sentences(model_results)[1].endswith("the plain loop; no other path was timed for it")
 
 
-def test_the_plain_loop_needs_no_contest_where_nothing_may_be_faster() -> None:
-    slower = {"samples_s": [1.3] * 7, "closed_loop": True}
-    model_results = derived(python_loop=LOOP, threads=slower)
-    assert contest_groups(model_results) == []
-    assert {(a.path, a.reason) for a in advised(model_results)} == {("python_loop", Reason.NO_GAIN)}
+def test_rivals_are_named_the_fastest_first_and_only_two() -> None:
+    near = [(ROLLOUT, 3.0), (POOL, 2.9), (BATCH_STEP, 2.8)]
+    model_results = derived(raced(near, spread=0.3, launches=8))
+    advice = advise(model_results)[0]
+    assert not advice.is_certain
+    assert advice.rivals
+    assert Variant(advice.path, advice.options) not in advice.rivals
+    by_variant = {str(result.variant): result for result in model_results.results}
+    speeds = [by_variant[str(rival)].steps_per_s or 0.0 for rival in advice.rivals]
+    assert speeds == sorted(speeds, reverse=True)
+    for count, text in ((0, "; not certain"), (2, " or "), (3, "; not certain: 3 other paths may")):
+        rivals = [ROLLOUT, POOL, BATCH_STEP][:count]
+        rest = conclusion(replace(advice, rivals=rivals, most_gain=0.04))[1]
+        assert text in rest
+        assert rest.endswith(" may be faster by up to 4 %" if count else "not certain")
+
+
+def test_one_launch_makes_nothing_certain() -> None:
+    model_results = derived(raced(launches=1))
+    assert chosen(model_results) == [("python_loop", Reason.NO_GAIN, False)] * 2
+    assert "the plain loop; not certain: " in sentences(model_results)[0]
+
+
+@pytest.mark.parametrize(
+    "disturbance", [{"cores": 1.2}, {"stolen_share": 0.2}, {"neighbours": ["latency"]}]
+)
+def test_a_disturbed_race_makes_nothing_certain(disturbance: dict[str, Any]) -> None:
+    model_results = derived(raced(**disturbance))
+    assert chosen(model_results) == [
+        ("rollout", Reason.FASTER, False),
+        ("batch_step", Reason.FASTER, False),
+    ]
+    assert len(model_results.disturbances) == 1
+    assert all(r.disturbances == model_results.disturbances for r in model_results.results)
+
+
+def test_a_path_that_left_the_race_is_named_with_the_reason() -> None:
+    unable = [UnableVariant(1, Status.FAILED, "out of memory")]
+    model_results = derived(replace(raced(), unable=unable))
+    assert sentences(model_results)[0].endswith("; rollout threads=2 pool=kept left: out of memory")
+
+
+def test_a_path_that_starts_slowly_is_never_advised_and_named_where_it_is_faster() -> None:
+    record = raced([(ROLLOUT, 2.0), (RAY, 4.0)], slow=[2], groups=[[0, 1], [0]])
+    first, second = sentences(derived(record))
+    assert first.endswith("; ray actors=2 is faster, but takes seconds to start")
+    assert "mujoco.rollout on 2 threads, 2.0" in first
+    assert "ray" not in second
 
 
 @pytest.mark.parametrize(
     ("total_steps", "path", "reason"),
-    [(None, "python_loop", Reason.NO_GAIN), (100_000, "mjx", Reason.PAYS)],
+    [(None, "python_loop", Reason.NO_GAIN), (100_000_000, "mjx", Reason.PAYS)],
 )
 def test_compiling_must_pay_within_the_steps_asked_for(
     total_steps: int | None, path: str, reason: Reason
 ) -> None:
-    # a block of 1,000 steps saves 0.5 s; 4 s are 8,000 steps
-    model_results = derived(python_loop=LOOP, mjx={"samples_s": [0.5] * 7, **COMPILED})
-    assert contest_groups(model_results) == []
-    advice = advised(model_results, total_steps=total_steps)
-    assert {(a.path, a.reason) for a in advice} == {(path, reason)}
-    assert all("after 8,000 steps" in a.break_even for a in advice)
+    # a step of 1 µs becomes one of 0.5 µs; four seconds are about 8,000,000 steps
+    model_results = derived(raced([(THREADS, 0.8)]), more=[compiled(2.0)], total_steps=total_steps)
+    assert {(a.path, a.reason) for a in advise(model_results)} == {(path, reason)}
+    assert all("after 8,0" in a.break_even for a in advise(model_results))
 
 
-def test_a_path_that_was_not_timed_to_the_end_is_not_advised() -> None:
-    model_results = derived(
-        python_loop={"samples_s": [1.0] * 9, "closed_loop": True},
-        rollout={"samples_s": [0.25] * 7, "closed_loop": True},
-    )
-    assert contest_groups(model_results) == []
-    assert {a.path for a in advise(model_results)} == {"python_loop"}
+def test_the_timer_is_advised_on_where_turning_it_off_certainly_gains() -> None:
+    clock = advise_clock(derived(raced([*CLEAR, (WITHOUT_TIMER, 1.2)])))
+    assert clock is not None
+    assert clock.speedup.estimate == pytest.approx(1.2, rel=0.01)
+    assert advise_clock(derived(raced([*CLEAR, (WITHOUT_TIMER, 1.01)]))) is None
 
 
-@pytest.mark.parametrize("row", [{"status": Status.TIMEOUT, "agrees": None}, {}])
-def test_a_model_whose_plain_loop_was_not_timed_gets_no_advice(row: dict[str, Any]) -> None:
-    model_results = derived(python_loop=row, rollout={"samples_s": [0.5] * 7})
-    assert contest_groups(model_results) == []
-    assert advise(model_results) == []
+def test_a_run_of_an_earlier_version_has_speed_ups_without_an_interval_and_no_advice() -> None:
+    records = [measurement(samples_s=[1.0] * 7), measurement(path="rollout", samples_s=[0.5] * 7)]
+    former = results.derive(derived(raced()).model, records, None)
+    assert former.is_former
+    assert all(result.is_former for result in former.results)
+    speedup = former.results[1].speedup
+    assert speedup is not None
+    assert (speedup.estimate, speedup.low, speedup.high) == (2.0, None, None)
+    assert advise(former) == []
+    assert advise_clock(former) is None
+
+
+def test_a_model_whose_plain_loop_was_not_timed_gets_no_advice() -> None:
+    record = replace(raced(), launches=())
+    assert advise(derived(record)) == []

@@ -1,54 +1,84 @@
 """Results are derived from records; here the records are invented and the truth is known."""
 
 import dataclasses
-import io
 import math
 from typing import Any
 
 import pytest
+from example_races import BATCH_STEP, ROLLOUT, THREADS, compared, derived, raced
 from example_records import FACTS, measurement, model_record
-from rich.console import Console
 
+from mjbench.comparison.records import MeasurementRecord, ModelRecord
+from mjbench.instrument import machine
+from mjbench.instrument.interval import Interval
 from mjbench.report import comparison, results, tables
 from mjbench.report.results import ModelResults
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.work import Work
 from mjbench.status import Status
+from mjbench.sweep.calibration import Limits
 
 
-def derived(**rows: dict[str, Any]) -> ModelResults:
+def former(**rows: dict[str, Any]) -> ModelResults:
+    """Return the results of a file of an earlier version, which has no race."""
     return results.derive(
-        model_record(), [measurement(path=path, **row) for path, row in rows.items()]
+        model_record(), [measurement(path=path, **row) for path, row in rows.items()], None
     )
 
 
-def test_speed_follows_from_samples_and_steps() -> None:
-    (base,) = derived(python_loop={"samples_s": [0.003, 0.001, 0.002]}).results
-    assert base.step_ns == results.StepTime(pytest.approx(2000), pytest.approx(1000))
+def printed(model_results: ModelResults) -> str:
+    return tables.text_of(lambda out: comparison.print_model(out, [model_results]))
+
+
+def test_speeds_are_those_of_the_plain_loop_times_the_speed_up() -> None:
+    model_results = derived(raced())
+    base, *others = model_results.results
+    assert base.step_ns == pytest.approx(1000, rel=0.01)
+    assert base.realtime_factor == pytest.approx(2000, rel=0.01)
+    for result in others:
+        assert base.step_ns is not None
+        assert result.speedup is not None
+        assert result.step_ns == pytest.approx(base.step_ns / result.speedup.estimate)
+        assert result.rate_over(base) == pytest.approx(result.speedup.estimate)
+
+
+def test_what_won_has_its_speed_up_from_the_launches_after_the_race() -> None:
+    record = raced()
+    launches = {str(result.variant): result.launches for result in derived(record).results}
+    final = sum(launch.is_final for launch in record.launches)
+    assert launches[str(ROLLOUT)] == launches[str(BATCH_STEP)] == final
+    assert launches[str(THREADS)] == len(record.launches) - final
+
+
+def test_a_former_file_has_the_speed_of_its_blocks() -> None:
+    (base,) = former(python_loop={"samples_s": [0.003, 0.001, 0.002]}).results
+    assert base.step_ns == pytest.approx(2000)
     assert base.steps_per_s == pytest.approx(5e5)
     assert base.realtime_factor == pytest.approx(1000)
-    assert base.speedup is not None
-    assert (base.speedup.median, base.speedup.low, base.speedup.high) == (1.0, None, None)
+    assert base.speedup == Interval(1.0)
 
 
 @pytest.mark.parametrize("timestep", [0.0, -0.002, math.nan, math.inf])
 def test_a_stored_timestep_by_which_no_time_passes_gives_no_real_time_factor(
     timestep: float,
 ) -> None:
-    facts = dataclasses.replace(FACTS, timestep=timestep)
-    model_results = results.derive(model_record(facts=facts), [measurement(samples_s=[0.001])])
-    assert model_results.results[0].realtime_factor is None
-    out = Console(file=io.StringIO(), width=200)
-    comparison.print_model(out, model_results)
-    assert "1,000" in out.file.getvalue()  # type: ignore[attr-defined]
+    model_results = derived(raced(), facts=dataclasses.replace(FACTS, timestep=timestep))
+    assert {result.realtime_factor for result in model_results.results} == {None}
+    assert "✓  rollout threads=2 pool=kept" in printed(model_results)
 
 
 @pytest.mark.parametrize(
     "row", [{"agrees": False, "status": Status.DISAGREES}, {"status": Status.CRASHED}]
 )
 def test_a_path_that_disagrees_or_failed_has_no_speed(row: dict[str, Any]) -> None:
-    rows = derived(python_loop={"samples_s": [1.0]}, rollout={"samples_s": [0.5], **row}).results
-    assert rows[1].step_ns is rows[1].speedup is rows[1].steps_per_s is None
+    record = raced()
+    model, base, rollout, *_ = compared(record)
+    assert isinstance(model, ModelRecord)
+    assert isinstance(base, MeasurementRecord)
+    assert isinstance(rollout, MeasurementRecord)
+    rows = [base, dataclasses.replace(rollout, **row)]
+    result = results.derive(model, rows, record).results[1]
+    assert result.step_ns is result.speedup is result.steps_per_s is None
 
 
 @pytest.mark.parametrize(
@@ -60,10 +90,8 @@ def test_a_model_in_free_fall_gets_a_warning(
 ) -> None:
     facts = dataclasses.replace(FACTS, can_fall=can_fall)
     work = Work(contacts, 0.0, 0.0)
-    model_results = results.derive(model_record(facts=facts, work=work, start_contacts=0), [])
-    out = Console(file=io.StringIO(), width=200)
-    comparison.print_model(out, model_results)
-    assert ("these are the speeds of free fall" in out.file.getvalue()) == is_warned  # type: ignore[attr-defined]
+    text = printed(derived(raced(), facts=facts, work=work))
+    assert text.startswith("Warning: a free body falls") == is_warned
 
 
 def test_a_summary_names_models_by_their_files_where_that_is_clear() -> None:
@@ -73,7 +101,7 @@ def test_a_summary_names_models_by_their_files_where_that_is_clear() -> None:
 
 def test_break_even_counts_the_steps_that_pay_for_compiling() -> None:
     compiled = {"precision": Precision.FLOAT32, "trace_s": 1.0, "compile_s": 3.0}
-    base, fast, slow = derived(
+    base, fast, slow = former(
         python_loop={"samples_s": [0.2] * 7},
         mjx={"samples_s": [0.1] * 7, **compiled},
         warp={"samples_s": [0.3] * 7, **compiled},
@@ -85,8 +113,23 @@ def test_break_even_counts_the_steps_that_pay_for_compiling() -> None:
 
 
 def test_the_cores_a_run_had_are_the_median_of_its_calibrations() -> None:
-    assert results.derive(model_record(cores_had=[1.5, 1.9]), []).cores_had == pytest.approx(1.7)
-    assert results.derive(model_record(cores_had=[]), []).cores_had is None
+    assert derived(raced(cores=1.9)).cores_had == pytest.approx(1.9)
+    of_former = results.derive(model_record(cores_had=[1.5, 1.9]), [], None)
+    assert of_former.cores_had == pytest.approx(1.7)
+    assert results.derive(model_record(), [], None).cores_had is None
+
+
+@pytest.mark.parametrize(("cores", "is_disturbed"), [(1.7, False), (1.6, True)])
+def test_one_threshold_says_that_threads_had_too_few_cores(
+    cores: float, is_disturbed: bool
+) -> None:
+    assert Limits().min_cores == machine.ENOUGH_CORES
+    expected = ["threads had 1.60 of 2 cores"] if is_disturbed else []
+    assert derived(raced(cores=cores)).disturbances == expected
+    old = model_record(cores_had=[cores], usable_cores=2)
+    row = measurement(path="rollout", options={"threads": 2}, samples_s=[0.1])
+    records = [measurement(samples_s=[0.2]), row]
+    assert results.derive(old, records, None).disturbances == expected
 
 
 def test_a_run_is_derived_model_by_model_and_size_by_size() -> None:

@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
-from mjbench.instrument.stats import Estimate
+from mjbench.instrument.interval import Interval
 from mjbench.report.comparison import describe_work_crossover
-from mjbench.report.results import PathResult, StepTime
+from mjbench.report.results import PathResult
 from mjbench.report.work_crossovers import work_crossovers
 from mjbench.status import Status
 
@@ -25,9 +25,9 @@ def timed(path: str, nbatch: int, ns: float, **options: Any) -> PathResult:
         nbatch=nbatch,
         nbatch_asked=nbatch,
         nstep=NSTEP,
-        step_ns=StepTime(ns, ns),
+        step_ns=ns,
         steps_per_s=1e9 / ns,
-        speedup=Estimate(LOOP_NS / ns, None, None),
+        speedup=Interval(LOOP_NS / ns),
     )
 
 

@@ -146,8 +146,7 @@ def test_only_the_users_own_models_travel(tmp_path: Path) -> None:
 def test_every_option_that_a_plan_can_set_is_one_of_its_command() -> None:
     for command in COMMANDS.values():
         for option in command.options:
-            flags = [f"--{option.name}"] + [f"--no-{option.name}"] * option.is_switch
             from mjbench.cli import cli
 
             page = CliRunner().invoke(cli, [*command.name, "--help"]).output
-            assert any(flag in page for flag in flags), option.name
+            assert f"--{option.name}" in page

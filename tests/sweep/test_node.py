@@ -174,7 +174,7 @@ def test_a_command_ends_when_its_node_is_lost() -> None:
 
 
 def test_mjbench_itself_runs_and_ends_with_a_wrong_name() -> None:
-    line = CommandLine(("compare", "--budget", "0"), ("no_such_model",))
+    line = CommandLine(("compare", "--budget", "1s"), ("no_such_model",))
     began, finished = node.measure(Request(line), calibrate=lambda: QUIET)
     assert began == Began()
     assert isinstance(finished, Finished)

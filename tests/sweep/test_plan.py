@@ -55,7 +55,6 @@ nbatch = 8
 [compare]
 paths = ["rollout", "batch_step"]
 threads = [1, 2]
-confirm = false
 budget = "4s"
 
 [instructions]
@@ -82,7 +81,7 @@ max-stolen = 0
     options = {part.kind: " ".join(part.options) for part in plan.parts}
     assert options == {
         Kind.VERSIONS: "--min-effect 2% --time-limit 30 --as-shipped --nbatch 8",
-        Kind.COMPARE: "--paths rollout,batch_step --threads 1,2 --budget 4s --no-confirm",
+        Kind.COMPARE: "--paths rollout,batch_step --threads 1,2 --budget 4s",
         Kind.INSTRUCTIONS: "--nstep 20 --hold 5",
         Kind.HISTORY: "",
     }

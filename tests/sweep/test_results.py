@@ -1,8 +1,10 @@
 """Lines of a run file become sections: each cell with what was measured of it, and nothing else."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from example_races import compared, raced
 from example_records import measurement, model_record
 from sweep_examples import MACHINE, count_cell, header, line, verdict, verdict_cell
 
@@ -10,7 +12,6 @@ from mjbench.counts.records import InstructionsRecord
 from mjbench.errors import Failure, InputError
 from mjbench.instrument import runs
 from mjbench.instrument.run_set import RunSetFile, Section, read
-from mjbench.paired.confirmation import ConfirmationRecord
 from mjbench.releases.release_ratios import StepRatioRecord
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.status import Status
@@ -52,15 +53,7 @@ def test_a_section_can_be_read_back(tmp_path: Path) -> None:
         verdict(verdict_cell("humanoid")),
         verdict(CELLS[0], Status.INTERRUPTED),
         InstructionsRecord(model="pile", release="3.5.0"),
-        ConfirmationRecord(
-            model="pile",
-            nbatch_asked=None,
-            status=Status.OK,
-            baseline="a",
-            baseline_options={},
-            candidate="b",
-            candidate_options={},
-        ),
+        raced(model="pile"),
     ],
 )
 def test_what_was_not_asked_for_or_interrupted_completes_nothing(record: runs.Record) -> None:
@@ -80,7 +73,7 @@ def test_counts_and_ratios_complete_the_cell_of_their_model_and_release() -> Non
 
 
 def test_a_comparison_is_complete_when_its_command_has_ended() -> None:
-    lines = [header("compare"), line(model_record()), line(measurement())]
+    lines = [header("compare"), *map(line, compared(raced()))]
     collector = Collector([COMPARE], RECORD_TYPES)
     assert collector.add(lines) == []
     (result,) = collector.end(0)
@@ -99,6 +92,7 @@ def test_a_comparison_is_complete_when_its_command_has_ended() -> None:
         ((Status.OK, Status.OK), -9, False),
         ((Status.OK,), 130, False),
         ((Status.INTERRUPTED,), 130, False),
+        ((Status.OK, Status.OK, Status.CRASHED), 3, True),
         ((), 3, False),
     ],
 )
@@ -107,7 +101,8 @@ def test_a_comparison_that_ended_otherwise_than_its_records_say_is_not_complete(
 ) -> None:
     collector = Collector([COMPARE], RECORD_TYPES)
     records = [model_record(status=s) for s in statuses[:1]]
-    records += [measurement(status=s) for s in statuses[1:]]  # type: ignore[misc]
+    records += [measurement(status=s) for s in statuses[1:2]]  # type: ignore[misc]
+    records += [replace(raced(), status=s) for s in statuses[2:]]  # type: ignore[misc]
     collector.add([header("compare"), *map(line, records)])
     assert len(collector.end(code)) == is_complete
 

@@ -1,0 +1,337 @@
+"""How good is the race of `mjbench compare`? Its errors, on stored launches.
+
+    python -m benchmarks.studies.races measure [MODEL …] [--launches N]
+    python -m benchmarks.studies.races replay [--races N]
+
+`measure` launches all C paths of each model N times, and one of them twice in each launch, and
+writes the launches to results/races.jsonl. That takes a minute or more a model.
+
+`replay` draws launches from that file at random, runs the race on them as `compare` does, and
+writes results/races.json and the table in docs/method/timing.md. What all stored launches say is
+the truth there, so it counts: how often the fastest path is dropped; the regret, by how much the
+fastest path is faster than the one that is advised; how often the interval of a speed-up holds, of
+paths that left and of those that won; and how often a path is called faster than itself.
+"""
+
+import argparse
+import json
+import math
+import statistics
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from benchmarks.studies import tally_command
+from benchmarks.studies.tally_file import dumps
+from mjbench.errors import InputError, MachineError
+from mjbench.simulation import models
+from mjbench.status import ExitCode, Status
+
+if TYPE_CHECKING:
+    from mjbench.paired.race import RaceRecord
+
+RESULTS = Path(__file__).parents[2] / "results"
+LAUNCHES_FILE, TALLY_FILE = RESULTS / "races.jsonl", RESULTS / "races.json"
+PAGE = Path(__file__).parents[2] / "docs" / "method" / "timing.md"
+_BEGIN, _END = "<!-- races: written by benchmarks.studies.races -->", "<!-- end -->"
+# Seconds that a launch takes beside its blocks, and blocks that prepare a path, untimed.
+_START_S, _PREPARING_BLOCKS = 0.4, 2
+
+
+@dataclass(frozen=True)
+class ModelTally:
+    """How races on the launches of one model ended.
+
+    Attributes:
+      model: its name.
+      launches: that are stored.
+      entrants: paths that took part.
+      races: that were run.
+      dropped: share of races and loops that dropped the fastest path.
+      regret: mean over races of the share by which the fastest path is faster than the advised one,
+        of the loop for which it is larger.
+      worst_regret: the same that one race in a hundred exceeds.
+      decided: share of races and loops that were decided.
+      covered_left: share of the intervals of paths that left which hold the truth.
+      covered_final: the same of paths that were launched after the race.
+      half_width: median of half the width of the latter, as a share of the speed-up.
+      faster_than_itself: share of races that call the path that entered twice faster than itself.
+      race_launches: mean number of launches of a race, those after it included.
+      race_s: mean seconds of a race.
+    """
+
+    model: str
+    launches: int
+    entrants: int
+    races: int
+    dropped: float
+    regret: float
+    worst_regret: float
+    decided: float
+    covered_left: float
+    covered_final: float
+    half_width: float
+    faster_than_itself: float
+    race_launches: float
+    race_s: float
+
+
+@dataclass(frozen=True)
+class RaceTally:
+    """The tallies of all models, and the machine that made the launches."""
+
+    cpu: str
+    mujoco: str
+    models: Sequence[ModelTally]
+
+
+def measure(names: Sequence[str], launches: int) -> ExitCode:
+    """Store launches of all C paths of models."""
+    from mjbench.comparison import selection
+    from mjbench.comparison.compare import ModelChildren
+    from mjbench.comparison.plan import ComparisonPlan, Variant
+    from mjbench.instrument import machine
+    from mjbench.instrument.runs import to_json
+    from mjbench.paired.race import RaceRecord
+    from mjbench.paired.race_launches import RaceLaunches, RaceWork
+    from mjbench.paired.worker_pool import WorkerPool
+
+    (plan,) = selection.plans(ComparisonPlan(variants=()), [])
+    described = machine.describe()
+    with LAUNCHES_FILE.open("w", encoding="utf-8") as file, WorkerPool() as pool:
+        file.write(json.dumps({"cpu": described.cpu, **described.versions}) + "\n")
+        for name in names:
+            work = RaceWork(pool.new_file(".mjb"), pool.new_file(".pickle"))
+            source = models.resolve(name)
+            unused = pool.new_file(".pickle")
+            children = ModelChildren(source, plan, work.model_file, work.workload_file, unused)
+            ended = children.verify(lambda: None)
+            if ended.status != Status.OK or children.ready is None:
+                raise MachineError(f"{name}: {ended.detail}")
+            variants = [plan.variants[i] for i in children.agreeing]
+            twice = next((v for v in variants if v.path == "rollout"), Variant("python_loop", {}))
+            variants.append(twice)
+            made = RaceLaunches(pool, name, plan, variants, work)
+            timed = [made.launch(range(len(variants)), False) for _ in range(launches)]
+            compete = [i for i, v in enumerate(variants[:-1]) if v.options.get("clock") != "off"]
+            closed = [i for i in compete if _closed_loop(variants[i].path)]
+            record = RaceRecord(
+                model=source.path.stem,
+                steps=children.ready.nbatch * children.ready.nstep,
+                variants=variants,
+                groups=[compete, closed],
+                launches=timed,
+            )
+            file.write(json.dumps(to_json(record)) + "\n")
+            file.flush()
+            print(f"{name}: {launches} launches of {len(variants)} paths", flush=True)
+    return ExitCode.OK
+
+
+def _closed_loop(path: str) -> bool:
+    from mjbench import paths
+
+    return paths.find(path).closed_loop
+
+
+def replay(races: int) -> ExitCode:
+    """Run races on the stored launches, and store the tally."""
+    header, records = load(LAUNCHES_FILE)
+    rows = []
+    for number, record in enumerate(records):
+        rows.append(tally(record, races, np.random.default_rng(number)))
+        print(_row(rows[-1]), flush=True)
+    result = RaceTally(header["cpu"], header["mujoco"], rows)
+    TALLY_FILE.write_text(dumps(result), encoding="utf-8")
+    page = PAGE.read_text(encoding="utf-8")
+    before, _, rest = page.partition(_BEGIN)
+    _, _, after = rest.partition(_END)
+    text = "\n".join([_BEGIN, *lines(result), _END])
+    PAGE.write_text(f"{before}{text}{after}", encoding="utf-8")
+    return ExitCode.OK
+
+
+def lines(tally: RaceTally) -> list[str]:
+    """Return what the page says of a tally: what follows first, then the table."""
+    rows = tally.models
+    races = min(row.races for row in rows)
+    return [
+        f"Over {len(rows)} models, the advised path is slower than the fastest by"
+        f" {100 * max(row.regret for row in rows):.2f} % at most, on average over {races} races of"
+        " a model; the fastest path is dropped in"
+        f" {100 * max(row.dropped for row in rows):.1f} % of the races at most. Intervals hold in"
+        f" {100 * min(min(row.covered_left, row.covered_final) for row in rows):.1f} % of cases at"
+        " least. A path that enters twice is called faster than itself in"
+        f" {100 * max(row.faster_than_itself for row in rows):.1f} % of the races at most.",
+        f"(MuJoCo {tally.mujoco}, {tally.cpu}.)",
+        "",
+        "| model | paths | regret, % | in 1 of 100, % | dropped, % | decided, % | holds, left, % |"
+        " holds, final, % | ±, % | launches | seconds |",
+        "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
+        *(_line(row) for row in rows),
+    ]
+
+
+def _line(row: ModelTally) -> str:
+    shares = (
+        row.regret,
+        row.worst_regret,
+        row.dropped,
+        row.decided,
+        row.covered_left,
+        row.covered_final,
+        row.half_width,
+    )
+    cells = [f"{100 * share:.1f}" if math.isfinite(share) else "" for share in shares]
+    numbers = f"{row.race_launches:.0f} | {row.race_s:.0f}"
+    return f"| {row.model} | {row.entrants} | {' | '.join(cells)} | {numbers} |"
+
+
+def load(file: Path) -> "tuple[dict[str, str], list[RaceRecord]]":
+    """Return what made the launches, and the launches of each model.
+
+    Raises:
+      InputError: the file cannot be read.
+    """
+    import msgspec
+
+    from mjbench.paired.race import RaceRecord
+
+    try:
+        first, *lines = file.read_text(encoding="utf-8").splitlines()
+        records = [msgspec.convert(json.loads(line), RaceRecord) for line in lines]
+        header: dict[str, str] = json.loads(first)
+    except (OSError, ValueError, msgspec.MsgspecError) as error:
+        raise InputError(f"cannot read {file}: {error}; `measure` writes it") from error
+    return header, records
+
+
+def tally(stored: "RaceRecord", races: int, rng: np.random.Generator) -> ModelTally:
+    """Run races on the launches of a model, drawn at random.
+
+    The last variant is one that is among the others, too.
+
+    Args:
+      stored: all launches.
+      races: to run.
+      rng: draws launches.
+    """
+    truth = _true_speedups(stored)
+    entrants = len(stored.variants)
+    dropped, decided, itself = list[bool](), list[bool](), list[bool]()
+    covered: dict[bool, list[bool]] = {False: [], True: []}
+    regrets, widths, counts, seconds = list[float](), list[float](), list[int](), list[float]()
+    for _ in range(races):
+        record, spent_s = _one_race(stored, rng)
+        counts.append(len(record.launches))
+        seconds.append(spent_s)
+        itself.append(_is_faster_than_itself(record))
+        worst = 0.0
+        for group, place in zip(record.groups, record.standings(), strict=True):
+            assert place is not None, "each race has a launch"
+            best = max(group, key=lambda i: truth[i])
+            dropped.append(best not in {place.fastest, place.chosen, *place.rivals})
+            decided.append(place.is_decided)
+            worst = max(worst, truth[best] / truth[place.chosen] - 1)
+        regrets.append(worst)
+        for position in range(1, entrants):
+            launches = [each for each in record.launches if position in each.variants]
+            is_final = any(each.is_final for each in launches)
+            speedup = record.speedups[position]
+            if speedup is None or not speedup.is_bounded:
+                continue
+            covered[is_final].append(speedup.covers(truth[position]))
+            if is_final and speedup.low is not None and speedup.high is not None:
+                widths.append((speedup.high - speedup.low) / 2 / speedup.estimate)
+    return ModelTally(
+        model=stored.model,
+        launches=len(stored.launches),
+        entrants=entrants,
+        races=races,
+        dropped=float(np.mean(dropped)),
+        regret=statistics.mean(regrets),
+        worst_regret=float(np.quantile(regrets, 0.99)),
+        decided=float(np.mean(decided)),
+        covered_left=float(np.mean(covered[False])) if covered[False] else math.nan,
+        covered_final=float(np.mean(covered[True])) if covered[True] else math.nan,
+        half_width=statistics.median(widths) if widths else math.nan,
+        faster_than_itself=float(np.mean(itself)),
+        race_launches=statistics.mean(counts),
+        race_s=statistics.mean(seconds),
+    )
+
+
+def _true_speedups(stored: "RaceRecord") -> list[float]:
+    """Return the speed-up of each variant over the plain loop in all launches."""
+    logs = [[each.log_ratio(i, 0) for each in stored.launches] for i in range(len(stored.variants))]
+    return [math.exp(statistics.mean(of_variant)) for of_variant in logs]
+
+
+def _one_race(stored: "RaceRecord", rng: np.random.Generator) -> "tuple[RaceRecord, float]":
+    """Return a race on launches drawn at random, and the seconds that it took."""
+    from mjbench.comparison.plan import BUDGET_S
+    from mjbench.paired.race import RaceBudget, RaceLaunch, race
+
+    spent_s = 0.0
+
+    def launch(positions: Sequence[int], is_final: bool) -> RaceLaunch:
+        nonlocal spent_s
+        drawn = stored.launches[rng.integers(len(stored.launches))]
+        ns = [[row[i] for i in positions] for row in drawn.ns]
+        rounds = 1 + _PREPARING_BLOCKS / len(ns)
+        spent_s += _START_S + 1e-9 * rounds * sum(map(sum, ns))
+        return RaceLaunch(drawn.cores, list(positions), ns, is_final)
+
+    entered = replace(stored, launches=())
+    # agreement takes a few seconds of the budget
+    *_, last = race(entered, launch, RaceBudget(BUDGET_S - 5.0, lambda: spent_s))
+    return last, spent_s
+
+
+def _is_faster_than_itself(record: "RaceRecord") -> bool:
+    """Return whether the path that entered twice is certainly faster or slower than itself."""
+    last = len(record.variants) - 1
+    first = record.variants.index(record.variants[last])
+    ratio = record.ratio_of(first, last)
+    return ratio is not None and not ratio.covers(1.0)
+
+
+def _row(row: ModelTally) -> str:
+    return (
+        f"{row.model:20} regret {100 * row.regret:5.2f} %, {100 * row.worst_regret:.1f} % in one of"
+        " a hundred"
+        f"  dropped {100 * row.dropped:.2f} %  decided {100 * row.decided:.0f} %"
+        f"  held {100 * row.covered_left:.1f} % left, {100 * row.covered_final:.1f} % final"
+        f"  ±{100 * row.half_width:.1f} %  itself {100 * row.faster_than_itself:.1f} %"
+        f"  {row.race_launches:.1f} launches, {row.race_s:.1f} s"
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> ExitCode:
+    """Measure launches, or replay races on them."""
+    assert __doc__ is not None
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    commands = parser.add_subparsers(dest="command", required=True)
+    measuring = commands.add_parser("measure", help="store launches of all C paths")
+    measuring.add_argument("models", nargs="*", metavar="MODEL", help="default: all of ours")
+    measuring.add_argument("--launches", type=int, default=60)
+    replaying = commands.add_parser("replay", help="run races on the stored launches")
+    replaying.add_argument("--races", type=int, default=200)
+    options = parser.parse_args(arguments)
+    if options.command == "measure":
+        names = options.models or list(models.shipped())
+        return tally_command.run(
+            "races", lambda: measure(names, options.launches), "finished models are stored"
+        )
+    return tally_command.run("races", lambda: replay(options.races), "nothing is stored")
+
+
+if __name__ == "__main__":
+    # Not this module's own `main`: see c_floor.
+    from benchmarks.studies import races as own
+
+    sys.exit(own.main())

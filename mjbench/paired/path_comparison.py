@@ -1,0 +1,229 @@
+"""Compare the ways of stepping one model: agreement in one child, then a race in fresh processes.
+
+`compare_model` yields what is known after each launch of the race, so that a table can be shown
+early. Accelerated paths, which compile first, are measured after the race.
+"""
+
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from mjbench import paths
+from mjbench.comparison.compare import ModelChildren
+from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
+from mjbench.comparison.records import MeasurementRecord, ModelRecord, of_model
+from mjbench.instrument import neighbours
+from mjbench.instrument.machine import ProcessorTime
+from mjbench.instrument.progress import Progress
+from mjbench.instrument.runs import Record
+from mjbench.paired.race import RaceBudget, RaceRecord, race
+from mjbench.paired.race_launches import RaceLaunches, RaceWork
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.simulation.models import ModelSource
+from mjbench.status import FINISHED, Status
+
+# Share of a model's progress that verification stands for; the race is the rest.
+_VERIFICATION_SHARE = 0.2
+
+
+@dataclass(frozen=True)
+class ModelComparison:
+    """What is known of one model at one size.
+
+    Attributes:
+      model: its record.
+      measurements: one a variant, in the plan's order.
+      race: of the paths that run C and agree; None before its first launch, and where it had none.
+      is_over: whether nothing more is measured.
+    """
+
+    model: ModelRecord
+    measurements: tuple[MeasurementRecord, ...]
+    race: RaceRecord | None = None
+    is_over: bool = False
+
+    @property
+    def is_interrupted(self) -> bool:
+        """Whether the user stopped it."""
+        ended = self.model.status, self.race.status if self.race else Status.OK
+        return self.is_over and Status.INTERRUPTED in ended
+
+    @property
+    def records(self) -> list[ModelRecord | MeasurementRecord | RaceRecord]:
+        """The records in the order they are stored."""
+        return [self.model, *self.measurements, *([self.race] if self.race else [])]
+
+
+def stored(
+    source: ModelSource, plan: ComparisonPlan, records: Sequence[object]
+) -> ModelComparison | None:
+    """Return the comparison of a model at the plan's size from records of a run; None without."""
+    for record in records:
+        if not isinstance(record, ModelRecord):
+            continue
+        if (record.model, record.nbatch_asked) == (source.name, plan.nbatch):
+            race = race_of(record, records)
+            return ModelComparison(record, tuple(of_model(record, records)), race, is_over=True)
+    return None
+
+
+def race_of(model: ModelRecord, records: Sequence[object]) -> RaceRecord | None:
+    """Return the race of a model at one size, from the records of a run; None without one."""
+    for record in records:
+        if isinstance(record, RaceRecord) and (record.model, record.nbatch_asked) == (
+            model.model,
+            model.nbatch_asked,
+        ):
+            return record
+    return None
+
+
+def finished(records: Sequence[Record], nvariant: int) -> list[Record]:
+    """Return the records that need not be measured again when a run is continued.
+
+    Those are of models whose race and whose variants all ended, none by a failure.
+
+    Args:
+      records: of the run.
+      nvariant: how many measurements a model has.
+    """
+    done: list[Record] = []
+    for model in records:
+        if not isinstance(model, ModelRecord) or model.status not in FINISHED:
+            continue
+        measurements, its_race = of_model(model, records), race_of(model, records)
+        raced = [m for m in measurements if m.status == Status.OK and not m.samples_s]
+        if raced and its_race is None:  # the last line of the file was cut short
+            continue
+        statuses = [each.status for each in measurements] + ([its_race.status] if its_race else [])
+        if len(measurements) == nvariant and all(status in FINISHED for status in statuses):
+            done += [model, *measurements, *([its_race] if its_race else [])]
+    return done
+
+
+def compare_model(
+    pool: WorkerPool,
+    source: ModelSource,
+    plan: ComparisonPlan,
+    on_progress: Progress,
+    clock: Callable[[], float] = time.monotonic,
+) -> Iterator[ModelComparison]:
+    """Compare the paths of a plan; yield what is known after each launch, and at the end.
+
+    Ctrl-C ends it: what is known then comes last.
+
+    Args:
+      pool: starts the processes of launches.
+      source: the model.
+      plan: of the comparison.
+      on_progress: called as it goes on.
+      clock: returns seconds.
+    """
+    comparison = _PathComparison(pool, source, plan, on_progress, clock)
+    try:
+        yield from comparison.run()
+    except KeyboardInterrupt:
+        comparison.children.ended = None
+    yield comparison.snapshot(is_over=True)
+
+
+class _PathComparison:
+    """The comparison of one model, and what is known so far."""
+
+    def __init__(
+        self,
+        pool: WorkerPool,
+        source: ModelSource,
+        plan: ComparisonPlan,
+        on_progress: Progress,
+        clock: Callable[[], float],
+    ):
+        self._pool, self._plan, self._name = pool, plan, source.name
+        self._on_progress, self._clock = on_progress, clock
+        self._begin_s, self._processor_time = clock(), ProcessorTime.now()
+        self._work = RaceWork(pool.new_file(".mjb"), pool.new_file(".pickle"))
+        self.children = ModelChildren(
+            source,
+            plan,
+            self._work.model_file,
+            self._work.workload_file,
+            pool.new_file(".pickle"),
+        )
+        self._race: RaceRecord | None = None
+
+    def run(self) -> Iterator[ModelComparison]:
+        """Verify, race, and measure what compiles; yield what is known in between."""
+        children = self.children
+        ended = children.verify(self._show_verifying)
+        if ended.status != Status.OK:
+            return
+        yield from self._run_race()
+        if self._race is not None and self._race.status == Status.INTERRUPTED:
+            return
+        for index in children.accelerated:
+            self._on_progress(f"{self._name}: {self._plan.variants[index]}", 1.0)
+            children.run_accelerated(index)
+            yield self.snapshot()
+
+    def snapshot(self, is_over: bool = False) -> ModelComparison:
+        """Return what is known now."""
+        self.children.is_over = is_over
+        timed: list[int] = []
+        if self._race is not None:
+            positions = {i for launch in self._race.launches for i in launch.variants}
+            timed = [self._plan.variants.index(self._race.variants[i]) for i in positions]
+        return ModelComparison(
+            self.children.model_record(), self.children.measurements(timed), self._race, is_over
+        )
+
+    def _run_race(self) -> Iterator[ModelComparison]:
+        agreeing = self.children.agreeing
+        if 0 not in agreeing:  # the plain loop
+            return
+        variants = [self._plan.variants[i] for i in agreeing]
+        launches = RaceLaunches(self._pool, self._name, self._plan, variants, self._work)
+        entered = self._entered(variants)
+        budget = RaceBudget(self._begin_s + self._plan.budget_s, self._clock)
+        for record in race(entered, launches.launch, budget):
+            self._race = self._with_disturbance(record)
+            for unable in record.unable:
+                index = agreeing[unable.variant]
+                self.children.revise(index, unable.status, unable.detail)
+            self._show_racing(record)
+            yield self.snapshot()
+
+    def _entered(self, variants: Sequence[Variant]) -> RaceRecord:
+        ready = self.children.ready
+        assert ready is not None, "the paths were verified"
+        slow = [i for i, each in enumerate(variants) if paths.find(each.path).starts_slowly]
+        compete = [i for i, v in enumerate(variants) if v != WITHOUT_TIMER and i not in slow]
+        closed_loop = [i for i in compete if paths.find(variants[i].path).closed_loop]
+        return RaceRecord(
+            model=self._name,
+            nbatch_asked=self._plan.nbatch,
+            steps=ready.nbatch * ready.nstep,
+            variants=variants,
+            groups=[compete, closed_loop],
+            slow=slow,
+        )
+
+    def _with_disturbance(self, record: RaceRecord) -> RaceRecord:
+        """Return the record with what disturbed it."""
+        others = [each for each in neighbours.measuring_now() if each.pid != os.getpid()]
+        names = sorted({*record.neighbours, *(each.command for each in others)})
+        return replace(
+            record,
+            stolen_share=ProcessorTime.now().stolen_since(self._processor_time),
+            neighbours=names,
+        )
+
+    def _show_verifying(self) -> None:
+        share = _VERIFICATION_SHARE * self.children.share_verified
+        self._on_progress(f"{self._name}: do all paths agree?", share)
+
+    def _show_racing(self, record: RaceRecord) -> None:
+        spent = (self._clock() - self._begin_s) / self._plan.budget_s
+        left = len(record.launches[-1].variants) if record.launches else len(record.variants)
+        text = f"{self._name}: launch {len(record.launches)}, {left} paths left"
+        self._on_progress(text, min(1.0, max(_VERIFICATION_SHARE, spent)))

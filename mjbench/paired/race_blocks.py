@@ -1,0 +1,77 @@
+"""The blocks of one launch of a race: paths that run one workload in turns, in this process.
+
+It is the worker's part of `race`: after the worker has read model and workload, it prepares one
+path after the other, and then times blocks of them as it is asked. The simulations are reordered
+before each round, so that the output of an earlier block is wrong, and what every block returns is
+compared, outside the timed region.
+"""
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mjbench import paths
+from mjbench.comparison.verification import ReferenceCase
+from mjbench.errors import InputError, MachineError
+from mjbench.paired.requests import PrepareEntrant, TimedEntrant, TimeEntrant
+from mjbench.simulation.model_guard import ModelGuard
+
+
+@dataclass
+class RaceBlocks:
+    """The paths of one launch, and the work that all of them do.
+
+    Attributes:
+      case: the workload, and what it must come to.
+      rng: draws the orders of simulations.
+    """
+
+    case: ReferenceCase
+    rng: np.random.Generator
+    _prepared: list[paths.Prepared] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._guard = ModelGuard(self.case.workload.model)
+
+    def prepare(self, request: PrepareEntrant) -> None:
+        """Prepare a path after the others, and run it twice, the first time to check it.
+
+        Raises:
+          InputError: it cannot run, or returns something else than the plain loop.
+          MachineError: it changes the model, which all paths share.
+        """
+        path, workload = paths.find(request.path), self.case.workload
+        reason = path.unavailable() or path.cannot_return(workload.returns)
+        reason = reason or path.unsuited(workload, request.options)
+        if reason:
+            raise InputError(reason)
+        prepared = path.prepare(workload, request.options, self.case.resources)
+        if difference := self.case.difference(prepared.verified_states(), prepared):
+            raise InputError(f"in a fresh process: {difference}")
+        prepared.clear()
+        prepared.run()
+        self._check_model()
+        self._prepared.append(prepared)
+
+    def time(self, request: TimeEntrant) -> TimedEntrant:
+        """Run one block of a path, and compare what it returns.
+
+        Raises:
+          MachineError: the path changes the model, which all of them share.
+        """
+        if request.reorders:
+            self.case.reorder(self.rng)
+        prepared, clock = self._prepared[request.number], time.perf_counter_ns
+        prepared.clear()
+        run = prepared.run
+        begin = clock()
+        run()
+        ns = clock() - begin
+        self._check_model()
+        difference = self.case.difference(prepared.final_states(), prepared)
+        return TimedEntrant(ns, f"in a timed block: {difference}" if difference else "")
+
+    def _check_model(self) -> None:
+        if changed := self._guard.change():
+            raise MachineError(f"changes the model, which all paths share: {changed}")

@@ -1,0 +1,50 @@
+"""The race of `compare` on stored launches: the tally, and the page that has it."""
+
+import numpy as np
+import pytest
+
+from benchmarks.studies import races
+from benchmarks.studies.tally_file import load
+from mjbench.comparison.plan import Variant
+from mjbench.paired.race import RaceLaunch, RaceRecord
+
+SPEEDS = [1.0, 1.3, 2.0, 1.3]
+
+
+def stored(spread: float, twice_as_slow: float = 1.0) -> RaceRecord:
+    """Return launches of four variants, the last of which is the second once more."""
+    rng = np.random.default_rng(0)
+    speeds = np.array(SPEEDS) / [1.0, 1.0, 1.0, twice_as_slow]
+    launches = []
+    for _ in range(30):
+        ns = np.round(1e7 / speeds * np.exp(rng.normal(0, spread, len(speeds)))).astype(int)
+        launches.append(RaceLaunch(None, range(len(speeds)), [ns.tolist()] * 4))
+    names = ["python_loop", "rollout", "batch", "rollout"]
+    return RaceRecord(
+        model="m",
+        steps=1000,
+        variants=[Variant(name, {}) for name in names],
+        groups=[[0, 1, 2], [0, 1]],
+        launches=launches,
+    )
+
+
+def test_clear_differences_are_decided_without_regret() -> None:
+    row = races.tally(stored(0.01), 10, np.random.default_rng(1))
+    assert (row.regret, row.dropped, row.decided) == (0.0, 0.0, 1.0)
+    assert (row.races, row.launches, row.entrants) == (10, 30, 4)
+    assert row.covered_final > 0.8
+    assert row.half_width < 0.02
+
+
+def test_a_path_that_differs_from_itself_is_counted() -> None:
+    row = races.tally(stored(0.002, twice_as_slow=1.1), 5, np.random.default_rng(1))
+    assert row.faster_than_itself == 1.0
+
+
+def test_the_page_has_the_stored_tally() -> None:
+    if not races.TALLY_FILE.exists():
+        pytest.skip("no tally is stored")
+    stored_tally = load(races.TALLY_FILE, races.RaceTally, "races")
+    page = races.PAGE.read_text(encoding="utf-8")
+    assert "\n".join(races.lines(stored_tally)) in page

@@ -1,0 +1,180 @@
+"""What becomes of a model's paths when one of them, or a child, fails, and whose row pays."""
+
+import itertools
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from commands import TESTS
+from pretender import Pretender
+
+from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
+from mjbench.paired import path_comparison
+from mjbench.paired.path_comparison import ModelComparison
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.report.results import PathResult, derive
+from mjbench.simulation import models
+from mjbench.simulation.engine_clock import has_clock
+from mjbench.status import Status
+
+
+def comparisons(
+    pool: WorkerPool, file: str, *variants: Variant, limit_s: float = 60.0
+) -> Iterator[ModelComparison]:
+    """Compare paths on a model in one launch; yield what is known, as it comes."""
+    plan = ComparisonPlan(
+        variants=(Variant("python_loop", {}), *variants),
+        nbatch=3,
+        nstep=4,
+        budget_s=0.1,
+        limit_s=limit_s,
+        import_from=str(TESTS),
+    )
+    source = models.resolve(file)
+    return path_comparison.compare_model(pool, source, plan, lambda name, share: None)
+
+
+def results(known: ModelComparison) -> dict[str, PathResult]:
+    """Return the results of paths by name."""
+    rows = derive(known.model, known.measurements, known.race).results
+    return {row.path: row for row in rows}
+
+
+def measured(
+    pool: WorkerPool, file: str, *names: str, limit_s: float = 60.0
+) -> dict[str, PathResult]:
+    """Return the results of paths by name, from one launch."""
+    variants = [Variant(name, {}) for name in names]
+    *_, last = comparisons(pool, file, *variants, limit_s=limit_s)
+    return results(last)
+
+
+@pytest.mark.parametrize(
+    ("name", "status", "detail"),
+    [
+        ("CrashesWhenTimed", Status.CRASHED, "SIGSEGV) while timing wrong_paths:CrashesWhenTimed"),
+        ("HangsWhenTimed", Status.TIMEOUT, "while timing wrong_paths:HangsWhenTimed"),
+        ("SharedModel", Status.FAILED, "which all paths share: opt.disableflags while preparing"),
+        ("SharedModelWhenTimed", Status.FAILED, "which all paths share: body_mass while timing"),
+        ("Crashes", Status.CRASHED, "SIGSEGV) while preparing wrong_paths:Crashes"),
+        ("Exits", Status.CRASHED, "exit code 0 while preparing wrong_paths:Exits"),
+        ("RaisesWhenTimed", Status.FAILED, "SystemExit: enough while timing wrong_paths:Raises"),
+    ],
+)
+def test_a_path_that_ends_the_child_costs_its_own_row_alone(
+    pool: WorkerPool, contact_file: str, name: str, status: Status, detail: str
+) -> None:
+    culprit = f"wrong_paths:{name}"
+    pool.limit_s = 3.0 if status == Status.TIMEOUT else 30.0
+    rows = measured(pool, contact_file, culprit, "python_loop_hold", limit_s=pool.limit_s)
+    pool.limit_s = 30.0
+    assert rows[culprit].status == status
+    assert detail in rows[culprit].detail
+    assert not rows[culprit].is_timed
+    for name in ("python_loop", "python_loop_hold"):
+        assert rows[name].is_timed, rows[name].detail
+
+
+def test_a_path_that_replays_its_warm_up_is_caught_in_the_first_round(
+    pool: WorkerPool, contact_file: str
+) -> None:
+    rows = measured(pool, contact_file, "wrong_paths:MemoWhenTimed", "python_loop_hold")
+    assert rows["wrong_paths:MemoWhenTimed"].status == Status.DISAGREES
+    assert "in a timed block" in rows["wrong_paths:MemoWhenTimed"].detail
+    assert rows["python_loop_hold"].is_timed
+
+
+def test_the_plain_loop_is_timed_without_the_engines_clock_too(
+    pool: WorkerPool, contact_file: str
+) -> None:
+    if not has_clock(models.load(models.resolve(contact_file))):
+        pytest.skip("this release of MuJoCo has no clock of its own")
+    *_, last = comparisons(pool, contact_file, WITHOUT_TIMER)
+    assert last.race is not None
+    assert last.race.launch_count(WITHOUT_TIMER) == 1
+    assert last.race.groups == [[0], [0]]
+
+
+def test_what_is_known_comes_after_each_launch(pool: WorkerPool, contact_file: str) -> None:
+    first, *_, last = comparisons(pool, contact_file, Variant("rollout", {"threads": 1}))
+    assert first.race is not None
+    assert len(first.race.launches) == 1
+    assert (first.is_over, last.is_over) == (False, True)
+    assert last.race is not None
+    assert last.race.is_cut_short
+    assert last.race.steps == 12
+
+
+def test_a_race_measures_a_variant_that_takes_seconds_to_start_last(
+    pool: WorkerPool, contact_file: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mjbench.paths.rollout.Rollout.starts_slowly", True)
+    *_, last = comparisons(pool, contact_file, Variant("rollout", {"threads": 1}))
+    assert last.race is not None
+    assert (last.race.groups, last.race.slow) == ([[0], [0]], [1])
+
+
+@pytest.mark.parametrize("at_launch", [0, 1])
+def test_what_was_measured_before_an_interruption_comes_last(
+    pool: WorkerPool, contact_file: str, monkeypatch: pytest.MonkeyPatch, at_launch: int
+) -> None:
+    launch: Callable[..., object] = path_comparison.RaceLaunches.launch
+    numbers = itertools.count()
+
+    def interrupted(*arguments: object) -> object:
+        if next(numbers) == at_launch:
+            raise KeyboardInterrupt
+        return launch(*arguments)
+
+    monkeypatch.setattr(path_comparison.RaceLaunches, "launch", interrupted)
+    monkeypatch.setattr("mjbench.paired.race.RaceBudget.left_s", lambda budget: 100.0)
+    *_, last = comparisons(pool, contact_file, Variant("python_loop_hold", {}))
+    assert last.is_interrupted
+    assert last.race is not None
+    assert len(last.race.launches) == at_launch
+    assert results(last)["python_loop_hold"].is_timed == (at_launch > 0)
+
+
+def test_two_paths_that_end_the_child_cost_two_rows(pool: WorkerPool, contact_file: str) -> None:
+    names = ("wrong_paths:Crashes", "wrong_paths:CrashesWhenTimed")
+    rows = measured(pool, contact_file, *names)
+    assert [rows[name].status for name in names] == [Status.CRASHED] * 2
+    assert rows["python_loop"].is_timed
+
+
+def test_a_model_that_cannot_be_loaded_has_rows_that_say_so(
+    pool: WorkerPool, tmp_path: Path
+) -> None:
+    (tmp_path / "broken.xml").write_text("<mujoco><nothing/></mujoco>")
+    rows = measured(pool, str(tmp_path / "broken.xml"), "python_loop_hold")
+    assert {row.status for row in rows.values()} == {Status.INPUT}
+    assert all("cannot load" in row.detail for row in rows.values())
+
+
+def test_a_path_that_changes_its_process_is_measured_all_the_same(
+    pool: WorkerPool, contact_file: str
+) -> None:
+    rows = measured(pool, contact_file, "wrong_paths:Untidy", "python_loop_hold")
+    assert all(row.is_timed for row in rows.values()), [row.detail for row in rows.values()]
+
+
+def test_an_accelerated_path_that_fails_in_the_parent_costs_its_own_row(
+    pool: WorkerPool, contact_file: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(self: object) -> dict[str, str | None]:
+        raise RuntimeError("no environment")
+
+    monkeypatch.setattr(Pretender, "environment", fail)
+    rows = measured(pool, contact_file, "pretender:Pretender")
+    assert rows["pretender:Pretender"].status == Status.FAILED
+    assert rows["pretender:Pretender"].detail == "RuntimeError: no environment"
+    assert rows["python_loop"].is_timed
+
+
+def test_a_model_whose_race_was_torn_off_is_measured_again(
+    pool: WorkerPool, contact_file: str
+) -> None:
+    *_, last = comparisons(pool, contact_file, Variant("python_loop_hold", {}))
+    records = last.records
+    assert path_comparison.finished(records, 2) == records
+    assert path_comparison.finished(records[:-1], 2) == []

@@ -1,0 +1,288 @@
+"""Which path is the fastest: the rule, on synthetic launches with a known truth."""
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from mjbench.comparison.plan import Variant
+from mjbench.errors import MachineError
+from mjbench.paired import race
+from mjbench.paired.race import (
+    FINAL_LAUNCHES,
+    MIN_FINAL_LAUNCHES,
+    MIN_LAUNCHES,
+    RaceBudget,
+    RaceLaunch,
+    RaceRecord,
+    UnableError,
+    UnableVariant,
+)
+from mjbench.status import Status
+
+BASE_NS = 10_000_000
+
+
+@dataclass
+class Track:
+    """Launches variants whose speeds are known; each launch takes a fifth of a second and
+    as much for each variant.
+
+    Attributes:
+      speeds: of the variants, over the plain loop, which is the first.
+      spread: standard deviation of the logarithm of a variant's time in a launch.
+      before: called before each launch with its number; it may raise.
+    """
+
+    speeds: Sequence[float]
+    spread: float = 0.01
+    before: Callable[[int, Sequence[int]], None] = lambda number, positions: None
+    now_s: float = 0.0
+    launched: list[tuple[list[int], bool]] = field(default_factory=list)
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+
+    def clock(self) -> float:
+        return self.now_s
+
+    def launch(self, positions: Sequence[int], is_final: bool) -> RaceLaunch:
+        self.before(len(self.launched), positions)
+        self.now_s += 0.2 + 0.2 * len(positions)
+        self.launched.append((list(positions), is_final))
+        noise = np.exp(self.rng.normal(0, self.spread, len(self.speeds)))
+        ns = [round(BASE_NS / self.speeds[i] * noise[i]) for i in positions]
+        return RaceLaunch(None, list(positions), [ns, ns], is_final)
+
+    def run(self, record: RaceRecord, budget_s: float = 60.0) -> list[RaceRecord]:
+        return list(race.race(record, self.launch, RaceBudget(budget_s, self.clock)))
+
+
+def entered(count: int, **fields: object) -> RaceRecord:
+    values: dict[str, object] = {
+        "model": "m",
+        "steps": 1000,
+        "variants": [Variant(f"path{i}", {}) for i in range(count)],
+        "groups": [list(range(count))],
+        **fields,
+    }
+    return RaceRecord(**values)  # type: ignore[arg-type]
+
+
+def test_paths_that_are_certainly_slower_leave_and_the_fastest_wins() -> None:
+    track = Track([1.0, 1.1, 1.5, 2.0])
+    record = track.run(entered(4))[-1]
+    (place,) = record.standings()
+    assert place is not None
+    assert (place.fastest, place.chosen, place.rivals) == (3, 3, [])
+    assert place.is_decided
+    assert not record.is_cut_short
+    assert track.launched[0] == ([0, 1, 2, 3], False)
+    assert [0, 3] in [positions for positions, _ in track.launched]
+
+
+def test_the_figures_of_winners_and_the_plain_loop_are_of_launches_after_the_race() -> None:
+    track = Track([1.0, 1.2, 2.0])
+    record = track.run(entered(3))[-1]
+    finals = [launch for launch in record.launches if launch.is_final]
+    assert len(finals) == FINAL_LAUNCHES
+    assert all(list(launch.variants) == [0, 2] for launch in finals)
+    assert record.launch_count(record.variants[2]) == FINAL_LAUNCHES
+    assert record.launch_count(record.variants[1]) < len(record.launches)
+    speedup = record.speedup(record.variants[2])
+    assert speedup is not None
+    assert speedup.covers(2.0)
+    assert speedup.estimate == pytest.approx(2.0, rel=0.02)
+
+
+def test_the_step_of_the_plain_loop_is_the_median_over_launches() -> None:
+    record = Track([1.0, 2.0], spread=0.0).run(entered(2))[-1]
+    assert record.base_step_ns == pytest.approx(BASE_NS / 1000)
+
+
+def test_of_paths_that_are_as_good_the_simplest_is_chosen() -> None:
+    (place,) = Track([1.0, 2.0, 2.002], spread=0.003).run(entered(3))[-1].standings()
+    assert place is not None
+    assert place.chosen == 1
+
+
+def test_a_race_that_has_no_time_is_cut_short_and_says_so() -> None:
+    record = Track([1.0, 1.001, 1.002], spread=0.2).run(entered(3), budget_s=4.0)[-1]
+    (place,) = record.standings()
+    assert record.is_cut_short
+    assert place is not None
+    assert not place.is_decided
+    assert place.most_gain > 0.02
+
+
+def test_the_budget_bounds_the_launches_after_the_race_too() -> None:
+    track = Track([1.0, 1.001, 1.002, 1.003], spread=0.1)
+    track.run(entered(4), budget_s=20.0)
+    assert track.now_s <= 20.0
+    assert sum(is_final for _, is_final in track.launched) >= MIN_FINAL_LAUNCHES
+
+
+def test_one_launch_is_made_whatever_the_budget() -> None:
+    track = Track([1.0, 2.0])
+    record = track.run(entered(2), budget_s=0.5)[-1]
+    assert len(record.launches) == 1
+    assert record.is_cut_short
+    speedup = record.speedup(record.variants[1])
+    assert speedup is not None
+    assert not speedup.is_bounded
+
+
+def test_what_is_known_is_yielded_after_every_launch() -> None:
+    track = Track([1.0, 2.0])
+    counts = [len(record.launches) for record in track.run(entered(2))]
+    assert counts == [*range(1, len(track.launched) + 1), len(track.launched)]
+
+
+def test_a_variant_in_no_group_is_in_every_launch_and_never_wins() -> None:
+    track = Track([1.0, 3.0, 2.0])
+    record = track.run(entered(3, groups=[[0, 2]]))[-1]
+    assert all(1 in positions for positions, _ in track.launched)
+    (place,) = record.standings()
+    assert place is not None
+    assert place.chosen == 2
+
+
+def test_a_slow_variant_is_timed_last_beside_the_plain_loop() -> None:
+    track = Track([1.0, 2.0, 1.5])
+    record = track.run(entered(3, groups=[[0, 1]], slow=[2]))[-1]
+    last = track.launched[-MIN_FINAL_LAUNCHES:]
+    assert last == [([0, 2], True)] * MIN_FINAL_LAUNCHES
+    speedup = record.speedup(record.variants[2])
+    assert speedup is not None
+    assert speedup.estimate == pytest.approx(1.5, rel=0.05)
+
+
+def test_a_variant_that_cannot_go_on_leaves_and_the_others_go_on() -> None:
+    def before(number: int, positions: Sequence[int]) -> None:
+        if number == 1 and 1 in positions:
+            raise UnableError(UnableVariant(1, Status.DISAGREES, "in a timed block: qpos[0]"))
+
+    record = Track([1.0, 2.0, 1.8], before=before).run(entered(3))[-1]
+    assert [each.variant for each in record.unable] == [1]
+    assert record.status == Status.OK
+    (place,) = record.standings()
+    assert place is not None
+    assert place.chosen == 2
+
+
+def test_a_race_without_its_plain_loop_ends() -> None:
+    def before(number: int, positions: Sequence[int]) -> None:
+        raise UnableError(UnableVariant(0, Status.CRASHED, "killed by SIGSEGV"))
+
+    record = Track([1.0, 2.0], before=before).run(entered(2))[-1]
+    assert record.status == Status.INPUT
+    assert record.launches == ()
+    assert record.standings() == [None]
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [(MachineError("it crashed"), Status.FAILED), (KeyboardInterrupt(), Status.INTERRUPTED)],
+)
+def test_what_was_measured_before_a_failure_is_kept(error: BaseException, status: Status) -> None:
+    def before(number: int, positions: Sequence[int]) -> None:
+        if number == 2:
+            raise error
+
+    record = Track([1.0, 2.0], before=before).run(entered(2))[-1]
+    assert (record.status, len(record.launches)) == (status, 2)
+    assert record.is_cut_short
+
+
+def test_a_path_that_is_fast_in_its_first_launch_alone_is_not_advised() -> None:
+    speeds = itertools.chain([3.0], itertools.repeat(0.9))
+    track = Track([1.0, 1.0, 1.5])
+
+    def before(number: int, positions: Sequence[int]) -> None:
+        track.speeds = [1.0, next(speeds), 1.5]
+
+    track.before = before
+    (place,) = track.run(entered(3))[-1].standings()
+    assert place is not None
+    assert place.chosen == 2
+
+
+def test_a_path_that_is_slower_by_3_percent_in_every_third_launch_is_not_the_fastest() -> None:
+    track = Track([1.0, 2.0, 2.0], spread=0.002)
+
+    def before(number: int, positions: Sequence[int]) -> None:
+        track.speeds = [1.0, 2.0, 2.0 / (1.03 if number % 3 == 0 else 1.0)]
+
+    track.before = before
+    (place,) = track.run(entered(3))[-1].standings()
+    assert place is not None
+    assert place.chosen == 1
+
+
+def test_a_path_that_is_entered_twice_is_never_faster_than_itself() -> None:
+    for seed in range(30):
+        track = Track([1.0, 2.0, 2.0, 1.2], rng=np.random.default_rng(seed))
+        record = track.run(entered(4), budget_s=25.0)[-1]
+        ratio = record.ratio(record.variants[1], record.variants[2])
+        assert ratio is not None
+        assert ratio.covers(1.0)
+        (place,) = record.standings()
+        assert place is not None
+        assert {1, 2} <= {place.fastest, place.chosen, *place.rivals}
+
+
+def test_the_fastest_is_hardly_ever_dropped() -> None:
+    dropped = 0
+    rng = np.random.default_rng(1)
+    for _ in range(40):
+        speeds = [1.0, *np.exp(rng.normal(0.3, 0.1, 7))]
+        track = Track(speeds, spread=0.03, rng=rng)
+        (place,) = track.run(entered(8), budget_s=25.0)[-1].standings()
+        assert place is not None
+        dropped += int(np.argmax(speeds)) not in {place.fastest, place.chosen, *place.rivals}
+    assert dropped <= 40 * race.ERROR
+
+
+def test_intervals_hold_for_paths_that_left_and_for_winners() -> None:
+    covered: list[bool] = []
+    rng = np.random.default_rng(2)
+    for _ in range(40):
+        speeds = [1.0, *np.exp(rng.normal(0.2, 0.15, 5))]
+        record = Track(speeds, spread=0.02, rng=rng).run(entered(6), budget_s=25.0)[-1]
+        for variant, speed in zip(record.variants[1:], speeds[1:], strict=True):
+            speedup = record.speedup(variant)
+            assert speedup is not None
+            covered.append(speedup.covers(speed))
+    assert np.mean(covered) >= 0.93
+
+
+def test_a_disturbed_launch_hardly_moves_a_speed_up() -> None:
+    track = Track([1.0, 2.0], spread=0.005)
+
+    def before(number: int, positions: Sequence[int]) -> None:
+        is_final = number >= MIN_LAUNCHES
+        track.speeds = [1.0, 1.0 if number == MIN_LAUNCHES + 2 and is_final else 2.0]
+
+    track.before = before
+    record = track.run(entered(2))[-1]
+    speedup = record.speedup(record.variants[1])
+    assert speedup is not None
+    assert speedup.estimate == pytest.approx(2.0, rel=0.01)
+
+
+def test_rounds_in_both_orders_weigh_the_same() -> None:
+    ns = [[100, 220], [110, 200]]  # the second block of a round is slower by a tenth
+    assert RaceLaunch(None, [0, 1], ns).log_ratio(0, 1) == pytest.approx(np.log(2.0))
+
+
+@pytest.mark.parametrize("ns", [[], [[1, 2]], [[1], [2]]])
+def test_a_launch_has_all_its_blocks(ns: list[list[int]]) -> None:
+    with pytest.raises(ValueError, match="ns has a row"):
+        RaceLaunch(None, [0, 1], ns)
+
+
+def test_a_record_names_variants_that_it_has() -> None:
+    with pytest.raises(ValueError, match="names a later one"):
+        entered(2, groups=[[0, 2]])
+    with pytest.raises(ValueError, match="lacks the plain loop"):
+        entered(2, launches=[RaceLaunch(None, [1], [[1], [1]])])
