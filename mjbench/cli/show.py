@@ -224,14 +224,14 @@ def _searches(run: RunContext, stored: "Run") -> object | None:
 
 def _web(run: RunContext, stored: "Run") -> object | None:
     """Print what WebAssembly builds were like; return the document, or None without any."""
-    from mjbench.report import web, web_results
+    from mjbench.report import web
     from mjbench.report.documents import WebDocument
     from mjbench.web.records import WebRecord
 
-    rows = [web_results.derive(record) for record in stored.of_type(WebRecord)]
-    for row in rows:
-        web.print_model(run.out, row)
-    return WebDocument(machine=stored.header.machine, results=rows) if rows else None
+    records = stored.of_type(WebRecord)
+    for record in records:
+        web.print_model(run.out, record)
+    return WebDocument(machine=stored.header.machine, results=records) if records else None
 
 
 def _comparison(run: RunContext, stored: "Run", code: bool) -> object:

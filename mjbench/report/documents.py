@@ -38,7 +38,6 @@ from mjbench.report.listings import PathRow
 from mjbench.report.results import ModelResults, PathResult, derive
 from mjbench.report.run_differences import RunDifference
 from mjbench.report.thread_advice import ScalingResults, ScalingRow, ThreadAdvice
-from mjbench.report.web_results import WebRow
 from mjbench.report.work_crossovers import WorkCrossover, work_crossovers
 from mjbench.status import Status
 from mjbench.tuning.accelerated_records import EngineTuneRecord
@@ -293,7 +292,7 @@ class WebDocument:
 
     schema: int = SCHEMA
     machine: Machine
-    results: Sequence[WebRow]
+    results: Sequence[WebRecord]
 
 
 @dataclass(frozen=True, kw_only=True)
