@@ -168,7 +168,6 @@ def _loops(run: RunContext, stored: "Run", code: bool) -> object | None:
     from mjbench.report import (
         documents,
         environment,
-        environment_results,
         latency,
         overhead,
         planning,
@@ -200,10 +199,9 @@ def _loops(run: RunContext, stored: "Run", code: bool) -> object | None:
             print_program(run.out, program)
         return documents.ProgramDocument(machine=machine, results=programs)
     if environments := stored.of_type(EnvironmentRecord):
-        rows = [environment_results.derive(record) for record in environments]
-        for row in rows:
-            environment.print_environment(run.out, row)
-        return documents.EnvDocument(machine=machine, results=rows)
+        for record in environments:
+            environment.print_environment(run.out, record)
+        return documents.EnvDocument(machine=machine, results=environments)
     return None
 
 

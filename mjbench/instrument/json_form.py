@@ -52,8 +52,9 @@ def _form(value: Any) -> Any:
         return {key: _form(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_form(item) for item in value]
-    if is_dataclass(value) and json_type(type(value)) is not type(value):
-        names = _json_attributes(type(value))
+    kind: Any = type(value)
+    if is_dataclass(kind) and json_type(kind) is not kind:
+        names = _json_attributes(kind)
         return {key: _form(getattr(value, name)) for key, name in names.items()}
     return value
 

@@ -32,7 +32,6 @@ from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, S
 from mjbench.report.advice import Advice, ClockAdvice, advise, advise_clock
 from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.doctor import NoiseRow
-from mjbench.report.environment_results import EnvironmentRow
 from mjbench.report.lint import LintDocument
 from mjbench.report.listings import PathRow
 from mjbench.report.results import ModelResults, PathResult, derive
@@ -264,7 +263,7 @@ class EnvDocument:
 
     schema: int = SCHEMA
     machine: Machine
-    results: Sequence[EnvironmentRow]
+    results: Sequence[EnvironmentRecord]
 
 
 @dataclass(frozen=True, kw_only=True)

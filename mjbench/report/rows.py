@@ -24,7 +24,7 @@ from mjbench.paired.records import VerdictRecord
 from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.program.records import ProgramRow
 from mjbench.releases.release_ratios import RatioRecord
-from mjbench.report import environment_results, tuning, tuning_accelerated
+from mjbench.report import tuning, tuning_accelerated
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.report.program import program_rows
 from mjbench.report.results import derive_all
@@ -110,11 +110,10 @@ def _results(run: Run) -> Iterator[object]:
         yield from selfcheck.summary(trials)
     for spread in run.of_type(SpreadRecord):
         yield spread.row()
-    for kind in (OverheadRow, ProfileRow, LatencyRow, PlanningRow):
+    for kind in (OverheadRow, ProfileRow, LatencyRow, PlanningRow, EnvironmentRecord):
         yield from run.of_type(kind)
     for program in run.of_type(ProgramRow):
         yield from program_rows(program)
-    yield from map(environment_results.derive, run.of_type(EnvironmentRecord))
     for search in run.of_type(TuneRecord):
         yield from tuning.rows(search)
     for engine_search in run.of_type(EngineTuneRecord):
