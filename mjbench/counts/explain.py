@@ -16,8 +16,6 @@ from mjbench.counts.records import (
     OTHER_CODE,
     CodeChange,
     CodeShare,
-    CountedWorkPair,
-    CountPair,
     ExplainRow,
     FunctionDifference,
 )
@@ -25,12 +23,10 @@ from mjbench.errors import MachineError
 from mjbench.instrument import extras
 from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.paired.records import (
-    DivergedPair,
+    Pair,
     Ratio,
     TargetRow,
     VerdictRow,
-    WarningsPair,
-    WorkPair,
 )
 from mjbench.simulation import agreement, work_check
 from mjbench.simulation.work_check import StateDrift
@@ -164,14 +160,12 @@ class Explainer:
             old=baseline.release,
             new=candidate.release,
             status=failed.status if failed else Status.OK,
-            instructions_per_step=CountPair(
+            instructions_per_step=Pair(
                 baseline.instructions_per_step, candidate.instructions_per_step
             ),
-            outside_per_step=CountPair(baseline.outside_per_step, candidate.outside_per_step),
-            work=CountedWorkPair(baseline.work, candidate.work),
-            stages={
-                stage: CountPair(*pair) for stage, pair in stage_pairs(baseline, candidate).items()
-            },
+            outside_per_step=Pair(baseline.outside_per_step, candidate.outside_per_step),
+            work=Pair(baseline.work, candidate.work),
+            stages={stage: Pair(*pair) for stage, pair in stage_pairs(baseline, candidate).items()},
             functions=[function for function in functions if is_different(function)],
             code=code_shares(functions) if code else None,
             code_detail=code_detail,
@@ -209,7 +203,7 @@ def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) 
     ratio = None if failed else _ratio(baseline, candidate)
     work = None
     if not failed and baseline.work and candidate.work:
-        work = WorkPair(baseline.work, candidate.work)
+        work = Pair(baseline.work, candidate.work)
     drift = state_drift(baseline, candidate)
     details = [f"MuJoCo {c.release}: {c.detail}" for c in (baseline, candidate) if c.detail]
     return VerdictRow(
@@ -227,8 +221,8 @@ def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) 
         work=work,
         drift=drift.one_step if drift else None,
         run_drift=drift.runs if drift else (),
-        diverged=DivergedPair(baseline.diverged, candidate.diverged),
-        warnings=WarningsPair(baseline.warnings or {}, candidate.warnings or {}),
+        diverged=Pair(baseline.diverged, candidate.diverged),
+        warnings=Pair(baseline.warnings or {}, candidate.warnings or {}),
         seconds=baseline.seconds + candidate.seconds,
     )
 

@@ -10,7 +10,7 @@ from enum import StrEnum
 from typing import ClassVar
 
 from mjbench.instrument.bounds import Version
-from mjbench.paired.records import VerdictRow
+from mjbench.paired.records import Pair, VerdictRow
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.status import FINISHED, Status
@@ -71,22 +71,6 @@ class InstructionsRecord(InstructionsRow):
     """A row as a run file stores it."""
 
     record_type: ClassVar[str] = "instructions"
-
-
-@dataclass(frozen=True)
-class CountPair:
-    """Instructions per step in both releases; None where they were not counted."""
-
-    old: float | None
-    new: float | None
-
-
-@dataclass(frozen=True)
-class CountedWorkPair:
-    """Work per step in both releases; None where it was not counted."""
-
-    old: Work | None
-    new: Work | None
 
 
 class CodeChange(StrEnum):
@@ -169,10 +153,10 @@ class ExplainRow:
     old: Version
     new: Version
     status: Status
-    instructions_per_step: CountPair
-    outside_per_step: CountPair
-    work: CountedWorkPair
-    stages: Mapping[str, CountPair]
+    instructions_per_step: Pair[float | None]
+    outside_per_step: Pair[float | None]
+    work: Pair[Work | None]
+    stages: Mapping[str, Pair[float | None]]
     functions: Sequence[FunctionDifference]
     code: Mapping[CodeChange, CodeShare] | None = None
     code_detail: str = ""

@@ -52,11 +52,12 @@ def _form(value: Any) -> Any:
         return {key: _form(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_form(item) for item in value]
+    if not is_dataclass(value):
+        return value
     kind: Any = type(value)
-    if is_dataclass(kind) and json_type(kind) is not kind:
-        names = _json_attributes(kind)
-        return {key: _form(getattr(value, name)) for key, name in names.items()}
-    return value
+    if json_type(kind) is kind:  # it has its fields, and so has all within
+        return value
+    return {key: _form(getattr(value, name)) for key, name in _json_attributes(kind).items()}
 
 
 @cache
