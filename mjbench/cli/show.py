@@ -128,7 +128,7 @@ def _spreads(run: RunContext, stored: "Run") -> object:
     from mjbench.report.documents import PlacementDocument
     from mjbench.report.placement import print_spreads
 
-    rows = [record.row() for record in stored.of_type(SpreadRecord)]
+    rows = stored.of_type(SpreadRecord)
     print_spreads(run.out, rows)
     return PlacementDocument(machine=stored.header.machine, results=rows)
 

@@ -16,7 +16,7 @@ from mjbench.counts.records import (
     OTHER_CODE,
     CodeChange,
     CodeShare,
-    ExplainRow,
+    ExplainRecord,
     FunctionDifference,
 )
 from mjbench.errors import MachineError
@@ -47,7 +47,7 @@ def stage_pairs(baseline: ModelCount, candidate: ModelCount) -> dict[str, tuple[
     return {stage: (before.get(stage, 0.0), after.get(stage, 0.0)) for stage in {**before, **after}}
 
 
-def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRow) -> list[str]:
+def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRecord) -> list[str]:
     """Return lines that say what changed: the instructions, the work, the code, or the time alone.
 
     Args:
@@ -67,7 +67,7 @@ def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRow) -> lis
     return lines + _code_lines(row) + (_time_lines(row.time, ratio) if row.time else [])
 
 
-def _code_lines(row: ExplainRow) -> list[str]:
+def _code_lines(row: ExplainRecord) -> list[str]:
     """Return whether the code changed of what executes, and which cost only moved in it."""
     if row.code is None:
         return [f"machine code not compared: {row.code_detail}"]
@@ -138,7 +138,7 @@ class Explainer:
 
     def row(
         self, baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None
-    ) -> ExplainRow:
+    ) -> ExplainRecord:
         """Return one model's row of `mjbench explain --json`.
 
         Args:
@@ -154,7 +154,7 @@ class Explainer:
             except MachineError as error:
                 code_detail = str(error)
         functions = function_differences(baseline, candidate, code)
-        return ExplainRow(
+        return ExplainRecord(
             model=candidate.model,
             operation=candidate.operation,
             old=baseline.release,

@@ -283,7 +283,6 @@ def _spread_section(spreads: Sequence[SpreadRecord], command: str) -> Section:
         Column("launches", 3),
         Column("why not"),
     )
-    rows = [record.row() for record in spreads]
     cells = [
         (
             row.model,
@@ -296,7 +295,7 @@ def _spread_section(spreads: Sequence[SpreadRecord], command: str) -> Section:
             row.launches,
             row.detail,
         )
-        for row in rows
+        for row in spreads
     ]
     return Section(
         "How far does speed depend on where code lies?",

@@ -9,9 +9,7 @@ from mjbench.comparison.planning_run import PlanningRow
 from mjbench.comparison.scaling import ScalingRecord
 from mjbench.counts.records import (
     ExplainRecord,
-    ExplainRow,
     InstructionsRecord,
-    InstructionsRow,
 )
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.instrument.conditions import Condition
@@ -22,7 +20,7 @@ from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.profile import ProfileRow
 from mjbench.paired.confirmation import ConfirmationRecord
 from mjbench.paired.contest import ContestRecord
-from mjbench.paired.placement_spread import SpreadRecord, SpreadRow
+from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.program.records import ProgramRow
@@ -209,7 +207,7 @@ class PlacementDocument:
 
     schema: int = SCHEMA
     machine: Machine
-    results: Sequence[SpreadRow]
+    results: Sequence[SpreadRecord]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -309,7 +307,7 @@ class InstructionsDocument:
     """What `mjbench instructions --json` writes."""
 
     schema: int = SCHEMA
-    results: Sequence[InstructionsRow]
+    results: Sequence[InstructionsRecord]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -317,7 +315,7 @@ class ExplainDocument:
     """What `mjbench explain --json` writes."""
 
     schema: int = SCHEMA
-    results: Sequence[ExplainRow]
+    results: Sequence[ExplainRecord]
 
 
 @dataclass(frozen=True, kw_only=True)

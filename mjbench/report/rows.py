@@ -108,8 +108,7 @@ def _results(run: Run) -> Iterator[object]:
         yield verdict.row()
     if trials := run.of_type(TrialRecord):
         yield from selfcheck.summary(trials)
-    for spread in run.of_type(SpreadRecord):
-        yield spread.row()
+    yield from run.of_type(SpreadRecord)
     for kind in (OverheadRow, ProfileRow, LatencyRow, PlanningRow, EnvironmentRecord):
         yield from run.of_type(kind)
     for program in run.of_type(ProgramRow):
