@@ -15,7 +15,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import mjbench
 from mjbench import paths
@@ -24,9 +24,6 @@ from mjbench.instrument import extras, files
 from mjbench.simulation import models
 from mjbench.web import npm_package
 from mjbench.web.npm_package import Build, NpmPackage
-
-if TYPE_CHECKING:
-    from mjbench.report.web_results import WebRow
 
 ROOT = Path(__file__).parents[1]
 SOURCES = ROOT / "docs/lab"
@@ -85,12 +82,13 @@ def read_figures(file: Path, release: str) -> OtherFigures | None:
     # late: asv imports this module where few packages are
     import msgspec
 
+    from mjbench.instrument.json_form import json_type
     from mjbench.report.documents import WebDocument
 
     if not file.exists():
         return None
     try:
-        document = msgspec.json.decode(file.read_bytes(), type=WebDocument)
+        document = msgspec.json.decode(file.read_bytes(), type=json_type(WebDocument))
     except (OSError, msgspec.DecodeError) as error:
         raise InputError(f"cannot read {file}: {one_line(error)}") from error
     rows = [row for row in document.results if row.model in MODELS]
@@ -107,7 +105,7 @@ def read_figures(file: Path, release: str) -> OtherFigures | None:
     )
 
 
-def _figures(row: "WebRow") -> Iterator[Figure]:
+def _figures(row: Any) -> Iterator[Figure]:
     """Yield what programs reached with the build that is in the page, and what C did; C first."""
     from mjbench.web.records import C_PATH
 

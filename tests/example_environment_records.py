@@ -4,11 +4,11 @@ from typing import Any
 
 from example_records import FACTS
 
+from mjbench.environment.layer_shares import LayerSamples
 from mjbench.environment.layers import Layer
 from mjbench.environment.records import (
     EnvironmentFacts,
     EnvironmentRecord,
-    LayerSamples,
     PathSamples,
     PhysicsCheck,
     VectorForm,

@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 
 from mjbench.errors import one_line
-from mjbench.instrument import runs
+from mjbench.instrument.json_form import json_form
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.run_file import RunFile
 from mjbench.instrument.runs import Run
@@ -65,7 +65,7 @@ class Measured(ABC):
 
     def to_dict(self) -> Any:
         """Return the JSON document of the command, as JSON-ready values."""
-        return runs.to_json(self._document())
+        return json_form(self._document())
 
     def report(self) -> Report:
         """Return the content of a report: conclusions, tables, and the data of charts."""

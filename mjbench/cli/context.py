@@ -219,10 +219,10 @@ class RunContext:
         Raises:
           MachineError: it cannot be written.
         """
-        from mjbench.instrument.runs import to_json
+        from mjbench.instrument.json_form import json_form
 
         if self._json.is_wanted:
-            self._json.write(json.dumps(to_json(document), indent=1) + "\n")
+            self._json.write(json.dumps(json_form(document), indent=1) + "\n")
 
     def interrupt(self) -> None:
         """Note that the user stopped the work, and tell them that results are saved."""

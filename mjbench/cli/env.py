@@ -91,7 +91,6 @@ def env(
     from mjbench.instrument import machine
     from mjbench.report.documents import EnvDocument
     from mjbench.report.environment import print_environment
-    from mjbench.report.environment_results import EnvironmentRow, derive
 
     if no_vector and nenv:
         raise click.UsageError("give --num-envs or --no-vector, not both")
@@ -100,7 +99,7 @@ def env(
     counts = tuple(nenv or _doubled(cores)) if not no_vector else ()
     nthread = tuple(threads or sorted({1, cores}))
     plan = EnvironmentPlan(nstep, seed, nthread, counts, budget_s, time_limit)
-    rows: list[EnvironmentRow] = []
+    records: list[EnvironmentRecord] = []
     storage = Storage(results, {"environments": list(names), "plan": plan})
     with RunContext("env", json_file, [], storage, wait) as run:
         for source in sources:
@@ -109,16 +108,16 @@ def env(
             except MjbenchError as error:
                 record = EnvironmentRecord.failed(source.name, failure_of(error))
             run.record(record)
-            rows.append(derive(record))
-            if rows[-1].facts is None and record.status != Status.INTERRUPTED:
+            records.append(record)
+            if record.facts is None and record.status != Status.INTERRUPTED:
                 report_line(f"{source.name}: {record.detail}")
             else:
-                print_environment(run.out, rows[-1])
+                print_environment(run.out, record)
             if record.status == Status.INTERRUPTED:
                 run.interrupt()
                 break
-        run.write(EnvDocument(machine=run.machine, results=rows))
-    run.exit(status for row in rows for status in row.statuses())
+        run.write(EnvDocument(machine=run.machine, results=records))
+    run.exit(status for record in records for status in record.statuses())
 
 
 def _doubled(most: int) -> list[int]:

@@ -14,7 +14,7 @@ from mjbench.status import Status
 
 if TYPE_CHECKING:
     from mjbench.counts.instructions import InstructionCounter
-    from mjbench.counts.records import ExplainRow
+    from mjbench.counts.records import ExplainRecord
     from mjbench.paired.records import VerdictRow
     from mjbench.paired.targets import Target
     from mjbench.paired.verdict import VerdictPlan
@@ -68,7 +68,7 @@ def explain(
     plan = verdict_plan(**options)
     files = [source.path for source in sources]
     files += [*(wheel for spec in specs for wheel in spec.wheels), *plan.sizes.starts.files]
-    rows: list[ExplainRow] = []
+    rows: list[ExplainRecord] = []
     statuses: list[Status] = []
     with (
         RunContext("explain", json_file, files, wait=wait) as run,

@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -127,9 +128,7 @@ def _requests(selection: history_options.Selection) -> list["OperationRequest"]:
 
 def _record(explainer: "Explainer", old: "ModelCount", new: "ModelCount") -> "ExplainRecord":
     """Return what changed in a model: functions that changed most, and whose cost moved there."""
-    from mjbench.counts.records import ExplainRecord
-
     row = explainer.row(old, new, time=None)
     names = {name for f in row.functions[:TOP] for name in (f.name, *f.moved_with)}
     functions = [function for function in row.functions if function.name in names]
-    return ExplainRecord(**{**vars(row), "functions": functions})
+    return replace(row, functions=functions)

@@ -99,5 +99,5 @@ def instructions(
                     run.record(count.record())
                 model_counts += counted
         counts.print_counts(run.out, model_counts, top)
-        run.write(InstructionsDocument(results=[count.row() for count in model_counts]))
+        run.write(InstructionsDocument(results=[count.record() for count in model_counts]))
     run.exit(count.status for count in model_counts)

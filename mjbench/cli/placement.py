@@ -14,7 +14,7 @@ from mjbench.cli.shared import COUNT, STARTS, STORING, Seconds, start_plan, with
 from mjbench.status import Status
 
 if TYPE_CHECKING:
-    from mjbench.paired.placement_spread import SpreadPlan, SpreadRow
+    from mjbench.paired.placement_spread import SpreadPlan, SpreadRecord
     from mjbench.paired.targets import Target
 
 
@@ -94,19 +94,21 @@ def placement(
     run.exit(row.status for row in rows)
 
 
-def _measure(run: RunContext, targets: Sequence["Target"], plan: "SpreadPlan") -> list["SpreadRow"]:
+def _measure(
+    run: RunContext, targets: Sequence["Target"], plan: "SpreadPlan"
+) -> list["SpreadRecord"]:
     """Measure each target that is not yet in the run file, and store it; return all rows."""
     from mjbench.paired import placement_spread
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.releases.placement import RESIDUES
 
     earlier = {record.model: record for record in placement_spread.finished(run.resumed_records)}
-    rows: list[SpreadRow] = []
+    rows: list[SpreadRecord] = []
     with run.progress(len(targets)) as advance, WorkerPool() as pool:
         for number, target in enumerate(targets):
             name = target.model.name
             if name in earlier:
-                rows.append(earlier[name].row())
+                rows.append(earlier[name])
                 continue
 
             def on_launch(count: int, number: int = number, name: str = name) -> None:
@@ -114,7 +116,7 @@ def _measure(run: RunContext, targets: Sequence["Target"], plan: "SpreadPlan") -
 
             record = placement_spread.measure(pool, target, plan, on_launch)
             run.record(record)
-            rows.append(record.row())
+            rows.append(record)
             if record.status == Status.INTERRUPTED:
                 break
     return rows

@@ -125,7 +125,7 @@ def _spreads(run: RunContext, stored: "Run") -> object:
     from mjbench.report.documents import PlacementDocument
     from mjbench.report.placement import print_spreads
 
-    rows = [record.row() for record in stored.of_type(SpreadRecord)]
+    rows = stored.of_type(SpreadRecord)
     print_spreads(run.out, rows)
     return PlacementDocument(machine=stored.header.machine, results=rows)
 
@@ -151,7 +151,6 @@ def _loops(run: RunContext, stored: "Run", code: bool) -> object | None:
     from mjbench.report import (
         documents,
         environment,
-        environment_results,
         latency,
         overhead,
         planning,
@@ -183,10 +182,9 @@ def _loops(run: RunContext, stored: "Run", code: bool) -> object | None:
             print_program(run.out, program)
         return documents.ProgramDocument(machine=machine, results=programs)
     if environments := stored.of_type(EnvironmentRecord):
-        rows = [environment_results.derive(record) for record in environments]
-        for row in rows:
-            environment.print_environment(run.out, row)
-        return documents.EnvDocument(machine=machine, results=rows)
+        for record in environments:
+            environment.print_environment(run.out, record)
+        return documents.EnvDocument(machine=machine, results=environments)
     return None
 
 
@@ -205,14 +203,14 @@ def _searches(run: RunContext, stored: "Run") -> object | None:
 
 def _web(run: RunContext, stored: "Run") -> object | None:
     """Print what WebAssembly builds were like; return the document, or None without any."""
-    from mjbench.report import web, web_results
+    from mjbench.report import web
     from mjbench.report.documents import WebDocument
     from mjbench.web.records import WebRecord
 
-    rows = [web_results.derive(record) for record in stored.of_type(WebRecord)]
-    for row in rows:
-        web.print_model(run.out, row)
-    return WebDocument(machine=stored.header.machine, results=rows) if rows else None
+    records = stored.of_type(WebRecord)
+    for record in records:
+        web.print_model(run.out, record)
+    return WebDocument(machine=stored.header.machine, results=records) if records else None
 
 
 def _comparison(run: RunContext, stored: "Run", code: bool) -> object:

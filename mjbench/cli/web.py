@@ -23,11 +23,11 @@ from mjbench.status import Status
 
 if TYPE_CHECKING:
     from mjbench.releases.installs import ReleaseSpec
-    from mjbench.report.web_results import WebRow
     from mjbench.simulation.models import ModelSource
     from mjbench.web.build_run import Engine
     from mjbench.web.c_reference import WebSizes
     from mjbench.web.measure import WebPlan
+    from mjbench.web.records import WebRecord
 
 
 @cli.command()
@@ -107,9 +107,9 @@ def web(
     }
     files = [*(source.path for source in sources), *plan.sizes.starts.files]
     with RunContext("web", json_file, files, Storage(results, arguments), wait) as run:
-        rows = _measure(run, sources, plan)
-        run.write(WebDocument(machine=run.machine, results=rows))
-    run.exit([status for row in rows for status in row.statuses()])
+        records = _measure(run, sources, plan)
+        run.write(WebDocument(machine=run.machine, results=records))
+    run.exit([status for record in records for status in record.statuses()])
 
 
 def _engine(
@@ -150,21 +150,21 @@ def _sizes(
     return WebSizes(nbatch, nstep, hold, seed, starts)
 
 
-def _measure(run: RunContext, sources: "Sequence[ModelSource]", plan: "WebPlan") -> list["WebRow"]:
+def _measure(
+    run: RunContext, sources: "Sequence[ModelSource]", plan: "WebPlan"
+) -> list["WebRecord"]:
     """Measure models; print and store what was measured of each."""
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.report.web import print_model
-    from mjbench.report.web_results import derive
     from mjbench.web import measure
 
-    rows = []
+    records = []
     with WorkerPool(plan.engine.limit_s) as pool:
         for source in sources:
-            record = measure.measure(pool, source, plan)
+            records.append(record := measure.measure(pool, source, plan))
             run.record(record)
-            rows.append(derive(record))
-            print_model(run.out, rows[-1])
+            print_model(run.out, record)
             if record.status == Status.INTERRUPTED:
                 run.interrupt()
                 break
-    return rows
+    return records

@@ -16,21 +16,17 @@ from mjbench.counts.records import (
     OTHER_CODE,
     CodeChange,
     CodeShare,
-    CountedWorkPair,
-    CountPair,
-    ExplainRow,
+    ExplainRecord,
     FunctionDifference,
 )
 from mjbench.errors import MachineError
 from mjbench.instrument import extras
 from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.paired.records import (
-    DivergedPair,
+    Pair,
     Ratio,
     TargetRow,
     VerdictRow,
-    WarningsPair,
-    WorkPair,
 )
 from mjbench.simulation import agreement, work_check
 from mjbench.simulation.work_check import StateDrift
@@ -51,7 +47,7 @@ def stage_pairs(baseline: ModelCount, candidate: ModelCount) -> dict[str, tuple[
     return {stage: (before.get(stage, 0.0), after.get(stage, 0.0)) for stage in {**before, **after}}
 
 
-def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRow) -> list[str]:
+def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRecord) -> list[str]:
     """Return lines that say what changed: the instructions, the work, the code, or the time alone.
 
     Args:
@@ -71,7 +67,7 @@ def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRow) -> lis
     return lines + _code_lines(row) + (_time_lines(row.time, ratio) if row.time else [])
 
 
-def _code_lines(row: ExplainRow) -> list[str]:
+def _code_lines(row: ExplainRecord) -> list[str]:
     """Return whether the code changed of what executes, and which cost only moved in it."""
     if row.code is None:
         return [f"machine code not compared: {row.code_detail}"]
@@ -142,7 +138,7 @@ class Explainer:
 
     def row(
         self, baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None
-    ) -> ExplainRow:
+    ) -> ExplainRecord:
         """Return one model's row of `mjbench explain --json`.
 
         Args:
@@ -158,20 +154,18 @@ class Explainer:
             except MachineError as error:
                 code_detail = str(error)
         functions = function_differences(baseline, candidate, code)
-        return ExplainRow(
+        return ExplainRecord(
             model=candidate.model,
             operation=candidate.operation,
             old=baseline.release,
             new=candidate.release,
             status=failed.status if failed else Status.OK,
-            instructions_per_step=CountPair(
+            instructions_per_step=Pair(
                 baseline.instructions_per_step, candidate.instructions_per_step
             ),
-            outside_per_step=CountPair(baseline.outside_per_step, candidate.outside_per_step),
-            work=CountedWorkPair(baseline.work, candidate.work),
-            stages={
-                stage: CountPair(*pair) for stage, pair in stage_pairs(baseline, candidate).items()
-            },
+            outside_per_step=Pair(baseline.outside_per_step, candidate.outside_per_step),
+            work=Pair(baseline.work, candidate.work),
+            stages={stage: Pair(*pair) for stage, pair in stage_pairs(baseline, candidate).items()},
             functions=[function for function in functions if is_different(function)],
             code=code_shares(functions) if code else None,
             code_detail=code_detail,
@@ -209,7 +203,7 @@ def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) 
     ratio = None if failed else _ratio(baseline, candidate)
     work = None
     if not failed and baseline.work and candidate.work:
-        work = WorkPair(baseline.work, candidate.work)
+        work = Pair(baseline.work, candidate.work)
     drift = state_drift(baseline, candidate)
     details = [f"MuJoCo {c.release}: {c.detail}" for c in (baseline, candidate) if c.detail]
     return VerdictRow(
@@ -227,8 +221,8 @@ def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) 
         work=work,
         drift=drift.one_step if drift else None,
         run_drift=drift.runs if drift else (),
-        diverged=DivergedPair(baseline.diverged, candidate.diverged),
-        warnings=WarningsPair(baseline.warnings or {}, candidate.warnings or {}),
+        diverged=Pair(baseline.diverged, candidate.diverged),
+        warnings=Pair(baseline.warnings or {}, candidate.warnings or {}),
         seconds=baseline.seconds + candidate.seconds,
     )
 

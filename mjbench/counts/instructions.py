@@ -17,7 +17,6 @@ from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -32,7 +31,7 @@ from mjbench.counts.messages import (
     OperationRequest,
     TaskRequest,
 )
-from mjbench.counts.records import FunctionCount, InstructionsRecord, InstructionsRow
+from mjbench.counts.records import FunctionCount, InstructionsRecord
 from mjbench.counts.stages import ENGINE, instructions_by_stage
 from mjbench.errors import Failure, MachineError, writing
 from mjbench.instrument import child, platforms, scratch
@@ -65,8 +64,8 @@ TUNABLES = (
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ModelCount(InstructionsRow):
-    """What one model's steps cost in one release: a row, and what two releases compare.
+class ModelCount(InstructionsRecord):
+    """What one model's steps cost in one release: a record, and what two releases compare.
 
     Of an operation around the step, it is what doing it once costs.
 
@@ -85,16 +84,10 @@ class ModelCount(InstructionsRow):
     healthy: np.ndarray | None = None
     followed: Followed | None = None
 
-    def row(self) -> InstructionsRow:
-        """Return the row of `mjbench instructions --json`."""
-        return InstructionsRow(**self._row_fields())
-
     def record(self) -> InstructionsRecord:
-        """Return the row as a run file stores it."""
-        return InstructionsRecord(**self._row_fields())
-
-    def _row_fields(self) -> dict[str, Any]:
-        return {f.name: getattr(self, f.name) for f in fields(InstructionsRow)}
+        """Return what a run file and `mjbench instructions --json` have of it."""
+        values = {each.name: getattr(self, each.name) for each in fields(InstructionsRecord)}
+        return InstructionsRecord(**values)
 
 
 def unavailable() -> str | None:

@@ -10,7 +10,7 @@ from enum import StrEnum
 from typing import ClassVar
 
 from mjbench.instrument.bounds import Version
-from mjbench.paired.records import VerdictRow
+from mjbench.paired.records import Pair, VerdictRow
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.status import FINISHED, Status
@@ -31,7 +31,7 @@ class FunctionCount:
 
 
 @dataclass(frozen=True, kw_only=True)
-class InstructionsRow:
+class InstructionsRecord:
     """What one model's steps cost in one release, in instructions; None where it is unknown.
 
     Attributes:
@@ -48,6 +48,7 @@ class InstructionsRow:
       starts: where start states came from; None where another release drew them.
     """
 
+    record_type: ClassVar[str] = "instructions"
     model: str
     release: Version
     status: Status = Status.OK
@@ -64,29 +65,6 @@ class InstructionsRow:
     seconds: float = 0.0
     build: str = ""
     starts: Starts | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class InstructionsRecord(InstructionsRow):
-    """A row as a run file stores it."""
-
-    record_type: ClassVar[str] = "instructions"
-
-
-@dataclass(frozen=True)
-class CountPair:
-    """Instructions per step in both releases; None where they were not counted."""
-
-    old: float | None
-    new: float | None
-
-
-@dataclass(frozen=True)
-class CountedWorkPair:
-    """Work per step in both releases; None where it was not counted."""
-
-    old: Work | None
-    new: Work | None
 
 
 class CodeChange(StrEnum):
@@ -146,7 +124,7 @@ class CodeShare:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExplainRow:
+class ExplainRecord:
     """What changed from one release to another on one model, or in an operation around the step.
 
     Of an operation, instructions are those of doing it once, bindings and Python included.
@@ -157,7 +135,8 @@ class ExplainRow:
       instructions_per_step: of the engine.
       outside_per_step: of everything else: the bindings, and Python.
       stages: instructions per step, by stage of the pipeline.
-      functions: that differ in instructions executed or in code, the largest difference first.
+      functions: that differ in instructions executed or in code, the largest difference first; a
+        run file has those that changed most.
       code: how many functions and instructions execute, by how the code changed; None where the
         code was not compared.
       code_detail: why the code was not compared, in one line; empty where it was.
@@ -165,14 +144,15 @@ class ExplainRow:
       operation: name of the operation (see `paired.operations`); empty for a step.
     """
 
+    record_type: ClassVar[str] = "explain"
     model: str
     old: Version
     new: Version
     status: Status
-    instructions_per_step: CountPair
-    outside_per_step: CountPair
-    work: CountedWorkPair
-    stages: Mapping[str, CountPair]
+    instructions_per_step: Pair[float | None]
+    outside_per_step: Pair[float | None]
+    work: Pair[Work | None]
+    stages: Mapping[str, Pair[float | None]]
     functions: Sequence[FunctionDifference]
     code: Mapping[CodeChange, CodeShare] | None = None
     code_detail: str = ""
@@ -183,13 +163,6 @@ class ExplainRow:
     def series(self) -> str:
         """Which rows are of the same thing, in other releases; its name for people."""
         return self.operation or self.model
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExplainRecord(ExplainRow):
-    """A row as a run file stores it; of its functions, only those that changed most."""
-
-    record_type: ClassVar[str] = "explain"
 
 
 def finished(records: Sequence[object]) -> list[ExplainRecord]:

@@ -13,8 +13,9 @@ from mjbench.comparison import selection
 from mjbench.comparison.messages import AgreementReport
 from mjbench.comparison.plan import Variant
 from mjbench.environment import vectors
+from mjbench.environment.layer_shares import LayerSamples
 from mjbench.environment.physics_comparison import CHOICES, PATHS
-from mjbench.environment.records import EnvironmentRecord, LayerSamples, PathSamples
+from mjbench.environment.records import EnvironmentRecord, PathSamples
 from mjbench.environment.run import (
     EnvironmentReady,
     EnvironmentRequest,

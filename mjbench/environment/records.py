@@ -1,4 +1,4 @@
-"""What is stored of an environment: every sample, and what was recorded before timing.
+"""An environment: every sample, what was recorded before timing, and the figures that follow.
 
 Frozen dataclasses, which also travel from the child processes to the parent.
 """
@@ -6,14 +6,25 @@ Frozen dataclasses, which also travel from the child processes to the parent.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 from typing import Any, ClassVar
 
+import numpy as np
+
+from mjbench import paths
 from mjbench.environment.dm_control_release import ReleaseMismatch
+from mjbench.environment.layer_shares import (
+    LayerSamples,
+    LayerShare,
+    LayerTimes,
+    TimerEffect,
+)
 from mjbench.environment.layers import Layer
 from mjbench.environment.model_changes import ModelChange
 from mjbench.environment.repetition import FieldDifference
 from mjbench.environment.timer import TimerCost
 from mjbench.errors import Failure
+from mjbench.instrument import stats
 from mjbench.instrument.bounds import (
     AnyFloat,
     Nanoseconds,
@@ -22,6 +33,8 @@ from mjbench.instrument.bounds import (
     PositiveFloat,
     PositiveInt,
 )
+from mjbench.instrument.json_form import in_json
+from mjbench.instrument.stats import Estimate
 from mjbench.simulation.work import ModelFacts
 from mjbench.status import Status
 
@@ -89,26 +102,6 @@ class PhysicsCheck:
 
 
 @dataclass(frozen=True)
-class LayerSamples:
-    """What a function inside the step took in each round.
-
-    Attributes:
-      name: of the function, or of the wrapper's or environment's class.
-      calls: of it, per step of the environment.
-      timed_calls: of these, how many were timed.
-      inner_calls: timed calls of other functions, per step.
-      ns: per step, without functions that it calls and that are timed, with the timer's cost.
-    """
-
-    layer: Layer
-    name: str
-    calls: NonNegativeFloat
-    timed_calls: NonNegativeFloat
-    inner_calls: NonNegativeFloat
-    ns: Sequence[NonNegativeFloat]
-
-
-@dataclass(frozen=True)
 class PathSamples:
     """How long the same physics took by one path, in each round.
 
@@ -125,6 +118,30 @@ class PathSamples:
     detail: str
     ns: Sequence[Nanoseconds] = ()
 
+    @property
+    def env_steps_per_s(self) -> float | None:
+        """As many as the environment's steps have physics; None without a speed."""
+        return 1e9 / float(np.median(self.ns)) if self.ns else None
+
+
+@in_json(
+    *("path", "options", "closed_loop", "status", "detail"),
+    *("env_steps_per_s", "steps_per_s", "speedup", "over_loop"),
+)
+@dataclass(frozen=True, kw_only=True)
+class PhysicsPath(PathSamples):
+    """The same physics by a path, beside the environment; None is what was not measured.
+
+    Attributes:
+      steps_per_s: of the engine.
+      speedup: over steps of the environment, round by round.
+      over_loop: speed-up over the plain loop, round by round.
+    """
+
+    steps_per_s: float | None
+    speedup: Estimate | None
+    over_loop: Estimate | None
+
 
 class VectorForm(StrEnum):
     """A vectorised form of Gymnasium."""
@@ -133,6 +150,10 @@ class VectorForm(StrEnum):
     ASYNC = "AsyncVectorEnv"
 
 
+@in_json(
+    *("form", "nenv", "status", "detail", "env_steps_per_s", "speedup", "step_ns", "overhead_ns"),
+    "ncore",
+)
 @dataclass(frozen=True)
 class VectorSamples:
     """How long steps of several environments took together, in each round.
@@ -162,7 +183,56 @@ class VectorSamples:
         if len(self.ns) != len(self.single_ns):
             raise ValueError("ns and single_ns differ in length")
 
+    @property
+    def env_steps_per_s(self) -> float | None:
+        """Steps of all its environments together, resets included; None without a speed."""
+        return 1e9 / float(np.median(self.ns)) if self.ns else None
 
+    @cached_property
+    def speedup(self) -> Estimate | None:
+        """Speed-up over one environment, resets included, round by round; None without a speed."""
+        return stats.speedup_in_common(self.single_ns, self.ns) if self.ns else None
+
+    @property
+    def step_ns(self) -> float | None:
+        """What the step takes on the cores that the form can use, if each is as fast as one alone.
+
+        None where these are unknown.
+        """
+        return float(np.median(self.single_ns)) / self.ncore if self.ns and self.ncore else None
+
+    @property
+    def overhead_ns(self) -> float | None:
+        """The rest of a step, which the form adds: it passes actions and results on."""
+        return None if self.step_ns is None else float(np.median(self.ns)) - self.step_ns
+
+
+@dataclass(frozen=True)
+class ResetTime:
+    """What a reset takes.
+
+    Attributes:
+      step_ns: per step of the environment, at the length that episodes had; None where none ended.
+      episode_share: of the time of an episode of that length; where none ended, of all steps that
+        were recorded, so that its share of an episode is less.
+    """
+
+    ns: Estimate
+    step_ns: float | None
+    episode_share: float
+
+
+@in_json(
+    *("environment", "status", "detail", "facts", "check", "changes", "rounds"),
+    *("step_ns", "env_steps_per_s", "steps_per_s", "layers", "timer", "reset"),
+    *("paths", "cores", "vectors", "no_vectors"),
+    step_ns="step",
+    layers="layer_shares",
+    paths="physics_paths",
+    cores="median_cores",
+    vectors="vector_forms",
+    no_vectors="why_no_vectors",
+)
 @dataclass(frozen=True, kw_only=True)
 class EnvironmentRecord:
     """What was measured of an environment; nanoseconds are per step of it, one entry per round.
@@ -224,3 +294,108 @@ class EnvironmentRecord:
     def failed(cls, environment: str, failure: Failure) -> "EnvironmentRecord":
         """Return the record of an environment that could not be measured."""
         return cls(environment=environment, status=failure.status, detail=failure.detail)
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether there are figures; without times, a step, layers, paths and forms have none."""
+        return self.facts is not None and bool(self.step_ns)
+
+    @property
+    def rounds(self) -> int:
+        """Rounds that were timed."""
+        return len(self.step_ns) if self.is_timed else 0
+
+    @cached_property
+    def step(self) -> Estimate | None:
+        """Nanoseconds of a step of the environment, without resets; None where not timed."""
+        return _estimate(self.step_ns) if self.is_timed else None
+
+    @property
+    def env_steps_per_s(self) -> float | None:
+        """Steps of the environment per second; None likewise."""
+        return None if self.step is None else 1e9 / self.step.median
+
+    @property
+    def steps_per_s(self) -> float | None:
+        """Steps of the engine per second; None also where a step has a varying number."""
+        return self._engine_speed(self.env_steps_per_s)
+
+    def _engine_speed(self, env_steps_per_s: float | None) -> float | None:
+        frame_skip = self.facts.frame_skip if self.facts else None
+        return frame_skip and env_steps_per_s and env_steps_per_s * frame_skip
+
+    @cached_property
+    def _layer_times(self) -> LayerTimes | None:
+        if not self.is_timed or self.timer_cost is None:
+            return None
+        added_ns = float(np.median(self.timer_ns))
+        return LayerTimes(self.layers, self.step_ns, added_ns, self.timer_cost)
+
+    @cached_property
+    def layer_shares(self) -> Sequence[LayerShare]:
+        """Layers of a step, the one with the largest share first."""
+        return self._layer_times.shares() if self._layer_times else []
+
+    @cached_property
+    def timer(self) -> TimerEffect | None:
+        """What timing the layers cost; None where it was not timed."""
+        return self._layer_times.timer() if self._layer_times else None
+
+    @cached_property
+    def reset(self) -> ResetTime | None:
+        """What a reset takes; None where it was not timed."""
+        if self.facts is None or self.step is None:
+            return None
+        reset, length = _estimate(self.reset_ns), self.facts.episode_nstep
+        steps_ns = (length or self.facts.nstep) * self.step.median
+        share = reset.median / (reset.median + steps_ns)
+        return ResetTime(reset, reset.median / length if length else None, share)
+
+    @cached_property
+    def physics_paths(self) -> Sequence[PhysicsPath]:
+        """The same physics by other paths; none where the environment was not timed."""
+        loop_ns = next((each.ns for each in self.paths if each.path == paths.BASE), ())
+        return [
+            PhysicsPath(
+                **vars(path),
+                steps_per_s=self._engine_speed(path.env_steps_per_s),
+                speedup=_speedup(self.compared_ns, path.ns),
+                over_loop=_speedup(loop_ns, path.ns),
+            )
+            for path in (self.paths if self.is_timed else ())
+        ]
+
+    @property
+    def median_cores(self) -> float | None:
+        """Cores that threads got; None where it was not timed, or without threads."""
+        return float(np.median(self.cores)) if self.is_timed and self.cores else None
+
+    @property
+    def vector_forms(self) -> Sequence[VectorSamples]:
+        """The vectorised forms; none where the environment itself was not timed."""
+        return self.vectors if self.is_timed else ()
+
+    @property
+    def why_no_vectors(self) -> str:
+        """Why there are no vectorised forms; empty where there are, or it was not timed."""
+        return self.no_vectors if self.is_timed else ""
+
+    def statuses(self) -> list[Status]:
+        """Return how everything ended: the whole, its physics, its paths and vectorised forms."""
+        check = [self.check.status] if self.check else []
+        paths = [path.status for path in self.physics_paths]
+        return [self.status, *check, *paths, *(form.status for form in self.vector_forms)]
+
+    def share(self, layer: Layer) -> float:
+        """Return the share of a layer; 0 where nothing belongs to it."""
+        return next((each.share.median for each in self.layer_shares if each.layer == layer), 0.0)
+
+
+def _speedup(baseline_ns: Sequence[float], ns: Sequence[float]) -> Estimate | None:
+    return stats.speedup_in_common(baseline_ns, ns) if baseline_ns and ns else None
+
+
+def _estimate(samples: Sequence[float] | np.ndarray) -> Estimate:
+    """Return the median of samples with its 95 % interval."""
+    values = np.asarray(samples, dtype=float)
+    return Estimate(float(np.median(values)), *stats.median_interval(values))

@@ -4,7 +4,7 @@ At every call and return of a timed function the time since the one before is ch
 function that ran meanwhile. So the times of all layers add up to the step, whatever calls what.
 Timing costs time itself, more than a loop of such calls shows, because the engine leaves little of
 the timer in the caches. So nothing is subtracted here: `LayerTime` counts the calls, and
-`report.environment_results` subtracts what each costs beside this environment.
+`layer_shares` subtracts what each costs beside this environment.
 """
 
 import contextlib

@@ -38,8 +38,8 @@ AnyFloat = Annotated[float, Meta(ge=-_LARGEST_FLOAT, le=_LARGEST_FLOAT)]
 Share = Annotated[float, Meta(ge=-10, le=10)]
 # So short that it cannot decompress to more than about 64 MiB.
 CompressedText = Annotated[str, Meta(max_length=2**16)]
-# The old and the new, or the baseline and the candidate.
-Pair = Annotated[Sequence[_Item], Meta(min_length=2, max_length=2)]
+# Of the baseline, and of the candidate.
+TwoOf = Annotated[Sequence[_Item], Meta(min_length=2, max_length=2)]
 # A release of MuJoCo: pages and files are named after it.
 Version = Annotated[
     str,

@@ -8,51 +8,49 @@ from mjbench.instrument.stats import Estimate
 from mjbench.pages import charts
 from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report import environment, vega
-from mjbench.report.environment_results import EnvironmentRow, derive
 from mjbench.status import Status
 
 
 def sections(records: Sequence[EnvironmentRecord], command: str) -> Iterator[Section]:
     """Yield a section for each environment that was measured, or was to be."""
     for record in records:
-        row = derive(record)
-        if row.facts is None or row.step_ns is None:
-            text = f"{row.environment}: {row.status}: {row.detail}"
-            yield Section(row.environment, command, [Conclusion(text, Tone.BAD)])
+        if record.facts is None or record.step is None:
+            text = f"{record.environment}: {record.status}: {record.detail}"
+            yield Section(record.environment, command, [Conclusion(text, Tone.BAD)])
         else:
-            yield _section(row, command)
+            yield _section(record, command)
 
 
-def _section(row: EnvironmentRow, command: str) -> Section:
-    conclusions = [Conclusion(text) for text in environment.conclusions(row)]
-    if row.check is not None and row.check.status == Status.DISAGREES:
-        text = f"{row.environment}: {environment.physics_lines(row)[0]}"
+def _section(record: EnvironmentRecord, command: str) -> Section:
+    conclusions = [Conclusion(text) for text in environment.conclusions(record)]
+    if record.check is not None and record.check.status == Status.DISAGREES:
+        text = f"{record.environment}: {environment.physics_lines(record)[0]}"
         conclusions.insert(0, Conclusion(text, Tone.BAD))
-    tables = [_functions(row)]
-    if any(path.speedup for path in row.paths):
-        tables.append(_paths(row))
-    if any(vector.speedup for vector in row.vectors):
-        tables.append(_vectors(row))
+    tables = [_functions(record)]
+    if any(path.speedup for path in record.physics_paths):
+        tables.append(_paths(record))
+    if any(vector.speedup for vector in record.vector_forms):
+        tables.append(_vectors(record))
     return Section(
-        heading=f"{row.environment}: where a step's time goes",
+        heading=f"{record.environment}: where a step's time goes",
         command=command,
         conclusions=conclusions,
-        figures=[_figure(row)],
+        figures=[_figure(record)],
         tables=tables,
         notes=[
-            environment.reset_line(row),
-            *environment.timing_lines(row),
-            *environment.physics_lines(row),
-            *environment.notes(row),
+            environment.reset_line(record),
+            *environment.timing_lines(record),
+            *environment.physics_lines(record),
+            *environment.notes(record),
         ],
     )
 
 
-def _figure(row: EnvironmentRow) -> Figure:
+def _figure(record: EnvironmentRecord) -> Figure:
     columns = (Column("layer"), Column("% of env.step", 3), Column("µs", 3))
     rows = [
         (layer.layer.value, 100 * layer.share.median, layer.ns / 1e3)
-        for layer in row.layers
+        for layer in record.layer_shares
         if layer.share.median > 0
     ]
     data = DataTable("Layers of a step", columns, rows)
@@ -64,14 +62,14 @@ def _figure(row: EnvironmentRow) -> Figure:
         },
     }
     return Figure(
-        title=f"{row.environment}: layers of a step",
+        title=f"{record.environment}: layers of a step",
         alternative=charts.bars("layers", rows),
         specification=charts.chart(data, [layer]),
         data=data,
     )
 
 
-def _functions(row: EnvironmentRow) -> DataTable:
+def _functions(record: EnvironmentRecord) -> DataTable:
     columns = (
         Column("layer"),
         Column("function"),
@@ -80,13 +78,13 @@ def _functions(row: EnvironmentRow) -> DataTable:
     )
     rows = [
         (layer.layer.value, function.name, function.calls, 100 * max(0.0, function.share))
-        for layer in row.layers
+        for layer in record.layer_shares
         for function in layer.functions
     ]
     return DataTable("Functions of a step", columns, rows)
 
 
-def _paths(row: EnvironmentRow) -> DataTable:
+def _paths(record: EnvironmentRecord) -> DataTable:
     columns = (
         Column("path"),
         Column("options"),
@@ -106,13 +104,13 @@ def _paths(row: EnvironmentRow) -> DataTable:
             *_cells(path.speedup),
             "closed" if path.closed_loop else "open",
         )
-        for path in row.paths
+        for path in record.physics_paths
         if path.speedup is not None
     ]
     return DataTable("The same physics without the environment", columns, rows)
 
 
-def _vectors(row: EnvironmentRow) -> DataTable:
+def _vectors(record: EnvironmentRecord) -> DataTable:
     columns = (
         Column("form"),
         Column("environments", 3),
@@ -130,7 +128,7 @@ def _vectors(row: EnvironmentRow) -> DataTable:
             *_cells(vector.speedup),
             None if vector.overhead_ns is None else vector.overhead_ns / 1e3,
         )
-        for vector in row.vectors
+        for vector in record.vector_forms
         if vector.speedup is not None
     ]
     return DataTable("Several environments at once", columns, rows)

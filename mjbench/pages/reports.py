@@ -281,7 +281,6 @@ def _spread_section(spreads: Sequence[SpreadRecord], command: str) -> Section:
         Column("launches", 3),
         Column("why not"),
     )
-    rows = [record.row() for record in spreads]
     cells = [
         (
             row.model,
@@ -294,7 +293,7 @@ def _spread_section(spreads: Sequence[SpreadRecord], command: str) -> Section:
             row.launches,
             row.detail,
         )
-        for row in rows
+        for row in spreads
     ]
     return Section(
         "How far does speed depend on where code lies?",

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from mjbench.counts.function_differences import NetDifference, largest_differences
-from mjbench.counts.records import ExplainRow, InstructionsRow
+from mjbench.counts.records import ExplainRecord, InstructionsRecord
 from mjbench.pages import charts
 from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.paired import family
@@ -143,7 +143,7 @@ def _forest(rows: Sequence[VerdictRow]) -> Figure:
     )
 
 
-def explanation_sections(rows: Sequence[ExplainRow], command: str) -> Iterator[Section]:
+def explanation_sections(rows: Sequence[ExplainRecord], command: str) -> Iterator[Section]:
     """Yield a section for each model and pair of releases: which functions account for a change.
 
     Operations around the step have sections, too, where both releases have the operation.
@@ -168,7 +168,7 @@ def explanation_sections(rows: Sequence[ExplainRow], command: str) -> Iterator[S
         yield Section(heading, command, [conclusion], figures)
 
 
-def count_sections(rows: Sequence[InstructionsRow], command: str) -> Iterator[Section]:
+def count_sections(rows: Sequence[InstructionsRecord], command: str) -> Iterator[Section]:
     """Yield one section with the instructions of all models and releases; none without rows."""
     if not rows:
         return

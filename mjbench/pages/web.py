@@ -4,10 +4,9 @@ from collections.abc import Iterator, Sequence
 
 from mjbench.comparison.plan import describe_options
 from mjbench.pages.content import Column, Conclusion, DataTable, Section, Tone
-from mjbench.report import web, web_results
-from mjbench.report.web_results import WebPathRow, WebRow
+from mjbench.report import web
 from mjbench.status import Status
-from mjbench.web.records import WebRecord
+from mjbench.web.records import WebPath, WebRecord
 
 _MIB = 1 << 20
 
@@ -15,22 +14,22 @@ _MIB = 1 << 20
 def sections(records: Sequence[WebRecord], command: str) -> Iterator[Section]:
     """Yield a section for each model."""
     for record in records:
-        yield _section(web_results.derive(record), command)
+        yield _section(record, command)
 
 
-def _section(row: WebRow, command: str) -> Section:
-    is_good = all(status in (Status.OK, Status.UNAVAILABLE) for status in row.statuses())
-    conclusion = web.conclusion(row)
+def _section(record: WebRecord, command: str) -> Section:
+    is_good = all(status in (Status.OK, Status.UNAVAILABLE) for status in record.statuses())
+    conclusion = web.conclusion(record)
     return Section(
-        heading=f"{row.model} in WebAssembly",
+        heading=f"{record.model} in WebAssembly",
         command=command,
         conclusions=[Conclusion(conclusion) if is_good else Conclusion(conclusion, Tone.BAD)],
-        tables=[_table(row)] if row.paths else [],
-        notes=web.notes(row),
+        tables=[_table(record)] if record.paths else [],
+        notes=web.notes(record),
     )
 
 
-def _table(row: WebRow) -> DataTable:
+def _table(record: WebRecord) -> DataTable:
     columns = (
         Column("path"),
         Column("options"),
@@ -44,11 +43,13 @@ def _table(row: WebRow) -> DataTable:
         Column("process MiB", 3),
     )
     return DataTable(
-        f"Steps of {row.model}, and times over those of C", columns, [_cells(p) for p in row.paths]
+        f"Steps of {record.model}, and times over those of C",
+        columns,
+        [_cells(p) for p in record.path_results],
     )
 
 
-def _cells(path: WebPathRow) -> tuple[str | float | None, ...]:
+def _cells(path: WebPath) -> tuple[str | float | None, ...]:
     ratio = path.ratio
     return (
         path.path,
@@ -56,6 +57,6 @@ def _cells(path: WebPathRow) -> tuple[str | float | None, ...]:
         path.status.value,
         path.step_ns,
         *((None, None, None) if ratio is None else (ratio.median, ratio.low, ratio.high)),
-        None if path.check is None else path.check.final.difference,
+        path.difference,
         *(None if size is None else size / _MIB for size in (path.heap_bytes, path.rss_bytes)),
     )

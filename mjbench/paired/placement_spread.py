@@ -8,7 +8,7 @@ benchmark of one build says is uncertain by the spread of these placements.
 import random
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from mjbench.errors import MachineError
 from mjbench.instrument import anytime
 from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt, Version
+from mjbench.instrument.json_form import in_json
 from mjbench.paired import moved_check
 from mjbench.paired.ending import ENDING_ERRORS, ending_of
 from mjbench.paired.preparation import WorkCheck
@@ -81,8 +82,9 @@ class Spread:
     high: NonNegativeFloat | None
 
 
+@in_json(without=["samples"])
 @dataclass(frozen=True, kw_only=True)
-class SpreadRow:
+class SpreadRecord:
     """How far the time of a model's step depends on where the code lies; None is not known.
 
     Attributes:
@@ -97,8 +99,10 @@ class SpreadRow:
       nstep: steps of each.
       launches: in all.
       seconds: from start to end.
+      samples: raw times of every launch.
     """
 
+    record_type: ClassVar[str] = "placement"
     model: str
     release: Version
     build: str
@@ -110,18 +114,7 @@ class SpreadRow:
     nstep: PositiveInt | None = None
     launches: NonNegativeInt = 0
     seconds: NonNegativeFloat = 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class SpreadRecord(SpreadRow):
-    """A row as a run file stores it, with the raw times of every launch."""
-
-    record_type: ClassVar[str] = "placement"
     samples: Sequence[LaunchRow] = ()
-
-    def row(self) -> SpreadRow:
-        """Return it without its samples."""
-        return SpreadRow(**{f.name: getattr(self, f.name) for f in fields(SpreadRow)})
 
 
 def finished(records: Sequence[object]) -> list[SpreadRecord]:

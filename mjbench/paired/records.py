@@ -6,14 +6,14 @@ candidate `new`, as on the command line.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from mjbench.instrument.bounds import (
     NonNegativeFloat,
     NonNegativeInt,
-    Pair,
     PositiveFloat,
     PositiveInt,
+    TwoOf,
 )
 from mjbench.paired.outcomes import Cause, Metric, Verdict
 from mjbench.releases.placement import AS_SHIPPED, PlacementPair
@@ -22,6 +22,7 @@ from mjbench.simulation.work import Work
 from mjbench.simulation.work_check import RunDrift
 from mjbench.status import FINISHED, Status
 
+_Value = TypeVar("_Value")
 # Larger e-values are stored as this.
 MAX_E_VALUE = 1e12
 
@@ -65,35 +66,11 @@ class TargetRow:
 
 
 @dataclass(frozen=True)
-class WorkPair:
-    """Work per step of the baseline and of the candidate."""
+class Pair(Generic[_Value]):
+    """A value of the baseline, and the same of the candidate."""
 
-    old: Work
-    new: Work
-
-
-@dataclass(frozen=True)
-class DivergedPair:
-    """Simulations that diverged, of the baseline and of the candidate."""
-
-    old: NonNegativeInt
-    new: NonNegativeInt
-
-
-@dataclass(frozen=True)
-class WarningsPair:
-    """How many simulations raised each warning, of the baseline and of the candidate."""
-
-    old: Mapping[str, NonNegativeInt]
-    new: Mapping[str, NonNegativeInt]
-
-
-@dataclass(frozen=True)
-class TimestepPair:
-    """Timesteps in seconds, of the baseline's model and of the candidate's."""
-
-    old: PositiveFloat
-    new: PositiveFloat
+    old: _Value
+    new: _Value
 
 
 @dataclass(frozen=True)
@@ -156,7 +133,7 @@ class VerdictRow:
     path: str
     old: str
     new: str
-    sides: Pair[TargetRow]
+    sides: TwoOf[TargetRow]
     metric: Metric = Metric.TIME
     status: Status
     detail: str = ""
@@ -167,16 +144,16 @@ class VerdictRow:
     cause: Cause | None = None
     placement: PlacementEffect | None = None
     changed_work: bool | None = None
-    work: WorkPair | None = None
+    work: Pair[Work] | None = None
     drift: float | None = None
     run_drift: Sequence[RunDrift] = ()
-    diverged: DivergedPair | None = None
-    warnings: WarningsPair | None = None
+    diverged: Pair[NonNegativeInt] | None = None
+    warnings: Pair[Mapping[str, NonNegativeInt]] | None = None
     nbatch: PositiveInt | None = None
     nstep: PositiveInt | None = None
     starts: Starts | None = None
     candidate_starts: Starts | None = None
-    timesteps_s: TimestepPair | None = None
+    timesteps_s: Pair[PositiveFloat] | None = None
     launches: NonNegativeInt = 0
     pairs: NonNegativeInt = 0
     seconds: NonNegativeFloat = 0.0

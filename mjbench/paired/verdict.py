@@ -20,15 +20,12 @@ from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.records import (
     MAX_E_VALUE,
-    DivergedPair,
     LaunchRow,
+    Pair,
     PlacementEffect,
     Ratio,
-    TimestepPair,
     VerdictRecord,
     VerdictRow,
-    WarningsPair,
-    WorkPair,
 )
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
@@ -117,16 +114,16 @@ class PairedResult:
             cause=self._cause(),
             placement=self._placement(),
             changed_work=check.changed if check else None,
-            work=WorkPair(check.baseline, check.candidate) if check else None,
+            work=Pair(check.baseline, check.candidate) if check else None,
             drift=check.drift.one_step if check and check.drift else None,
             run_drift=check.drift.runs if check and check.drift else (),
-            diverged=DivergedPair(*check.diverged) if check else None,
-            warnings=WarningsPair(*check.warnings) if check else None,
+            diverged=Pair(*check.diverged) if check else None,
+            warnings=Pair(*check.warnings) if check else None,
             nbatch=check.nbatch if check else None,
             nstep=check.nstep if check else None,
             starts=check.starts if check else None,
             candidate_starts=check.candidate_starts if check else None,
-            timesteps_s=TimestepPair(*check.timesteps_s) if check and check.log_scale else None,
+            timesteps_s=Pair(*check.timesteps_s) if check and check.log_scale else None,
             launches=len(self.launches),
             pairs=2 * sum(len(launch.orders) for launch in self.launches),
             seconds=self.seconds,

@@ -7,13 +7,13 @@ from rich.console import Console
 from mjbench.counts import explain
 from mjbench.counts.function_differences import MAIN_FUNCTIONS, largest_differences
 from mjbench.counts.instructions import ModelCount
-from mjbench.counts.records import ExplainRow, FunctionDifference, InstructionsRow
+from mjbench.counts.records import ExplainRecord, FunctionDifference, InstructionsRecord
 from mjbench.report import tables
 from mjbench.report.starts import starts_lines
 from mjbench.status import Status
 
 
-def print_counts(out: Console, counts: Sequence[InstructionsRow], top: int) -> None:
+def print_counts(out: Console, counts: Sequence[InstructionsRecord], top: int) -> None:
     """Print instructions per step of every model and release, then stages and functions of each."""
     headings = ["model", "release", "instructions/step", "outside the engine/step", ""]
     table = tables.plain_table(headings, right=(2, 3))
@@ -31,7 +31,7 @@ def print_counts(out: Console, counts: Sequence[InstructionsRow], top: int) -> N
             _print_functions(out, count, count.instructions_per_step, top)
 
 
-def _print_functions(out: Console, count: InstructionsRow, total: float, top: int) -> None:
+def _print_functions(out: Console, count: InstructionsRecord, total: float, top: int) -> None:
     out.print(f"\n{count.model}, MuJoCo {count.release}")
     for line in [
         *starts_lines(count.starts, with_warnings=False),
@@ -51,7 +51,7 @@ def _print_functions(out: Console, count: InstructionsRow, total: float, top: in
 
 
 def print_explanation(
-    out: Console, baseline: ModelCount, candidate: ModelCount, row: ExplainRow, top: int
+    out: Console, baseline: ModelCount, candidate: ModelCount, row: ExplainRecord, top: int
 ) -> None:
     """Print what changed from one release to another on one model."""
     releases = f"MuJoCo {baseline.release} → {candidate.release}"
@@ -69,7 +69,7 @@ def print_explanation(
     _print_function_changes(out, row, top)
 
 
-def print_changes(out: Console, rows: Sequence[ExplainRow]) -> None:
+def print_changes(out: Console, rows: Sequence[ExplainRecord]) -> None:
     """Print a row for each model or operation, and pair of releases, that differ or failed."""
     headings = ["", "old", "new", "instructions", "functions that account for most"]
     table = tables.plain_table(headings, right=(3,))
@@ -87,7 +87,7 @@ def print_changes(out: Console, rows: Sequence[ExplainRow]) -> None:
     out.print(table)
 
 
-def _print_stage_changes(out: Console, row: ExplainRow) -> None:
+def _print_stage_changes(out: Console, row: ExplainRecord) -> None:
     table = tables.plain_table(["stage", "old/step", "new/step", "difference"], right=(1, 2, 3))
     costs = {stage: (pair.old or 0.0, pair.new or 0.0) for stage, pair in row.stages.items()}
     for stage in sorted(costs, key=lambda name: -abs(costs[name][1] - costs[name][0])):
@@ -97,7 +97,7 @@ def _print_stage_changes(out: Console, row: ExplainRow) -> None:
     out.print(table)
 
 
-def _print_function_changes(out: Console, row: ExplainRow, top: int) -> None:
+def _print_function_changes(out: Console, row: ExplainRecord, top: int) -> None:
     if not row.functions:
         return
     headings = ["function", "old/step", "new/step", "difference", "code", ""]

@@ -8,9 +8,7 @@ from mjbench.comparison.listing import ListedModel
 from mjbench.comparison.planning_run import PlanningRow
 from mjbench.counts.records import (
     ExplainRecord,
-    ExplainRow,
     InstructionsRecord,
-    InstructionsRow,
 )
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.instrument.conditions import Condition
@@ -19,7 +17,7 @@ from mjbench.instrument.runs import SCHEMA
 from mjbench.loop.latency import LatencyRow
 from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.profile import ProfileRow
-from mjbench.paired.placement_spread import SpreadRecord, SpreadRow
+from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.paired.race import RaceRecord
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
@@ -30,13 +28,11 @@ from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, S
 from mjbench.report.advice import Advice, ClockAdvice, advise, advise_clock
 from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.doctor import NoiseRow
-from mjbench.report.environment_results import EnvironmentRow
 from mjbench.report.lint import LintDocument
 from mjbench.report.listings import PathRow
 from mjbench.report.results import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
 from mjbench.report.thread_advice import ThreadAdvice, advise_threads
-from mjbench.report.web_results import WebRow
 from mjbench.report.work_crossovers import WorkCrossover, work_crossovers
 from mjbench.status import Status
 from mjbench.tuning.records import TuneRecord
@@ -186,7 +182,7 @@ class PlacementDocument:
 
     schema: int = SCHEMA
     machine: Machine
-    results: Sequence[SpreadRow]
+    results: Sequence[SpreadRecord]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,7 +236,7 @@ class EnvDocument:
 
     schema: int = SCHEMA
     machine: Machine
-    results: Sequence[EnvironmentRow]
+    results: Sequence[EnvironmentRecord]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -258,7 +254,7 @@ class WebDocument:
 
     schema: int = SCHEMA
     machine: Machine
-    results: Sequence[WebRow]
+    results: Sequence[WebRecord]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -276,7 +272,7 @@ class InstructionsDocument:
     """What `mjbench instructions --json` writes."""
 
     schema: int = SCHEMA
-    results: Sequence[InstructionsRow]
+    results: Sequence[InstructionsRecord]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -284,7 +280,7 @@ class ExplainDocument:
     """What `mjbench explain --json` writes."""
 
     schema: int = SCHEMA
-    results: Sequence[ExplainRow]
+    results: Sequence[ExplainRecord]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,16 +5,21 @@ from collections.abc import Callable
 from rich.console import Console
 
 from mjbench.comparison.plan import Variant, describe_options
+from mjbench.environment.layer_shares import LayerShare
 from mjbench.environment.layers import Layer
 from mjbench.environment.model_changes import Moment
-from mjbench.environment.records import EnvironmentFacts, VectorForm
+from mjbench.environment.records import (
+    EnvironmentFacts,
+    EnvironmentRecord,
+    VectorForm,
+    VectorSamples,
+)
 from mjbench.environment.workload import listed
 from mjbench.instrument.stats import Estimate
 from mjbench.instrument.units import duration
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import nthread
 from mjbench.report import tables
-from mjbench.report.environment_results import EnvironmentRow, LayerRow, VectorRow
 from mjbench.status import Status
 
 # The least share of a layer that the first sentence names beside physics; and the most layers, or
@@ -30,50 +35,54 @@ _FEW_CORES = 0.8
 _LEAST_SHARE = 0.001
 
 
-def print_environment(out: Console, row: EnvironmentRow) -> None:
+def print_environment(out: Console, record: EnvironmentRecord) -> None:
     """Print what was measured of an environment, conclusions first."""
     out.print()
-    first, *rest = conclusions(row) or [f"{row.environment}: {row.status}: {row.detail}"]
+    first, *rest = conclusions(record) or [
+        f"{record.environment}: {record.status}: {record.detail}"
+    ]
     heading, _, text = first.partition(": ")
     out.print(tables.headed(heading, f": {text}"), soft_wrap=True)
     for line in rest:
         out.print(line, soft_wrap=True)
-    if row.facts is None:
+    if record.facts is None:
         return
-    out.print(f"\n{_recorded(row.facts)}", soft_wrap=True)
-    if row.step_ns is not None:
-        _print_step(out, row)
-    for line in physics_lines(row):
+    out.print(f"\n{_recorded(record.facts)}", soft_wrap=True)
+    if record.step is not None:
+        _print_step(out, record)
+    for line in physics_lines(record):
         out.print(line, soft_wrap=True)
-    if any(path.speedup for path in row.paths):
-        _print_paths(out, row)
-    if any(vector.speedup for vector in row.vectors):
-        _print_vectors(out, row)
-    for line in notes(row):
+    if any(path.speedup for path in record.physics_paths):
+        _print_paths(out, record)
+    if any(vector.speedup for vector in record.vector_forms):
+        _print_vectors(out, record)
+    for line in notes(record):
         out.print(line, soft_wrap=True)
 
 
-def conclusions(row: EnvironmentRow) -> list[str]:
+def conclusions(record: EnvironmentRecord) -> list[str]:
     """Return what follows from an environment's measurement, a sentence each; none without one."""
-    if row.step_ns is None or not row.layers:
+    if record.step is None or not record.layer_shares:
         return []
-    sentences = [_shares(row), *_unrepeated(row)]
-    if physics := _physics_conclusion(row):
+    sentences = [_shares(record), *_unrepeated(record)]
+    if physics := _physics_conclusion(record):
         sentences.append(physics)
-    return [*sentences, *_vector_conclusions(row)]
+    return [*sentences, *_vector_conclusions(record)]
 
 
-def _shares(row: EnvironmentRow) -> str:
+def _shares(record: EnvironmentRecord) -> str:
     others = [
         f"{layer.layer} {100 * layer.share.median:.0f} %{_costliest_wrapper(layer)}"
-        for layer in row.layers
+        for layer in record.layer_shares
         if layer.layer != Layer.PHYSICS and layer.share.median >= _NAMED_SHARE
     ][:_NAMED]
-    physics = f"{100 * row.share(Layer.PHYSICS):.0f} % of env.step is physics"
-    return f"{row.environment}: {'; '.join([physics, ', '.join(others)] if others else [physics])}"
+    physics = f"{100 * record.share(Layer.PHYSICS):.0f} % of env.step is physics"
+    return (
+        f"{record.environment}: {'; '.join([physics, ', '.join(others)] if others else [physics])}"
+    )
 
 
-def _costliest_wrapper(layer: LayerRow) -> str:
+def _costliest_wrapper(layer: LayerShare) -> str:
     """Return the wrapper that takes most, in parentheses, where wrappers take much of a step."""
     if layer.layer != Layer.WRAPPERS or layer.share.median < _MUCH_SHARE:
         return ""
@@ -81,18 +90,18 @@ def _costliest_wrapper(layer: LayerRow) -> str:
     return f" ({wrapper.name} {100 * wrapper.share:.0f} %)"
 
 
-def _unrepeated(row: EnvironmentRow) -> list[str]:
+def _unrepeated(record: EnvironmentRecord) -> list[str]:
     """Return a sentence with what was not the same in another pass; none if all was."""
-    if row.facts is None or row.facts.repeats:
+    if record.facts is None or record.facts.repeats:
         return []
-    fields = [str(each) for each in row.facts.unrepeated]
+    fields = [str(each) for each in record.facts.unrepeated]
     if not fields:
         return ["With the same seed and actions, it does not do the same again."]
     if len(fields) > _NAMED:
         fields = [*fields[:_NAMED], f"{len(fields) - _NAMED} more"]
     differ = "differs" if len(fields) == 1 else "differ"
     physics = "; its physics is the same."
-    if _has_other_physics(row.facts):
+    if _has_other_physics(record.facts):
         physics = ", so its physics is not compared."
     return [f"With the same seed and actions, {listed(fields)} {differ} in another pass{physics}"]
 
@@ -102,24 +111,24 @@ def _has_other_physics(facts: EnvironmentFacts) -> bool:
     return any(each.is_physics for each in facts.unrepeated)
 
 
-def _physics_conclusion(row: EnvironmentRow) -> str:
+def _physics_conclusion(record: EnvironmentRecord) -> str:
     """Return how fast the same physics is without the environment; empty if not measured."""
-    loop = next((path for path in row.paths if path.path == BASE and path.speedup), None)
+    loop = next((path for path in record.physics_paths if path.path == BASE and path.speedup), None)
     if loop is None or loop.speedup is None:
         return ""
     if loop.speedup.low is None or loop.speedup.low <= 1:
         start = "The same physics in a plain loop is not certainly faster than env.step"
     else:
         start = f"The same physics runs {_times(loop.speedup)} as fast in a plain loop"
-    better = [_rival(row, closed_loop) for closed_loop in (True, False)]
+    better = [_rival(record, closed_loop) for closed_loop in (True, False)]
     return "; ".join([start, *filter(None, better)]) + "."
 
 
-def _rival(row: EnvironmentRow, closed_loop: bool) -> str:
+def _rival(record: EnvironmentRecord, closed_loop: bool) -> str:
     """Return the fastest path that is certainly faster than the plain loop; empty without one."""
     rivals = [
         path
-        for path in row.paths
+        for path in record.physics_paths
         if path.closed_loop == closed_loop and path.over_loop and (path.over_loop.low or 0) > 1
     ]
     if not rivals:
@@ -136,9 +145,9 @@ def _times(speedup: Estimate) -> str:
     return f"{tables.factor(speedup.median)} times ({_interval(speedup)})"
 
 
-def _vector_conclusions(row: EnvironmentRow) -> list[str]:
+def _vector_conclusions(record: EnvironmentRecord) -> list[str]:
     """Return which vectorised form is fastest, and what slows processes; none without any form."""
-    timed = [vector for vector in row.vectors if vector.speedup is not None]
+    timed = [vector for vector in record.vector_forms if vector.speedup is not None]
     if not timed:
         return []
     fastest = max(timed, key=lambda vector: vector.speedup.median if vector.speedup else 0.0)
@@ -154,11 +163,11 @@ def _vector_conclusions(row: EnvironmentRow) -> list[str]:
     return [first, *(_overhead(vector) for vector in processes[-1:] if _is_slowed(vector))]
 
 
-def _is_slowed(vector: VectorRow) -> bool:
+def _is_slowed(vector: VectorSamples) -> bool:
     return vector.overhead_ns is not None and vector.overhead_ns > 0
 
 
-def _overhead(vector: VectorRow) -> str:
+def _overhead(vector: VectorSamples) -> str:
     """Return why a form of processes is not as fast as its cores."""
     assert vector.step_ns is not None and vector.overhead_ns is not None, "its cores are known"
     assert vector.ncore is not None, "its cores are known"
@@ -190,17 +199,17 @@ def _recorded(facts: EnvironmentFacts) -> str:
     )
 
 
-def _print_step(out: Console, row: EnvironmentRow) -> None:
-    assert row.step_ns is not None and row.reset is not None, "it was timed"
-    engine = f", {row.steps_per_s:,.0f} of the engine" if row.steps_per_s else ""
+def _print_step(out: Console, record: EnvironmentRecord) -> None:
+    assert record.step is not None and record.reset is not None, "it was timed"
+    engine = f", {record.steps_per_s:,.0f} of the engine" if record.steps_per_s else ""
     out.print(
-        f"env.step takes {duration(row.step_ns.median)} ({_interval(row.step_ns, duration)}, 95 %,"
-        f" {row.rounds} rounds): {row.env_steps_per_s:,.0f} steps per second{engine}.",
+        f"env.step takes {duration(record.step.median)} ({_interval(record.step, duration)}, 95 %,"
+        f" {record.rounds} rounds): {record.env_steps_per_s:,.0f} steps per second{engine}.",
         soft_wrap=True,
     )
-    out.print(reset_line(row), soft_wrap=True)
+    out.print(reset_line(record), soft_wrap=True)
     table = tables.plain_table(["layer", "of env.step", "95 %", "time", "calls"], right=range(1, 5))
-    for layer in row.layers:
+    for layer in record.layer_shares:
         table.add_row(
             layer.layer.value,
             _share_text(layer.share.median),
@@ -214,11 +223,11 @@ def _print_step(out: Console, row: EnvironmentRow) -> None:
                 f"  {function.name}",
                 _share_text(function.share),
                 "",
-                duration(function.share * row.step_ns.median) if is_shown else "",
+                duration(function.share * record.step.median) if is_shown else "",
                 tables.plain(function.calls, 3),
             )
     out.print(table)
-    for line in timing_lines(row):
+    for line in timing_lines(record):
         out.print(line, soft_wrap=True)
 
 
@@ -226,29 +235,29 @@ def _share_text(share: float) -> str:
     return f"{100 * share:.1f} %" if share >= _LEAST_SHARE else f"< {100 * _LEAST_SHARE:.1f} %"
 
 
-def reset_line(row: EnvironmentRow) -> str:
+def reset_line(record: EnvironmentRecord) -> str:
     """Return what a reset takes, and which share of an episode that is."""
-    assert row.facts is not None and row.reset is not None and row.step_ns is not None
-    reset, length = row.reset, row.facts.episode_nstep
+    assert record.facts is not None and record.reset is not None and record.step is not None
+    reset, length = record.reset, record.facts.episode_nstep
     share = _share_text(reset.episode_share)
     episode = (
         f"{share} of an episode of {tables.plain(length, 3)} steps"
         if length
         else f"less than {share.removeprefix('< ')} of an episode, as none ended within"
-        f" {row.facts.nstep:,} steps"
+        f" {record.facts.nstep:,} steps"
     )
-    steps = tables.plain(reset.ns.median / row.step_ns.median, 2)
+    steps = tables.plain(reset.ns.median / record.step.median, 2)
     return (
         f"env.reset takes {duration(reset.ns.median)} ({_interval(reset.ns, duration)}), as long as"
         f" {steps} steps: {episode}."
     )
 
 
-def timing_lines(row: EnvironmentRow) -> list[str]:
+def timing_lines(record: EnvironmentRecord) -> list[str]:
     """Return what timing the layers cost, and whether they add up."""
-    if row.timer is None:
+    if record.timer is None:
         return []
-    timer = row.timer
+    timer = record.timer
     total = f"{100 * timer.sum.median:.1f} %"
     lines = [
         f"Timing {tables.plain(timer.calls, 3)} calls a step adds {100 * timer.share:.1f} % to it"
@@ -260,9 +269,9 @@ def timing_lines(row: EnvironmentRow) -> list[str]:
     return lines
 
 
-def physics_lines(row: EnvironmentRow) -> list[str]:
+def physics_lines(record: EnvironmentRecord) -> list[str]:
     """Return whether a plain loop does the same physics, and what the environment does besides."""
-    facts, check = row.facts, row.check
+    facts, check = record.facts, record.check
     if facts is None or check is None:
         return []
     calls = f"{check.checked:,} calls of the engine"
@@ -285,7 +294,7 @@ def physics_lines(row: EnvironmentRow) -> list[str]:
         )
     if facts.entered:
         lines.append(f"Beside controls, it writes {listed(facts.entered)} between its steps.")
-    for change in row.changes:
+    for change in record.changes:
         often = f"{change.count} times" if change.count > 1 else "once"
         when = "a reset" if change.moment == Moment.RESET else "its steps"
         verb = "in" if change.moment == Moment.RESET else "between"
@@ -295,7 +304,7 @@ def physics_lines(row: EnvironmentRow) -> list[str]:
     return lines
 
 
-def _print_paths(out: Console, row: EnvironmentRow) -> None:
+def _print_paths(out: Console, record: EnvironmentRecord) -> None:
     table = tables.plain_table(
         [
             "same physics by",
@@ -308,7 +317,7 @@ def _print_paths(out: Console, row: EnvironmentRow) -> None:
         ],
         right=range(2, 6),
     )
-    for path in row.paths:
+    for path in record.physics_paths:
         if path.speedup is None:
             continue
         table.add_row(
@@ -323,12 +332,12 @@ def _print_paths(out: Console, row: EnvironmentRow) -> None:
     out.print(table)
 
 
-def _print_vectors(out: Console, row: EnvironmentRow) -> None:
+def _print_vectors(out: Console, record: EnvironmentRecord) -> None:
     table = tables.plain_table(
         ["environments at once", "number", "env steps/s", "× one", "95 %", "added to a step"],
         right=range(1, 6),
     )
-    for vector in row.vectors:
+    for vector in record.vector_forms:
         if vector.speedup is not None:
             table.add_row(
                 vector.form.value,
@@ -344,32 +353,36 @@ def _print_vectors(out: Console, row: EnvironmentRow) -> None:
     out.print("Resets are included. All steps return what they do in one environment.")
 
 
-def notes(row: EnvironmentRow) -> list[str]:
+def notes(record: EnvironmentRecord) -> list[str]:
     """Return what went wrong with a path or a vectorised form, and what limits the figures."""
     lines = [
         f"{Variant(path.path, path.options)}: {path.status}: {path.detail}"
-        for path in row.paths
+        for path in record.physics_paths
         if path.status not in (Status.OK, Status.UNAVAILABLE)
     ]
     lines += [
         f"{_named(vector)}: {vector.status}: {vector.detail}"
-        for vector in row.vectors
+        for vector in record.vector_forms
         if vector.status != Status.OK
     ]
-    if row.no_vectors:
-        lines.append(f"No vectorised forms: {row.no_vectors}.")
-    threads = max((nthread(path.options) for path in row.paths), default=1)
-    if row.cores is not None and threads > 1 and row.cores < _FEW_CORES * threads:
+    if record.why_no_vectors:
+        lines.append(f"No vectorised forms: {record.why_no_vectors}.")
+    threads = max((nthread(path.options) for path in record.physics_paths), default=1)
+    if (
+        record.median_cores is not None
+        and threads > 1
+        and record.median_cores < _FEW_CORES * threads
+    ):
         lines.append(
-            f"Threads got {tables.plain(row.cores, 2)} of {threads} cores: other programs were"
-            " running."
+            f"Threads got {tables.plain(record.median_cores, 2)} of {threads} cores: other programs"
+            " were running."
         )
-    if row.status != Status.OK:
-        lines.append(f"{row.environment}: {row.status}: {row.detail}")
+    if record.status != Status.OK:
+        lines.append(f"{record.environment}: {record.status}: {record.detail}")
     return lines
 
 
-def _named(vector: VectorRow) -> str:
+def _named(vector: VectorSamples) -> str:
     return f"{vector.form} of {vector.nenv}"
 
 

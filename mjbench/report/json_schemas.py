@@ -13,6 +13,7 @@ from typing import Any
 
 import msgspec
 
+from mjbench.instrument.json_form import json_type
 from mjbench.instrument.run_set import SectionHeader, SetHeader
 from mjbench.instrument.runs import RunHeader
 from mjbench.report.documents import DOCUMENTS, RECORD_TYPES
@@ -50,7 +51,7 @@ def _lines_schema(kinds: Sequence[type], title: str) -> dict[str, Any]:
 
 def _schema(kind: type, title: str) -> dict[str, Any]:
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": title}
-    return {**head, **msgspec.json.schema(kind)}
+    return {**head, **msgspec.json.schema(json_type(kind))}
 
 
 def _record_schema(kind: Any) -> dict[str, Any]:

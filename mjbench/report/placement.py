@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
-from mjbench.paired.placement_spread import SpreadRow
+from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.paired.records import Ratio
 from mjbench.releases.placement import RESIDUES
 from mjbench.report import tables
 
 
-def print_spreads(out: Console, rows: Sequence[SpreadRow]) -> None:
+def print_spreads(out: Console, rows: Sequence[SpreadRecord]) -> None:
     """Print a sentence for each model, and below them the table of all residues."""
     for row in rows:
         out.print(describe_spread(row), soft_wrap=True)
@@ -31,7 +31,7 @@ def print_spreads(out: Console, rows: Sequence[SpreadRow]) -> None:
         )
 
 
-def describe_spread(row: SpreadRow) -> str:
+def describe_spread(row: SpreadRecord) -> str:
     """Return in a sentence how far the time of a step depends on where the code lies."""
     name = f"{row.model}, MuJoCo {row.release}"
     spread = row.spread
@@ -55,7 +55,7 @@ def describe_spread(row: SpreadRow) -> str:
     )
 
 
-def _cells(row: SpreadRow) -> list[str]:
+def _cells(row: SpreadRecord) -> list[str]:
     spread, ratios = row.spread, {residue.residue: residue.ratio for residue in row.residues}
     has_interval = spread is not None and spread.low is not None and spread.high is not None
     return [

@@ -8,9 +8,10 @@ from mjbench.comparison.planning_run import PlanningRow
 from mjbench.counts.records import ExplainRecord, InstructionsRecord
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.instrument import run_set
+from mjbench.instrument.json_form import json_form
 from mjbench.instrument.machine_identity import identify
 from mjbench.instrument.run_set import RunSet
-from mjbench.instrument.runs import Run, to_json
+from mjbench.instrument.runs import Run
 from mjbench.loop.latency import LatencyRow
 from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.profile import ProfileRow
@@ -20,7 +21,7 @@ from mjbench.paired.records import VerdictRecord
 from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.program.records import ProgramRow
 from mjbench.releases.release_ratios import RatioRecord
-from mjbench.report import environment_results, tuning, web_results
+from mjbench.report import tuning
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.report.program import program_rows
 from mjbench.report.results import derive_all
@@ -31,6 +32,11 @@ from mjbench.web.records import WebRecord
 Cell = str | float | int | bool | None
 # Raw samples and code are left out: they are in the run file.
 _LEFT_OUT = {"snippet", "samples", "functions", "histogram"}
+# What a table has of a path of `mjbench web`.
+_WEB_KEYS = (
+    *("path", "options", "status", "detail", "is_identical", "difference"),
+    *("step_ns", "steps_per_s", "ratio", "heap_bytes", "rss_bytes"),
+)
 
 
 def load(file: str | Path) -> list[dict[str, Cell]]:
@@ -77,7 +83,7 @@ def of_run(run: Run) -> list[dict[str, Cell]]:
 
 
 def _rows(run: Run) -> Iterator[dict[str, Cell]]:
-    return (dict(_flattened(to_json(result))) for result in _results(run))
+    return (dict(_flattened(json_form(result))) for result in _results(run))
 
 
 def _with_all_keys(some: Iterable[dict[str, Cell]]) -> list[dict[str, Cell]]:
@@ -94,20 +100,25 @@ def _results(run: Run) -> Iterator[object]:
         yield verdict.row()
     if trials := run.of_type(TrialRecord):
         yield from selfcheck.summary(trials)
-    for spread in run.of_type(SpreadRecord):
-        yield spread.row()
-    for kind in (OverheadRow, ProfileRow, LatencyRow, PlanningRow):
+    yield from run.of_type(SpreadRecord)
+    for kind in (OverheadRow, ProfileRow, LatencyRow, PlanningRow, EnvironmentRecord):
         yield from run.of_type(kind)
     for program in run.of_type(ProgramRow):
         yield from program_rows(program)
-    yield from map(environment_results.derive, run.of_type(EnvironmentRecord))
     for search in run.of_type(TuneRecord):
         yield from tuning.rows(search)
     for web_record in run.of_type(WebRecord):
-        yield from web_results.rows(web_record)
+        yield from _web_rows(web_record)
     yield from run.of_type(RatioRecord)
     yield from run.of_type(ExplainRecord)
     yield from run.of_type(InstructionsRecord)
+
+
+def _web_rows(record: WebRecord) -> Iterator[Mapping[str, object]]:
+    """Yield the paths on a model, a row each."""
+    for path in record.path_results:
+        figures = {key: getattr(path, key) for key in _WEB_KEYS}
+        yield {"model": record.model, "release": record.release, **figures}
 
 
 def _flattened(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Cell]]:

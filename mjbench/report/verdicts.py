@@ -14,7 +14,7 @@ from mjbench.paired.across_machines import (
 )
 from mjbench.paired.family import Family
 from mjbench.paired.outcomes import Cause, Metric, Verdict
-from mjbench.paired.records import Ratio, TargetRow, TimestepPair, VerdictRow
+from mjbench.paired.records import Pair, Ratio, TargetRow, VerdictRow
 from mjbench.paths import BASE
 from mjbench.report import tables
 from mjbench.report.starts import starts_lines
@@ -243,7 +243,7 @@ def describe_work(row: VerdictRow) -> str:
     )
 
 
-def _timesteps(timesteps: TimestepPair) -> str:
+def _timesteps(timesteps: Pair[float]) -> str:
     return f"{timesteps.old:g} → {timesteps.new:g} s"
 
 

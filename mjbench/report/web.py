@@ -8,9 +8,8 @@ from mjbench.comparison.plan import Variant
 from mjbench.instrument.stats import Estimate
 from mjbench.report import tables
 from mjbench.report.starts import starts_lines
-from mjbench.report.web_results import WebPathRow, WebRow
 from mjbench.status import Status
-from mjbench.web.records import C_PATH
+from mjbench.web.records import C_PATH, WebPath, WebRecord
 from mjbench.web.rounding_check import FirstDifference, RoundingCheck
 
 _MIB = 1 << 20
@@ -18,44 +17,46 @@ _MIB = 1 << 20
 _SHORT_MS = 1.0
 
 
-def print_model(out: Console, row: WebRow) -> None:
+def print_model(out: Console, record: WebRecord) -> None:
     """Print what was measured of a model, the conclusion first."""
     out.print()
-    heading, _, text = conclusion(row).partition(": ")
+    heading, _, text = conclusion(record).partition(": ")
     out.print(tables.headed(heading, f": {text}"), soft_wrap=True)
-    if row.work is None:
+    if record.work is None:
         return
     out.print(
-        f"MuJoCo {row.release}, Node {row.node}; {row.nbatch} × {row.nstep} steps compared,"
-        f" {row.block_nbatch} × {row.block_nstep} in a block; {row.work.contacts:.1f} contacts and"
-        f" {row.work.constraints:.1f} constraints a step",
+        f"MuJoCo {record.release}, Node {record.node};"
+        f" {record.nbatch} × {record.nstep} steps compared,"
+        f" {record.block_nbatch} × {record.block_nstep} in a block;"
+        f" {record.work.contacts:.1f} contacts and"
+        f" {record.work.constraints:.1f} constraints a step",
         soft_wrap=True,
     )
-    for line in starts_lines(row.starts):
+    for line in starts_lines(record.starts):
         out.print(line, soft_wrap=True)
     headings = (
         *("path", "ns/step", "× C", "", "agrees", "difference"),
         *("start ms", "model ms", "first ns/step", "heap MiB", "process MiB"),
     )
     table = tables.plain_table(headings, right=(1, 2, 5, 6, 7, 8, 9, 10))
-    for path in row.paths:
+    for path in record.path_results:
         table.add_row(*_cells(path))
     out.print(table)
-    for line in notes(row):
+    for line in notes(record):
         out.print(line, soft_wrap=True)
 
 
-def conclusion(row: WebRow) -> str:
+def conclusion(record: WebRecord) -> str:
     """Return what follows for a model, in one sentence."""
-    if row.status != Status.OK:
-        return f"{row.model}: {row.status}: {row.detail}"
-    wasm = [path for path in row.paths if path.is_wasm]
+    if record.status != Status.OK:
+        return f"{record.model}: {record.status}: {record.detail}"
+    wasm = [path for path in record.path_results if path.is_wasm]
     if not wasm:
-        return f"{row.model}: no build was compared"
+        return f"{record.model}: no build was compared"
     first = next((path for path in wasm if path.status == Status.OK), None)
     if first is None:
         bad = next((path for path in wasm if path.status == Status.DISAGREES), wasm[0])
-        return f"{row.model}: {_name(bad)}: {bad.status}: {bad.detail}"
+        return f"{record.model}: {_name(bad)}: {bad.status}: {bad.detail}"
     parts = ["" if first.check is None else _agreement(first.check)]
     if first.ratio is not None:
         name = "WebAssembly" if first is wasm[0] else f"WebAssembly ({_name(first)})"
@@ -64,7 +65,7 @@ def conclusion(row: WebRow) -> str:
     if others := [_name(path) for path in wasm if path.status == Status.DISAGREES]:
         verb = "disagrees" if len(others) == 1 else "disagree"
         parts.append(f"{', '.join(others)} {verb} with C")
-    return f"{row.model}: {'; '.join(filter(None, parts))}"
+    return f"{record.model}: {'; '.join(filter(None, parts))}"
 
 
 def _agreement(check: RoundingCheck) -> str:
@@ -76,29 +77,29 @@ def _agreement(check: RoundingCheck) -> str:
     return f"after {check.nstep} steps its states are within {check.final.difference:.1e} of C's"
 
 
-def notes(row: WebRow) -> list[str]:
+def notes(record: WebRecord) -> list[str]:
     """Return the lines below the table of a model."""
-    lines = list(_short_blocks(row))
+    lines = list(_short_blocks(record))
     checks: dict[str, list[str]] = {}
-    for path in row.paths:
+    for path in record.path_results:
         if path.check is not None:
             for line in _check_lines(path.check):
                 checks.setdefault(line, []).append(_name(path))
     lines += [f"{', '.join(names)}: {line}" for line, names in checks.items()]
     lines += [
         f"{_name(path)}: {path.status}: {path.detail}"
-        for path in row.paths
+        for path in record.path_results
         if path.status != Status.OK
     ]
     return lines
 
 
-def _short_blocks(row: WebRow) -> Iterator[str]:
+def _short_blocks(record: WebRecord) -> Iterator[str]:
     """Yield a warning if blocks are so short that more than the steps counts."""
-    step_ns = next((path.step_ns for path in row.paths if path.path == C_PATH), None)
-    if step_ns is None or row.block_nbatch is None or row.block_nstep is None:
+    step_ns = next((path.step_ns for path in record.path_results if path.path == C_PATH), None)
+    if step_ns is None or record.block_nbatch is None or record.block_nstep is None:
         return
-    block_ms = 1e-6 * step_ns * row.block_nbatch * row.block_nstep
+    block_ms = 1e-6 * step_ns * record.block_nbatch * record.block_nstep
     if block_ms < _SHORT_MS:
         yield (
             f"A block takes only {block_ms:.2f} ms in C, so setting states and cold caches count,"
@@ -148,7 +149,7 @@ def _place(first: FirstDifference | None) -> tuple[int, str, int] | None:
     return None if first is None else (first.step, first.field, first.index)
 
 
-def _cells(path: WebPathRow) -> Iterator[str]:
+def _cells(path: WebPath) -> Iterator[str]:
     """Yield the cells of a path's row."""
     yield _name(path)
     yield "" if path.step_ns is None else f"{path.step_ns:,.0f}"
@@ -171,7 +172,7 @@ def _cells(path: WebPathRow) -> Iterator[str]:
         yield "" if size is None else f"{size / _MIB:,.0f}"
 
 
-def _name(path: WebPathRow) -> str:
+def _name(path: WebPath) -> str:
     return str(Variant(path.path, path.options))
 
 

@@ -1,13 +1,16 @@
-"""What is stored of a model in WebAssembly builds and in C.
+"""A model in WebAssembly builds and in C: what is stored, and the speeds that follow.
 
 Frozen dataclasses. Raw times are of blocks; the same position is the same round for all paths. A
 path that was left out of the last rounds has fewer.
 """
 
-from collections.abc import Mapping, Sequence
+import statistics
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
+from mjbench.instrument import stats
 from mjbench.instrument.bounds import (
     NonNegativeFloat,
     NonNegativeInt,
@@ -15,6 +18,8 @@ from mjbench.instrument.bounds import (
     PositiveInt,
     Version,
 )
+from mjbench.instrument.json_form import in_json
+from mjbench.instrument.stats import Estimate
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.status import Status
@@ -67,7 +72,50 @@ class WebPathRecord:
     heap_bytes: NonNegativeInt | None = None
     rss_bytes: NonNegativeInt | None = None
 
+    @property
+    def is_wasm(self) -> bool:
+        """Whether it is a WebAssembly build, rather than C."""
+        return self.path.startswith("wasm")
 
+
+@in_json(
+    *("path", "options", "status", "detail", "check", "step_ns", "steps_per_s", "ratio", "rounds"),
+    *("start_up", "heap_bytes", "rss_bytes"),
+)
+@dataclass(frozen=True, kw_only=True)
+class WebPath(WebPathRecord):
+    """One path on one model, with its speed.
+
+    Attributes:
+      step_ns: of a step, the median block; None where it was not timed.
+      ratio: its time over that of `rollout` on one thread, round by round; None likewise.
+    """
+
+    step_ns: float | None
+    ratio: Estimate | None
+
+    @property
+    def steps_per_s(self) -> float | None:
+        """Steps per second; None where it was not timed."""
+        return 1e9 / self.step_ns if self.step_ns else None
+
+    @property
+    def rounds(self) -> int:
+        """Blocks that were timed."""
+        return len(self.block_ns)
+
+    @property
+    def is_identical(self) -> bool | None:
+        """Whether all its states were C's to the last bit; None where that was not checked."""
+        return None if self.check is None else self.check.first is None
+
+    @property
+    def difference(self) -> float | None:
+        """How far its last states are from C's; None where that was not checked."""
+        return None if self.check is None else self.check.final.difference
+
+
+@in_json(paths="path_results")
 @dataclass(frozen=True, kw_only=True)
 class WebRecord:
     """One model, in C and in the WebAssembly builds of the same release.
@@ -117,3 +165,24 @@ class WebRecord:
             raise ValueError(f"a path has more rounds than {C_PATH}")
         if rounds and (self.block_nbatch is None or self.block_nstep is None):
             raise ValueError("paths were timed, but the size of a block is missing")
+
+    @cached_property
+    def path_results(self) -> Sequence[WebPath]:
+        """The paths, each with its speed."""
+        return [
+            WebPath(**vars(path), step_ns=self._step_ns(path), ratio=self._ratio(path))
+            for path in self.paths
+        ]
+
+    def _step_ns(self, path: WebPathRecord) -> float | None:
+        steps = (self.block_nbatch or 1) * (self.block_nstep or 1)
+        return statistics.median(path.block_ns) / steps if path.block_ns else None
+
+    def _ratio(self, path: WebPathRecord) -> Estimate | None:
+        c_ns = next((each.block_ns for each in self.paths if each.path == C_PATH), ())
+        return stats.speedup_in_common(path.block_ns, c_ns) if path.block_ns and c_ns else None
+
+    def statuses(self) -> Iterator[Status]:
+        """Yield how the measurement ended, and how each path did."""
+        yield self.status
+        yield from (path.status for path in self.paths)

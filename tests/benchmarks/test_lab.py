@@ -4,71 +4,41 @@ import json
 import re
 from pathlib import Path
 
-import msgspec
 import pytest
 
 from benchmarks import lab
 from mjbench.errors import InputError
 from mjbench.instrument import machine
-from mjbench.instrument.stats import Estimate
+from mjbench.instrument.json_form import json_form
 from mjbench.report.documents import WebDocument
-from mjbench.report.web_results import WebPathRow, WebRow
 from mjbench.simulation.work import Work
-from mjbench.status import Status
 from mjbench.web import npm_package
+from mjbench.web.records import WebPathRecord, WebRecord
 
 SCRIPT = '"use strict"; export default loadMujoco; // </script>'
 
 
-def path_row(path: str, steps_per_s: float | None, ratio: float | None) -> WebPathRow:
-    return WebPathRow(
-        path=path,
-        options={},
-        status=Status.OK,
-        detail="",
-        check=None,
-        step_ns=None,
-        steps_per_s=steps_per_s,
-        ratio=None if ratio is None else Estimate(ratio, None, None),
-        rounds=8,
-        start_up=None,
-        heap_bytes=None,
-        rss_bytes=None,
-    )
-
-
-def web_row(model: str, release: str = "3.14.0") -> WebRow:
-    return WebRow(
+def web_record(model: str, release: str = "3.14.0") -> WebRecord:
+    block_ns = {"python_loop": 11_000, "rollout": 10_000, "wasm": 20_000, "wasm_mt": 25_000}
+    return WebRecord(
         model=model,
         release=release,
         node="20.1.0",
-        status=Status.OK,
-        detail="",
-        nbatch=1,
-        nstep=100,
         block_nbatch=1,
-        block_nstep=100,
-        hold=1,
-        seed=0,
-        workload_digest="",
-        starts=None,
+        block_nstep=1000,
         work=Work(contacts=2.5, constraints=0.0, solver_iterations=0.0),
-        c_compile_ms=None,
         paths=[
-            path_row("python_loop", 90.0, 1.1),
-            path_row("rollout", 100.0, 1.0),
-            path_row("wasm", 50.0, 2.0),
-            path_row("wasm_mt", 40.0, 2.5),
+            WebPathRecord(path=path, options={}, block_ns=[ns] * 8) for path, ns in block_ns.items()
         ],
     )
 
 
 @pytest.fixture
 def figures_file(tmp_path: Path) -> Path:
-    rows = [web_row("cartpole"), web_row("pile")]
-    document = WebDocument(machine=machine.describe(), results=rows)
+    records = [web_record("cartpole"), web_record("pile")]
+    document = WebDocument(machine=machine.describe(), results=records)
     file = tmp_path / "web.json"
-    file.write_bytes(msgspec.json.encode(document))
+    file.write_text(json.dumps(json_form(document)))
     return file
 
 
@@ -123,9 +93,9 @@ def test_figures_are_of_the_models_and_the_build_in_the_page_and_c_comes_first(
     figures = lab.read_figures(figures_file, "3.14.0")
     assert figures is not None
     assert figures.figures == (
-        lab.Figure("cartpole", "C", 100.0, None),
-        lab.Figure("cartpole", "Python", 90.0, 1.1),
-        lab.Figure("cartpole", "Node 20.1.0", 50.0, 2.0),
+        lab.Figure("cartpole", "C", 1e8, None),
+        lab.Figure("cartpole", "Python", 1e9 / 11, pytest.approx(1.1)),
+        lab.Figure("cartpole", "Node 20.1.0", 5e7, pytest.approx(2.0)),
     )
     assert figures.contacts == {"cartpole": 2.5}
 
@@ -162,7 +132,7 @@ def test_the_page_is_one_file_that_needs_nothing_else(
     assert SCRIPT not in text
     others = re.search(r'id="figures">(.*?)</script>', text)
     assert others is not None
-    assert json.loads(others[1])["figures"][2]["ratio"] == 2.0
+    assert json.loads(others[1])["figures"][2]["ratio"] == pytest.approx(2.0)
     assert "Compare proportions, not speeds" in text
 
 

@@ -21,13 +21,12 @@ from mjbench.instrument import machine, runs
 from mjbench.paired.outcomes import Arm, Cause, Verdict
 from mjbench.paired.placement_spread import ResidueRow, Spread, SpreadRecord
 from mjbench.paired.records import (
-    DivergedPair,
     LaunchRow,
+    Pair,
     PlacementEffect,
     Ratio,
     TargetRow,
     VerdictRecord,
-    WorkPair,
 )
 from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.releases.placement import Placement, PlacementPair
@@ -56,7 +55,7 @@ VERDICTS = (
     VerdictRecord(
         model="m", path="rollout", old="3.3.0", new="4.0.0", sides=(SIDE, SIDE), status=Status.OK,
         verdict=Verdict.SLOWER, ratio=Ratio(1.02, 1.01, 1.03), changed_work=True,
-        work=WorkPair(WORK, WORK), drift=1e-3, diverged=DivergedPair(0, 1), nbatch=4, nstep=100,
+        work=Pair(WORK, WORK), drift=1e-3, diverged=Pair(0, 1), nbatch=4, nstep=100,
         launches=8, pairs=64, seconds=2.0, cause=Cause.WORK,
         placement=PlacementEffect(True, "", Ratio(1.03, 1.0, 1.05), Ratio(1.01, 0.99, 1.03)),
         samples=[

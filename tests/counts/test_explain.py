@@ -17,7 +17,7 @@ from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.counts.records import (
     CodeChange,
     CodeShare,
-    ExplainRow,
+    ExplainRecord,
     FunctionCount,
     FunctionDifference,
 )
@@ -60,7 +60,7 @@ def timed(ratio: Ratio | None, status: Status = Status.OK, detail: str = "") -> 
 
 def explained(
     baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None = None
-) -> ExplainRow:
+) -> ExplainRecord:
     return explain.Explainer().row(baseline, candidate, time)
 
 

@@ -52,7 +52,7 @@ def test_a_json_row_holds_the_self_cost_of_functions_and_no_states() -> None:
     count = ModelCount(
         model="pile", release="4.0.0", functions=[FunctionCount("mj_step", 2.0, inclusive=5.0)]
     )
-    assert to_json(count.row()) == {
+    assert to_json(count.record()) == {
         "model": "pile",
         "release": "4.0.0",
         "build": "",

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from paired_examples import CARTPOLE
 
+from mjbench.instrument.json_form import json_form
+from mjbench.instrument.runs import to_json
 from mjbench.paired import moved_check, placement_spread
 from mjbench.paired.placement_spread import MIN_LAUNCHES, SpreadPlan, SpreadRecord
 from mjbench.paired.protocol import Launch
@@ -170,10 +172,10 @@ def test_a_release_that_cannot_be_measured_says_why(
     assert placement_spread.finished([record]) == []
 
 
-def test_a_record_is_the_row_with_its_samples() -> None:
+def test_documents_have_no_samples() -> None:
     samples = [one.row() for one in launches(4, TRUTH)]
     record = SpreadRecord(
         model="m", release="4.0.0", build="b", status=Status.OK, launches=4, samples=samples
     )
-    assert vars(record.row()) == {k: v for k, v in vars(record).items() if k != "samples"}
+    assert json_form(record) == {k: v for k, v in to_json(record).items() if k != "samples"}
     assert placement_spread.finished([record, "another"]) == [record]

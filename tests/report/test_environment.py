@@ -8,11 +8,11 @@ from example_environment_records import facts, record, steady
 from rich.console import Console
 
 from mjbench.environment.dm_control_release import ReleaseMismatch
+from mjbench.environment.layer_shares import LayerSamples
 from mjbench.environment.layers import Layer
 from mjbench.environment.model_changes import ModelChange, Moment
 from mjbench.environment.records import (
     EnvironmentRecord,
-    LayerSamples,
     PathSamples,
     PhysicsCheck,
     VectorForm,
@@ -20,13 +20,12 @@ from mjbench.environment.records import (
 )
 from mjbench.environment.repetition import FieldDifference
 from mjbench.report import environment
-from mjbench.report.environment_results import derive
 from mjbench.status import Status
 
 
 def printed(capsys: pytest.CaptureFixture[str], **fields: Any) -> str:
     console = Console(width=160, highlight=False, markup=False)
-    environment.print_environment(console, derive(record(**fields)))
+    environment.print_environment(console, record(**fields))
     return capsys.readouterr().out
 
 
@@ -203,7 +202,7 @@ def test_an_environment_that_could_not_be_timed_has_its_reason(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     failed = EnvironmentRecord(environment="Robot-v0", status=Status.FAILED, detail="it crashed")
-    environment.print_environment(Console(width=120), derive(failed))
+    environment.print_environment(Console(width=120), failed)
     assert capsys.readouterr().out.strip() == "Robot-v0: failed: it crashed"
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from mjbench.paired.placement_spread import ResidueRow, Spread, SpreadRow
+from mjbench.paired.placement_spread import ResidueRow, Spread, SpreadRecord
 from mjbench.paired.records import Ratio
 from mjbench.report import placement, tables
 from mjbench.status import Status
@@ -14,7 +14,7 @@ RESIDUES = [
     ResidueRow(16, Ratio(1.124, 1.11, 1.14), 14),
     ResidueRow(32, Ratio(1.05, None, None), 2),
 ]
-ROW = SpreadRow(
+ROW = SpreadRecord(
     model="cloth",
     release="3.3.1",
     build="b",

@@ -8,10 +8,9 @@ from speed_histories import VERSIONS, history, record
 from mjbench.counts.records import (
     CodeChange,
     CodeShare,
-    CountedWorkPair,
-    CountPair,
     ExplainRecord,
     FunctionDifference,
+    Pair,
 )
 from mjbench.paired.outcomes import Cause
 from mjbench.releases.known_causes import KnownCause
@@ -26,9 +25,9 @@ COUNTS = ExplainRecord(
     old="1.5",
     new="1.6",
     status=Status.OK,
-    instructions_per_step=CountPair(1000.0, 1200.0),
-    outside_per_step=CountPair(None, None),
-    work=CountedWorkPair(None, None),
+    instructions_per_step=Pair(1000.0, 1200.0),
+    outside_per_step=Pair(None, None),
+    work=Pair(None, None),
     stages={},
     functions=[
         FunctionDifference(name="mj_island", old=100.0, new=290.0, difference=190.0),
@@ -111,7 +110,7 @@ def test_the_conclusion_counts_models_and_names_the_largest_changes() -> None:
 
 
 def test_functions_whose_instructions_changed_in_the_other_direction_do_not_account() -> None:
-    counts = replace(COUNTS, instructions_per_step=CountPair(1000.0, 900.0))
+    counts = replace(COUNTS, instructions_per_step=Pair(1000.0, 900.0))
     background = Background({("pile", "1.5", "1.6"): counts})
     (*_, row) = speed_tables.step_changes(SpeedHistory([STEP], background=background))
     assert row.endswith("| code | its instructions changed in the other direction |")
@@ -127,7 +126,7 @@ def test_what_a_release_crashed_in_has_a_row_until_it_was_measured() -> None:
 
 
 def test_a_count_is_marked_only_against_the_release_right_before() -> None:
-    gap = replace(COUNTS, old="1.8", new="1.9", instructions_per_step=CountPair(2000.0, 2000.0))
+    gap = replace(COUNTS, old="1.8", new="1.9", instructions_per_step=Pair(2000.0, 2000.0))
     counts = {("pile", "1.5", "1.6"): COUNTS, ("pile", "1.8", "1.9"): gap}
     rows = [*speed_tables.instructions(SpeedHistory([STEP], background=Background(counts)))]
     assert rows[2 + 6 : 2 + 9] == ["| 1.6 | 1.2▲ |", "| 1.7 | – |", "| 1.8 | 2 |"]

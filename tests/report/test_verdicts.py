@@ -10,12 +10,11 @@ from hypothesis import strategies as st
 from mjbench.paired import family
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import (
-    DivergedPair,
+    Pair,
     PlacementEffect,
     Ratio,
     TargetRow,
     VerdictRow,
-    WorkPair,
 )
 from mjbench.report import tables, verdicts
 from mjbench.simulation.starts import SettleLimit, Starts
@@ -36,9 +35,9 @@ ROW = VerdictRow(
     verdict=Verdict.SLOWER,
     ratio=Ratio(1.014, 1.011, 1.017),
     changed_work=False,
-    work=WorkPair(WORK, WORK),
+    work=Pair(WORK, WORK),
     drift=0.0,
-    diverged=DivergedPair(0, 0),
+    diverged=Pair(0, 0),
 )
 
 
@@ -122,7 +121,7 @@ def test_any_change_is_written_as_people_write_a_percentage(change: float) -> No
 
 def test_changed_work_says_what_changed() -> None:
     more = replace(WORK, contacts=5.0)
-    row = replace(ROW, changed_work=True, work=WorkPair(WORK, more), diverged=DivergedPair(0, 3))
+    row = replace(ROW, changed_work=True, work=Pair(WORK, more), diverged=Pair(0, 3))
     assert verdicts.describe_work(ROW) == ""
     text = "contacts 1 → 5, 3 simulations diverge instead of 0"
     assert verdicts.describe_work(row) == text

@@ -2,20 +2,20 @@
 
 from dataclasses import replace
 
-from example_web_records import CHECK, record, wasm
+from example_web_records import CHECK, path, record, wasm
 
-from mjbench.report import tables, web, web_results
+from mjbench.report import tables, web
 from mjbench.status import Status
 from mjbench.web.records import WebRecord
 from mjbench.web.rounding_check import PointDifference
 
 
 def printed(stored: WebRecord) -> str:
-    return tables.text_of(lambda out: web.print_model(out, web_results.derive(stored)))
+    return tables.text_of(lambda out: web.print_model(out, stored))
 
 
 def test_speeds_are_over_c_round_by_round() -> None:
-    *_, build = web_results.derive(record(wasm())).paths
+    *_, build = record(wasm()).path_results
     assert build.step_ns == 25_000.0
     assert build.steps_per_s == 40_000.0
     assert build.ratio is not None
@@ -50,9 +50,8 @@ def test_what_differs_may_be_no_part_of_the_motion() -> None:
 
 def test_it_is_said_when_blocks_are_short() -> None:
     assert "ms in C" not in printed(record(wasm()))
-    row = web_results.derive(replace(record(wasm()), block_nstep=100))
-    c_path = replace(row.paths[1], step_ns=4000.0)
-    short = replace(row, paths=[row.paths[0], c_path, *row.paths[2:]])
+    python_loop, _, build = record(wasm()).paths
+    short = replace(record(), paths=[python_loop, path("rollout", 800_000), build])
     assert web.notes(short)[0].startswith("A block takes only 0.80 ms in C")
 
 
