@@ -47,7 +47,6 @@ def main() -> None:
     with RayCluster(cluster.address) as ray_cluster:
         program = (sys.executable, str(STUB), str(folder))
         sweep = Sweep(matrix(cells), (), ray_cluster, store, RECORD_TYPES, program=program)
-        sweep.take_nodes(ray_cluster.ask_nodes())
         killer.start()
         summary = sweep.measure()
     cluster.shutdown()
