@@ -107,8 +107,8 @@ class NotMeasuredError(Exception):
         self.failure, self.machine = failure, on
 
 
-class BusyError(NotMeasuredError):
-    """A node did not become quiet."""
+class BusyError(Exception):
+    """A node did not become quiet: why, in one line."""
 
 
 def describe() -> tuple[Software, Machine]:
@@ -167,7 +167,7 @@ def _wait_until_quiet(
     while quiet and (objection := calibration.objection(calibrate(), quiet.limits)):
         first = first or objection
         if busy_s + _PAUSE_S > quiet.patience_s:
-            raise BusyError(Failure(Status.FAILED, objection), machine.describe())
+            raise BusyError(objection)
         sleep(_PAUSE_S)
         busy_s += _PAUSE_S
     return busy_s, first

@@ -51,8 +51,8 @@ class NodeRules:
 
     Attributes:
       tries: how often a command is begun at most, where nodes die or commands fail.
-      patience_s: seconds for which a node may be busy before it gives up a command, and for which
-        a sweep waits where there is no node for what is missing.
+      patience_s: seconds after which a busy node gives a command back, and after which a sweep
+        ends in which no node measures.
       limits: what a node must have to measure time.
     """
 

@@ -9,7 +9,7 @@ import os
 import socket
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import psutil
@@ -78,16 +78,22 @@ class Failed:
 
     Attributes:
       machine: on which it failed; None if its node is gone.
-      is_busy: whether only because no node was quiet.
     """
 
     request: Request
     failure: Failure
     machine: Machine | None = None
-    is_busy: bool = False
 
 
-Event = Delivered | Failed
+@dataclass(frozen=True)
+class Refused:
+    """A node did not become quiet, and gives a command back."""
+
+    request: Request
+    reason: str
+
+
+Event = Delivered | Failed | Refused
 
 
 class RayCluster:
@@ -177,7 +183,7 @@ class RayCluster:
         except StopIteration:
             del self._running[task]
         except Exception as error:  # which ones Ray raises is not documented
-            yield _failed(self._running.pop(task), error)
+            yield _ended(self._running.pop(task), error)
 
     def _is_possible(self) -> bool:
         """Return whether there is a node for some of what is to be measured."""
@@ -226,8 +232,7 @@ def _measure(request: Request, *carried: CarriedModel) -> Iterator[Delivered]:
         for measured in node.measure(request, *carried, label=label):
             yield Delivered(name, label, measured)
     except BusyError as error:
-        busy = replace(error.failure, detail=f"{name}: {error.failure.detail}")
-        raise BusyError(busy, error.machine) from None
+        raise BusyError(f"{name}: {error}") from None
 
 
 # -- Ray's own ----------------------------------------------------------------------------------
@@ -291,11 +296,13 @@ def _answer(listed: Mapping[str, Any], answer: Any) -> Node | LeftOut:
     return Node(node_id, name, _label(listed), machine)
 
 
-def _failed(request: Request, error: Exception) -> Failed:
-    """Return why a task has failed."""
-    cause = getattr(error, "cause", None)
-    if isinstance(cause, NotMeasuredError):
-        return Failed(request, cause.failure, cause.machine, isinstance(cause, BusyError))
+def _ended(request: Request, error: Exception) -> Failed | Refused:
+    """Return why a task has ended by an error."""
+    match getattr(error, "cause", None):
+        case BusyError() as busy:
+            return Refused(request, str(busy))
+        case NotMeasuredError(failure=failure, machine=machine):
+            return Failed(request, failure, machine)
     return Failed(request, Failure(Status.CRASHED, _cause(error)))
 
 

@@ -1,18 +1,20 @@
 """Measure the cells of a sweep that are missing, and store each result as it comes."""
 
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 from mjbench.errors import InputError, MachineError, suggestion
+from mjbench.instrument.machine import Machine
 from mjbench.sweep import commands, results, software
 from mjbench.sweep.cells import Cell
 from mjbench.sweep.commands import COMMANDS
 from mjbench.sweep.matrix import Matrix
 from mjbench.sweep.model_files import CarriedModel
 from mjbench.sweep.node import Quiet, Request
-from mjbench.sweep.ray_cluster import Delivered, Event, Failed, LeftOut, Node
+from mjbench.sweep.ray_cluster import Delivered, Event, Failed, LeftOut, Node, Refused
 from mjbench.sweep.results import CellResult, Outcome
 
 
@@ -77,6 +79,7 @@ class Sweep:
         record_types: Mapping[str, type],
         *,
         on_result: Callable[[int, Cell, str], None] = lambda done, cell, node: None,
+        clock: Callable[[], float] = time.monotonic,
         program: tuple[str, ...] = (),
     ):
         """Prepare.
@@ -94,6 +97,8 @@ class Sweep:
         """
         self._matrix, self._cluster, self._store = matrix, cluster, store
         self._types, self._on_result, self._program = record_types, on_result, program
+        self._clock, self._patience_s = clock, matrix.plan.rules.patience_s
+        self._active_s = clock()
         earlier = set(done)
         self._missing = {cell: None for cell in matrix.cells if cell not in earlier}
         self._outcomes: dict[Cell, Outcome] = {}
@@ -123,27 +128,33 @@ class Sweep:
           MachineError: a result cannot be stored.
         """
         try:
-            self._submit_all()
-            for event in self._cluster.events(self._matrix.plan.rules.patience_s):
+            self._submit(list(self._missing))
+            for event in self._cluster.events(self._patience_s):
                 self._handle(event)
+                if isinstance(event, Refused) and not self._is_active():
+                    break
         except KeyboardInterrupt:
             return self._summary(is_interrupted=True)
         if self._missing and not self._reasons:
             self._reasons["there is no node that could measure"] = None
         return self._summary()
 
-    def _submit_all(self) -> None:
+    def _is_active(self) -> bool:
+        """Return whether a node has measured something within the plan's patience."""
+        return self._clock() - self._active_s < self._patience_s
+
+    def _submit(self, missing: Sequence[Cell]) -> None:
         nodes = Counter(one.label for one in self._cluster.nodes if one.label)
         nodes[""] = len(self._cluster.nodes)
-        rules, here = self._matrix.plan.rules, software.installed()
-        for cells in commands.batches(list(self._missing), nodes):
+        limits, here = self._matrix.plan.rules.limits, software.installed()
+        for cells in commands.batches(missing, nodes):
             is_timed = COMMANDS[cells[0].kind].needs_quiet
             request = Request(
                 cells,
                 self._matrix.command_line(cells),
                 self._types,
                 here,
-                Quiet(rules.limits, rules.patience_s) if is_timed else None,
+                Quiet(limits, self._patience_s) if is_timed else None,
                 self._program,
             )
             self._cluster.submit(request, self._matrix.models_of(cells))
@@ -151,15 +162,20 @@ class Sweep:
     def _handle(self, event: Event) -> None:
         match event:
             case Delivered():
+                self._active_s = self._clock()
                 self._keep(event.measured.result, event.node)
                 self._note(event)
-            case Failed(request, failure, is_busy=True):
-                self._reasons[failure.detail] = None
+            case Refused(request, reason):
+                self._reasons[reason] = None
+                self._submit([cell for cell in request.cells if cell in self._missing])
             case Failed(request, failure, machine):
-                cells = [cell for cell in request.cells if cell in self._missing]
-                usual = self._cluster.nodes[0].machine
-                for cell in cells:
-                    self._keep(results.failed(cell, failure, machine or usual))
+                machine = machine or self._machine(request.cells[0].machine)
+                for cell in [cell for cell in request.cells if cell in self._missing]:
+                    self._keep(results.failed(cell, failure, machine))
+
+    def _machine(self, label: str) -> Machine:
+        """Return the first machine that may measure cells with a label."""
+        return next(one.machine for one in self._cluster.nodes if label in ("", one.label))
 
     def _keep(self, result: CellResult, node: str = "no node") -> None:
         self._store(result)

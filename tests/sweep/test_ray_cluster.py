@@ -19,7 +19,7 @@ from mjbench.status import Status
 from mjbench.sweep import ray_cluster, software
 from mjbench.sweep.commands import CommandLine
 from mjbench.sweep.node import BusyError, NotMeasuredError, Request
-from mjbench.sweep.ray_cluster import Failed, LeftOut, RayCluster
+from mjbench.sweep.ray_cluster import Failed, LeftOut, RayCluster, Refused
 from mjbench.sweep.ray_session import LABEL
 
 needs_ray = pytest.mark.skipif(bool(extras.missing(["ray"])), reason="Ray is not installed")
@@ -107,20 +107,18 @@ def request(machine: str = "") -> Request:
 
 
 @needs_ray
-def test_why_a_task_failed_is_one_line() -> None:
+def test_why_a_task_ended_is_one_line() -> None:
     import ray
 
+    def ended(cause: Exception) -> Failed | Refused:
+        return ray_cluster._ended(request(), ray.exceptions.RayTaskError("measure", "", cause))
+
     full = Failure(Status.FAILED, "the disk is full")
-    for error, is_busy in (
-        (NotMeasuredError(full, MACHINE), False),
-        (BusyError(full, MACHINE), True),
-    ):
-        task_error = ray.exceptions.RayTaskError("measure", "", error)
-        assert ray_cluster._failed(request(), task_error) == Failed(
-            request(), full, MACHINE, is_busy
-        )
-    crashed = ray_cluster._failed(request(), ray.exceptions.WorkerCrashedError())
-    assert crashed.failure == Failure(Status.CRASHED, "its worker was killed")
+    assert ended(NotMeasuredError(full, MACHINE)) == Failed(request(), full, MACHINE)
+    assert ended(BusyError("others keep it busy")) == Refused(request(), "others keep it busy")
+    assert ended(ValueError("no")) == Failed(request(), Failure(Status.CRASHED, "ValueError: no"))
+    killed = ray_cluster._ended(request(), ray.exceptions.WorkerCrashedError())
+    assert killed == Failed(request(), Failure(Status.CRASHED, "its worker was killed"))
 
 
 def test_the_address_of_a_ray_client_is_refused() -> None:

@@ -1,7 +1,9 @@
 """A sweep stores each result once as it comes, and says what is missing and why."""
 
+import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import pytest
 from sweep_examples import MACHINE, FakeCluster, count_cell, delivered, matrix, node, verdict_cell
@@ -12,7 +14,8 @@ from mjbench.status import Status
 from mjbench.sweep.cells import Cell
 from mjbench.sweep.matrix import Matrix
 from mjbench.sweep.node import Request
-from mjbench.sweep.ray_cluster import Event, Failed, LeftOut
+from mjbench.sweep.plan import NodeRules
+from mjbench.sweep.ray_cluster import Event, Failed, LeftOut, Refused
 from mjbench.sweep.results import CellResult
 from mjbench.sweep.run import NodeRecord, Summary, Sweep
 
@@ -68,14 +71,39 @@ def test_what_a_failed_command_has_not_delivered_ends_as_it_failed() -> None:
     assert summary.missing == ()
 
 
-def test_what_no_quiet_node_measured_is_missing_and_no_failure() -> None:
+def test_what_failed_with_its_node_is_stored_of_a_machine_with_its_label() -> None:
     def act(request: Request) -> Iterable[Event]:
-        return [Failed(request, Failure(Status.FAILED, "one: others keep it busy"), is_busy=True)]
+        return [Failed(request, Failure(Status.CRASHED, "its node is gone"))]
 
-    summary, stored = measure(matrix(CELLS), FakeCluster([node("one")], act))
+    nodes = [node("one", "epyc"), replace(node("two", "xeon"), machine=replace(MACHINE, cores=8))]
+    _, (result,) = measure(matrix([verdict_cell("a", machine="xeon")]), FakeCluster(nodes, act))
+    assert result.section.run.header.machine.cores == 8
+
+
+def test_a_sweep_in_which_all_nodes_are_busy_ends_with_what_is_missing_and_why() -> None:
+    times = itertools.count(step=NodeRules().patience_s)
+    cluster = FakeCluster([node("one")], lambda request: [Refused(request, "one: it is busy")])
+    stored: list[CellResult] = []
+    sweep = Sweep(
+        matrix(CELLS), (), cluster, stored.append, RECORD_TYPES, clock=lambda: next(times)
+    )
+    summary = sweep.measure()
     assert stored == []
-    assert summary.missing == tuple(CELLS)
-    assert summary.reasons == ("one: others keep it busy",)
+    assert (summary.missing, summary.reasons) == (tuple(CELLS), ("one: it is busy",))
+
+
+def test_what_a_busy_node_gives_back_is_measured_elsewhere() -> None:
+    refused: list[Request] = []
+
+    def act(request: Request) -> Iterable[Event]:
+        if refused:
+            return map(delivered, request.cells)
+        refused.append(request)
+        return [delivered(request.cells[0]), Refused(request, "one: it is busy")]
+
+    summary, stored = measure(matrix(CELLS), FakeCluster([node("one"), node("two")], act))
+    assert Counter(result.cell for result in stored) == dict.fromkeys(CELLS, 1)
+    assert summary.missing == ()
 
 
 def test_what_no_node_is_left_for_is_missing() -> None:
