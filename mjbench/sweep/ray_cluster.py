@@ -144,7 +144,7 @@ class RayCluster:
         """Have a node measure, as soon as one is free."""
         selector = {LABEL: request.cells[0].machine} if request.cells[0].machine else {}
         if self.left_out:
-            selector[_NODE_ID] = f"!in({', '.join(one.id for one in self.left_out)})"
+            selector[_NODE_ID] = f"!in({','.join(one.id for one in self.left_out)})"
         task = self._measure.options(
             num_returns="streaming",
             max_retries=self._tries - 1,

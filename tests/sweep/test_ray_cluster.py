@@ -43,6 +43,7 @@ def test_of_two_nodes_one_is_killed_and_every_cell_is_measured_once(tmp_path: Pa
     assert Counter(section.cell for section in sections) == dict.fromkeys(answer["keys"], 1)
     assert answer["statuses"] == ["ok"]
     assert sum(answer["delivered"]) == len(answer["keys"])
+    assert len(answer["delivered"]) == 2, "and none that is left out"
     assert all(answer["delivered"]), "both nodes measured"
     assert "raylet" not in done.stdout, "what Ray has to say is not the user's"
 
