@@ -113,8 +113,8 @@ def by_sweep(of: "Matrix") -> SweepTimes:
             measured = time.perf_counter()
         stopped = time.perf_counter()
         file.close()
-    if summary.missing:
-        raise SystemExit(f"the sweep did not go well: {summary.reasons}")
+    if summary.missing or any(record.busy_s for record in summary.nodes):
+        raise SystemExit(f"the sweep did not go well: {summary.reasons}, {summary.nodes}")
     command_s = sum(record.measured_s for record in summary.nodes)
     return SweepTimes(
         start_s=started - begin,
