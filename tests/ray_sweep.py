@@ -1,4 +1,4 @@
-"""A sweep on two nodes of Ray that run here; one of them is killed while it measures.
+"""A sweep on two nodes of Ray that run here; one of them is killed, and two others are left out.
 
     python ray_sweep.py FOLDER
 
@@ -18,8 +18,8 @@ from sweep_examples import count_cell, matrix
 
 from mjbench.instrument.run_set import RunSetFile
 from mjbench.report.documents import RECORD_TYPES
-from mjbench.sweep.ray_cluster import RayCluster
-from mjbench.sweep.ray_session import RESOURCE
+from mjbench.sweep.ray_cluster import LeftOut, RayCluster
+from mjbench.sweep.ray_session import LABEL, RESOURCE
 from mjbench.sweep.results import CellResult
 from mjbench.sweep.run import Sweep
 
@@ -37,6 +37,8 @@ def main() -> None:
     (folder / "hang-b").touch()
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
     nodes = [cluster.add_node(num_cpus=1, resources={RESOURCE: 1}) for _ in range(2)]
+    for _ in range(2):
+        cluster.add_node(num_cpus=1, resources={RESOURCE: 1}, labels={LABEL: "other"})
     raylets = [node.all_processes["raylet"][0].process.pid for node in nodes]
     file = RunSetFile.create(folder / "set.jsonl")
 
@@ -46,8 +48,10 @@ def main() -> None:
     killer = threading.Thread(target=kill_where_it_hangs, args=(folder, raylets), daemon=True)
     with RayCluster(cluster.address) as ray_cluster:
         program = (sys.executable, str(STUB), str(folder))
+        others = [one for one in ray_cluster.nodes if one.label == "other"]
+        ray_cluster.nodes = tuple(one for one in ray_cluster.nodes if one not in others)
+        ray_cluster.left_out = tuple(LeftOut(one.id, one.name, "other software") for one in others)
         sweep = Sweep(matrix(cells), (), ray_cluster, store, RECORD_TYPES, program=program)
-        sweep.take_nodes(ray_cluster.ask_nodes())
         killer.start()
         summary = sweep.measure()
     cluster.shutdown()

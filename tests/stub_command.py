@@ -10,12 +10,13 @@ import sys
 from pathlib import Path
 
 from mjbench.counts.records import InstructionsRecord
-from mjbench.instrument import machine, runs
+from mjbench.instrument import child, machine, runs
 from mjbench.instrument.run_file import RunFile
 from mjbench.instrument.runs import RunHeader
 
 
 def main() -> None:
+    child.die_with_parent()
     folder, arguments = Path(sys.argv[1]), sys.argv[2:]
     releases = [arguments[i + 1] for i, argument in enumerate(arguments) if argument == "--release"]
     results, model = Path(arguments[arguments.index("--results") + 1]), arguments[-1]

@@ -19,10 +19,9 @@ from mjbench.status import FINISHED
 if TYPE_CHECKING:
     from mjbench.instrument.run_set import RunSetFile
     from mjbench.sweep.cells import Cell
-    from mjbench.sweep.executor import LeftOut
     from mjbench.sweep.matrix import Matrix
     from mjbench.sweep.results import CellResult, Outcome
-    from mjbench.sweep.run import Progress, Summary
+    from mjbench.sweep.run import Summary
 
 # Where run sets of sweeps are stored unless -o says otherwise.
 SWEEPS_FOLDER = Path("results/sweeps")
@@ -80,6 +79,7 @@ def sweep(plan: Path, output: Path | None, **options: object) -> None:
       mjbench sweep plan.toml
       mjbench sweep plan.toml --address auto
     """
+    from mjbench.report import sweep as report
     from mjbench.sweep import matrix, software
     from mjbench.sweep import plan as plans
 
@@ -88,7 +88,7 @@ def sweep(plan: Path, output: Path | None, **options: object) -> None:
         cells = matrix.build(plans.load(plan, check_command), software.installed())
         target = output or SWEEPS_FOLDER / f"{plan.stem}.jsonl"
         if chosen.dry_run:
-            _print_plan(run, cells, _stored(target, cells))
+            report.print_cells(run.out, cells.cells, _stored(target, cells))
             return
         _sweep(run, cells, target, chosen)
 
@@ -113,16 +113,6 @@ def check_command(arguments: Sequence[str]) -> None:
     except click.UsageError as error:
         raise InputError(error.format_message()) from None
     check_sizes(values.get("nstep"), values.get("hold") or 1)
-
-
-def _print_plan(run: RunContext, matrix: "Matrix", stored: "dict[Cell, Outcome]") -> None:
-    """Print the cells of a plan, those that are done, and how long the others take."""
-    from mjbench.report import sweep as report
-    from mjbench.sweep.estimate import estimate
-
-    report.print_cells(run.out, matrix.cells, stored)
-    run.out.print()
-    report.print_estimates(run.out, estimate(matrix.cells, stored))
 
 
 def _sweep(run: RunContext, matrix: "Matrix", target: Path, options: _Options) -> None:
@@ -161,33 +151,25 @@ def _measure(
     address: str | None,
 ) -> "Summary":
     """Measure what is missing on a cluster."""
-    from mjbench.report import sweep as report
     from mjbench.report.documents import RECORD_TYPES
     from mjbench.sweep.ray_cluster import RayCluster
     from mjbench.sweep.run import Sweep
 
-    def store(result: "CellResult") -> None:
-        file.append(result.section)
+    count = len(matrix.cells)
+    with (
+        run.progress(count) as advance,
+        RayCluster(address, matrix.plan.rules.tries) as cluster,
+    ):
+        for left_out in cluster.left_out:
+            report_line(f"{left_out.name} is left out: {left_out.reason}")
 
-    def on_left_out(left_out: "LeftOut") -> None:
-        report_line(f"{left_out.name} is left out: {left_out.reason}")
+        def store(result: "CellResult") -> None:
+            file.append(result.section)
 
-    with run.progress(len(matrix.cells)) as advance, RayCluster(address) as cluster:
+        def on_result(done: int, cell: "Cell", node: str) -> None:
+            advance(done, f"{done} of {count} results; {cell.name} from {node}", 0.0)
 
-        def on_progress(progress: "Progress") -> None:
-            advance(progress.done, report.describe_progress(progress), 0.0)
-
-        sweep = Sweep(
-            matrix,
-            done,
-            cluster,
-            store,
-            RECORD_TYPES,
-            on_progress=on_progress,
-            on_left_out=on_left_out,
-        )
-        sweep.take_nodes(cluster.ask_nodes())
-        return sweep.measure()
+        return Sweep(matrix, done, cluster, store, RECORD_TYPES, on_result=on_result).measure()
 
 
 def _open(target: Path, on_error: contextlib.ExitStack) -> "RunSetFile":

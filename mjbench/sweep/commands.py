@@ -1,9 +1,11 @@
 """Which command of mjbench measures which cells, and how many of them at once.
 
 Cells that share releases, models or start states are cheaper in one command: it starts once, and
-keeps what it has loaded. Fewer at once spread better over nodes, and less is lost with a node.
+keeps what it has loaded. Fewer at once spread better over nodes.
 """
 
+import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -155,3 +157,31 @@ COMMANDS: Mapping[Kind, Command] = {
         line=_history,
     ),
 }
+
+
+def batches(cells: Sequence[Cell], nodes: Mapping[str, int]) -> list[tuple[Cell, ...]]:
+    """Return the cells that one command each measures, in their order.
+
+    Each node is to get two commands or more of a kind, so that none waits long for the last ones.
+
+    Args:
+      nodes: how many may measure, by the label that cells have; all of them for no label.
+    """
+    sorts = Counter((cell.machine, cell.kind) for cell in cells)
+    groups: dict[tuple[str, ...], list[Cell]] = {}
+    for cell in cells:
+        together = COMMANDS[cell.kind].together(cell)
+        groups.setdefault((cell.machine, cell.kind, *together), []).append(cell)
+    return [
+        tuple(group[begin : begin + size])
+        for group in groups.values()
+        for size in [_size(group[0], sorts, nodes)]
+        for begin in range(0, len(group), size)
+    ]
+
+
+def _size(cell: Cell, sorts: Mapping[tuple[str, Kind], int], nodes: Mapping[str, int]) -> int:
+    """Return how many cells one command is to measure."""
+    command, count = COMMANDS[cell.kind], nodes.get(cell.machine, 1)
+    share = math.ceil(sorts[cell.machine, cell.kind] / (2 * count)) if count > 1 else command.most
+    return min(command.most, max(command.least, share))

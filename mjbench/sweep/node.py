@@ -1,7 +1,7 @@
 """What runs on a node: a calibration, then an ordinary command of mjbench in a process of its own.
 
-The command writes a run file there; its lines are sent on as they are appended. It ends with the
-process that started it, however that one ends. Nothing here knows Ray.
+The command writes a run file there; each cell is sent as soon as its lines are complete. The
+command ends with the process that started it. Nothing here knows Ray.
 """
 
 import contextlib
@@ -9,20 +9,29 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from mjbench.errors import MachineError, MjbenchError, one_line
+from mjbench.errors import Failure, MachineError, MjbenchError, one_line
 from mjbench.instrument import child, machine, scratch
+from mjbench.instrument.machine import Machine
 from mjbench.simulation import carried_models
-from mjbench.status import ExitCode
-from mjbench.sweep import calibration, model_files, software
-from mjbench.sweep.messages import Began, Finished, Lines, Message, NodeAnswer, Refused, Request
+from mjbench.status import ExitCode, Status
+from mjbench.sweep import calibration, model_files, results, software
+from mjbench.sweep.calibration import Limits, NodeState
+from mjbench.sweep.cells import Cell
+from mjbench.sweep.commands import CommandLine
 from mjbench.sweep.model_files import CarriedModel
+from mjbench.sweep.results import CellResult, Collector
+from mjbench.sweep.software import Software
 
 # How often the run file is read, in seconds: this takes some microseconds beside timed blocks.
 _POLL_S = 0.25
+# Seconds between calibrations of a busy node, and for which a node whose command failed pauses: a
+# broken node must not take all commands.
+_PAUSE_S = 15.0
 # The folder of the run file, in that of the command.
 _RESULTS = "runs"
 # The program: mjbench, which ends with the process whose id is its first argument.
@@ -36,56 +45,145 @@ _PROGRAM = (
 _FOREIGN_PREFIX = "RAY_"
 
 
-def describe() -> NodeAnswer:
+@dataclass(frozen=True)
+class Quiet:
+    """What a node must be to measure time.
+
+    Attributes:
+      patience_s: how long it may take to become so.
+    """
+
+    limits: Limits
+    patience_s: float
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a node is to measure.
+
+    Attributes:
+      cells: in the order in which the command measures them.
+      line: the command line, without where results go.
+      record_types: the class of each record of a run file by its `type`.
+      software: that the node must have.
+      quiet: None where the node need not be quiet.
+      program: what runs the command line; empty for this version of mjbench.
+    """
+
+    cells: tuple[Cell, ...]
+    line: CommandLine
+    record_types: Mapping[str, type]
+    software: Software
+    quiet: Quiet | None = None
+    program: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A cell that a node has measured.
+
+    Attributes:
+      wall_s: seconds since the command began, or since its earlier cell.
+      busy_s: seconds before that, in which the node was not quiet.
+      objection: why it was not; empty where it was at once.
+    """
+
+    result: CellResult
+    wall_s: float
+    busy_s: float = 0.0
+    objection: str = ""
+
+
+class NotMeasuredError(Exception):
+    """A command ended without all of its results; another attempt may help.
+
+    Attributes:
+      machine: on which it ran.
+    """
+
+    def __init__(self, failure: Failure, on: Machine):
+        """Take how it failed."""
+        super().__init__(failure, on)  # so that it can be pickled
+        self.failure, self.machine = failure, on
+
+
+class BusyError(Exception):
+    """A node did not become quiet: why, in one line."""
+
+
+def describe() -> tuple[Software, Machine]:
     """Return what this node is."""
-    return NodeAnswer(software.installed(), machine.describe())
+    return software.installed(), machine.describe()
 
 
 def measure(
     request: Request,
     *carried: CarriedModel,
-    calibrate: Callable[[], calibration.NodeState] = calibration.calibrate,
-    is_lost: Callable[[], bool] = lambda: False,
-) -> Iterator[Message]:
-    """Measure, and yield what there is to say as it comes; the last is `Refused` or `Finished`.
+    label: str = "",
+    calibrate: Callable[[], NodeState] = calibration.calibrate,
+    sleep: Callable[[float], None] = time.sleep,
+) -> Iterator[Measured]:
+    """Measure, and yield the cells of a request in their order, each as soon as it is complete.
 
     When the iterator is closed, or an exception passes through, the command ends with all that it
     has started.
 
     Args:
       carried: the user's models that the command line names.
+      label: of this machine, for its results; empty to leave what the environment says.
       calibrate: says what this machine has of its cores.
-      is_lost: whether nobody hears this process any more; the command then ends.
+
+    Raises:
+      BusyError: this node did not become quiet.
+      NotMeasuredError: the command failed, or this node has other software.
     """
-    begin = time.perf_counter()
+    busy_s, objection = _wait_until_quiet(request.quiet, calibrate, sleep)
     try:
-        if request.limits is not None:
-            reason = calibration.objection(calibrate(), request.limits)
-            if reason:
-                yield Refused(reason)
-                return
+        difference = software.difference(request.software, software.installed())
+        if difference:
+            raise MachineError(difference)
         with scratch.folder() as folder, child.adoption():
-            yield from _run(request, carried, folder, begin, is_lost)
-    except MjbenchError as error:
-        yield Finished(ExitCode.ENVIRONMENT, str(error), time.perf_counter() - begin)
+            begin = time.perf_counter()
+            for result in _run(request, carried, label, folder):
+                now = time.perf_counter()
+                yield Measured(result, now - begin, busy_s, objection)
+                begin, busy_s, objection = now, 0.0, ""
+    except (MjbenchError, NotMeasuredError) as error:
+        sleep(_PAUSE_S)
+        if isinstance(error, NotMeasuredError):
+            raise
+        raise NotMeasuredError(Failure(Status.FAILED, str(error)), machine.describe()) from None
+
+
+def _wait_until_quiet(
+    quiet: Quiet | None, calibrate: Callable[[], NodeState], sleep: Callable[[float], None]
+) -> tuple[float, str]:
+    """Return how many seconds this node was busy, and why; nothing if it need not be quiet.
+
+    Raises:
+      BusyError: it does not become quiet.
+    """
+    busy_s, first = 0.0, ""
+    while quiet and (objection := calibration.objection(calibrate(), quiet.limits)):
+        first = first or objection
+        if busy_s + _PAUSE_S > quiet.patience_s:
+            raise BusyError(objection)
+        sleep(_PAUSE_S)
+        busy_s += _PAUSE_S
+    return busy_s, first
 
 
 def _run(
-    request: Request,
-    carried: tuple[CarriedModel, ...],
-    folder: Path,
-    begin: float,
-    is_lost: Callable[[], bool],
-) -> Iterator[Message]:
+    request: Request, carried: tuple[CarriedModel, ...], label: str, folder: Path
+) -> Iterator[CellResult]:
     """Run the command in a folder of its own."""
     work, log = folder / "work", folder / "errors.txt"
     work.mkdir()
     index = model_files.unpack(carried, folder / "models") if carried else None
     program = request.program or (sys.executable, "-c", _PROGRAM, str(os.getpid()))
     storing = ["--results", _RESULTS]  # in its folder, whose name is nobody's business
-    if request.limits is not None:
+    if request.quiet is not None:
         storing.append("--wait")
-    command_begin = time.perf_counter()
     with log.open("wb") as errors, (folder / "output.txt").open("wb") as output:
         process = child.Child(
             [*program, *request.line.arguments, *storing, "--", *request.line.operands],
@@ -93,22 +191,36 @@ def _run(
             stdout=output,
             stderr=errors,
             cwd=work,
-            env=environment(os.environ, request.label, index),
+            env=environment(os.environ, label, index),
         )
+    collector = Collector(request.cells, request.record_types)
     try:
-        yield Began()
         with contextlib.closing(_Tail(work / _RESULTS)) as tail:
             code = None
             while code is None:
                 code = process.wait(_POLL_S)
-                if is_lost():
-                    raise MachineError("this process is no longer part of a cluster")
-                if lines := tail.read():
-                    yield Lines(lines)
+                yield from collector.add(tail.read())
     finally:
         process.end()
-    now = time.perf_counter()
-    yield Finished(code, _last_line(log), now - begin, now - command_begin)
+    yield from collector.end(code)
+    if collector.missing:
+        detail = _last_line(log) or child.describe_exit(code)
+        yield from _without_result(collector.missing, code, detail)
+
+
+def _without_result(cells: Sequence[Cell], code: int, detail: str) -> Iterator[CellResult]:
+    """Yield the cells that no node can measure, because their command line is wrong.
+
+    Raises:
+      NotMeasuredError: it is not.
+    """
+    here = machine.describe()
+    if code != ExitCode.USAGE:
+        is_killed = code < 0 or code == ExitCode.INTERRUPTED
+        raise NotMeasuredError(
+            Failure(Status.CRASHED if is_killed else Status.FAILED, detail), here
+        )
+    yield from (results.failed(cell, Failure(Status.INPUT, detail), here) for cell in cells)
 
 
 def environment(

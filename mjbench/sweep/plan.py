@@ -50,8 +50,9 @@ class NodeRules:
     """When nodes are given up, and when they may refuse.
 
     Attributes:
-      tries: how often a cell is begun at most, where nodes die.
-      patience_s: seconds without a node that would measure, after which the sweep ends.
+      tries: how often a command is begun at most, where nodes die or commands fail.
+      patience_s: seconds after which a busy node gives a command back, and after which a sweep
+        ends in which no node measures.
       limits: what a node must have to measure time.
     """
 

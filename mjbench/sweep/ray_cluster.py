@@ -1,80 +1,124 @@
-"""The executor on Ray: each assignment is a task of it.
+"""A sweep's commands as tasks of Ray.
 
-A task yields what the node says. It is pinned to its node and takes all of it: of the custom
-resource `mjbench` where nodes declare it, of its CPUs where none does.
+Ray places them, and runs them again where their node or their command fails. A task yields the
+cells of its command in their order, so that a further attempt goes on after those that came before.
 """
 
 import contextlib
-import math
+import os
+import socket
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mjbench.errors import one_line
-from mjbench.sweep import ray_session, ray_worker, software
-from mjbench.sweep.executor import Died, Event, Joined, Left, LeftOut, Reported
-from mjbench.sweep.messages import Finished, Message, NodeAnswer, Refused, Request
-from mjbench.sweep.model_files import CarriedModel
-from mjbench.sweep.ray_session import LOCAL, RESOURCE
-from mjbench.sweep.scheduler import Node
+import psutil
 
-# The label of a node that names its machine.
-LABEL = "mjbench-machine"
-# How long nodes may take to say what they are, how often the list of nodes is read, and how long
-# tasks that were cancelled may take to end, in seconds.
-_ANSWER_S, _NODES_S, _END_S = 120.0, 5.0, 5.0
-# Ray counts resources in these.
-_UNIT = 1e-4
+from mjbench.errors import Failure, one_line
+from mjbench.instrument import child
+from mjbench.instrument.machine import Machine
+from mjbench.status import Status
+from mjbench.sweep import node, ray_session, software
+from mjbench.sweep.model_files import CarriedModel
+from mjbench.sweep.node import BusyError, Measured, NotMeasuredError, Request
+from mjbench.sweep.ray_session import LABEL, LOCAL, RESOURCE
+
+# How long nodes may take to say what they are, how often the list of nodes is read while nothing
+# happens, and how long cancelled tasks may take to end, in seconds.
+_ANSWER_S, _LOOK_S, _END_S = 120.0, 5.0, 5.0
+# What a command takes of its node: a timed one all of it, others one CPU, beside no timed one.
+_TIMED: Mapping[str, Any] = {"num_cpus": 0, "resources": {RESOURCE: 1}}
+_UNTIMED: Mapping[str, Any] = {"num_cpus": 1, "resources": {RESOURCE: 0.001}}
 # Ray gives its workers a low priority, and hides accelerators that a task did not ask for.
 _WORKER_ENVIRONMENT = {"RAY_worker_niceness": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
+_NODE_ID, _THREADS = "ray.io/node-id", "OMP_NUM_THREADS"
 
 
 @dataclass(frozen=True)
-class _RayNode:
-    """A node as Ray lists it."""
+class Node:
+    """A node that can measure.
+
+    Attributes:
+      name: for people.
+      label: of the machine; empty without one.
+    """
 
     id: str
-    address: str
     name: str
-    resources: Mapping[str, float]
-    labels: Mapping[str, str]
-
-    @property
-    def cpus(self) -> float:
-        return self.resources.get("CPU", 0.0)
+    label: str
+    machine: Machine
 
 
 @dataclass(frozen=True)
-class _Task:
-    """A task of Ray: what it yields, and the node that runs it."""
+class LeftOut:
+    """A node that cannot measure."""
 
-    generator: Any
-    node_id: str
+    id: str
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Delivered:
+    """A node has measured a cell.
+
+    Attributes:
+      node: its name.
+      label: of its machine; empty without one.
+    """
+
+    node: str
+    label: str
+    measured: Measured
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A command has failed in its last attempt.
+
+    Attributes:
+      machine: on which it failed; None if its node is gone.
+    """
+
+    request: Request
+    failure: Failure
+    machine: Machine | None = None
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A node did not become quiet, and gives a command back."""
+
+    request: Request
+    reason: str
+
+
+Event = Delivered | Failed | Refused
 
 
 class RayCluster:
-    """A cluster of Ray, used as a context manager."""
+    """A cluster of Ray, used as a context manager.
 
-    def __init__(self, address: str | None = None):
+    Attributes:
+      nodes: that can measure; those that join later are not among them.
+      left_out: that cannot.
+    """
+
+    def __init__(self, address: str | None = None, tries: int = 3):
         """Connect to nothing yet.
 
         Args:
           address: of a cluster, or `auto` for the one that runs here; None to start one here.
+          tries: how often a command is begun at most.
         """
-        self._address = address or LOCAL
-        self._closing = contextlib.ExitStack()
-        self._running: dict[int, _Task] = {}
-        self._asked: dict[Any, _RayNode] = {}
-        self._known: dict[str, _RayNode] = {}
+        self._address, self._tries = address or LOCAL, tries
+        self._running: dict[Any, Request] = {}
         self._models: dict[str, Any] = {}
-        self._nodes_read_s = -_NODES_S
-        self._events: list[Event] = []
-        # whether only nodes that declare the resource measure: once one has, also when it is gone
-        self._must_declare = False
+        self.nodes: tuple[Node, ...] = ()
+        self.left_out: tuple[LeftOut, ...] = ()
 
     def __enter__(self) -> "RayCluster":
-        """Start Ray here, or connect to a cluster.
+        """Start Ray here, or connect to a cluster, and ask its nodes what they are.
 
         Raises:
           InputError: the address is not one that can be used.
@@ -82,11 +126,13 @@ class RayCluster:
         """
         with contextlib.ExitStack() as closing:
             closing.enter_context(ray_session.session(self._address))
+            closing.callback(self._cancel_all)
             import ray
 
-            self._measure = ray.remote(ray_worker.measure)
-            self._describe = ray.remote(ray_worker.describe)
-            closing.callback(self._cancel_all)
+            self._measure = ray.remote(_measure)
+            answers = _ask(_listed())
+            self.nodes = tuple(one for one in answers if isinstance(one, Node))
+            self.left_out = tuple(one for one in answers if isinstance(one, LeftOut))
             self._closing = closing.pop_all()
         return self
 
@@ -94,87 +140,57 @@ class RayCluster:
         """Cancel what runs; a cluster that was started here ends."""
         self._closing.close()
 
-    # -- nodes -----------------------------------------------------------------------------------
-
-    def ask_nodes(self) -> list[Event]:
-        """Return which nodes there are, when all have said what they are."""
-        import ray
-
-        self._read_nodes()
-        if self._asked:
-            ray.wait(list(self._asked), num_returns=len(self._asked), timeout=_ANSWER_S)
-        for reference in list(self._asked):
-            self._take_answer(reference)
-        events, self._events = self._events, []
-        return events
-
-    def _read_nodes(self) -> None:
-        """Ask nodes that are new, and note those that are gone."""
-        import ray
-
-        self._nodes_read_s = time.monotonic()
-        listed = ray.nodes()
-        alive = {node.id: node for node in map(_ray_node, listed) if node is not None}
-        deaths = {node["NodeID"]: node.get("DeathReasonMessage") or "" for node in listed}
-        for node_id in [known for known in self._known if known not in alive]:
-            del self._known[node_id]
-            reason = one_line(deaths.get(node_id, ""), 100)
-            self._events.append(Left(node_id, f"it is gone{f' ({reason})' if reason else ''}"))
-            # its workers may live on for a while, and Ray waits for them
-            for number in [n for n, task in self._running.items() if task.node_id == node_id]:
-                del self._running[number]
-                self._events.append(Died(number, "its node is gone"))
-        self._must_declare = self._must_declare or any(map(_declares, alive.values()))
-        for node in alive.values():
-            if not (_declares(node) if self._must_declare else node.cpus >= 1):
-                continue
-            if node.id not in self._known:
-                self._known[node.id] = node
-                reference = self._describe.options(num_cpus=0, **_pinned(node)).remote()
-                self._asked[reference] = node
-
-    def _take_answer(self, reference: Any) -> None:
-        """Note what a node says of itself."""
-        import ray
-
-        node = self._asked.pop(reference)
-        try:
-            answer: NodeAnswer = ray.get(reference, timeout=0)
-        except Exception as error:
-            reason = _cause(error)
-            if isinstance(error, ray.exceptions.GetTimeoutError):
-                ray.cancel(reference, force=True)
-                reason = f"it did not answer within {_ANSWER_S:.0f} s"
-            self._events.append(LeftOut(node.name, reason))
-            return
-        difference = software.difference(software.installed(), answer.software)
-        if difference:
-            self._events.append(LeftOut(node.name, difference))
-            return
-        if node.id not in self._known:
-            self._events.append(LeftOut(node.name, "it is gone"))
-            return
-        machine = answer.machine
-        label = node.labels.get(LABEL) or machine.label
-        own = Node(node.id, node.name, machine.host or node.address, label, machine.usable_cores)
-        self._events.append(Joined(own, machine))
-
-    # -- assignments -----------------------------------------------------------------------------
-
-    def start(
-        self, number: int, node: Node, request: Request, carried: Sequence[CarriedModel]
-    ) -> None:
-        """Have a node measure; see `Executor`."""
-        ray_node = self._known.get(node.id)
-        if ray_node is None:
-            self._events.append(Died(number, "its node is gone"))
-            return
-        options = _share(ray_node, 1.0 if request.limits is not None else 1 / node.cores)
+    def submit(self, request: Request, carried: Sequence[CarriedModel] = ()) -> None:
+        """Have a node measure, as soon as one is free."""
+        selector = {LABEL: request.cells[0].machine} if request.cells[0].machine else {}
+        if self.left_out:
+            selector[_NODE_ID] = f"!in({','.join(one.id for one in self.left_out)})"
         task = self._measure.options(
-            num_returns="streaming", max_retries=0, **options, **_pinned(ray_node)
+            num_returns="streaming",
+            max_retries=self._tries - 1,
+            retry_exceptions=[NotMeasuredError],
+            scheduling_strategy="SPREAD",
+            label_selector=selector,
+            runtime_env={"env_vars": _WORKER_ENVIRONMENT},
+            **(_UNTIMED if request.quiet is None else _TIMED),
         )
-        generator = task.remote(request, *map(self._reference, carried))
-        self._running[number] = _Task(generator, node.id)
+        self._running[task.remote(request, *map(self._reference, carried))] = request
+
+    def events(self, patience_s: float) -> Iterator[Event]:
+        """Yield what happens until nothing runs, or there is no node for what is left.
+
+        Args:
+          patience_s: for how long there may be none.
+        """
+        import ray
+
+        possible_s = time.monotonic()
+        while self._running:
+            ready, _ = ray.wait(list(self._running), timeout=_LOOK_S, fetch_local=False)
+            if ready:
+                yield from self._take(ready[0])
+            if ready or self._is_possible():
+                possible_s = time.monotonic()
+            elif time.monotonic() - possible_s >= patience_s:
+                return
+
+    def _take(self, task: Any) -> Iterator[Event]:
+        """Yield what a task has to say next; nothing where it has ended well."""
+        import ray
+
+        try:
+            yield ray.get(next(task))
+        except StopIteration:
+            del self._running[task]
+        except Exception as error:  # which ones Ray raises is not documented
+            yield _ended(self._running.pop(task), error)
+
+    def _is_possible(self) -> bool:
+        """Return whether there is a node for some of what is to be measured."""
+        left_out = {one.id for one in self.left_out}
+        labels = {_label(one) for one in _listed() if one["NodeID"] not in left_out}
+        wanted = {request.cells[0].machine for request in self._running.values()}
+        return bool(labels & wanted or (labels and "" in wanted))
 
     def _reference(self, carried: CarriedModel) -> Any:
         """Return a model in Ray's store, from which each node takes it once."""
@@ -184,125 +200,110 @@ class RayCluster:
             self._models[carried.digest] = ray.put(carried)
         return self._models[carried.digest]
 
-    def stop(self, number: int) -> None:
-        """Have a node stop measuring; see `Executor`."""
-        import ray
-
-        if task := self._running.pop(number, None):
-            ray.cancel(task.generator)
-
-    def events(self, timeout_s: float) -> list[Event]:
-        """Return what happened since the last call; see `Executor`."""
-        import ray
-
-        if time.monotonic() - self._nodes_read_s >= _NODES_S:
-            self._read_nodes()
-        waited = self._waited()
-        timeout_s = 0.0 if self._events else timeout_s
-        if not waited:
-            time.sleep(timeout_s)
-        while waited:
-            ready, _ = ray.wait(waited, num_returns=1, timeout=timeout_s, fetch_local=False)
-            if not ready:
-                break
-            self._take(ready[0])
-            waited, timeout_s = self._waited(), 0.0
-        events, self._events = self._events, []
-        return events
-
-    def _waited(self) -> list[Any]:
-        """Return what may have something to say."""
-        return [*(task.generator for task in self._running.values()), *self._asked]
-
-    def _take(self, ready: Any) -> None:
-        """Note the next message of a task, or the answer of a node."""
-        if ready in self._asked:
-            self._take_answer(ready)
-            return
-        number = next(n for n, task in self._running.items() if task.generator is ready)
-        try:
-            import ray
-
-            message: Message = ray.get(next(ready))
-        except StopIteration:  # its last message came before
-            del self._running[number]
-            self._events.append(Died(number, "it ended without a result"))
-        except Exception as error:
-            del self._running[number]
-            self._events.append(Died(number, _cause(error)))
-        else:
-            if isinstance(message, Refused | Finished):
-                del self._running[number]
-            self._events.append(Reported(number, message))
-
     def _cancel_all(self) -> None:
-        """Have all nodes stop; those that do not within some seconds lose their worker."""
+        """Have all nodes stop, and wait some seconds for it."""
         import ray
 
-        running = [task.generator for task in self._running.values()]
-        self._running = {}
-        for is_forced in (False, True):
-            if not running:
-                return
-            for generator in running:
-                with contextlib.suppress(Exception):  # it has ended, or its node is gone
-                    ray.cancel(generator, force=is_forced)
-            running = _not_ended(running)
+        with contextlib.suppress(Exception):  # the cluster is gone
+            for task in self._running:
+                ray.cancel(task)
+            ends = [task.completed() for task in self._running]
+            if ends:
+                ray.wait(ends, num_returns=len(ends), timeout=_END_S, fetch_local=False)
+
+
+# -- on nodes -----------------------------------------------------------------------------------
+
+
+def _measure(request: Request, *carried: CarriedModel) -> Iterator[Delivered]:
+    """Measure on this node, without what Ray does to its workers."""
+    import ray
+
+    parent = os.getppid()  # the node's own process, which a worker outlives while it is busy
+    child.die_with_parent(parent)
+    # Ray sets it for its workers; the command is to have what whoever started Ray has set
+    with contextlib.suppress(psutil.Error):
+        if _THREADS not in psutil.Process(parent).environ():
+            os.environ.pop(_THREADS, None)
+    context = ray.get_runtime_context()
+    label = context.get_node_labels().get(LABEL, "")
+    name = _name(socket.gethostname(), context.get_node_id())
+    try:
+        for measured in node.measure(request, *carried, label=label):
+            yield Delivered(name, label, measured)
+    except BusyError as error:
+        raise BusyError(f"{name}: {error}") from None
 
 
 # -- Ray's own ----------------------------------------------------------------------------------
 
 
-def _ray_node(listed: Mapping[str, Any]) -> _RayNode | None:
-    """Return a node that is alive; None where it is not."""
-    if not listed.get("Alive"):
-        return None
-    address = str(listed.get("NodeManagerAddress", ""))
-    name = str(listed.get("NodeManagerHostname") or address)
-    node_id = str(listed["NodeID"])
-    return _RayNode(
-        node_id,
-        address,
-        f"{name} ({node_id[:4]})",
-        dict(listed.get("Resources", {})),
-        dict(listed.get("Labels", {})),
-    )
-
-
-def _declares(node: _RayNode) -> bool:
-    """Return whether a node declares the resource by which it may be taken."""
-    return bool(node.resources.get(RESOURCE))
-
-
-def _share(node: _RayNode, share: float) -> dict[str, Any]:
-    """Return the resources that a task takes of a node."""
-    whole = node.resources.get(RESOURCE)
-    if whole is None:
-        return {"num_cpus": node.cpus if share == 1 else 1}
-    units = math.floor(whole * share / _UNIT + 1e-6)
-    amount = whole if share == 1 else round(max(1, units) * _UNIT, 4)
-    return {"num_cpus": 0, "resources": {RESOURCE: amount}}
-
-
-def _pinned(node: _RayNode) -> dict[str, Any]:
-    """Return what keeps a task on a node, and what its worker has in its environment."""
-    from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
-
-    return {
-        "scheduling_strategy": NodeAffinitySchedulingStrategy(node.id, soft=False),
-        "runtime_env": {"env_vars": _WORKER_ENVIRONMENT},
-    }
-
-
-def _not_ended(generators: Sequence[Any]) -> list[Any]:
-    """Return those of some cancelled tasks that do not end within some seconds."""
+def _listed() -> list[Mapping[str, Any]]:
+    """Return the nodes that are alive and declare that they may be taken."""
     import ray
 
-    with contextlib.suppress(Exception):
-        ends = {generator.completed(): generator for generator in generators}
-        _, missing = ray.wait(list(ends), num_returns=len(ends), timeout=_END_S, fetch_local=False)
-        return [ends[reference] for reference in missing]
-    return []
+    return [
+        one
+        for one in ray.nodes()
+        if one.get("Alive")
+        and all(one["Resources"].get(name, 0) >= 1 for name in (RESOURCE, "CPU"))
+    ]
+
+
+def _label(listed: Mapping[str, Any]) -> str:
+    return str(listed.get("Labels", {}).get(LABEL, ""))
+
+
+def _name(host: str, node_id: str) -> str:
+    return f"{host} ({node_id[:4]})"
+
+
+def _ask(listed: Sequence[Mapping[str, Any]]) -> list[Node | LeftOut]:
+    """Return what nodes are, when all have said it."""
+    import ray
+    from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+    answers: list[Any] = [
+        ray.remote(node.describe)
+        .options(
+            num_cpus=0,
+            scheduling_strategy=NodeAffinitySchedulingStrategy(one["NodeID"], soft=False),
+            runtime_env={"env_vars": _WORKER_ENVIRONMENT},
+        )
+        .remote()
+        for one in listed
+    ]
+    if answers:
+        ray.wait(answers, num_returns=len(answers), timeout=_ANSWER_S)
+    return [_answer(one, answer) for one, answer in zip(listed, answers, strict=True)]
+
+
+def _answer(listed: Mapping[str, Any], answer: Any) -> Node | LeftOut:
+    """Return what a node says of itself."""
+    import ray
+
+    node_id = str(listed["NodeID"])
+    name = _name(str(listed.get("NodeManagerHostname", "")), node_id)
+    try:
+        there, machine = ray.get(answer, timeout=0)
+    except ray.exceptions.GetTimeoutError:
+        ray.cancel(answer, force=True)
+        return LeftOut(node_id, name, f"it did not answer within {_ANSWER_S:.0f} s")
+    except Exception as error:
+        return LeftOut(node_id, name, _cause(error))
+    if difference := software.difference(software.installed(), there):
+        return LeftOut(node_id, name, difference)
+    return Node(node_id, name, _label(listed), machine)
+
+
+def _ended(request: Request, error: Exception) -> Failed | Refused:
+    """Return why a task has ended by an error."""
+    match getattr(error, "cause", None):
+        case BusyError() as busy:
+            return Refused(request, str(busy))
+        case NotMeasuredError(failure=failure, machine=machine):
+            return Failed(request, failure, machine)
+    return Failed(request, Failure(Status.CRASHED, _cause(error)))
 
 
 def _cause(error: Exception) -> str:

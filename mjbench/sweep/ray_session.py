@@ -11,9 +11,13 @@ from typing import Any
 
 from mjbench.errors import InputError, MachineError, one_line, shown
 from mjbench.instrument import extras, ray_environment, scratch
+from mjbench.instrument.machine import LABEL_VARIABLE
 
-# The custom resource by which a node says that it may be taken.
-RESOURCE = "mjbench"
+# The custom resource by which a node says that it may be taken, and the label with the name of its
+# machine.
+RESOURCE, LABEL = "mjbench", "mjbench-machine"
+# How often Ray runs a task again whose worker took too much memory; otherwise, it never stops.
+_MEMORY_RETRIES = "2"
 # Addresses of a cluster that is started here, and of the one that this machine belongs to.
 LOCAL, AUTO = "local", "auto"
 # How long the head of a cluster may take to accept a connection, in seconds.
@@ -42,6 +46,7 @@ def session(address: str) -> Iterator[None]:
         )
     _check_reachable(address)
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    os.environ.setdefault("RAY_task_oom_retries", _MEMORY_RETRIES)
     with contextlib.ExitStack() as closing:
         closing.enter_context(_quiet())
         with _own_signals():
@@ -62,6 +67,7 @@ def _connect(address: str, closing: contextlib.ExitStack) -> None:
             closing,
             include_dashboard=False,
             resources={RESOURCE: 1},
+            labels={LABEL: label} if (label := os.environ.get(LABEL_VARIABLE, "")) else None,
             _temp_dir=str(folder) if is_short else _SHORT_FOLDER,
         )
 

@@ -88,7 +88,11 @@ def outcome(run: Run) -> Outcome:
 
 
 class Collector:
-    """Takes the lines of one assignment, and gives its cells as they become complete."""
+    """Takes the lines of one command, and gives its cells in their order as they are complete.
+
+    Attributes:
+      missing: the cells that it has not given yet.
+    """
 
     def __init__(self, cells: Sequence[Cell], record_types: Mapping[str, type]):
         """Take what is measured.
@@ -96,9 +100,10 @@ class Collector:
         Args:
           record_types: the class of each record of a run file by its `type`.
         """
-        self._cells = tuple(cells)
+        self.missing = list(cells)
         self._types = record_types
         self._lines: list[bytes] = []
+        self._complete: dict[Cell, CellResult] = {}
 
     def add(self, lines: Sequence[bytes]) -> list[CellResult]:
         """Return the cells that further lines complete.
@@ -106,15 +111,16 @@ class Collector:
         Raises:
           InputError: the lines are not those of a run file.
         """
-        done: list[CellResult] = []
         for line in lines:
             self._lines.append(line)
-            if len(self._lines) == 1 or self._cells[0].kind == Kind.COMPARE:
+            if len(self._lines) == 1 or not self.missing or self._is_comparison():
                 continue
             section = self._section(self._lines[0], line)
             (record,) = section.run.records
-            done += [_named(c, section) for c in self._cells if _is_answer(record, c)]
-        return done
+            self._complete |= {
+                cell: _named(cell, section) for cell in self.missing if _is_answer(record, cell)
+            }
+        return self._take()
 
     def end(self, code: int) -> list[CellResult]:
         """Return the cells that the end of the command completes.
@@ -124,13 +130,24 @@ class Collector:
         Raises:
           InputError: the lines are not those of a run file.
         """
-        if self._cells[0].kind != Kind.COMPARE or not self._lines:
+        if not self.missing or not self._is_comparison() or not self._lines:
             return []
-        (cell,) = self._cells
         section = self._section(*self._lines)
         statuses = [r.status for r in section.run.records if isinstance(r, _Ended)]
         is_whole = section.run.of_type(ModelRecord) and exit_code(statuses) == code
-        return [_named(cell, section)] if is_whole and Status.INTERRUPTED not in statuses else []
+        if is_whole and Status.INTERRUPTED not in statuses:
+            self._complete = {cell: _named(cell, section) for cell in self.missing}
+        return self._take()
+
+    def _is_comparison(self) -> bool:
+        return self.missing[0].kind == Kind.COMPARE
+
+    def _take(self) -> list[CellResult]:
+        """Return the complete cells that no missing one comes before."""
+        taken = []
+        while self.missing and self.missing[0] in self._complete:
+            taken.append(self._complete[self.missing.pop(0)])
+        return taken
 
     def _section(self, *lines: bytes) -> Section:
         run = runs.parse(_SOURCE, lines, self._types, may_be_torn=False)

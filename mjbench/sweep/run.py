@@ -1,39 +1,53 @@
 """Measure the cells of a sweep that are missing, and store each result as it comes."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
 
-from mjbench.errors import Failure, InputError, MachineError, suggestion
-from mjbench.instrument import child
+from mjbench.errors import InputError, MachineError, suggestion
 from mjbench.instrument.machine import Machine
-from mjbench.status import ExitCode, Status
-from mjbench.sweep import results
+from mjbench.sweep import commands, results, software
 from mjbench.sweep.cells import Cell
-from mjbench.sweep.executor import Died, Event, Executor, Joined, Left, LeftOut, Reported
+from mjbench.sweep.commands import COMMANDS
 from mjbench.sweep.matrix import Matrix
-from mjbench.sweep.messages import Began, Finished, Lines, Message, Refused, Request
-from mjbench.sweep.results import CellResult, Collector, Outcome
-from mjbench.sweep.scheduler import Assignment, LostCell, NodeRecord, Scheduler
+from mjbench.sweep.model_files import CarriedModel
+from mjbench.sweep.node import Quiet, Request
+from mjbench.sweep.ray_cluster import Delivered, Event, Failed, LeftOut, Node, Refused
+from mjbench.sweep.results import CellResult, Outcome
 
-# How long to wait for something to happen, in seconds, before looking at the clock again.
-_WAIT_S = 1.0
-# A node that has not started its command after so many seconds has no room for it.
-_BEGIN_S = 90.0
-_NO_ROOM = "it is taken by other work of the cluster"
+
+class Cluster(Protocol):
+    """What a sweep needs of a cluster; see `RayCluster`."""
+
+    nodes: tuple[Node, ...]
+    left_out: tuple[LeftOut, ...]
+
+    def submit(self, request: Request, carried: Sequence[CarriedModel] = ()) -> None:
+        """Have a node measure, as soon as one is free."""
+
+    def events(self, patience_s: float) -> Iterator[Event]:
+        """Yield what happens until nothing runs, or there is no node for what is left."""
 
 
 @dataclass(frozen=True)
-class Progress:
-    """How far a sweep is.
+class NodeRecord:
+    """What a node did.
 
     Attributes:
-      done: cells with a result, earlier ones included.
+      cells: results that it delivered.
+      measured_s: seconds of its commands that delivered them.
+      busy_s: seconds for which it was not quiet before.
+      objection: why it was not, the last time; empty if it always was.
     """
 
-    done: int
-    count: int
-    running: tuple[Assignment, ...]
+    name: str
+    label: str
+    cells: int = 0
+    measured_s: float = 0.0
+    busy_s: float = 0.0
+    objection: str = ""
 
 
 @dataclass(frozen=True)
@@ -42,8 +56,7 @@ class Summary:
 
     Attributes:
       outcomes: of the cells that were measured now, in the order in which they were complete.
-      reasons: why nodes did not measure, where they are why cells are missing.
-      finished: what the nodes said of each command that ended.
+      reasons: why cells are missing.
     """
 
     outcomes: Mapping[Cell, Outcome]
@@ -52,7 +65,6 @@ class Summary:
     missing: tuple[Cell, ...]
     reasons: tuple[str, ...] = ()
     is_interrupted: bool = False
-    finished: tuple[Finished, ...] = ()
 
 
 class Sweep:
@@ -62,12 +74,11 @@ class Sweep:
         self,
         matrix: Matrix,
         done: Sequence[Cell],
-        executor: Executor,
+        cluster: Cluster,
         store: Callable[[CellResult], None],
         record_types: Mapping[str, type],
         *,
-        on_progress: Callable[[Progress], None] = lambda progress: None,
-        on_left_out: Callable[[LeftOut], None] = lambda left_out: None,
+        on_result: Callable[[int, Cell, str], None] = lambda done, cell, node: None,
         clock: Callable[[], float] = time.monotonic,
         program: tuple[str, ...] = (),
     ):
@@ -76,183 +87,120 @@ class Sweep:
         Args:
           done: those that need not be measured.
           record_types: the class of each record of a run file by its `type`.
-          on_left_out: called with nodes that cannot be given work.
+          on_result: called with the number of cells that have a result, earlier ones included, the
+            latest of them, and the node that it comes from.
           program: what runs on nodes instead of mjbench; for tests.
-        """
-        self._matrix, self._executor, self._store = matrix, executor, store
-        self._types, self._clock, self._program = record_types, clock, program
-        self._on_progress, self._on_left_out = on_progress, on_left_out
-        rules, earlier = matrix.plan.rules, set(done)
-        missing = [cell for cell in matrix.cells if cell not in earlier]
-        self._scheduler = Scheduler(missing, rules.tries, rules.patience_s, clock())
-        self._collectors: dict[int, Collector] = {}
-        self._assignments: dict[int, Assignment] = {}
-        self._machines: dict[str, Machine] = {}
-        self._outcomes: dict[Cell, Outcome] = {}
-        self._left_out: list[LeftOut] = []
-        self._finished: list[Finished] = []
-
-    def take_nodes(self, events: Sequence[Event]) -> None:
-        """Take the nodes that are there before anything begins.
 
         Raises:
           InputError: no node has a label that the plan names.
           MachineError: there is no node that can measure.
         """
-        for event in events:
-            self._handle(event)
-        nodes = [record.node for record in self._scheduler.nodes]
-        if not nodes:
-            reasons = "; ".join(f"{one.name}: {one.reason}" for one in self._left_out)
-            raise MachineError(f"no node of the cluster can measure ({reasons or 'there is none'})")
-        labels = sorted({node.label for node in nodes if node.label})
-        for label in {cell.machine: None for cell in self._scheduler.missing if cell.machine}:
+        self._matrix, self._cluster, self._store = matrix, cluster, store
+        self._types, self._on_result, self._program = record_types, on_result, program
+        self._clock, self._patience_s = clock, matrix.plan.rules.patience_s
+        self._active_s = clock()
+        earlier = set(done)
+        self._missing = {cell: None for cell in matrix.cells if cell not in earlier}
+        self._outcomes: dict[Cell, Outcome] = {}
+        self._records = {one.name: NodeRecord(one.name, one.label) for one in cluster.nodes}
+        self._reasons: dict[str, None] = {}
+        self._check_nodes()
+
+    def _check_nodes(self) -> None:
+        if not self._cluster.nodes:
+            left_out = self._cluster.left_out
+            reasons = "; ".join(f"{one.name}: {one.reason}" for one in left_out)
+            none = "none declares the resource: ray start --resources '{\"mjbench\": 1}'"
+            raise MachineError(f"no node of the cluster can measure ({reasons or none})")
+        labels = sorted({one.label for one in self._cluster.nodes if one.label})
+        for label in dict.fromkeys(cell.machine for cell in self._missing if cell.machine):
             if label not in labels:
                 known = f"there are {', '.join(labels)}" if labels else "no node has one"
                 raise InputError(
                     f"no node has the label {label!r}{suggestion(label, labels)}: {known}; give it"
-                    f" by `ray start --labels mjbench-machine={label}`, or MJBENCH_MACHINE={label}"
+                    f" by `ray start --labels mjbench-machine={label}`"
                 )
 
     def measure(self) -> Summary:
-        """Measure until nothing is missing, no node would measure, or the user stops it.
+        """Measure until all has been tried, no node is left, or the user stops it.
 
         Raises:
           MachineError: a result cannot be stored.
         """
         try:
-            while not self._scheduler.is_done and not self._scheduler.is_stuck(self._clock()):
-                self._step()
+            self._submit(list(self._missing))
+            for event in self._cluster.events(self._patience_s):
+                self._handle(event)
+                if isinstance(event, Refused) and not self._is_active():
+                    break
         except KeyboardInterrupt:
             return self._summary(is_interrupted=True)
+        if self._missing and not self._reasons:
+            self._reasons["there is no node that could measure"] = None
         return self._summary()
 
-    def _step(self) -> None:
-        """Hand out what can be handed out, and handle what happens next."""
-        assignments = self._scheduler.assign(self._clock())
-        for assignment in assignments:
-            self._start(assignment)
-        if assignments:
-            self._show_progress()
-        events = self._executor.events(_WAIT_S)
-        for event in events:
-            self._handle(event)
-        if events:
-            self._show_progress()
-        self._stop_waiting()
+    def _is_active(self) -> bool:
+        """Return whether a node has measured something within the plan's patience."""
+        return self._clock() - self._active_s < self._patience_s
 
-    def _start(self, assignment: Assignment) -> None:
-        cells = assignment.cells
-        is_timed = assignment.command.needs_quiet
-        request = Request(
-            self._matrix.command_line(cells),
-            self._matrix.plan.rules.limits if is_timed else None,
-            assignment.node.label,
-            self._program,
-        )
-        self._assignments[assignment.number] = assignment
-        self._collectors[assignment.number] = Collector(cells, self._types)
-        models = self._matrix.models_of(cells)
-        self._executor.start(assignment.number, assignment.node, request, models)
-
-    def _stop_waiting(self) -> None:
-        """Give what a node does not begin to another."""
-        now_s, scheduler = self._clock(), self._scheduler
-        for number in [assignment.number for assignment in scheduler.running]:
-            if not scheduler.has_begun(number) and now_s - scheduler.begun_s(number) > _BEGIN_S:
-                self._executor.stop(number)
-                scheduler.refuse(number, _NO_ROOM, now_s)
+    def _submit(self, missing: Sequence[Cell]) -> None:
+        nodes = Counter(one.label for one in self._cluster.nodes if one.label)
+        nodes[""] = len(self._cluster.nodes)
+        limits, here = self._matrix.plan.rules.limits, software.installed()
+        for cells in commands.batches(missing, nodes):
+            is_timed = COMMANDS[cells[0].kind].needs_quiet
+            request = Request(
+                cells,
+                self._matrix.command_line(cells),
+                self._types,
+                here,
+                Quiet(limits, self._patience_s) if is_timed else None,
+                self._program,
+            )
+            self._cluster.submit(request, self._matrix.models_of(cells))
 
     def _handle(self, event: Event) -> None:
         match event:
-            case Joined(node, machine):
-                self._machines[node.id] = machine
-                self._scheduler.join(node)
-            case LeftOut():
-                self._left_out.append(event)
-                self._on_left_out(event)
-            case Left(node_id, reason):
-                self._scheduler.leave(node_id, reason)
-            case Reported(number, message):
-                self._handle_message(number, message)
-            case Died(number, reason):
-                self._end(number, Failure(Status.CRASHED, reason))
+            case Delivered():
+                self._active_s = self._clock()
+                self._keep(event.measured.result, event.node)
+                self._note(event)
+            case Refused(request, reason):
+                self._reasons[reason] = None
+                self._submit([cell for cell in request.cells if cell in self._missing])
+            case Failed(request, failure, machine):
+                machine = machine or self._machine(request.cells[0].machine)
+                for cell in [cell for cell in request.cells if cell in self._missing]:
+                    self._keep(results.failed(cell, failure, machine))
 
-    def _handle_message(self, number: int, message: Message) -> None:
-        if number not in self._collectors:  # it was ended by an earlier message
-            return
-        match message:
-            case Began():
-                self._scheduler.begin(number, self._clock())
-            case Refused(reason):
-                self._scheduler.refuse(number, reason, self._clock())
-            case Lines(lines):
-                try:
-                    self._deliver(number, self._collectors[number].add(lines))
-                except InputError as error:
-                    self._executor.stop(number)
-                    self._end(number, Failure(Status.FAILED, str(error)))
-            case Finished():
-                self._finished.append(message)
-                self._finish(number, message)
+    def _machine(self, label: str) -> Machine:
+        """Return the first machine that may measure cells with a label."""
+        return next(one.machine for one in self._cluster.nodes if label in ("", one.label))
 
-    def _finish(self, number: int, finished: Finished) -> None:
-        """Take what the end of a command completes, and what it leaves."""
-        code = finished.exit_code
-        detail = finished.detail or child.describe_exit(code)
-        try:
-            self._deliver(number, self._collectors[number].end(code))
-        except InputError as error:
-            detail = str(error)
-        if code == ExitCode.USAGE:  # the command line is wrong on every node
-            self._deliver(number, self._failed(number, Failure(Status.INPUT, detail)))
-        is_killed = code < 0 or code == ExitCode.INTERRUPTED
-        self._end(number, Failure(Status.CRASHED if is_killed else Status.FAILED, detail))
-
-    def _end(self, number: int, failure: Failure) -> None:
-        """End an assignment; of cells that are given up, how they failed is their result."""
-        assignment = self._assignments.get(number)
-        if assignment is None:
-            return
-        is_whole = not self._scheduler.open_cells(number)
-        problem = "" if is_whole else failure.detail
-        self._collectors.pop(number, None)
-        lost = self._scheduler.end(number, problem, self._clock())
-        for item in lost:
-            self._keep(self._failed_result(assignment, item, failure.status))
-
-    def _failed(self, number: int, failure: Failure) -> list[CellResult]:
-        assignment = self._assignments[number]
-        machine = self._machines[assignment.node.id]
-        cells = self._scheduler.open_cells(number)
-        return [results.failed(cell, failure, machine) for cell in cells]
-
-    def _failed_result(self, assignment: Assignment, lost: LostCell, status: Status) -> CellResult:
-        machine = self._machines[assignment.node.id]
-        return results.failed(lost.cell, Failure(status, lost.detail), machine)
-
-    def _deliver(self, number: int, complete: Sequence[CellResult]) -> None:
-        for result in complete:
-            if self._scheduler.deliver(number, result.cell):
-                self._keep(result)
-
-    def _keep(self, result: CellResult) -> None:
+    def _keep(self, result: CellResult, node: str = "no node") -> None:
         self._store(result)
         self._outcomes[result.cell] = result.outcome
+        del self._missing[result.cell]
+        self._on_result(len(self._matrix.cells) - len(self._missing), result.cell, node)
 
-    def _show_progress(self) -> None:
-        count, scheduler = len(self._matrix.cells), self._scheduler
-        self._on_progress(Progress(count - scheduler.missing_count, count, scheduler.running))
+    def _note(self, event: Delivered) -> None:
+        """Note what a node did."""
+        measured = event.measured
+        record = self._records.get(event.node, NodeRecord(event.node, event.label))
+        self._records[event.node] = replace(
+            record,
+            cells=record.cells + 1,
+            measured_s=record.measured_s + measured.wall_s,
+            busy_s=record.busy_s + measured.busy_s,
+            objection=measured.objection or record.objection,
+        )
 
     def _summary(self, is_interrupted: bool = False) -> Summary:
-        scheduler = self._scheduler
-        missing = scheduler.missing
         return Summary(
             outcomes=dict(self._outcomes),
-            nodes=scheduler.nodes,
-            left_out=tuple(self._left_out),
-            missing=missing,
-            reasons=tuple(scheduler.reasons()) if missing and not is_interrupted else (),
+            nodes=tuple(self._records.values()),
+            left_out=self._cluster.left_out,
+            missing=tuple(self._missing),
+            reasons=tuple(self._reasons),
             is_interrupted=is_interrupted,
-            finished=tuple(self._finished),
         )

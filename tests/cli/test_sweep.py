@@ -47,13 +47,7 @@ def test_a_dry_run_says_what_there_is_to_do_and_measures_nothing(tmp_path: Path)
     done = mjbench("sweep", "plan.toml", "--dry-run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "versions cartpole 3.3.0 → 4.0.0 python_loop" in done.stdout
-    rows = [" ".join(line.split()) for line in done.stdout.splitlines()[-4:]]
-    assert rows == [
-        "versions, time 2 0 2 at most 2 min on one machine",
-        "compare 2 0 2 at most 1 min on one machine",
-        "instructions 4 0 4 unknown until one is measured",
-        "history 4 0 4 at most 4 min on one machine",
-    ]
+    assert done.stdout.endswith("\n12 results, 12 of them missing.\n")
     assert list(tmp_path.iterdir()) == [tmp_path / "plan.toml"]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 from example_models import CONTACT_XML
-from sweep_examples import plan
+from sweep_examples import count_cell, plan, verdict_cell
 
 from mjbench.cli.sweep import check_command
 from mjbench.paired.outcomes import Metric
@@ -15,7 +15,7 @@ from mjbench.releases.installs import INSTALLED, ReleaseSpec
 from mjbench.simulation import models
 from mjbench.sweep import matrix, software
 from mjbench.sweep.cells import Cell, Kind
-from mjbench.sweep.commands import COMMANDS
+from mjbench.sweep.commands import COMMANDS, batches
 from mjbench.sweep.plan import Part, Plan
 
 SPECS = tuple(ReleaseSpec(version, version) for version in ("3.3.0", "3.9.0", "4.0.0"))
@@ -112,6 +112,32 @@ def test_what_belongs_together_is_one_command_line(kind: Kind, expected: str) ->
     line = whole.command_line(together[: command.most])
     assert " ".join([*line.arguments, "--", *line.operands]) == expected
     check_command([*line.arguments, "--", *line.operands])  # mjbench takes it
+
+
+@pytest.mark.parametrize(
+    ("nodes", "sizes"),
+    [
+        ({"": 1}, [10, 10, 5, 10, 10, 5]),  # of two releases
+        ({"": 2}, [10, 10, 5, 10, 10, 5]),
+        ({"": 5}, [5, 5, 5, 5, 5, 5, 5, 5, 5, 5]),
+        ({"": 100}, [1] * 50),
+    ],
+)
+def test_more_nodes_get_smaller_commands(nodes: dict[str, int], sizes: list[int]) -> None:
+    of_two = [verdict_cell(f"m{i}", r) for r in ("3.9.0", "4.0.0") for i in range(25)]
+    commands = batches(of_two, nodes)
+    assert [len(cells) for cells in commands] == sizes
+    assert [cell for cells in commands for cell in cells] == of_two
+
+
+def test_a_count_is_measured_with_others_however_many_nodes_there_are() -> None:
+    counts = [count_cell("a", f"3.{i}.0") for i in range(8)]
+    assert [len(cells) for cells in batches(counts, {"": 100})] == [4, 4]
+
+
+def test_machines_measure_apart() -> None:
+    of_two = [verdict_cell("a", machine=machine) for machine in ("epyc", "xeon")]
+    assert batches(of_two, {"epyc": 1, "xeon": 1}) == [(of_two[0],), (of_two[1],)]
 
 
 def test_the_release_installed_beside_mjbench_is_named_so() -> None:

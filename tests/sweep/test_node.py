@@ -1,83 +1,135 @@
-"""A node runs a command, sends its lines as they come, and leaves nothing behind."""
+"""A node runs a command, sends its cells as they come, and leaves nothing behind."""
 
+import json
 import os
+import pickle
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import process_tree
 import pytest
 from example_models import CONTACT_XML
+from sweep_examples import MACHINE, count_cell
 
+from mjbench.errors import Failure
+from mjbench.report.documents import RECORD_TYPES
 from mjbench.simulation import carried_models
 from mjbench.simulation.models import ModelSource
-from mjbench.status import ExitCode
-from mjbench.sweep import model_files, node
+from mjbench.status import Status
+from mjbench.sweep import model_files, node, software
 from mjbench.sweep.calibration import Limits, NodeState
+from mjbench.sweep.cells import Cell, Kind
 from mjbench.sweep.commands import CommandLine
-from mjbench.sweep.messages import Began, Finished, Lines, Message, Refused, Request
+from mjbench.sweep.node import BusyError, Measured, NotMeasuredError, Quiet, Request
 
-LINE = CommandLine(("instructions", "--release", "4.0.0"), ("pile",))
+STUB = Path(__file__).parents[1] / "stub_command.py"
+CELLS = tuple(count_cell("pile", release) for release in ("3.3.0", "3.5.0", "4.0.0"))
+LINE = CommandLine(("instructions", *(f"--release={c.release}" for c in CELLS)), ("pile",))
 QUIET = NodeState(cores=2, usable_cores=2, cores_had=2.0, busy_cores=0.0, stolen=0.0)
-# Programs that stand for mjbench. The first writes a run file in pieces, the last one cut short.
-WRITES = """
-import pathlib, sys
-folder = pathlib.Path(sys.argv[sys.argv.index("--results") + 1])
-folder.mkdir()
-with open(folder / "run.jsonl", "w") as file:
-    file.write("header\\nfir"); file.flush()
-    file.write("st\\nsecond\\ncut"); file.flush()
-"""
+BUSY = NodeState(cores=2, usable_cores=2, cores_had=1.0, busy_cores=2.0, stolen=0.0)
+OBJECTION = "others keep 2.0 of 2 cores busy, of which 2 are usable"
 FAILS = "import sys; print('mjbench: the disk is full', file=sys.stderr); sys.exit(3)"
-HANGS = "import os, sys; print(os.getpid(), flush=True); import signal; signal.pause()"
 DESCRIBES = """
 import json, os, pathlib, sys
 start = json.dumps([sys.argv[1:], os.getcwd(), dict(os.environ)])
 pathlib.Path(os.environ["START_FILE"]).write_text(start)
+sys.exit(2)
 """
 
 
-def request(program: str, limits: Limits | None = None, label: str = "") -> Request:
-    return Request(LINE, limits, label, (sys.executable, "-c", program))
+def request(
+    *program: str,
+    cells: tuple[Cell, ...] = CELLS,
+    line: CommandLine = LINE,
+    quiet: Quiet | None = None,
+) -> Request:
+    return Request(cells, line, RECORD_TYPES, software.installed(), quiet, program)
 
 
-def measure(asked: Request) -> list[Message]:
-    return list(node.measure(asked, calibrate=lambda: QUIET))
+def python(code: str, quiet: Quiet | None = None) -> Request:
+    """Return a request whose command is a program."""
+    return request(sys.executable, "-c", code, quiet=quiet)
 
 
-def test_whole_lines_are_sent_and_a_line_that_was_cut_short_is_not() -> None:
-    began, *others, finished = measure(request(WRITES))
-    assert began == Began()
-    sent = [line for message in others if isinstance(message, Lines) for line in message.lines]
-    assert sent == [b"header\n", b"first\n", b"second\n"]
-    assert isinstance(finished, Finished)
-    assert (finished.exit_code, finished.detail) == (0, "")
+def measure(asked: Request, calibrate: Callable[[], NodeState] = lambda: QUIET) -> list[Measured]:
+    return list(node.measure(asked, calibrate=calibrate, sleep=lambda seconds: None))
+
+
+def failure(asked: Request) -> Failure:
+    """Return how a request fails."""
+    with pytest.raises(NotMeasuredError) as caught:
+        measure(asked)
+    return caught.value.failure
+
+
+def stub(folder: Path) -> Request:
+    line = CommandLine(
+        ("instructions", *(text for c in CELLS for text in ("--release", c.release))), ("pile",)
+    )
+    return request(sys.executable, str(STUB), str(folder), line=line)
+
+
+def test_the_cells_of_a_command_come_in_their_order(tmp_path: Path) -> None:
+    measured = measure(stub(tmp_path))
+    assert [one.result.cell for one in measured] == list(CELLS)
+    assert {one.result.outcome.status for one in measured} == {Status.OK}
+
+
+def test_lines_that_are_no_run_file_are_the_commands_failure() -> None:
+    writes = """
+import pathlib, sys
+folder = pathlib.Path(sys.argv[sys.argv.index("--results") + 1])
+folder.mkdir()
+(folder / "run.jsonl").write_text("header\\nfirst\\n")
+"""
+    assert "what the node measured" in failure(python(writes)).detail
 
 
 def test_a_command_that_fails_says_why() -> None:
-    *_, finished = measure(request(FAILS))
-    assert isinstance(finished, Finished)
-    assert (finished.exit_code, finished.detail) == (3, "the disk is full")
+    assert failure(python(FAILS)) == Failure(Status.FAILED, "the disk is full")
+
+
+def test_a_command_that_is_killed_has_crashed() -> None:
+    killed = failure(python("import os; os.kill(os.getpid(), 9)"))
+    assert killed == Failure(Status.CRASHED, "killed by signal 9 (SIGKILL)")
 
 
 def test_a_program_that_cannot_start_is_the_nodes_failure() -> None:
-    (finished,) = measure(Request(LINE, program=("/no/such/program",)))
-    assert isinstance(finished, Finished)
-    assert finished.exit_code == ExitCode.ENVIRONMENT
-    assert "cannot start a process" in finished.detail
+    assert "cannot start a process" in failure(request("/no/such/program")).detail
 
 
-def test_a_node_that_is_not_quiet_refuses_before_anything_starts() -> None:
-    busy = NodeState(cores=2, usable_cores=2, cores_had=1.0, busy_cores=2.0, stolen=0.0)
-    messages = list(node.measure(request(FAILS, Limits()), calibrate=lambda: busy))
-    assert messages == [Refused("others keep 2.0 of 2 cores busy, of which 2 are usable")]
+def test_a_node_with_other_software_measures_nothing() -> None:
+    other = replace(software.installed(), python="3.0")
+    assert failure(replace(python(FAILS), software=other)).detail.startswith("Python ")
+
+
+def test_a_failure_travels_from_node_to_driver() -> None:
+    failure = Failure(Status.FAILED, "the disk is full")
+    error = pickle.loads(pickle.dumps(NotMeasuredError(failure, MACHINE)))
+    assert (error.failure, error.machine) == (failure, MACHINE)
+
+
+def test_a_node_waits_until_it_is_quiet_and_says_for_how_long(tmp_path: Path) -> None:
+    states = iter([BUSY, BUSY, QUIET])
+    quiet = Quiet(Limits(), patience_s=60.0)
+    first, *others = measure(replace(stub(tmp_path), quiet=quiet), lambda: next(states))
+    assert (first.busy_s, first.objection) == (30.0, OBJECTION)
+    assert {(one.busy_s, one.objection) for one in others} == {(0.0, "")}
+
+
+def test_a_node_that_stays_busy_starts_nothing() -> None:
+    with pytest.raises(BusyError, match=OBJECTION):
+        measure(python(FAILS, Quiet(Limits(), patience_s=60.0)), lambda: BUSY)
 
 
 def test_what_needs_no_quiet_machine_is_not_calibrated() -> None:
     def calibrate() -> NodeState:
         raise AssertionError
 
-    assert len(list(node.measure(request(FAILS), calibrate=calibrate))) == 2
+    with pytest.raises(NotMeasuredError, match="the disk is full"):
+        measure(python(FAILS), calibrate)
 
 
 def started_with(
@@ -85,12 +137,11 @@ def started_with(
     tmp_path: Path,
     asked: Request,
     *carried: model_files.CarriedModel,
+    label: str = "",
 ) -> tuple[list[str], str, dict[str, str]]:
     """Return what a command starts with: its arguments, its folder and its environment."""
-    import json
-
     monkeypatch.setenv("START_FILE", str(tmp_path / "start.json"))
-    list(node.measure(asked, *carried, calibrate=lambda: QUIET))
+    list(node.measure(asked, *carried, label=label, calibrate=lambda: QUIET))
     arguments, folder, environment = json.loads((tmp_path / "start.json").read_text())
     return arguments, folder, environment
 
@@ -98,11 +149,12 @@ def started_with(
 def test_a_timed_command_waits_for_others_and_a_count_does_not(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    arguments, folder, _ = started_with(monkeypatch, tmp_path, request(DESCRIBES, Limits()))
+    arguments, folder, _ = started_with(
+        monkeypatch, tmp_path, python(DESCRIBES, Quiet(Limits(), 0.0))
+    )
     assert arguments == [
         "instructions",
-        "--release",
-        "4.0.0",
+        *LINE.arguments[1:],
         "--results",
         "runs",
         "--wait",
@@ -110,7 +162,7 @@ def test_a_timed_command_waits_for_others_and_a_count_does_not(
         "pile",
     ]
     assert not Path(folder).exists(), "its folder is gone"
-    arguments, _, _ = started_with(monkeypatch, tmp_path, request(DESCRIBES))
+    arguments, _, _ = started_with(monkeypatch, tmp_path, python(DESCRIBES))
     assert "--wait" not in arguments
 
 
@@ -120,7 +172,7 @@ def test_the_environment_is_that_of_the_node_and_not_of_ray(
     monkeypatch.setenv("RAY_JOB_ID", "1")
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
     monkeypatch.setenv("PYTHONPATH", "/elsewhere")
-    _, _, environment = started_with(monkeypatch, tmp_path, request(DESCRIBES, label="epyc"))
+    _, _, environment = started_with(monkeypatch, tmp_path, python(DESCRIBES), label="epyc")
     assert "RAY_JOB_ID" not in environment
     assert environment["OMP_NUM_THREADS"] == "3"
     assert environment["MJBENCH_MACHINE"] == "epyc"
@@ -133,56 +185,37 @@ def test_a_machine_without_a_label_keeps_its_own(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("MJBENCH_MACHINE", "own")
-    _, _, environment = started_with(monkeypatch, tmp_path, request(DESCRIBES))
+    _, _, environment = started_with(monkeypatch, tmp_path, python(DESCRIBES))
     assert environment["MJBENCH_MACHINE"] == "own"
 
 
 def test_the_users_models_are_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "pile.xml").write_text(CONTACT_XML)
     carried = model_files.carry(ModelSource("pile", tmp_path / "pile.xml"))
-    _, _, environment = started_with(monkeypatch, tmp_path, request(DESCRIBES), carried)
+    _, _, environment = started_with(monkeypatch, tmp_path, python(DESCRIBES), carried)
     assert Path(environment[carried_models.VARIABLE]).name == "models.json"
 
 
-def hanging() -> tuple[Iterator[Message], int]:
-    """Return the messages of a command that hangs, and a pidfd of its process."""
+def test_a_command_ends_when_nobody_waits_for_it(tmp_path: Path) -> None:
+    (tmp_path / "hang-pile").touch()
     before = process_tree.descendants()
-    messages = iter(node.measure(request(HANGS)))
-    assert next(messages) == Began()
-    (pid,) = process_tree.descendants() - before
-    return messages, os.pidfd_open(pid)
-
-
-def test_a_command_ends_when_nobody_waits_for_it() -> None:
-    messages, process = hanging()
-    messages.close()  # type: ignore[attr-defined]
-    assert process_tree.ends(process)
-
-
-def test_a_command_ends_when_its_node_is_lost() -> None:
-    lost: list[bool] = []
-    before = process_tree.descendants()
-    messages = node.measure(request(HANGS), is_lost=lambda: bool(lost))
-    assert next(iter(messages)) == Began()
+    measured: Iterator[Measured] = node.measure(stub(tmp_path))
+    assert next(measured).result.cell == CELLS[0]
     (pid,) = process_tree.descendants() - before
     process = os.pidfd_open(pid)
-    lost.append(True)
-    (finished,) = messages
-    assert isinstance(finished, Finished)
-    assert finished.detail == "this process is no longer part of a cluster"
+    measured.close()  # type: ignore[attr-defined]
     assert process_tree.ends(process)
 
 
-def test_mjbench_itself_runs_and_ends_with_a_wrong_name() -> None:
+def test_a_command_line_that_is_wrong_on_every_node_is_its_cells_result() -> None:
+    cell = Cell(Kind.COMPARE, "no_such_model")
     line = CommandLine(("compare", "--budget", "1s"), ("no_such_model",))
-    began, finished = node.measure(Request(line), calibrate=lambda: QUIET)
-    assert began == Began()
-    assert isinstance(finished, Finished)
-    assert finished.exit_code == ExitCode.USAGE
-    assert finished.detail.startswith("no model 'no_such_model'")
+    (measured,) = measure(request(cells=(cell,), line=line))
+    assert measured.result.outcome.status == Status.INPUT
+    assert measured.result.outcome.detail.startswith("no model 'no_such_model'")
 
 
 def test_a_node_says_what_it_is() -> None:
-    answer = node.describe()
-    assert answer.machine.usable_cores >= 1
-    assert answer.software.mjbench
+    there, machine = node.describe()
+    assert machine.usable_cores >= 1
+    assert there.mjbench

@@ -6,18 +6,21 @@ import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
 from commands import PYTHONPATH, ROOT, TESTS
-from sweep_examples import MACHINE
+from sweep_examples import MACHINE, verdict_cell
 
-from mjbench.errors import InputError, MachineError
+from mjbench.errors import Failure, InputError, MachineError
 from mjbench.instrument import extras, run_set
 from mjbench.report.documents import RECORD_TYPES
+from mjbench.status import Status
 from mjbench.sweep import ray_cluster, software
-from mjbench.sweep.executor import Left, LeftOut
-from mjbench.sweep.messages import NodeAnswer
-from mjbench.sweep.ray_cluster import RayCluster, _RayNode
+from mjbench.sweep.commands import CommandLine
+from mjbench.sweep.node import BusyError, NotMeasuredError, Request
+from mjbench.sweep.ray_cluster import Failed, LeftOut, RayCluster, Refused
+from mjbench.sweep.ray_session import LABEL
 
 needs_ray = pytest.mark.skipif(bool(extras.missing(["ray"])), reason="Ray is not installed")
 
@@ -40,96 +43,83 @@ def test_of_two_nodes_one_is_killed_and_every_cell_is_measured_once(tmp_path: Pa
     assert Counter(section.cell for section in sections) == dict.fromkeys(answer["keys"], 1)
     assert answer["statuses"] == ["ok"]
     assert sum(answer["delivered"]) == len(answer["keys"])
+    assert len(answer["delivered"]) == 2, "and none that is left out"
     assert all(answer["delivered"]), "both nodes measured"
     assert "raylet" not in done.stdout, "what Ray has to say is not the user's"
 
 
-def node(cpus: float = 4.0, **resources: float) -> _RayNode:
-    return _RayNode("id", "10.0.0.1", "name", {"CPU": cpus, **resources}, {})
-
-
-def listed(name: str, **resources: float) -> dict[str, object]:
+def listed(name: str, label: str = "", is_alive: bool = True, **resources: float) -> dict[str, Any]:
     """Return a node as Ray lists it."""
-    node_id = name.encode().hex().ljust(56, "0")
-    return {"NodeID": node_id, "Alive": True, "NodeManagerHostname": name, "Resources": resources}
-
-
-def names(cluster: RayCluster) -> list[str]:
-    """Return the names of the nodes that are asked what they are."""
-    return [node.name.partition(" ")[0] for node in cluster._known.values()]
-
-
-class Asking:
-    """Stands for a function of Ray: it notes on which nodes it is to run."""
-
-    def options(self, **options: object) -> "Asking":
-        return self
-
-    def remote(self) -> object:
-        return object()
+    labels = {LABEL: label} if label else {}
+    resources = {"CPU": 4.0, **resources}
+    return {"NodeID": name, "Alive": is_alive, "Labels": labels, "Resources": resources}
 
 
 @needs_ray
-def test_nodes_that_declare_the_resource_measure_and_no_others(
+def test_only_nodes_that_are_alive_and_declare_the_resource_measure(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     import ray
 
-    nodes = [listed("plain", CPU=4.0), listed("head", CPU=0.0)]
+    nodes = [
+        listed("plain"),
+        listed("declaring", mjbench=1.0),
+        listed("gone", is_alive=False, mjbench=1.0),
+        listed("head", mjbench=1.0, CPU=0.0),
+    ]
     monkeypatch.setattr(ray, "nodes", lambda: nodes)
-    cluster = RayCluster()
-    cluster._describe = Asking()  # type: ignore[attr-defined]
-    cluster._read_nodes()
-    assert names(cluster) == ["plain"], "in a cluster where none declares it"
-
-    cluster = RayCluster()
-    cluster._describe = Asking()  # type: ignore[attr-defined]
-    nodes.append(listed("declaring", CPU=4.0, mjbench=1.0))
-    cluster._read_nodes()
-    assert names(cluster) == ["declaring"]
-    gone = str(nodes.pop()["NodeID"])
-    cluster._read_nodes()
-    assert names(cluster) == [], "also when it is gone"
-    assert cluster._events == [Left(gone, "it is gone")]
+    assert [one["NodeID"] for one in ray_cluster._listed()] == ["declaring"]
 
 
 @needs_ray
-def test_a_node_that_is_gone_before_its_answer_comes_gets_no_work(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    import ray
-
-    nodes = [listed("brief", CPU=4.0)]
-    answer = NodeAnswer(software.installed(), MACHINE)
-    monkeypatch.setattr(ray, "nodes", lambda: nodes)
-    monkeypatch.setattr(ray, "get", lambda reference, timeout: answer)
-    cluster = RayCluster()
-    cluster._describe = Asking()  # type: ignore[attr-defined]
-    cluster._read_nodes()
-    (reference,) = cluster._asked
-    nodes.clear()
-    cluster._read_nodes()
-    cluster._take_answer(reference)
-    assert [type(event) for event in cluster._events] == [Left, LeftOut]
-
-
 @pytest.mark.parametrize(
-    ("of", "share", "taken"),
+    ("machines", "nodes", "is_possible"),
     [
-        (node(mjbench=1), 1.0, {"num_cpus": 0, "resources": {"mjbench": 1}}),
-        (node(mjbench=2), 1.0, {"num_cpus": 0, "resources": {"mjbench": 2}}),
-        (node(mjbench=1), 1 / 4, {"num_cpus": 0, "resources": {"mjbench": 0.25}}),
-        (node(mjbench=1), 1 / 3, {"num_cpus": 0, "resources": {"mjbench": 0.3333}}),
-        (node(cpus=64), 1.0, {"num_cpus": 64}),
-        (node(cpus=64), 1 / 64, {"num_cpus": 1}),
+        (["epyc"], [listed("a", "epyc", mjbench=1.0)], True),
+        (["epyc"], [listed("a", "xeon", mjbench=1.0)], False),
+        (["xeon", "epyc"], [listed("a", "epyc", mjbench=1.0)], True),
+        ([""], [listed("a", "epyc", mjbench=1.0)], True),
+        ([""], [listed("left out", mjbench=1.0)], False),
+        ([""], [], False),
     ],
 )
-def test_a_measurement_of_time_takes_all_of_a_node(
-    of: _RayNode, share: float, taken: dict[str, object]
+def test_a_sweep_ends_where_no_node_can_measure_what_is_left(
+    monkeypatch: pytest.MonkeyPatch,
+    machines: list[str],
+    nodes: list[dict[str, Any]],
+    is_possible: bool,
 ) -> None:
-    actual = ray_cluster._share(of, share)
-    assert actual["num_cpus"] == taken["num_cpus"]
-    assert actual.get("resources", {}) == pytest.approx(taken.get("resources", {}))
+    import ray
+
+    monkeypatch.setattr(ray, "nodes", lambda: nodes)
+    monkeypatch.setattr(ray, "wait", lambda tasks, **options: ([], tasks))
+    cluster = RayCluster()
+    cluster.left_out = (LeftOut("left out", "left out", "other software"),)
+    cluster._running = {machine: request(machine) for machine in machines}
+    assert cluster._is_possible() == is_possible
+    if not is_possible:
+        assert list(cluster.events(patience_s=0.0)) == []
+
+
+def request(machine: str = "") -> Request:
+    line = CommandLine(("versions",), ("pile",))
+    cells = (verdict_cell("pile", machine=machine),)
+    return Request(cells, line, RECORD_TYPES, software.installed())
+
+
+@needs_ray
+def test_why_a_task_ended_is_one_line() -> None:
+    import ray
+
+    def ended(cause: Exception) -> Failed | Refused:
+        return ray_cluster._ended(request(), ray.exceptions.RayTaskError("measure", "", cause))
+
+    full = Failure(Status.FAILED, "the disk is full")
+    assert ended(NotMeasuredError(full, MACHINE)) == Failed(request(), full, MACHINE)
+    assert ended(BusyError("others keep it busy")) == Refused(request(), "others keep it busy")
+    assert ended(ValueError("no")) == Failed(request(), Failure(Status.CRASHED, "ValueError: no"))
+    killed = ray_cluster._ended(request(), ray.exceptions.WorkerCrashedError())
+    assert killed == Failed(request(), Failure(Status.CRASHED, "its worker was killed"))
 
 
 def test_the_address_of_a_ray_client_is_refused() -> None:

@@ -107,6 +107,16 @@ def test_a_comparison_that_ended_otherwise_than_its_records_say_is_not_complete(
     assert len(collector.end(code)) == is_complete
 
 
+def test_cells_come_in_their_order() -> None:
+    collector = Collector(CELLS, RECORD_TYPES)
+    first, second = (line(verdict(cell)) for cell in CELLS)
+    assert collector.add([header(), second]) == []
+    assert collector.missing == CELLS
+    assert [result.cell for result in collector.add([first])] == CELLS
+    assert collector.missing == []
+    assert collector.add([second]) == []
+
+
 def test_without_a_line_nothing_is_complete() -> None:
     assert Collector([COMPARE], RECORD_TYPES).end(0) == []
     assert Collector(CELLS, RECORD_TYPES).end(0) == []
