@@ -82,7 +82,7 @@ class ModelTally:
 
 @dataclass(frozen=True)
 class RaceTally:
-    """The tallies of all models, and the machine that made the launches."""
+    """The tallies of all models, and the machine that launched."""
 
     cpu: str
     mujoco: str
@@ -115,8 +115,8 @@ def measure(names: Sequence[str], launches: int) -> ExitCode:
             variants = [plan.variants[i] for i in children.agreeing]
             twice = next((v for v in variants if v.path == "rollout"), Variant("python_loop", {}))
             variants.append(twice)
-            made = RaceLaunches(pool, name, plan, variants, work)
-            timed = [made.launch(range(len(variants)), False) for _ in range(launches)]
+            launcher = RaceLaunches(pool, name, plan, variants, work)
+            timed = [launcher.launch(range(len(variants)), False) for _ in range(launches)]
             compete = [i for i, v in enumerate(variants[:-1]) if v.options.get("clock") != "off"]
             closed = [i for i in compete if _closed_loop(variants[i].path)]
             record = RaceRecord(
@@ -192,7 +192,7 @@ def _line(row: ModelTally) -> str:
 
 
 def load(file: Path) -> "tuple[dict[str, str], list[RaceRecord]]":
-    """Return what made the launches, and the launches of each model.
+    """Return the machine that launched, and the launches of each model.
 
     Raises:
       InputError: the file cannot be read.

@@ -138,8 +138,8 @@ _WHAT = """
 model and one thread of `mujoco.rollout`. A release without rollout gets a Python loop in each
 actor. Actors are as many as usable cores, or as `--threads` says. What they return is compared
 with what the plain loop returns, bit by bit, as of every other C path. The path runs only
-where `--paths` names it, and needs the extra `ray`. `compare` never advises it: Ray starts too
-slowly to be compared again in [fresh processes](timing.md#advice).
+where `--paths` names it, and needs the extra `ray`. `compare` never advises it: Ray takes
+seconds to start, so it has [four launches of its own](timing.md#the-race) beside the plain loop.
 
 A call sends each actor the start states and controls of its share, and copies what comes back to
 one array. Both go as arguments and return values. Ray puts what is larger than 100 KB into its

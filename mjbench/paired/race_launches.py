@@ -133,7 +133,7 @@ class RaceLaunches:
         except TargetError as error:
             if position == 0:
                 raise
-            status, cause = error.status, error.cause
+            status, cause = error.ending, error.cause
         detail = f"{cause} while {activity} {self._variants[position]}"
         raise UnableError(UnableVariant(position, status, detail))
 

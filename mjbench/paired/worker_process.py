@@ -25,13 +25,13 @@ class TargetError(MachineError):
     """A target's process crashed, hung or failed; the message names the target in one line.
 
     Attributes:
-      status: whether it crashed, hung (`timeout`) or failed.
+      ending: whether it crashed, hung (`timeout`) or failed.
       cause: the message without the target and what it was doing.
     """
 
-    def __init__(self, message: str, status: Status = Status.FAILED, cause: str = ""):
+    def __init__(self, message: str, ending: Status = Status.FAILED, cause: str = ""):
         super().__init__(message)
-        self.status, self.cause = status, cause or message
+        self.ending, self.cause = ending, cause or message
 
 
 class Process(Protocol):

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import msgspec
 import numpy as np
 
 from mjbench.instrument import stats
@@ -218,6 +217,8 @@ class TuneRecord:
         """Return a stored record with the keys of today; MJX and Warp had a record of their own."""
         if "nbatch" not in value:
             return value
+        import msgspec
+
         attempts = msgspec.convert(value.get("attempts", ()), list[Attempt])
         batch = {name: value.get(name) for name in ("nbatch", "facts", "present")}
         return {

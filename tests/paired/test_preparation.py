@@ -10,6 +10,7 @@ import pytest
 from paired_examples import CARTPOLE, CUBES, INSTALLED
 
 import mjbench
+from mjbench.comparison import step_costs
 from mjbench.errors import InputError
 from mjbench.paired import preparation, requests, run_sizes
 from mjbench.paired.outcomes import Metric
@@ -68,9 +69,10 @@ def test_identical_targets_do_the_same_work_from_the_same_start(pool: WorkerPool
 
 
 def test_runs_with_other_stopwatch_readings_do_identical_work(
-    pool: WorkerPool, contact_file: str, monkeypatch: pytest.MonkeyPatch
+    pool: WorkerPool, contact_file: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """A model's cost is measured when it is first met; later readings change nothing."""
+    monkeypatch.setenv(step_costs.FILE_VARIABLE, str(tmp_path / "step-costs.json"))
     target = Target(INSTALLED, models.resolve(contact_file))
     call, readings_s = WorkerProcess.call, iter((1e-5, 1e-4, 3e-6))
 
