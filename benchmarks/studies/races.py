@@ -266,9 +266,11 @@ def tally(stored: "RaceRecord", races: int, rng: np.random.Generator) -> ModelTa
 
 
 def _true_speedups(stored: "RaceRecord") -> list[float]:
-    """Return the speed-up of each variant over the plain loop in all launches."""
+    """Return the speed-up of each variant over the plain loop in all undisturbed launches."""
+    from mjbench.instrument import anytime
+
     logs = [[each.log_ratio(i, 0) for each in stored.launches] for i in range(len(stored.variants))]
-    return [math.exp(statistics.mean(of_variant)) for of_variant in logs]
+    return [math.exp(anytime.mean_and_deviation(of_variant)[0]) for of_variant in logs]
 
 
 def _one_race(stored: "RaceRecord", rng: np.random.Generator) -> "tuple[RaceRecord, float]":

@@ -221,6 +221,11 @@ class RaceRecord:
             return 0
         return len(self._launches_of(list(self.variants).index(variant)))
 
+    @property
+    def has_figures_after(self) -> bool:
+        """Whether there are enough launches after the race for figures of their own."""
+        return bool(self._final_launches)
+
     def standings(self) -> list[Standing | None]:
         """Return what the race says of each group; None for one without a launch."""
         race = [launch for launch in self.launches if not launch.is_final]

@@ -153,7 +153,7 @@ def _choose(
     """Return the C path to use of those that compete with each other."""
     by_variant = {str(result.variant): result for result in model_results.results}
     chosen = by_variant.get(str(race.variants[place.chosen]), base)
-    is_certain = place.is_decided and not race.is_cut_short and not model_results.disturbances
+    is_certain = place.is_decided and race.has_figures_after and not model_results.disturbances
     reason = Reason.SIMPLER if place.fastest != place.chosen else Reason.FASTER
     gain = chosen.speedup
     if chosen.variant == base.variant:
