@@ -62,6 +62,7 @@ def quantity(field: str, title: str, *, log: bool = False, **scale: Any) -> Spec
         "type": "quantitative",
         "title": title,
         "scale": {**kind, "zero": False, "nice": True, **scale},
+        "axis": {"labelOverlap": "greedy"},
     }
 
 
