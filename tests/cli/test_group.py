@@ -46,7 +46,7 @@ def test_a_table_is_printed_in_any_encoding() -> None:
     run = str(ROOT / "results/runs/reference-mujoco-4.0.0.jsonl")
     done = mjbench("show", run, env={"PYTHONIOENCODING": "ascii"})
     assert done.returncode == 0, done.stderr
-    assert "cartpole: 64 simulations \\xd7 200 steps" in done.stdout
+    assert "cartpole: 64 simulations \\xd7 61 steps" in done.stdout
 
 
 def test_a_character_that_the_output_lacks_costs_no_table() -> None:
@@ -57,7 +57,7 @@ def test_a_character_that_the_output_lacks_costs_no_table() -> None:
     ):
         done = mjbench("show", str(run), env=env)
         assert done.returncode == 0, done.stderr
-        assert "64 simulations \\xd7 200 steps" in done.stdout
+        assert "64 simulations \\xd7 61 steps" in done.stdout
 
 
 def test_a_current_folder_that_was_removed_is_one_line(tmp_path: Path) -> None:
