@@ -436,8 +436,9 @@ def standing(launches: Sequence[RaceLaunch], group: Sequence[int], entrants: int
     """
     left = [i for i in group if i in launches[-1].variants]
     confidence = 1 - ERROR / max(1, entrants * (entrants - 1))
-    means = {i: log_ratio(launches, 0, i, confidence)[0] for i in left}
-    fastest = min(left, key=lambda i: means[i])
+    # the median, because a few launches cannot say which of them were disturbed
+    medians = {i: statistics.median(each.log_ratio(0, i) for each in launches) for i in left}
+    fastest = min(left, key=lambda i: medians[i])
     chosen, rivals, most_gain = fastest, list[int](), 0.0
     for i in reversed(left):
         if i == fastest:
