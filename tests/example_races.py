@@ -14,7 +14,8 @@ from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.instrument.progress import Progress
 from mjbench.paired import path_comparison
 from mjbench.paired.path_comparison import ModelComparison
-from mjbench.paired.race import RaceBudget, RaceLaunch, RaceRecord, race
+from mjbench.paired.race import RaceBudget, race
+from mjbench.paired.race_record import RaceLaunch, RaceRecord
 from mjbench.report import results
 from mjbench.report.results import ModelResults
 from mjbench.simulation.models import ModelSource

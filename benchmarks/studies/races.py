@@ -18,7 +18,7 @@ import json
 import math
 import statistics
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,7 +32,7 @@ from mjbench.simulation import models
 from mjbench.status import ExitCode, Status
 
 if TYPE_CHECKING:
-    from mjbench.paired.race import RaceRecord
+    from mjbench.paired.race_record import RaceRecord
 
 RESULTS = Path(__file__).parents[2] / "results"
 LAUNCHES_FILE, TALLY_FILE = RESULTS / "races.jsonl", RESULTS / "races.json"
@@ -96,8 +96,8 @@ def measure(names: Sequence[str], launches: int) -> ExitCode:
     from mjbench.comparison.plan import ComparisonPlan, Variant
     from mjbench.instrument import machine
     from mjbench.instrument.runs import to_json
-    from mjbench.paired.race import RaceRecord
     from mjbench.paired.race_launches import RaceLaunches, RaceWork
+    from mjbench.paired.race_record import RaceRecord
     from mjbench.paired.worker_pool import WorkerPool
 
     (plan,) = selection.plans(ComparisonPlan(variants=()), [])
@@ -199,7 +199,7 @@ def load(file: Path) -> "tuple[dict[str, str], list[RaceRecord]]":
     """
     import msgspec
 
-    from mjbench.paired.race import RaceRecord
+    from mjbench.paired.race_record import RaceRecord
 
     try:
         first, *lines = file.read_text(encoding="utf-8").splitlines()
@@ -208,6 +208,31 @@ def load(file: Path) -> "tuple[dict[str, str], list[RaceRecord]]":
     except (OSError, ValueError, msgspec.MsgspecError) as error:
         raise InputError(f"cannot read {file}: {error}; `measure` writes it") from error
     return header, records
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    """How one race ended.
+
+    Attributes:
+      record: the race.
+      seconds: that it took.
+      dropped: of each loop, whether the fastest path was dropped.
+      decided: of each loop, whether it was decided.
+      regret: of the loop for which it is larger.
+      covered_left: of each path that left, whether its interval holds the truth.
+      covered_final: the same of paths that were launched after the race.
+      half_widths: of the intervals of the latter, as shares of the speed-up.
+    """
+
+    record: "RaceRecord"
+    seconds: float
+    dropped: Sequence[bool]
+    decided: Sequence[bool]
+    regret: float
+    covered_left: Sequence[bool]
+    covered_final: Sequence[bool]
+    half_widths: Sequence[float]
 
 
 def tally(stored: "RaceRecord", races: int, rng: np.random.Generator) -> ModelTally:
@@ -221,47 +246,65 @@ def tally(stored: "RaceRecord", races: int, rng: np.random.Generator) -> ModelTa
       rng: draws launches.
     """
     truth = _true_speedups(stored)
-    entrants = len(stored.variants)
-    dropped, decided, itself = list[bool](), list[bool](), list[bool]()
-    covered: dict[bool, list[bool]] = {False: [], True: []}
-    regrets, widths, counts, seconds = list[float](), list[float](), list[int](), list[float]()
-    for _ in range(races):
-        record, spent_s = _one_race(stored, rng)
-        counts.append(len(record.launches))
-        seconds.append(spent_s)
-        itself.append(_is_faster_than_itself(record))
-        worst = 0.0
-        for group, place in zip(record.groups, record.standings(), strict=True):
-            assert place is not None, "each race has a launch"
-            best = max(group, key=lambda i: truth[i])
-            dropped.append(best not in {place.fastest, place.chosen, *place.rivals})
-            decided.append(place.is_decided)
-            worst = max(worst, truth[best] / truth[place.chosen] - 1)
-        regrets.append(worst)
-        for position in range(1, entrants):
-            launches = [each for each in record.launches if position in each.variants]
-            is_final = any(each.is_final for each in launches)
-            speedup = record.speedups[position]
-            if speedup is None or not speedup.is_bounded:
-                continue
-            covered[is_final].append(speedup.covers(truth[position]))
-            if is_final and speedup.low is not None and speedup.high is not None:
-                widths.append((speedup.high - speedup.low) / 2 / speedup.estimate)
+    outcomes = [_outcome(stored, truth, rng) for _ in range(races)]
+    regrets = [each.regret for each in outcomes]
+    widths = [width for each in outcomes for width in each.half_widths]
     return ModelTally(
         model=stored.model,
         launches=len(stored.launches),
-        entrants=entrants,
+        entrants=len(stored.variants),
         races=races,
-        dropped=float(np.mean(dropped)),
+        dropped=_share(each.dropped for each in outcomes),
         regret=statistics.mean(regrets),
         worst_regret=float(np.quantile(regrets, 0.99)),
-        decided=float(np.mean(decided)),
-        covered_left=float(np.mean(covered[False])) if covered[False] else math.nan,
-        covered_final=float(np.mean(covered[True])) if covered[True] else math.nan,
+        decided=_share(each.decided for each in outcomes),
+        covered_left=_share(each.covered_left for each in outcomes),
+        covered_final=_share(each.covered_final for each in outcomes),
         half_width=statistics.median(widths) if widths else math.nan,
-        faster_than_itself=float(np.mean(itself)),
-        race_launches=statistics.mean(counts),
-        race_s=statistics.mean(seconds),
+        faster_than_itself=_share([_is_faster_than_itself(each.record)] for each in outcomes),
+        race_launches=statistics.mean(len(each.record.launches) for each in outcomes),
+        race_s=statistics.mean(each.seconds for each in outcomes),
+    )
+
+
+def _share(answers: Iterable[Sequence[bool]]) -> float:
+    """Return the share of all answers that are yes; NaN without any."""
+    flat = [answer for of_race in answers for answer in of_race]
+    return sum(flat) / len(flat) if flat else math.nan
+
+
+def _outcome(stored: "RaceRecord", truth: Sequence[float], rng: np.random.Generator) -> _Outcome:
+    """Run a race on launches drawn at random; return how it ended.
+
+    Args:
+      stored: all launches.
+      truth: speed-up of each variant over the plain loop.
+      rng: draws launches.
+    """
+    record, seconds = _one_race(stored, rng)
+    groups = [(g, p) for g, p in zip(record.groups, record.standings(), strict=True) if p]
+    best = [max(group, key=lambda i: truth[i]) for group, _ in groups]
+    places = [place for _, place in groups]
+    final = {i for launch in record.launches if launch.is_final for i in launch.variants}
+    bounded = [(i, s) for i, s in enumerate(record.speedups) if i and s and s.is_bounded]
+    return _Outcome(
+        record,
+        seconds,
+        dropped=[
+            i not in {place.fastest, place.chosen, *place.rivals}
+            for i, place in zip(best, places, strict=True)
+        ],
+        decided=[place.is_decided for place in places],
+        regret=max(
+            truth[i] / truth[place.chosen] - 1 for i, place in zip(best, places, strict=True)
+        ),
+        covered_left=[s.covers(truth[i]) for i, s in bounded if i not in final],
+        covered_final=[s.covers(truth[i]) for i, s in bounded if i in final],
+        half_widths=[
+            (s.high - s.low) / 2 / s.estimate
+            for i, s in bounded
+            if i in final and s.high is not None and s.low is not None
+        ],
     )
 
 
@@ -276,7 +319,8 @@ def _true_speedups(stored: "RaceRecord") -> list[float]:
 def _one_race(stored: "RaceRecord", rng: np.random.Generator) -> "tuple[RaceRecord, float]":
     """Return a race on launches drawn at random, and the seconds that it took."""
     from mjbench.comparison.plan import BUDGET_S
-    from mjbench.paired.race import RaceBudget, RaceLaunch, race
+    from mjbench.paired.race import RaceBudget, race
+    from mjbench.paired.race_record import RaceLaunch
 
     spent_s = 0.0
 

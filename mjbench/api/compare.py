@@ -183,7 +183,7 @@ def _measure(
       KeyboardInterrupt: the user stopped it.
     """
     records: list[Record] = []
-    with WorkerPool() as pool:
+    with WorkerPool(turns[0][1].limit_s) as pool:
         for number, (source, plan) in enumerate(turns):
 
             def advance(name: str, share: float, number: int = number) -> None:

@@ -32,7 +32,11 @@ from mjbench.instrument.limits import MAX_THREADS
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from rich.console import RenderableType
+
     from mjbench.comparison.plan import ComparisonPlan
+    from mjbench.paired.path_comparison import ModelComparison
+    from mjbench.report.results import ModelResults
     from mjbench.simulation.models import ModelSource
 
 
@@ -209,7 +213,7 @@ def _compare(
     from mjbench.paths import user_module_files
     from mjbench.report import comparison as report
     from mjbench.report.documents import CompareDocument
-    from mjbench.report.results import ModelResults, derive
+    from mjbench.report.results import derive
 
     arguments = {**to_json(plans[0]), "models": [source.name for source in sources]}
     arguments["nbatch"] = [plan.nbatch for plan in plans]
@@ -218,24 +222,29 @@ def _compare(
         options.results, arguments, options.resume, lambda records: finished(records, nvariant)
     )
     models: list[ModelResults] = []
-    failure: MachineError | None = None
     files = [source.path for source in sources]
     files += user_module_files(variant.path for variant in plans[0].variants)
     files += plans[0].starts.files
+    failure: MachineError | None = None
     with RunContext("compare", options.json_file, files, storage, options.wait) as run:
-        with run.progress(len(sources) * len(plans)) as bar, WorkerPool() as pool:
+        with (
+            run.progress(len(sources) * len(plans)) as bar,
+            WorkerPool(options.time_limit) as pool,
+        ):
             for source in sources:
                 sizes: list[ModelResults] = []
                 for plan in plans:
-                    done = stored(source, plan, run.resumed_records)
+                    stored_earlier = stored(source, plan, run.resumed_records)
                     on_progress = functools.partial(bar, len(models) + len(sizes))
-                    comparisons = [done] if done else compare_model(pool, source, plan, on_progress)
-                    for known in comparisons:
-                        results = derive(known.model, known.measurements, known.race)
-                        bar.show(report.shown_so_far([*sizes, results]))
-                    sizes.append(results)
+                    for known in (
+                        [stored_earlier]
+                        if stored_earlier
+                        else compare_model(pool, source, plan, on_progress)
+                    ):
+                        bar.show(functools.partial(_shown_so_far, sizes, known))
+                    sizes.append(derive(known.model, known.measurements, known.race))
                     try:
-                        for record in () if done else known.records:
+                        for record in () if stored_earlier else known.records:
                             run.record(record)
                     except MachineError as error:
                         failure = error
@@ -248,12 +257,21 @@ def _compare(
                 models += sizes
                 if run.interrupted or failure:
                     break
-        report.print_crossovers(run.out, models)
-        if len({each.model.model for each in models}) > 1:
-            report.print_summary(run.out, models)
+        report.print_together(run.out, models)
         if not options.code:
             report.print_code_hint(run.out, models)
         run.write(CompareDocument.of(run.machine, models))
     if failure:
         raise failure
     run.exit(status for results in models for status in results.statuses)
+
+
+def _shown_so_far(
+    sizes: "Sequence[ModelResults]", known: "ModelComparison"
+) -> "RenderableType | None":
+    """Return what a terminal shows of a model while one of its sizes is measured."""
+    from mjbench.report import comparison as report
+    from mjbench.report.results import derive
+
+    results = derive(known.model, known.measurements, known.race)
+    return report.shown_so_far([*sizes, results])

@@ -35,8 +35,8 @@ class ProgressBar:
     def __call__(self, number: int, name: str, share: float) -> None:
         """Show how far the work is."""
 
-    def show(self, results: "RenderableType | None") -> None:
-        """Show results above the bar until others replace them; None removes them."""
+    def show(self, results: "Callable[[], RenderableType | None] | None") -> None:
+        """Show what a function returns above the bar until others replace it; None removes it."""
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ def diff(old: Path, new: Path, across: bool, json_file: str | None) -> None:
       mjbench diff old.jsonl new.jsonl
     """
     from mjbench.instrument import run_set
-    from mjbench.report.comparison import difference_cautions, differences_table
+    from mjbench.report.differences import difference_cautions, differences_table
     from mjbench.report.documents import RECORD_TYPES, DiffDocument
     from mjbench.report.run_differences import differences
 

@@ -1,7 +1,7 @@
 """The progress bar of terminals, with the results so far above it."""
 
 import contextlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -30,8 +30,8 @@ class _TerminalBar(ProgressBar):
     def __call__(self, number: int, name: str, share: float) -> None:
         self._progress.update(self._task, completed=number + share, description=name, refresh=True)
 
-    def show(self, results: RenderableType | None) -> None:
-        self._progress.results = results
+    def show(self, results: Callable[[], RenderableType | None] | None) -> None:
+        self._progress.results = results() if results else None
         self._progress.refresh()
 
 

@@ -21,13 +21,9 @@ from mjbench.counts.records import (
 )
 from mjbench.errors import MachineError
 from mjbench.instrument import extras
+from mjbench.instrument.ratio import Ratio
 from mjbench.paired.outcomes import Metric, Verdict
-from mjbench.paired.records import (
-    Pair,
-    Ratio,
-    TargetRow,
-    VerdictRow,
-)
+from mjbench.paired.records import Pair, TargetRow, VerdictRow
 from mjbench.simulation import agreement, work_check
 from mjbench.simulation.work_check import StateDrift
 from mjbench.status import Status

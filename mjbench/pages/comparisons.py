@@ -7,12 +7,12 @@ from mjbench.comparison.records import ModelRecord
 from mjbench.pages import charts
 from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.paths import BASE
-from mjbench.report import comparison, tables, vega
+from mjbench.report import comparison, conclusions, tables, vega
 from mjbench.report.advice import Advice, Loop, advise, advise_clock
-from mjbench.report.crossovers import crossovers
+from mjbench.report.crossovers import crossovers, describe_crossover
 from mjbench.report.results import ModelResults, PathResult
 from mjbench.report.thread_advice import advise_threads
-from mjbench.report.work_crossovers import work_crossovers
+from mjbench.report.work_crossovers import describe_work_crossover, work_crossovers
 from mjbench.status import Status
 
 # Colours of paths by whether a policy can choose each control.
@@ -27,8 +27,8 @@ def _conclusions(model_results: ModelResults) -> Iterator[Conclusion]:
     What to know before the numbers comes first, then what went wrong, then advice.
     """
     record = model_results.model
-    for text in comparison.cautions(model_results):
-        name = "" if text == comparison.FORMER else f"{_name(record)}: "
+    for text in conclusions.cautions(model_results):
+        name = "" if text == conclusions.FORMER else f"{_name(record)}: "
         yield Conclusion(f"{name}{text}", Tone.CAUTION)
     if record.status not in (Status.OK, Status.INTERRUPTED):
         yield Conclusion(f"{record.model}: {record.status}: {record.detail}", Tone.BAD)
@@ -40,16 +40,16 @@ def _conclusions(model_results: ModelResults) -> Iterator[Conclusion]:
         yield _conclusion(advice)
     clock = advise_clock(model_results)
     if clock is not None:
-        begin, rest = comparison.clock_conclusion(clock)
+        begin, rest = conclusions.clock_conclusion(clock)
         yield Conclusion(f"{_name(record)}: {begin}{rest}", Tone.GOOD)
     for row in advise_threads(model_results):
-        begin, rest = comparison.thread_conclusion(row)
+        begin, rest = conclusions.thread_conclusion(row)
         tone = Tone.GOOD if row.is_certain else Tone.UNSURE
         yield Conclusion(f"{_name(record)}: {begin}{rest}", tone)
 
 
 def _conclusion(advice: Advice) -> Conclusion:
-    begin, rest = comparison.conclusion(advice)
+    begin, rest = conclusions.conclusion(advice)
     tone = Tone.GOOD if advice.speedup is not None else Tone.NEUTRAL
     return Conclusion(
         f"{_sized(advice.model, advice.nbatch)}: {begin}{rest}",
@@ -74,14 +74,14 @@ def sections(models: Sequence[ModelResults], command: str) -> Iterator[Section]:
     if rows := crossovers(results):
         yield _crossover_section(
             "From how many simulations on is an accelerated path faster?",
-            {comparison.describe_crossover(row): row.model for row in rows},
+            {describe_crossover(row): row.model for row in rows},
             models,
             command,
         )
     if work_rows := work_crossovers(results):
         yield _crossover_section(
             "From how much work per call on is Ray faster?",
-            {comparison.describe_work_crossover(row): row.model for row in work_rows},
+            {describe_work_crossover(row): row.model for row in work_rows},
             models,
             command,
         )

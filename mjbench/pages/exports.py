@@ -20,8 +20,8 @@ from mjbench.paired.across_machines import Outcome
 from mjbench.paired.records import VerdictRecord
 from mjbench.report import rows, verdicts
 from mjbench.report.across_machines import verdict_cell
-from mjbench.report.comparison import cautions as cautions_of
-from mjbench.report.comparison import disturbed
+from mjbench.report.conclusions import cautions as cautions_of
+from mjbench.report.conclusions import disturbed
 from mjbench.report.results import derive_all
 from mjbench.status import Status
 

@@ -4,9 +4,9 @@ from collections.abc import Iterator, Sequence
 
 from rich.console import Console
 
+from mjbench.instrument.ratio import Ratio
 from mjbench.pages import charts, console
 from mjbench.pages.content import Cell, Column, Conclusion, DataTable, Figure, Section, Tone
-from mjbench.paired.records import Ratio
 from mjbench.report import tables, tuning, vega
 from mjbench.status import Status
 from mjbench.tuning import knobs

@@ -17,8 +17,9 @@ from mjbench.instrument import neighbours
 from mjbench.instrument.machine import ProcessorTime
 from mjbench.instrument.progress import Progress
 from mjbench.instrument.runs import Record
-from mjbench.paired.race import RaceBudget, RaceRecord, race
+from mjbench.paired.race import RaceBudget, race
 from mjbench.paired.race_launches import RaceLaunches, RaceWork
+from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation.models import ModelSource
 from mjbench.status import FINISHED, Status

@@ -17,11 +17,12 @@ from mjbench.errors import MachineError
 from mjbench.instrument import anytime
 from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt, Version
 from mjbench.instrument.json_form import in_json
+from mjbench.instrument.ratio import Ratio
 from mjbench.paired import moved_check
 from mjbench.paired.ending import ENDING_ERRORS, ending_of
 from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.protocol import Launch, TargetPair
-from mjbench.paired.records import LaunchRow, Ratio
+from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit

@@ -10,7 +10,8 @@ from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.errors import InputError
 from mjbench.instrument import machine
 from mjbench.paired import cores, launch_seeds, requests
-from mjbench.paired.race import RaceLaunch, UnableError, UnableVariant
+from mjbench.paired.race import UnableError
+from mjbench.paired.race_record import RaceLaunch, UnableVariant
 from mjbench.paired.requests import Request
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError, WorkerProcess

@@ -15,6 +15,7 @@ from mjbench.instrument.bounds import (
     PositiveInt,
     TwoOf,
 )
+from mjbench.instrument.ratio import Ratio
 from mjbench.paired.outcomes import Cause, Metric, Verdict
 from mjbench.releases.placement import AS_SHIPPED, PlacementPair
 from mjbench.simulation.starts import Starts
@@ -25,19 +26,6 @@ from mjbench.status import FINISHED, Status
 _Value = TypeVar("_Value")
 # Larger e-values are stored as this.
 MAX_E_VALUE = 1e12
-
-
-@dataclass(frozen=True)
-class Ratio:
-    """Candidate over baseline, with its interval; the ends are None where there is none."""
-
-    estimate: PositiveFloat
-    low: PositiveFloat | None
-    high: PositiveFloat | None
-
-    def covers(self, ratio: float) -> bool:
-        """Return whether the interval holds a ratio; a missing end is no bound."""
-        return (self.low is None or self.low <= ratio) and (self.high is None or ratio <= self.high)
 
 
 @dataclass(frozen=True)

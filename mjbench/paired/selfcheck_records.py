@@ -8,8 +8,9 @@ from dataclasses import dataclass, fields
 from typing import ClassVar
 
 from mjbench.instrument.bounds import LogRatio, NonNegativeFloat, NonNegativeInt, PositiveFloat
+from mjbench.instrument.ratio import Ratio
 from mjbench.paired.outcomes import Arm, Cause, Verdict
-from mjbench.paired.records import PlacementEffect, Ratio
+from mjbench.paired.records import PlacementEffect
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from mjbench.instrument import anytime
 from mjbench.instrument.anytime import Evidence
+from mjbench.instrument.ratio import Ratio
 from mjbench.paired import outcomes
 from mjbench.paired.averaging import Averaging, averaging
 from mjbench.paired.ending import ENDING_ERRORS, ending_of
@@ -23,7 +24,6 @@ from mjbench.paired.records import (
     LaunchRow,
     Pair,
     PlacementEffect,
-    Ratio,
     VerdictRecord,
     VerdictRow,
 )

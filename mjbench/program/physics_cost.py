@@ -76,7 +76,7 @@ class PhysicsCost:
       step_ns: a step from the states that the program was in.
       stages: share of a step by stage, as timed in the program; where that was not possible, from
         the states that it was in.
-      costs: parts of the model with a share that can be told, the largest first.
+      costs: parts of the model with a notable share, the largest first.
     """
 
     step_ns: float
@@ -99,7 +99,7 @@ class PhysicsCost:
 
     @property
     def main_cost(self) -> Cost | None:
-        """What costs most in that stage; None where the stage has no parts that can be told."""
+        """What costs most in that stage; None where the stage has no notable parts."""
         kinds = {
             "sensors": (CostKind.SENSORS,),
             "collision": (CostKind.PAIR, CostKind.TYPES),
@@ -140,8 +140,8 @@ def answer(request: _Request, channel: Channel) -> None:
     of_pairs = _pairs(model, states, narrow_share, step_s) if has_pairs else ()
     costs = [*of_pairs, *of_sensors]
     largest = sorted(costs, key=lambda cost: -cost.share)
-    told = [cost for cost in largest if cost.share >= LEAST_SHARE]
-    channel.send(PhysicsCost(1e9 * step_s, stages, told[:MOST_COSTS]))
+    notable = [cost for cost in largest if cost.share >= LEAST_SHARE]
+    channel.send(PhysicsCost(1e9 * step_s, stages, notable[:MOST_COSTS]))
 
 
 def _stages(model: mujoco.MjModel, states: np.ndarray) -> Mapping[str, float]:

@@ -7,8 +7,8 @@ from enum import StrEnum
 from typing import Any
 
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
-from mjbench.instrument.interval import Interval
-from mjbench.paired.race import MARGIN, RaceRecord, Standing
+from mjbench.instrument.ratio import Ratio
+from mjbench.paired.race_record import MARGIN, RaceRecord, Standing
 from mjbench.paths import BASE
 from mjbench.report.results import ModelResults, PathResult
 from mjbench.simulation import package_timer
@@ -67,7 +67,7 @@ class Advice:
     loop: Loop
     path: str
     options: Mapping[str, Any]
-    speedup: Interval | None
+    speedup: Ratio | None
     reason: Reason
     is_certain: bool
     rivals: Sequence[Variant]
@@ -91,7 +91,7 @@ class ClockAdvice:
 
     model: str
     nbatch: int | None
-    speedup: Interval
+    speedup: Ratio
     snippet: str = package_timer.OFF_SNIPPET
 
 

@@ -14,7 +14,8 @@ from mjbench.instrument.machine_identity import Software, software_names
 from mjbench.instrument.runs import InputFile, Run
 from mjbench.report import tables
 from mjbench.report.advice import Advice, Loop, advise
-from mjbench.report.comparison import disturbed, mark
+from mjbench.report.comparison import mark
+from mjbench.report.conclusions import disturbed
 from mjbench.report.results import ModelResults, derive_all
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.workload import Product
@@ -199,7 +200,10 @@ def _by_loop(results: ModelResults) -> dict[Loop, list[Advice]]:
 def _gain(advice: Advice) -> str:
     """Return a path's speed-up over the plain loop with its interval; empty for the loop itself."""
     gain = advice.speedup
-    return f" {gain.text(lambda ratio: tables.factor(ratio) + '×')}" if gain else ""
+    if gain is None:
+        return ""
+    ends = tables.ends(gain)
+    return f" {tables.factor(gain.estimate)}×" + (f" ({ends})" if ends else "")
 
 
 def _with_software(runs: Sequence[Run], names: Sequence[str]) -> list[str]:

@@ -1,4 +1,4 @@
-"""The output of `mjbench compare`: what follows for each model, its table, and notes."""
+"""What `mjbench compare` prints: what follows for each model, its table, and notes."""
 
 from collections.abc import Sequence
 
@@ -6,39 +6,27 @@ from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
-from mjbench import paths
-from mjbench.comparison.plan import Variant, describe_options
+from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
-from mjbench.instrument.interval import Interval
 from mjbench.paths import BASE
 from mjbench.paths.accelerated import keyword_arguments
-from mjbench.paths.parallelism import nthread
 from mjbench.report import tables
-from mjbench.report.advice import Advice, ClockAdvice, Loop, Reason, advise, advise_clock
-from mjbench.report.crossovers import Crossover, crossovers
+from mjbench.report.advice import Advice, Loop, advise, advise_clock
+from mjbench.report.conclusions import (
+    cautions,
+    clock_conclusion,
+    conclusion,
+    thread_conclusion,
+)
+from mjbench.report.crossovers import crossovers, describe_crossover
 from mjbench.report.results import ModelResults, PathResult
-from mjbench.report.run_differences import RunDifference
 from mjbench.report.starts import starts_lines
-from mjbench.report.thread_advice import ThreadAdvice, advise_threads
-from mjbench.report.work_crossovers import CallWork, WorkCrossover, work_crossovers
+from mjbench.report.thread_advice import advise_threads
+from mjbench.report.work_crossovers import describe_work_crossover, work_crossovers
 from mjbench.simulation import accelerated_limits, package_timer
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
-
-# A model on whose free bodies gravity acts falls where it has fewer contacts than this in a step.
-_FALLING_CONTACTS = 0.05
-_PLAIN_LOOP = "the plain loop"
-# Rivals that a sentence names, at most.
-_MOST_RIVALS = 2
-FORMER = (
-    "Timed by an earlier version of mjbench, in one process: speed-ups have no interval, and no"
-    " path is advised."
-)
-_FALLING = (
-    "Warning: a free body falls, and touches nothing: these are the speeds of free fall. Let it"
-    " settle (--settle 3s), or give states of your own (--states)."
-)
 
 
 def print_models(out: Console, models: Sequence[ModelResults], code: bool = False) -> None:
@@ -51,6 +39,11 @@ def print_models(out: Console, models: Sequence[ModelResults], code: bool = Fals
     """
     for name in dict.fromkeys(each.model.model for each in models):
         print_model(out, [each for each in models if each.model.model == name], code)
+    print_together(out, models)
+
+
+def print_together(out: Console, models: Sequence[ModelResults]) -> None:
+    """Print what several models, or one at several sizes, come to together."""
     print_crossovers(out, models)
     if len({each.model.model for each in models}) > 1:
         print_summary(out, models)
@@ -122,96 +115,6 @@ def conclusion_lines(model_results: ModelResults, names_size: bool) -> list[str 
     return lines
 
 
-_LOOPS = {
-    Loop.OPEN: "For controls known beforehand (open loop)",
-    Loop.CLOSED: "For RL (closed loop)",
-}
-
-
-def conclusion(advice: Advice, names_size: bool = False) -> tuple[str, str]:
-    """Return which path to use, and why: the beginning of a sentence, and its rest.
-
-    Args:
-      advice: on a model.
-      names_size: whether to say how many simulations there were.
-    """
-    gain = f", {_times(advice.speedup, _PLAIN_LOOP)}" if advice.speedup is not None else ""
-    begin = f"{_LOOPS[advice.loop]}{_size(advice.nbatch, names_size)}"
-    described_path = described(Variant(advice.path, advice.options))
-    return f"{begin}: {described_path}", "; ".join([gain, *_reasons(advice)])
-
-
-def _size(nbatch: int | None, names_size: bool) -> str:
-    """Return how many simulations a sentence is about, to follow its first words."""
-    return f", {tables.count_of(nbatch, 'simulation')}" if names_size and nbatch else ""
-
-
-def described(variant: Variant) -> str:
-    """Return a path with its options for a sentence, such as `Batch.step on 2 threads`.
-
-    Options that have the path's own value are left out.
-    """
-    path, options = paths.find(variant.path), dict(variant.options)
-    text = path.title or path.name
-    for option in path.options:
-        if option.name not in options:
-            continue
-        if option.name == "threads":
-            text += f" on {tables.count_of(options.pop(option.name), 'thread')}"
-        elif option.is_parallel:
-            text = f"{options.pop(option.name)} {text}"
-        elif option.values and options[option.name] == option.values[0]:
-            del options[option.name]
-    rest = describe_options(options)
-    return f"{text} ({rest})" if rest else text
-
-
-def _reasons(advice: Advice) -> list[str]:
-    """Return why a path is advised, in clauses."""
-    reasons = []
-    match advice.reason:
-        case Reason.SIMPLER | Reason.NO_GAIN if advice.is_certain:
-            reasons.append("no other path is faster by 2 %")
-        case Reason.ALONE:
-            reasons.append("no other path was timed for it")
-    if not advice.is_certain and advice.reason != Reason.PAYS:
-        rivals = [described(each) for each in advice.rivals]
-        if len(rivals) > _MOST_RIVALS:
-            rivals = [f"{len(rivals)} other paths"]
-        most = f" by up to {100 * advice.most_gain:.0f} %" if advice.most_gain else ""
-        doubt = f": {' or '.join(rivals)} may be faster{most}" if rivals else ""
-        reasons.append(f"not certain{doubt}")
-    return [*reasons, *advice.unable, *filter(None, [advice.break_even])]
-
-
-def _times(speedup: Interval, baseline: str) -> str:
-    low_high = ""
-    if speedup.low is not None and speedup.high is not None:
-        low_high = f" ({tables.factor(speedup.low)} to {tables.factor(speedup.high)})"
-    return f"{tables.factor(speedup.estimate)} times {baseline}{low_high}"
-
-
-def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> tuple[str, str]:
-    """Return how many threads a path should have: the beginning of a sentence, and its rest."""
-    threads = "one thread" if row.nthread == 1 else f"{row.nthread} threads"
-    name = paths.find(row.path).title or row.path
-    begin = f"{name}{_size(row.nbatch, names_size)}: {threads}"
-    doubt = "" if row.is_certain else "; not certain"
-    if row.over_one is None:
-        return begin, f"; no number up to {row.most_tried} is certainly faster{doubt}"
-    most = ""
-    if row.nthread < row.most_tried:
-        most = f"; {row.most_tried} threads gain less than 5 % more"
-    chunk = f" (chunk={row.chunk})" if row.chunk else ""
-    return begin + chunk, f", {_times(row.over_one, 'one thread')}{most}{doubt}"
-
-
-def clock_conclusion(clock: ClockAdvice, names_size: bool = False) -> tuple[str, str]:
-    """Return what turning MuJoCo's timer off gains: the beginning of a sentence, and its rest."""
-    begin = f"Any path{_size(clock.nbatch, names_size)}: turn off {package_timer.NAME}"
-    return f"{begin} ({package_timer.OFF_CODE})", f", {_times(clock.speedup, _PLAIN_LOOP)}"
-
-
 def print_summary(out: Console, models: Sequence[ModelResults]) -> None:
     """Print what is advised on every model, one row a model and loop."""
     advice = [row for model_results in models for row in advise(model_results)]
@@ -270,104 +173,6 @@ def print_crossovers(out: Console, models: Sequence[ModelResults]) -> None:
         out.print(describe_crossover(row), soft_wrap=True)
     for work_row in work_crossovers(results):
         out.print(describe_work_crossover(work_row), soft_wrap=True)
-
-
-def describe_crossover(row: Crossover) -> str:
-    """Return from which batch size on an accelerated path overtakes C, as a sentence."""
-    variant = str(Variant(row.path, row.options))
-    rival = str(Variant(row.rival.path, row.rival.options))
-    if row.nbatch:
-        text = f"overtakes the best C path ({rival}) at {row.nbatch:,} simulations of those tried"
-        text += _curve_crossing(row)
-    else:
-        text = (
-            f"does not overtake the best C path ({rival}) up to {row.largest:,} simulations,"
-            f" where it has {tables.plain(row.share, 2)} of its speed"
-        )
-    return f"{row.model}: {variant} {text}"
-
-
-def describe_work_crossover(row: WorkCrossover) -> str:
-    """Return from how much work per call on Ray overtakes another path, as a sentence."""
-    variant = str(Variant(row.path, row.options))
-    rival = str(Variant(row.rival.path, row.rival.options))
-    if row.least:
-        return (
-            f"{row.model}: {variant} overtakes {rival} at {_call_work(row.least)}, of those tried"
-        )
-    text = (
-        f"{row.model}: {variant} does not overtake {rival} up to {_call_work(row.largest)}, where"
-        f" it has {tables.factor(row.share)} of its speed"
-    )
-    if row.rival.path == "rollout" and nthread(row.rival.options) > 1:
-        text += "; on one machine, rollout needs no Ray to use all cores"
-    return text
-
-
-def _call_work(work: CallWork) -> str:
-    return f"{work.steps:,} steps per call ({tables.plain(work.loop_ms, 2)} ms of the plain loop)"
-
-
-def _curve_crossing(row: Crossover) -> str:
-    """Return where the curve through all sizes crosses, with its interval; empty without one."""
-    curve = row.curve
-    if curve is None or curve.nbatch is None:
-        return ""
-    low = "fewer than all" if curve.low is None else f"{curve.low:,.0f}"
-    high = "more than all" if curve.high is None else f"{curve.high:,.0f}"
-    return f"; a curve through all sizes crosses at {curve.nbatch:,.0f} (95 %: {low} to {high})"
-
-
-def difference_cautions(rows: Sequence[RunDifference]) -> list[str]:
-    """Return what to know before the ratios of `mjbench diff`, a line each."""
-    lines = (
-        f"{', '.join(filter(None, (row.machine, row.model)))}: {caution}"
-        for row in rows
-        for caution in row.cautions
-    )
-    return list(dict.fromkeys(lines))
-
-
-def differences_table(rows: Sequence[RunDifference]) -> Table:
-    """Return the table of `mjbench diff`; of sets, with a column for the machine."""
-    machines = ["machine"] if any(row.machine for row in rows) else []
-    headings = [*machines, "model", "path", "options", "simulations", "new / old", "95 %", ""]
-    table = tables.plain_table(headings, right=(3 + len(machines), 4 + len(machines)))
-    for row in rows:
-        interval = ""
-        if row.ratio and row.ratio.low is not None:
-            interval = f"{row.ratio.low:.3f}–{row.ratio.high:.3f}"
-        table.add_row(
-            *([row.machine] if machines else []),
-            row.model,
-            row.path,
-            describe_options(row.options),
-            "" if row.nbatch is None else f"{row.nbatch:,}",
-            f"{row.ratio.estimate:.3f}" if row.ratio else "",
-            interval,
-            row.detail,
-        )
-    return table
-
-
-def cautions(model_results: ModelResults) -> list[str]:
-    """Return what a reader must know before the numbers of a model, a sentence each."""
-    sentences = []
-    if model_results.disturbances:
-        sentences.append(disturbed(model_results.disturbances))
-    if model_results.is_former:
-        sentences.append(FORMER)
-    model = model_results.model
-    if model.facts is None or model.work is None or not model.facts.can_fall:
-        return sentences
-    if not model.start_contacts and model.work.contacts < _FALLING_CONTACTS:
-        sentences.append(_FALLING)
-    return sentences
-
-
-def disturbed(disturbances: Sequence[str]) -> str:
-    """Return what disturbed a measurement, as a sentence, and what to do."""
-    return f"Disturbed: {'; '.join(disturbances)}. Measure again."
 
 
 def caution_lines(model_results: ModelResults) -> list[str | Text]:

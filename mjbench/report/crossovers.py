@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from mjbench.comparison.plan import Variant
 from mjbench.instrument.stats import CONFIDENCE
+from mjbench.report import tables
 from mjbench.report.results import PathResult
 
 # The speeds of fewer sizes show no scatter about their curve.
@@ -151,3 +153,28 @@ def _variants(results: Sequence[PathResult]) -> list[PathResult]:
     """Return the first result of each path with its options."""
     keys = [(result.path, result.options) for result in results]
     return [result for i, result in enumerate(results) if keys[i] not in keys[:i]]
+
+
+def describe_crossover(row: Crossover) -> str:
+    """Return from which batch size on an accelerated path overtakes C, as a sentence."""
+    variant = str(Variant(row.path, row.options))
+    rival = str(Variant(row.rival.path, row.rival.options))
+    if row.nbatch:
+        text = f"overtakes the best C path ({rival}) at {row.nbatch:,} simulations of those tried"
+        text += _curve_crossing(row)
+    else:
+        text = (
+            f"does not overtake the best C path ({rival}) up to {row.largest:,} simulations,"
+            f" where it has {tables.plain(row.share, 2)} of its speed"
+        )
+    return f"{row.model}: {variant} {text}"
+
+
+def _curve_crossing(row: Crossover) -> str:
+    """Return where the curve through all sizes crosses, with its interval; empty without one."""
+    curve = row.curve
+    if curve is None or curve.nbatch is None:
+        return ""
+    low = "fewer than all" if curve.low is None else f"{curve.low:,.0f}"
+    high = "more than all" if curve.high is None else f"{curve.high:,.0f}"
+    return f"; a curve through all sizes crosses at {curve.nbatch:,.0f} (95 %: {low} to {high})"

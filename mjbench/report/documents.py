@@ -18,7 +18,7 @@ from mjbench.loop.latency import LatencyRow
 from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.profile import ProfileRow
 from mjbench.paired.placement_spread import SpreadRecord
-from mjbench.paired.race import RaceRecord
+from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.program.records import ProgramRow

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
+from mjbench.instrument.ratio import Ratio
 from mjbench.paired.placement_spread import SpreadRecord
-from mjbench.paired.records import Ratio
 from mjbench.releases.placement import RESIDUES
 from mjbench.report import tables
 

@@ -12,10 +12,10 @@ from typing import Any
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord, ScalingRecord, of_model
 from mjbench.instrument import machine, stats
-from mjbench.instrument.interval import Interval
+from mjbench.instrument.ratio import Ratio
 from mjbench.instrument.runs import Record
 from mjbench.paired.path_comparison import race_of
-from mjbench.paired.race import RaceRecord
+from mjbench.paired.race_record import RaceRecord
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import nthread
 from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
@@ -87,7 +87,7 @@ class PathResult:
     steps_per_s: float | None = None
     step_ns: float | None = None
     realtime_factor: float | None = None
-    speedup: Interval | None = None
+    speedup: Ratio | None = None
     launches: int = 0
     work: Work | None = None
     snippet: str = ""
@@ -248,7 +248,7 @@ def _result(
     model: ModelRecord,
     record: MeasurementRecord,
     base_ns: float | None,
-    speedup: tuple[Interval, int] | None,
+    speedup: tuple[Ratio, int] | None,
 ) -> PathResult:
     """Return the result of a variant.
 
@@ -282,7 +282,7 @@ def _speedup(
     base: MeasurementRecord | None,
     race: RaceRecord | None,
     base_ns: float | None,
-) -> tuple[Interval, int] | None:
+) -> tuple[Ratio, int] | None:
     """Return the speed-up of a variant over the plain loop, and from how many launches it is.
 
     An accelerated path is timed alone, so its speed-up is a ratio of medians. In a file of an
@@ -291,14 +291,14 @@ def _speedup(
     if record.is_accelerated:
         if not record.samples_s or base_ns is None:
             return None
-        return Interval(1e-9 * base_ns / _step_s(record)), 1
+        return Ratio(1e-9 * base_ns / _step_s(record), None, None), 1
     if race is not None:
         variant = Variant(record.path, record.options)
         speedup = race.speedup(variant)
         return None if speedup is None else (speedup, race.launch_count(variant))
     if base is None or not record.samples_s:
         return None
-    return Interval(stats.median_speedup(base.samples_s, record.samples_s)), 1
+    return Ratio(stats.median_speedup(base.samples_s, record.samples_s), None, None), 1
 
 
 def _step_s(record: MeasurementRecord) -> float:

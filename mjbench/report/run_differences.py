@@ -11,11 +11,11 @@ from mjbench.errors import InputError
 from mjbench.instrument import stats
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.machine_identity import MachineIdentity, identify
+from mjbench.instrument.ratio import Ratio
 from mjbench.instrument.run_set import RunSet
 from mjbench.instrument.runs import Run
 from mjbench.instrument.stats import TimedBlocks
-from mjbench.paired.race import RaceRecord
-from mjbench.paired.records import Ratio
+from mjbench.paired.race_record import RaceRecord
 from mjbench.paths.accelerated import CPU
 from mjbench.report.results import PathResult, derive_all, steps_per_block
 from mjbench.simulation.accelerated_limits import Precision

@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mjbench.errors import printable
-from mjbench.instrument.interval import Interval
+from mjbench.instrument.ratio import Ratio
 from mjbench.instrument.units import count_of as count_of
 from mjbench.instrument.units import plain as plain
 from mjbench.status import ExitCode
@@ -142,7 +142,7 @@ def factor(ratio: float) -> str:
     return f"{ratio:.2f}" if ratio >= 0.1 else plain(ratio, 1)
 
 
-def ends(interval: Interval | None) -> str:
+def ends(interval: Ratio | None) -> str:
     """Return the ends of the interval of a speed-up; empty without."""
     if interval is None or interval.low is None or interval.high is None:
         return ""

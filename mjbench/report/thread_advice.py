@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mjbench.instrument.interval import Interval
-from mjbench.paired.race import RaceRecord
+from mjbench.instrument.ratio import Ratio
+from mjbench.paired.race_record import RaceRecord
 from mjbench.paths.parallelism import nthread
 from mjbench.report.results import ModelResults, PathResult
 
@@ -35,7 +35,7 @@ class ThreadAdvice:
     path: str
     nthread: int
     most_tried: int
-    over_one: Interval | None
+    over_one: Ratio | None
     chunk: int | None
     is_certain: bool
 

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from mjbench.instrument.ratio import Ratio
 from mjbench.instrument.units import plain
-from mjbench.paired.records import Ratio
 from mjbench.report import tables
 from mjbench.report.starts import starts_lines
 from mjbench.simulation import package_timer

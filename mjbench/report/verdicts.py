@@ -5,6 +5,7 @@ from typing import Any
 
 from rich.console import Console
 
+from mjbench.instrument.ratio import Ratio
 from mjbench.paired import family
 from mjbench.paired.across_machines import (
     AcrossMachines,
@@ -14,7 +15,7 @@ from mjbench.paired.across_machines import (
 )
 from mjbench.paired.family import Family
 from mjbench.paired.outcomes import Cause, Metric, Verdict
-from mjbench.paired.records import Pair, Ratio, TargetRow, VerdictRow
+from mjbench.paired.records import Pair, TargetRow, VerdictRow
 from mjbench.paths import BASE
 from mjbench.report import tables
 from mjbench.report.starts import starts_lines

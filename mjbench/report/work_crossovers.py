@@ -8,8 +8,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from mjbench.comparison.plan import Variant
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import WORKER_OPTIONS, nthread
+from mjbench.report import tables
 from mjbench.report.crossovers import Rival
 from mjbench.report.results import PathResult
 
@@ -123,3 +125,24 @@ def _crossover(
         largest=work,
         share=own.rate_over(rival),
     )
+
+
+def describe_work_crossover(row: WorkCrossover) -> str:
+    """Return from how much work per call on Ray overtakes another path, as a sentence."""
+    variant = str(Variant(row.path, row.options))
+    rival = str(Variant(row.rival.path, row.rival.options))
+    if row.least:
+        return (
+            f"{row.model}: {variant} overtakes {rival} at {_call_work(row.least)}, of those tried"
+        )
+    text = (
+        f"{row.model}: {variant} does not overtake {rival} up to {_call_work(row.largest)}, where"
+        f" it has {tables.factor(row.share)} of its speed"
+    )
+    if row.rival.path == "rollout" and nthread(row.rival.options) > 1:
+        text += "; on one machine, rollout needs no Ray to use all cores"
+    return text
+
+
+def _call_work(work: CallWork) -> str:
+    return f"{work.steps:,} steps per call ({tables.plain(work.loop_ms, 2)} ms of the plain loop)"

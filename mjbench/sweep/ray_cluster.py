@@ -221,7 +221,7 @@ def _measure(request: Request, *carried: CarriedModel) -> Iterator[Delivered]:
 
     parent = os.getppid()  # the node's own process, which a worker outlives while it is busy
     child.die_with_parent(parent)
-    # Ray sets it for its workers; the command is to have what whoever started Ray has set
+    # Ray sets it for its workers; the command is to have what the starter of Ray has set
     with contextlib.suppress(psutil.Error):
         if _THREADS not in psutil.Process(parent).environ():
             os.environ.pop(_THREADS, None)

@@ -17,7 +17,7 @@ from mjbench.instrument.machine import Machine
 from mjbench.instrument.run_set import Section
 from mjbench.instrument.runs import Record, Run, RunHeader
 from mjbench.paired.outcomes import Metric
-from mjbench.paired.race import RaceRecord
+from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import TargetRow, VerdictRecord
 from mjbench.releases import release_ratios
 from mjbench.releases.release_ratios import StepRatioRecord

@@ -13,7 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mjbench.paired.records import LaunchRow, Ratio
+from mjbench.instrument.ratio import Ratio
+from mjbench.paired.records import LaunchRow
 from mjbench.tuning.accelerated_measurements import EngineOnThisMachine, Settings
 from mjbench.tuning.fronts import error_of, time_ratio_of
 from mjbench.tuning.measurements import CONFIDENCE, saves_time

@@ -3,8 +3,9 @@
 from pathlib import Path
 
 from mjbench import paths
+from mjbench.instrument.ratio import Ratio
 from mjbench.paired import verdict
-from mjbench.paired.records import Ratio, VerdictRecord
+from mjbench.paired.records import VerdictRecord
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan

@@ -10,7 +10,8 @@ import numpy as np
 
 from mjbench.instrument import stats
 from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
-from mjbench.paired.records import LaunchRow, Ratio
+from mjbench.instrument.ratio import Ratio
+from mjbench.paired.records import LaunchRow
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.starts import Starts
 from mjbench.status import Status

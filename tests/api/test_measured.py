@@ -17,12 +17,13 @@ from mjbench.api.compare import Comparison
 from mjbench.api.profile import Profile
 from mjbench.api.versions import ReleaseComparison
 from mjbench.instrument import machine, runs
+from mjbench.instrument.ratio import Ratio
 from mjbench.instrument.runs import Run, RunHeader
 from mjbench.loop.profile import ProfileRow
 from mjbench.pages import fragment
 from mjbench.pages.content import Tone
 from mjbench.paired.outcomes import Verdict
-from mjbench.paired.records import Ratio, TargetRow, VerdictRecord
+from mjbench.paired.records import TargetRow, VerdictRecord
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.status import Status
 

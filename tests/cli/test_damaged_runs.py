@@ -18,16 +18,10 @@ from hypothesis import strategies as st
 
 from mjbench.cli import cli
 from mjbench.instrument import machine, runs
+from mjbench.instrument.ratio import Ratio
 from mjbench.paired.outcomes import Arm, Cause, Verdict
 from mjbench.paired.placement_spread import ResidueRow, Spread, SpreadRecord
-from mjbench.paired.records import (
-    LaunchRow,
-    Pair,
-    PlacementEffect,
-    Ratio,
-    TargetRow,
-    VerdictRecord,
-)
+from mjbench.paired.records import LaunchRow, Pair, PlacementEffect, TargetRow, VerdictRecord
 from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.releases.placement import Placement, PlacementPair
 from mjbench.simulation.accelerated_limits import Precision

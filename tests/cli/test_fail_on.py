@@ -5,8 +5,9 @@ from dataclasses import replace
 import pytest
 
 from mjbench.cli.fail_on import FailOn, Finding
+from mjbench.instrument.ratio import Ratio
 from mjbench.paired.outcomes import Cause, Verdict
-from mjbench.paired.records import PlacementEffect, Ratio, VerdictRow
+from mjbench.paired.records import PlacementEffect, VerdictRow
 from mjbench.status import Status
 
 SPEED = (Finding.SLOWER,)

@@ -21,9 +21,10 @@ from mjbench.counts.records import (
     FunctionCount,
     FunctionDifference,
 )
+from mjbench.instrument.ratio import Ratio
 from mjbench.instrument.runs import to_json
 from mjbench.paired.outcomes import Metric, Verdict
-from mjbench.paired.records import Ratio, TargetRow, VerdictRow
+from mjbench.paired.records import TargetRow, VerdictRow
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work import Work

@@ -22,7 +22,7 @@ STEP = "mujoco.mj_step(model, data)"
 ROW = "log.append((data.qpos.copy(), data.xpos.copy()))"
 
 
-def found(tmp_path: Path, *lines: str) -> list[str]:
+def messages(tmp_path: Path, *lines: str) -> list[str]:
     """Return the messages for a loop of some lines."""
     text = LOOP.format(lines="\n    ".join(lines))
     return [finding.message for finding in findings(tmp_path, text, "MJB015")]
@@ -47,8 +47,8 @@ def found(tmp_path: Path, *lines: str) -> list[str]:
     ],
 )
 def test_a_row_of_two_moments_is_a_wrong_result(tmp_path: Path, row: str) -> None:
-    assert len(found(tmp_path, STEP, row)) == 1
-    assert len(found(tmp_path, row, STEP)) == 1, "what stands after a row ran before it"
+    assert len(messages(tmp_path, STEP, row)) == 1
+    assert len(messages(tmp_path, row, STEP)) == 1, "what stands after a row ran before it"
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_a_row_of_two_moments_is_a_wrong_result(tmp_path: Path, row: str) -> Non
     ],
 )
 def test_the_last_call_that_computes_is_the_step(tmp_path: Path, lines: tuple[str, ...]) -> None:
-    assert len(found(tmp_path, *lines)) == 1
+    assert len(messages(tmp_path, *lines)) == 1
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_the_last_call_that_computes_is_the_step(tmp_path: Path, lines: tuple[st
     ],
 )
 def test_what_may_be_computed_again_is_no_finding(tmp_path: Path, lines: tuple[str, ...]) -> None:
-    assert found(tmp_path, *lines) == []
+    assert messages(tmp_path, *lines) == []
 
 
 @pytest.mark.parametrize(
@@ -107,16 +107,16 @@ def test_what_may_be_computed_again_is_no_finding(tmp_path: Path, lines: tuple[s
     ],
 )
 def test_rows_of_one_moment_and_what_is_no_row_are_no_finding(tmp_path: Path, line: str) -> None:
-    assert found(tmp_path, STEP, line) == []
+    assert messages(tmp_path, STEP, line) == []
 
 
 def test_a_state_that_was_copied_before_the_step_is_of_the_same_moment(tmp_path: Path) -> None:
     row = "log.append((before, data.xpos.copy()))"
-    assert found(tmp_path, "before = data.qpos.copy()", STEP, row) == []
+    assert messages(tmp_path, "before = data.qpos.copy()", STEP, row) == []
 
 
 def test_a_row_outside_of_loops_that_step_is_no_finding(tmp_path: Path) -> None:
-    assert found(tmp_path, STEP.replace("mj_step", "mj_forward"), ROW) == []
+    assert messages(tmp_path, STEP.replace("mj_step", "mj_forward"), ROW) == []
 
 
 def test_a_method_that_steps_runs_in_somebodys_loop(tmp_path: Path) -> None:
@@ -143,21 +143,21 @@ def test_a_method_that_steps_runs_in_somebodys_loop(tmp_path: Path) -> None:
     ],
 )
 def test_the_message_says_what_computes_what_is_read(tmp_path: Path, row: str, calls: str) -> None:
-    (message,) = found(tmp_path, STEP, row)
+    (message,) = messages(tmp_path, STEP, row)
     assert calls in message
 
 
 def test_the_message_says_which_fields_are_of_which_state(tmp_path: Path) -> None:
     row = "log.append((data.time, data.qpos.copy(), data.xpos.copy(), data.ncon))"
-    (message,) = found(tmp_path, STEP, row)
+    (message,) = messages(tmp_path, STEP, row)
     assert message.startswith("ncon and xpos still belong to the state before the last step, qpos")
 
 
 def test_a_copy_of_the_state_is_offered_before_a_single_step_alone(tmp_path: Path) -> None:
-    (message,) = found(tmp_path, STEP, ROW)
+    (message,) = messages(tmp_path, STEP, ROW)
     assert message.endswith(", or copy qpos before the step and the rest after it")
     for steps in ("mujoco.mj_step(model, data, 5)", f"for _ in range(5): {STEP}"):
-        (message,) = found(tmp_path, steps, ROW)
+        (message,) = messages(tmp_path, steps, ROW)
         assert message.endswith("call mj_kinematics(model, data) before this row")
 
 

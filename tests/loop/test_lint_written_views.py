@@ -24,7 +24,7 @@ for i in range(9):
 """
 
 
-def found(
+def messages(
     tmp_path: Path, *lines: str, result: str = "self.data.qpos", method: str = "pass"
 ) -> list[str]:
     text = SCRIPT.format(
@@ -56,16 +56,16 @@ def found(
 def test_a_write_into_what_a_getter_returns_is_a_wrong_result(
     tmp_path: Path, read: str, write: str
 ) -> None:
-    (message,) = found(tmp_path, read, write)
+    (message,) = messages(tmp_path, read, write)
     assert "data.qpos of the simulation" in message
-    assert found(tmp_path, read, write, result="self.data.qpos.copy()") == []
-    assert found(tmp_path, read, write, result="np.array(self.data.qpos)") == []
-    assert found(tmp_path, read, write, result="self.data.ctrl") == [], "an input is written"
+    assert messages(tmp_path, read, write, result="self.data.qpos.copy()") == []
+    assert messages(tmp_path, read, write, result="np.array(self.data.qpos)") == []
+    assert messages(tmp_path, read, write, result="self.data.ctrl") == [], "an input is written"
 
 
 @pytest.mark.parametrize("result", ["self.data.qpos[2:]", "self.data.sensordata", "self.data.xpos"])
 def test_any_view_of_what_a_step_changes_counts(tmp_path: Path, result: str) -> None:
-    assert len(found(tmp_path, "obs = env.state()", "obs[0] = 0", result=result)) == 1
+    assert len(messages(tmp_path, "obs = env.state()", "obs[0] = 0", result=result)) == 1
 
 
 @pytest.mark.parametrize(
@@ -89,7 +89,7 @@ def test_any_view_of_what_a_step_changes_counts(tmp_path: Path, result: str) -> 
 def test_copies_reads_and_a_state_that_is_set_are_no_finding(
     tmp_path: Path, lines: tuple[str, ...]
 ) -> None:
-    assert found(tmp_path, *lines) == []
+    assert messages(tmp_path, *lines) == []
 
 
 @pytest.mark.parametrize("name", ["qpos", "state_view", "view"])
@@ -105,7 +105,7 @@ def test_a_getter_that_is_named_as_a_view_promises_one(tmp_path: Path, name: str
 
 
 def test_a_method_of_the_same_class_is_a_caller_too(tmp_path: Path) -> None:
-    (message,) = found(tmp_path, "pass", method="obs = self.state(); obs[0] = 0")
+    (message,) = messages(tmp_path, "pass", method="obs = self.state(); obs[0] = 0")
     assert message.startswith("this writes into self.data.qpos of the simulation, which state()")
     text = "class Env:\n    def state(self): return self.data.qpos\n    def reset(self):\n"
     text += "        q = self.state()\n        q[0] = 0\n"

@@ -14,11 +14,12 @@ import mjbench
 from mjbench.cli import cli
 from mjbench.errors import InputError
 from mjbench.instrument import run_set, runs
+from mjbench.instrument.ratio import Ratio
 from mjbench.instrument.run_set import RunSet, Section
 from mjbench.instrument.runs import Record
 from mjbench.pages import exports
 from mjbench.paired.outcomes import Verdict
-from mjbench.paired.records import Ratio, TargetRow, VerdictRecord
+from mjbench.paired.records import TargetRow, VerdictRecord
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.status import Status
 

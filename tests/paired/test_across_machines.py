@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from verdict_records import FAILED, FASTER, OPEN, SAME, SIDES, SLOWER
 
+from mjbench.instrument.ratio import Ratio
 from mjbench.instrument.runs import InputFile
 from mjbench.paired import across_machines
 from mjbench.paired.across_machines import (
@@ -18,7 +19,7 @@ from mjbench.paired.across_machines import (
 )
 from mjbench.paired.judgement import judge
 from mjbench.paired.outcomes import Cause, Metric, Verdict
-from mjbench.paired.records import PlacementEffect, Ratio, VerdictRow
+from mjbench.paired.records import PlacementEffect, VerdictRow
 
 
 def decided(**rows: VerdictRow) -> MachineComparison:

@@ -2,9 +2,10 @@
 
 from dataclasses import replace
 
+from mjbench.instrument.ratio import Ratio
 from mjbench.paired import family
 from mjbench.paired.outcomes import Cause, Metric, Verdict
-from mjbench.paired.records import PlacementEffect, Ratio, VerdictRow
+from mjbench.paired.records import PlacementEffect, VerdictRow
 from mjbench.status import Status
 
 SAME = VerdictRow(

@@ -9,17 +9,9 @@ import pytest
 
 from mjbench.comparison.plan import Variant
 from mjbench.errors import MachineError
-from mjbench.paired import race
-from mjbench.paired.race import (
-    FINAL_LAUNCHES,
-    MIN_FINAL_LAUNCHES,
-    MIN_LAUNCHES,
-    RaceBudget,
-    RaceLaunch,
-    RaceRecord,
-    UnableError,
-    UnableVariant,
-)
+from mjbench.paired import race, race_record
+from mjbench.paired.race import FINAL_LAUNCHES, MIN_LAUNCHES, RaceBudget, UnableError
+from mjbench.paired.race_record import MIN_FINAL_LAUNCHES, RaceLaunch, RaceRecord, UnableVariant
 from mjbench.status import Status
 
 BASE_NS = 10_000_000
@@ -240,7 +232,7 @@ def test_the_fastest_is_hardly_ever_dropped() -> None:
         (place,) = track.run(entered(8), budget_s=25.0)[-1].standings()
         assert place is not None
         dropped += int(np.argmax(speeds)) not in {place.fastest, place.chosen, *place.rivals}
-    assert dropped <= 40 * race.ERROR
+    assert dropped <= 40 * race_record.ERROR
 
 
 def test_intervals_hold_for_paths_that_left_and_for_winners() -> None:

@@ -12,9 +12,9 @@ from verdict_records import FAILED, FASTER, OPEN, SAME, SLOWER, of_model
 
 from mjbench.comparison.records import ModelRecord
 from mjbench.instrument.machine import Machine
+from mjbench.instrument.ratio import Ratio
 from mjbench.instrument.runs import SCHEMA, InputFile, Record, Run, RunHeader
 from mjbench.paired.outcomes import Metric
-from mjbench.paired.records import Ratio
 from mjbench.report import across_machines, advice_across, tables
 from mjbench.report.across_machines import side_by_side
 from mjbench.status import Status
@@ -169,7 +169,7 @@ def test_advised_paths_stand_side_by_side() -> None:
     found = answers(run("a", *compared()), run("b", *compared(1.0)))
     assert list(found) == ["m, 10 × 100 steps, open loop", "m, 10 × 100 steps, closed loop"]
     cells = found["m, 10 × 100 steps, open loop"]
-    assert cells["a"] == "✓ rollout threads=2 pool=kept 2.00× (2.00× to 2.00×)"
+    assert cells["a"] == "✓ rollout threads=2 pool=kept 2.00× (2.00–2.00)"
     assert cells["b"] == "✓ python_loop"
 
 
@@ -205,7 +205,7 @@ def test_software_of_one_machine_is_kept_apart() -> None:
 def test_runs_of_one_machine_that_advise_different_paths_are_undecided() -> None:
     runs = [run("a", *compared()), run("a", *compared(1.0)), run("b", *compared())]
     cells = answers(*runs)["m, 10 × 100 steps, open loop"]
-    assert cells["a"].startswith("✓ rollout threads=2 pool=kept 2.00× (2.00× to 2.00×); ✓ python")
+    assert cells["a"].startswith("✓ rollout threads=2 pool=kept 2.00× (2.00–2.00); ✓ python")
     sentence = next(iter(advice_across.describe(side_by_side(runs).advice)))
     assert sentence.endswith("undecided on 1 of 2 machines, rollout on 1")
 

@@ -10,7 +10,7 @@ from example_records import measurement
 
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.comparison.records import MeasurementRecord
-from mjbench.paired.race import UnableVariant
+from mjbench.paired.race_record import UnableVariant
 from mjbench.report import results
 from mjbench.report.advice import Loop, Reason, advise, advise_clock
 from mjbench.report.comparison import conclusion

@@ -12,7 +12,7 @@ from rich.console import Console
 from mjbench.cli.context import ProgressBar
 from mjbench.cli.terminal_progress import terminal_progress
 from mjbench.comparison.plan import WITHOUT_TIMER
-from mjbench.paired.race import UnableVariant
+from mjbench.paired.race_record import UnableVariant
 from mjbench.report import comparison, tables
 from mjbench.report.results import ModelResults
 from mjbench.status import Status
@@ -112,7 +112,7 @@ def test_what_turning_the_timer_off_gains_is_a_conclusion_and_how_a_note() -> No
 
 def shown_by(bar: ProgressBar, *models: ModelResults) -> None:
     bar(0, "m", 0.5)
-    bar.show(comparison.shown_so_far(models))
+    bar.show(lambda: comparison.shown_so_far(models))
     bar.show(None)
 
 

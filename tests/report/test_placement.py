@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
+from mjbench.instrument.ratio import Ratio
 from mjbench.paired.placement_spread import ResidueRow, Spread, SpreadRecord
-from mjbench.paired.records import Ratio
 from mjbench.report import placement, tables
 from mjbench.status import Status
 

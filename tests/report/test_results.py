@@ -10,7 +10,7 @@ from example_records import FACTS, measurement, model_record
 
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.instrument import machine
-from mjbench.instrument.interval import Interval
+from mjbench.instrument.ratio import Ratio
 from mjbench.report import comparison, results, tables
 from mjbench.report.results import ModelResults
 from mjbench.simulation.accelerated_limits import Precision
@@ -55,7 +55,7 @@ def test_a_former_file_has_the_speed_of_its_blocks() -> None:
     assert base.step_ns == pytest.approx(2000)
     assert base.steps_per_s == pytest.approx(5e5)
     assert base.realtime_factor == pytest.approx(1000)
-    assert base.speedup == Interval(1.0)
+    assert base.speedup == Ratio(1.0, None, None)
 
 
 @pytest.mark.parametrize("timestep", [0.0, -0.002, math.nan, math.inf])

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 from tuning_values import NOTHING, apart, present
 
+from mjbench.instrument.ratio import Ratio
 from mjbench.pages.tuning import print_record
-from mjbench.paired.records import Ratio
 from mjbench.report import tables, tuning
 from mjbench.status import Status
 from mjbench.tuning.mesh_notes import MeshNote, Primitive

@@ -7,15 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mjbench.instrument.ratio import Ratio
 from mjbench.paired import family
 from mjbench.paired.outcomes import Cause, Verdict
-from mjbench.paired.records import (
-    Pair,
-    PlacementEffect,
-    Ratio,
-    TargetRow,
-    VerdictRow,
-)
+from mjbench.paired.records import Pair, PlacementEffect, TargetRow, VerdictRow
 from mjbench.report import tables, verdicts
 from mjbench.simulation.starts import SettleLimit, Starts
 from mjbench.simulation.work import Work

@@ -4,10 +4,9 @@ from typing import Any
 
 import pytest
 
-from mjbench.instrument.interval import Interval
-from mjbench.report.comparison import describe_work_crossover
+from mjbench.instrument.ratio import Ratio
 from mjbench.report.results import PathResult
-from mjbench.report.work_crossovers import work_crossovers
+from mjbench.report.work_crossovers import describe_work_crossover, work_crossovers
 from mjbench.status import Status
 
 # Nanoseconds of a step in the plain loop; what a call of Ray costs before it steps.
@@ -27,7 +26,7 @@ def timed(path: str, nbatch: int, ns: float, **options: Any) -> PathResult:
         nstep=NSTEP,
         step_ns=ns,
         steps_per_s=1e9 / ns,
-        speedup=Interval(LOOP_NS / ns),
+        speedup=Ratio(LOOP_NS / ns, None, None),
     )
 
 

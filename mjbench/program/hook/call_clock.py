@@ -380,10 +380,10 @@ class Burst:
         ):
             slot = self._cached_slot
         else:
-            found = self._calls.slot(callee, frame, begin_ns)
-            if found is None:
+            new_slot = self._calls.slot(callee, frame, begin_ns)
+            if new_slot is None:
                 return
-            slot = found
+            slot = new_slot
             if self._calls.is_own.get(frame.f_code.co_filename):
                 self._cached, self._cached_slot = place, slot
         duration_ns = end_ns - begin_ns

@@ -6,7 +6,7 @@ import pytest
 from benchmarks.studies import races
 from benchmarks.studies.tally_file import load
 from mjbench.comparison.plan import Variant
-from mjbench.paired.race import RaceLaunch, RaceRecord
+from mjbench.paired.race_record import RaceLaunch, RaceRecord
 
 SPEEDS = [1.0, 1.3, 2.0, 1.3]
 

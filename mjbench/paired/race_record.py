@@ -1,0 +1,329 @@
+"""What a race of `mjbench compare` stores, and what follows from its launches; pure functions.
+
+A launch is a fresh process in which every path that is still in the race is timed beside the plain
+loop (see `race`). All that is shown is computed here, so it can be computed again from a run file.
+"""
+
+import functools
+import math
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from mjbench.comparison.plan import Variant
+from mjbench.instrument import anytime
+from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
+from mjbench.instrument.ratio import Ratio
+from mjbench.status import Status
+
+# A path may be this much slower than the fastest and still be as good: the race does not go on to
+# tell the two apart.
+MARGIN = 0.02
+# Probability that a race drops a path which is the fastest, over all looks and pairs of paths.
+ERROR = 0.05
+# Of the interval of a speed-up.
+CONFIDENCE = 0.95
+_LOG_MARGIN = float(np.log1p(MARGIN))
+# Launches after a race; fewer give no figures of their own.
+MIN_FINAL_LAUNCHES = 4
+
+
+@dataclass(frozen=True)
+class RaceLaunch:
+    """One fresh process that timed some variants.
+
+    Attributes:
+      cores: how many cores threads got in it; None where no variant has threads.
+      variants: which of the race's were timed, by their position; the plain loop is the first.
+      ns: (rounds, variants) nanoseconds of blocks. Every second round runs in the opposite order of
+        the one before.
+      is_final: whether it came after the race.
+    """
+
+    cores: PositiveFloat | None
+    variants: Sequence[NonNegativeInt]
+    ns: Sequence[Sequence[PositiveInt]]
+    is_final: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the sizes.
+
+        Raises:
+          ValueError: `ns` has not that shape.
+        """
+        if len(self.ns) % 2 or not self.ns or any(len(r) != len(self.variants) for r in self.ns):
+            raise ValueError("ns has a row for each round, as many each way, of all its variants")
+
+    def log_ratio(self, baseline: int, candidate: int) -> float:
+        """Return the natural logarithm of one variant's time over another's."""
+        return self._log_ns[candidate] - self._log_ns[baseline]
+
+    def block_ns(self, variant: int) -> float:
+        """Return how long a variant's block takes, in nanoseconds."""
+        return math.exp(self._log_ns[variant])
+
+    @functools.cached_property
+    def _log_ns(self) -> dict[int, float]:
+        """The median of the logarithms of each variant's blocks, which one disturbed block spares.
+
+        Rounds run in both orders, so what a block leaves in the caches for the next one weighs the
+        same both ways.
+        """
+        medians = np.median(np.log(np.asarray(self.ns, dtype=float)), axis=0)
+        return dict(zip(self.variants, medians.tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class UnableVariant:
+    """A variant that left a race because it cannot go on.
+
+    Attributes:
+      variant: which of the race's, by its position.
+      status: why, such as `disagrees`.
+      detail: why, in one line.
+    """
+
+    variant: NonNegativeInt
+    status: Status
+    detail: str
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What a race says of the paths that compete with each other, by their positions.
+
+    Attributes:
+      fastest: by estimate.
+      chosen: the simplest that is as good as the fastest: within `MARGIN` certainly, and within
+        half of it by estimate.
+      rivals: others that may still be the fastest.
+      most_gain: share by which a rival may be faster than the fastest, at most; infinity where
+        launches are too few to say.
+    """
+
+    fastest: int
+    chosen: int
+    rivals: Sequence[int]
+    most_gain: float
+
+    @property
+    def is_decided(self) -> bool:
+        """Whether no rival can be faster than the fastest by `MARGIN`."""
+        return self.most_gain <= MARGIN
+
+
+@dataclass(frozen=True, kw_only=True)
+class RaceRecord:
+    """A race of the variants on one model, and what was measured after it.
+
+    Attributes:
+      model: its name.
+      nbatch_asked: simulations that the user asked for; None where mjbench chose.
+      steps: of one block, all simulations together.
+      variants: what was timed, the plain loop first.
+      groups: variants that compete with each other, by their positions, each from the simplest on.
+        One that is in no group is timed in every launch, unless it is slow.
+      slow: variants that take long to start, by their positions; they are timed last, beside the
+        plain loop.
+      unable: those that could not go on.
+      status: how the race ended.
+      detail: one line; empty when ok.
+      is_cut_short: whether the budget ended the race before it was decided, or left too few
+        launches after it.
+      launches: raw times of every launch.
+      stolen_share: share of the processor time that the host gave to others; None where unknown.
+      neighbours: other measurements that ran on this machine meanwhile.
+    """
+
+    record_type: ClassVar[str] = "race"
+    model: str
+    nbatch_asked: PositiveInt | None = None
+    steps: PositiveInt
+    variants: Sequence[Variant]
+    groups: Sequence[Sequence[NonNegativeInt]]
+    slow: Sequence[NonNegativeInt] = ()
+    unable: Sequence[UnableVariant] = ()
+    status: Status = Status.OK
+    detail: str = ""
+    is_cut_short: bool = False
+    launches: Sequence[RaceLaunch] = ()
+    stolen_share: NonNegativeFloat | None = None
+    neighbours: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        """Check the positions of variants.
+
+        Raises:
+          ValueError: there is no variant at one of them, or the plain loop is missing.
+        """
+        positions = {each.variant for each in self.unable}.union(*self.groups)
+        positions.update(*(launch.variants for launch in self.launches))
+        if any(position >= len(self.variants) for position in positions):
+            raise ValueError(f"it has {len(self.variants)} variants, and names a later one")
+        if any(0 not in launch.variants for launch in self.launches):
+            raise ValueError("a launch lacks the plain loop, which is the first variant")
+
+    @property
+    def base_step_ns(self) -> float | None:
+        """Nanoseconds of a step of the plain loop: the median over launches; None without any."""
+        if not self.launches:
+            return None
+        launches = self._final_launches or self.launches
+        return statistics.median(each.block_ns(0) for each in launches) / self.steps
+
+    def speedup(self, variant: Variant) -> Ratio | None:
+        """Return the speed-up of a variant over the plain loop; None where it was not timed.
+
+        It is from the launches after the race where there are enough of the variant, else from all
+        that timed it. The interval may be computed after any launch (see `anytime`).
+        """
+        if variant not in self.variants:
+            return None
+        return self.speedups[list(self.variants).index(variant)]
+
+    def ratio(self, faster: Variant, slower: Variant) -> Ratio | None:
+        """Return how many times faster one variant is than another; None where none timed both."""
+        if faster not in self.variants or slower not in self.variants:
+            return None
+        first, second = (list(self.variants).index(each) for each in (faster, slower))
+        return self.ratio_of(first, second)
+
+    def ratio_of(self, first: int, second: int) -> Ratio | None:
+        """Return how many times faster the first variant is than the second, by positions."""
+        both = [each for each in self.launches if {first, second} <= set(each.variants)]
+        return self._interval(both, first, second) if both else None
+
+    def step_s(self, variant: Variant) -> list[float]:
+        """Return the seconds of a step of a variant in each launch that gave its speed-up."""
+        if variant not in self.variants:
+            return []
+        position = list(self.variants).index(variant)
+        launches = self._launches_of(position)
+        return [1e-9 * launch.block_ns(position) / self.steps for launch in launches]
+
+    def launch_count(self, variant: Variant) -> int:
+        """Return how many launches gave the speed-up of a variant."""
+        if variant not in self.variants:
+            return 0
+        return len(self._launches_of(list(self.variants).index(variant)))
+
+    @property
+    def has_figures_after(self) -> bool:
+        """Whether there are enough launches after the race for figures of their own."""
+        return bool(self._final_launches)
+
+    def standings(self) -> list[Standing | None]:
+        """Return what the race says of each group; None for one without a launch."""
+        race = [launch for launch in self.launches if not launch.is_final]
+        if not race:
+            return [None for _ in self.groups]
+        return [standing(race, group, len(self.variants)) for group in self.groups]
+
+    def _interval(self, launches: Sequence[RaceLaunch], baseline: int, candidate: int) -> Ratio:
+        """Return the ratio of two variants' times, the candidate's over the baseline's.
+
+        How many launches there are after a race does not depend on what they say, so theirs has
+        Student's interval; that of launches of the race may be computed after any of them.
+        """
+        if all(launch.is_final for launch in launches):
+            ratios = [launch.log_ratio(baseline, candidate) for launch in launches]
+            return Ratio.of_log(*anytime.student_interval(ratios, CONFIDENCE))
+        return Ratio.of_log(*log_ratio(launches, baseline, candidate, CONFIDENCE))
+
+    @functools.cached_property
+    def _final_launches(self) -> Sequence[RaceLaunch]:
+        final = [launch for launch in self.launches if launch.is_final]
+        return final if len(final) >= MIN_FINAL_LAUNCHES else ()
+
+    def _launches_of(self, position: int) -> Sequence[RaceLaunch]:
+        final = [launch for launch in self._final_launches if position in launch.variants]
+        return final or [launch for launch in self.launches if position in launch.variants]
+
+    @functools.cached_property
+    def speedups(self) -> list[Ratio | None]:
+        """The speed-up of each variant over the plain loop; None where it was not timed."""
+        speedups: list[Ratio | None] = []
+        for position in range(len(self.variants)):
+            launches = self._launches_of(position)
+            speedup = None
+            if position == 0 and launches:
+                speedup = Ratio(1.0, 1.0, 1.0)
+            elif launches:
+                speedup = self._interval(launches, position, 0)
+            speedups.append(speedup)
+        return speedups
+
+
+def standing(launches: Sequence[RaceLaunch], group: Sequence[int], entrants: int) -> Standing:
+    """Return what the launches of a race say of variants that compete with each other.
+
+    A variant is out once it is certainly slower than the fastest. The error of that is spent over
+    all ordered pairs of entrants, because which is the fastest follows from the same launches; the
+    intervals may be looked at after every launch (see `anytime`).
+
+    Args:
+      launches: of the race.
+      group: the variants, from the simplest on; those that the last launch did not time are out.
+      entrants: variants that entered the race.
+    """
+    left = [i for i in group if i in launches[-1].variants]
+    confidence = 1 - ERROR / max(1, entrants * (entrants - 1))
+    # the median, because a few launches cannot say which of them were disturbed
+    medians = {i: statistics.median(each.log_ratio(0, i) for each in launches) for i in left}
+    fastest = min(left, key=lambda i: medians[i])
+    chosen, rivals, most_gain = fastest, list[int](), 0.0
+    for i in reversed(left):
+        if i == fastest:
+            continue
+        mean, half_width = log_ratio(launches, fastest, i, confidence)
+        if mean - half_width > 0:
+            continue
+        rivals.append(i)
+        most_gain = max(most_gain, float(np.expm1(half_width - mean)))
+        is_simpler = left.index(i) < left.index(fastest)
+        if is_simpler and mean <= _LOG_MARGIN / 2 and mean + half_width <= _LOG_MARGIN:
+            chosen = i
+    return Standing(fastest, chosen, sorted(rivals), most_gain)
+
+
+def log_ratio(
+    launches: Sequence[RaceLaunch], baseline: int, candidate: int, confidence: float
+) -> tuple[float, float]:
+    """Return the log ratio of two variants' times over launches, and half of its interval's width.
+
+    The spread of launches is pooled over all variants that those launches timed, unless that of the
+    two is larger: so three launches of many variants have an interval, and a variant whose times
+    scatter has a wide one. Disturbed launches are left out of the mean (see `anytime.fit`).
+
+    Args:
+      launches: of which those that timed both count; there is one at least.
+      baseline: the one variant.
+      candidate: the other.
+      confidence: such as 0.95.
+    """
+    both = [each for each in launches if {baseline, candidate} <= set(each.variants)]
+    ratios = np.array([each.log_ratio(baseline, candidate) for each in both])
+    fitted = anytime.fit(ratios[None, None, :])
+    variants = sorted(set.intersection(*(set(each.variants) for each in both)))
+    pooled, freedom = _pooled_variance(both, variants)
+    own = float(fitted.squares[0]) / max(1, int(fitted.freedom[0]))
+    spread = replace(
+        fitted,
+        freedom=np.array([max(freedom, int(fitted.freedom[0]))]),
+        squares=np.array([max(freedom, int(fitted.freedom[0])) * max(2 * pooled, own)]),
+    )
+    return float(fitted.mean[0]), float(spread.half_width(confidence)[0])
+
+
+def _pooled_variance(launches: Sequence[RaceLaunch], variants: Sequence[int]) -> tuple[float, int]:
+    """Return the variance of one variant's log time in a launch, and its degrees of freedom.
+
+    It is that of the residuals of launch × variant, without the means of each.
+    """
+    logs = np.array([[each.log_ratio(0, i) for i in variants] for each in launches])
+    residuals = logs - logs.mean(axis=0) - logs.mean(axis=1, keepdims=True) + logs.mean()
+    freedom = (len(launches) - 1) * (len(variants) - 1)
+    return float((residuals**2).sum()) / max(1, freedom), freedom
