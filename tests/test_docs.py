@@ -7,7 +7,7 @@ import pytest
 from commands import ROOT
 
 from mjbench.loop import overhead
-from mjbench.paired import outcomes, race
+from mjbench.paired import outcomes, race_record
 from mjbench.testing import fixture
 from mjbench.tuning import measurements
 
@@ -74,7 +74,7 @@ def test_the_page_of_method_states_the_confidence_of_each_command() -> None:
         for words, percent in re.findall(r"^\| (`?[^|]*?) \| (\d+) % \|", text, flags=re.M)
     }
     assert stated == {
-        "`compare`": race.CONFIDENCE,
+        "`compare`": race_record.CONFIDENCE,
         "`versions`, `ab`, `selfcheck`, `placement`": outcomes.CONFIDENCE,
         "`tune`": measurements.CONFIDENCE,
         "`overhead`": overhead.CONFIDENCE,

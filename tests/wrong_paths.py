@@ -58,7 +58,6 @@ class Elsewhere(Right):
     """Right, and it says that it steps in other processes."""
 
     name = "wrong_paths:Elsewhere"
-    in_process = False
 
 
 class ColdWarmStart(_Wrong):

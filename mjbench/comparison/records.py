@@ -194,22 +194,6 @@ def of_model(model: ModelRecord, records: Sequence[object]) -> list[MeasurementR
     ]
 
 
-@dataclass(frozen=True)
-class ContestRecord:
-    """A comparison in fresh processes in a file of an earlier version; nothing of it is read."""
-
-    record_type: ClassVar[str] = "contest"
-    model: str
-
-
-@dataclass(frozen=True)
-class ConfirmationRecord:
-    """The same of two paths."""
-
-    record_type: ClassVar[str] = "confirmation"
-    model: str
-
-
 @dataclass(frozen=True, kw_only=True)
 class ScalingRecord:
     """A run of a search for the number of threads in a file of an earlier version.
@@ -229,8 +213,6 @@ RECORD_TYPES: Mapping[str, type] = {
     for kind in (
         ModelRecord,
         MeasurementRecord,
-        ContestRecord,
-        ConfirmationRecord,
         ScalingRecord,
     )
 }

@@ -50,7 +50,7 @@ class Evidence:
     """What launches show about their mean.
 
     Attributes:
-      e_positive: e-value against "the mean is at most 0" (see `e_value`).
+      e_positive: e-value against "the mean is at most 0" (see `Fit.e_values`).
       e_negative: e-value against "the mean is at least 0".
     """
 
@@ -96,7 +96,10 @@ class Fit:
     def e_values(self) -> tuple[np.ndarray, np.ndarray]:
         """Return e-values against "the mean is at most 0" and "the mean is at least 0".
 
-        They are 1 with too few launches. See `e_value`.
+        Such an e-value is the Bayes factor of `anytime_interval` with one half of the prior, the
+        positive or the negative one. Where its hypothesis is true, it ever reaches 1 / level with a
+        probability of at most `level`, however long one launches; so it may be read after any
+        launch, also after one that depends on other comparisons. It is 1 with too few launches.
         """
         from scipy.special import stdtr
 
@@ -242,7 +245,7 @@ def student_interval(samples: Sequence[float], confidence: float) -> tuple[float
 def evidence(
     samples: Sequence[float], confidence: float, residues: Sequence[int] | None = None
 ) -> Evidence:
-    """Return what launches show: `anytime_interval`, and `e_value` for both directions."""
+    """Return what launches show: `anytime_interval`, and `Fit.e_values`."""
     fitted = fit(_cells(samples, residues))
     positive, negative = fitted.e_values()
     interval = _interval(fitted, confidence, len(samples))
@@ -302,24 +305,6 @@ def interval_beside(
         more = fit(_cells(others, residues))
         own = replace(own, freedom=own.freedom + more.freedom, squares=own.squares + more.squares)
     return _interval(own, confidence, len(samples) + len(others))
-
-
-def e_value(samples: Sequence[float], residues: Sequence[int] | None = None) -> float:
-    """Return the e-value of launches against "the mean is at most 0" (not slower).
-
-    It is the Bayes factor of `anytime_interval` with the prior's positive half. Where the mean is
-    at most 0, it ever reaches 1 / level with a probability of at most `level`, however long one
-    launches; so it may be read after any launch, also after one that depends on other comparisons.
-    The negated samples give the e-value against "the mean is at least 0" (not faster).
-
-    Args:
-      samples: one of each launch.
-      residues: of the launches; see `anytime_interval`.
-
-    Raises:
-      ValueError: no samples, or residues of other launches.
-    """
-    return float(fit(_cells(samples, residues)).e_values()[0][0])
 
 
 def e_benjamini_hochberg(e_values: Sequence[float], level: float) -> tuple[bool, ...]:

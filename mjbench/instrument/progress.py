@@ -8,14 +8,3 @@ Progress = Callable[[str, float], None]
 
 def ignore(name: str, share: float) -> None:
     """Do nothing."""
-
-
-def part_of(on_progress: Progress, begin: float, end: float) -> Progress:
-    """Return what shows the progress of a part of the work as that of the whole.
-
-    Args:
-      on_progress: shows that of the whole.
-      begin: share of the whole that is done before the part.
-      end: share that is done after it.
-    """
-    return lambda name, share: on_progress(name, begin + (end - begin) * share)

@@ -26,7 +26,7 @@ SCHEMA = 1
 _MULTILINE_KEYS = {"snippet", "code"}
 
 # Records that earlier versions stored; they are left out.
-_REMOVED_TYPES = frozenset({"web_experiments"})
+_REMOVED_TYPES = frozenset({"web_experiments", "contest", "confirmation"})
 # Types that earlier versions called otherwise, by their old names.
 _RENAMED_TYPES = {"engine_tune": "tune"}
 # Numbers are not larger: their products and ratios do not overflow.

@@ -9,26 +9,12 @@ import math
 import os
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 
 from mjbench.instrument import platforms
 from mjbench.instrument.machine import cgroup_quota
 
 _SYSTEM = Path("/sys/devices/system")
-
-
-class Beyond(StrEnum):
-    """What so many threads exceed, so that another one does not bring another core."""
-
-    CORES = "shares cores: hyper-threads"
-    """There are fewer cores, whose hardware threads share arithmetic units."""
-    NODE = "spans NUMA nodes"
-    """There are fewer hardware threads on any NUMA node: some memory is far away."""
-    QUOTA = "exceeds the control group's quota"
-    """The control group stops threads that run for longer."""
-    HARDWARE_THREADS = "more threads than can run at once"
-    """There are fewer hardware threads."""
 
 
 @dataclass(frozen=True)
@@ -52,19 +38,6 @@ class Topology:
         """How many threads can run at once, within the quota."""
         quota = self.hardware_threads if self.quota_cores is None else math.ceil(self.quota_cores)
         return max(1, min(self.hardware_threads, quota))
-
-    def beyond(self, nthread: int) -> tuple[Beyond, ...]:
-        """Return what a number of threads exceeds."""
-        limits = (
-            (Beyond.CORES, self.cores),
-            (Beyond.NODE, self.node_sizes[0] if self.node_sizes else None),
-            (Beyond.QUOTA, self.quota_cores),
-            (Beyond.HARDWARE_THREADS, self.hardware_threads),
-        )
-        exceeded = [kind for kind, most in limits if most is not None and nthread > most]
-        if Beyond.HARDWARE_THREADS in exceeded:  # which says it all, but for the quota
-            exceeded = [k for k in exceeded if k in (Beyond.QUOTA, Beyond.HARDWARE_THREADS)]
-        return tuple(exceeded)
 
     def thread_counts(self) -> tuple[int, ...]:
         """Return the numbers of threads at which something changes, in rising order."""

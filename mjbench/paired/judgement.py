@@ -28,7 +28,7 @@ class Judgement:
       high: upper end of its interval.
       launches: number of launches.
       enough: whether more launches are unnecessary for the verdict and precision asked for.
-      e_slower: e-value against "not slower" (see `anytime.e_value`); 1 or less is no evidence.
+      e_slower: e-value against "not slower" (see `anytime.Fit.e_values`); 1 or less is no evidence.
       e_faster: e-value against "not faster".
     """
 

@@ -213,7 +213,7 @@ class TargetPair:
         for process, target, model, workload in zip(
             processes, self._targets, self._prepared.models, self._prepared.workloads, strict=True
         ):
-            process.ask(requests.Equip(model, workload, target.path, target.import_from))
+            process.ask(requests.Equip(model, workload, target.path))
 
     def _lay_out(
         self, processes: Sequence[WorkerProcess], core: int | None, rows: Sequence[int]

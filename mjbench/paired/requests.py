@@ -191,14 +191,12 @@ class Equip(Request[None]):
       model_file: holds the model.
       workload_file: holds a pickled `PortableWorkload`.
       path: its name.
-      import_from: a folder that a path of the user's own may be imported from; None for none.
     """
 
     activity = "reading the workload"
     model_file: Path
     workload_file: Path
     path: str
-    import_from: str | None = None
 
 
 @dataclass(frozen=True)

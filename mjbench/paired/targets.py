@@ -31,7 +31,6 @@ class Target:
       slowdown: share of its time by which each block lasts longer, a slowdown of known size.
       callback: function of the engine that every timed step calls (see `engine_callback`), a
         slowdown of unknown size; empty for none.
-      import_from: a folder that a path of the user's own may be imported from; None for none.
     """
 
     release: installs.ReleaseSpec
@@ -41,7 +40,6 @@ class Target:
     model_options: Mapping[str, str] = field(default_factory=dict)
     slowdown: float = 0.0
     callback: str = ""
-    import_from: str | None = None
 
     @property
     def nthread(self) -> int:

@@ -224,8 +224,6 @@ class Worker:
         from mjbench import paths
         from mjbench.simulation import models
 
-        if request.import_from:
-            sys.path.append(request.import_from)
         self.model = models.load(models.ModelSource("", request.model_file))
         self._read_workload(request.workload_file)
         paths.find(request.path)  # imports it

@@ -194,7 +194,6 @@ class SteppingPath(ABC):
       summary: one line for people.
       title: what a sentence calls it, such as `Batch.step`; empty for its name.
       closed_loop: whether a feedback policy can choose each control from the state before it.
-      in_process: whether it steps in the process that prepared it.
       compiles: whether it compiles the step first, and is held to tolerances (`AcceleratedPath`).
       starts_slowly: whether it takes seconds to start in a fresh process, so that it is timed in
         few of them.
@@ -208,7 +207,6 @@ class SteppingPath(ABC):
     summary: ClassVar[str]
     title: ClassVar[str] = ""
     closed_loop: ClassVar[bool]
-    in_process: ClassVar[bool] = True
     compiles: ClassVar[bool] = False
     starts_slowly: ClassVar[bool] = False
     usual: ClassVar[bool] = True

@@ -43,7 +43,6 @@ class Processes(SteppingPath):
     summary = "worker processes, each a Python loop over its share"
     title = "worker processes"
     closed_loop = True
-    in_process = False
     products = tuple(Product)
     options = (Option("processes", "worker processes", (), int),)
 

@@ -53,7 +53,6 @@ class Ray(SteppingPath):
     summary = "Ray actors, each with mujoco.rollout over its share"
     title = "Ray actors"
     closed_loop = False
-    in_process = False
     usual = False
     starts_slowly = True
     products = tuple(Product)

@@ -62,7 +62,7 @@ class LaunchRatio:
 
 
 @dataclass(frozen=True)
-class Ratio:
+class LogEstimate:
     """The time of a step or an operation in a release over that in the reference.
 
     Attributes:
@@ -79,7 +79,7 @@ class Ratio:
         return math.exp(self.log_ratio)
 
 
-def averaged(launches: Sequence[LaunchRatio]) -> Ratio | None:
+def averaged(launches: Sequence[LaunchRatio]) -> LogEstimate | None:
     """Return the ratio with placement averaged out; None with too few launches.
 
     Where nothing was moved, it is the ratio as shipped, with what placement adds to its deviation.
@@ -89,12 +89,12 @@ def averaged(launches: Sequence[LaunchRatio]) -> Ratio | None:
         shipped = _estimate([launch.log_ratio for launch in launches], None)
         if shipped is None:
             return None
-        return Ratio(shipped.log_ratio, math.hypot(shipped.deviation, PLACEMENT_DEVIATION))
+        return LogEstimate(shipped.log_ratio, math.hypot(shipped.deviation, PLACEMENT_DEVIATION))
     residues = [launch.placement.residue for launch in moved if launch.placement]
     return _estimate([launch.log_ratio for launch in moved], residues)
 
 
-def as_shipped(launches: Sequence[LaunchRatio]) -> Ratio | None:
+def as_shipped(launches: Sequence[LaunchRatio]) -> LogEstimate | None:
     """Return the ratio of the launches that moved nothing; None with fewer than two.
 
     They are few, and may agree by chance: their deviation is at least that which all launches have
@@ -111,16 +111,16 @@ def as_shipped(launches: Sequence[LaunchRatio]) -> Ratio | None:
     squares = sum(len(group) * statistics.pvariance(group) for group in groups.values())
     freedom = len(launches) - len(groups)
     deviation = math.sqrt(squares / freedom / len(shipped))
-    return Ratio(ratio.log_ratio, max(deviation, ratio.deviation))
+    return LogEstimate(ratio.log_ratio, max(deviation, ratio.deviation))
 
 
-def _estimate(log_ratios: Sequence[float], residues: Sequence[int] | None) -> Ratio | None:
+def _estimate(log_ratios: Sequence[float], residues: Sequence[int] | None) -> LogEstimate | None:
     """Return the mean of launches, with equal weight on each residue; None with too few."""
     count = len(set(residues)) if residues else 1
     if len(log_ratios) <= count:
         return None
     mean, deviation = anytime.mean_and_deviation(clipped(log_ratios, residues), residues)
-    return Ratio(mean, max(deviation, MIN_DEVIATION))
+    return LogEstimate(mean, max(deviation, MIN_DEVIATION))
 
 
 def clipped(log_ratios: Sequence[float], residues: Sequence[int] | None = None) -> list[float]:

@@ -9,7 +9,7 @@ from packaging.version import InvalidVersion, Version
 from mjbench.releases import change_points, release_ratios
 from mjbench.releases.change_points import Changes
 from mjbench.releases.release import version_key
-from mjbench.releases.release_ratios import Ratio, RatioRecord, StepRatioRecord
+from mjbench.releases.release_ratios import LogEstimate, RatioRecord, StepRatioRecord
 from mjbench.simulation import agreement
 from mjbench.status import Status
 
@@ -23,7 +23,7 @@ class Measured:
     """
 
     release: str
-    ratio: Ratio
+    ratio: LogEstimate
     record: RatioRecord
 
 
@@ -112,11 +112,11 @@ def _series(name: str, measured: Sequence[Measured]) -> SpeedSeries:
     return SpeedSeries(name, measured, change_points.changes(log_ratios, deviations))
 
 
-def change(before: Measured, after: Measured) -> Ratio:
+def change(before: Measured, after: Measured) -> LogEstimate:
     """Return the time in one release over that in another, with its standard error."""
     old, new = before.ratio, after.ratio
     deviation = math.hypot(old.deviation, new.deviation)
-    return Ratio(new.log_ratio - old.log_ratio, deviation)
+    return LogEstimate(new.log_ratio - old.log_ratio, deviation)
 
 
 def knows_work(before: Measured, after: Measured) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from rich.console import Console
 
 from mjbench.releases import release_ratios, speed_history
-from mjbench.releases.release_ratios import Ratio, RatioRecord, StepRatioRecord
+from mjbench.releases.release_ratios import LogEstimate, RatioRecord, StepRatioRecord
 from mjbench.report import tables
 from mjbench.report.markdown import change_with_error
 from mjbench.simulation import agreement
@@ -60,7 +60,7 @@ def _failed_alike(records: Sequence[RatioRecord]) -> bool:
     return len(records) > 1 and not is_timed and len(details) == 1 and "" not in details
 
 
-def _change(ratio: Ratio | None) -> str:
+def _change(ratio: LogEstimate | None) -> str:
     """Return a ratio as a change with its standard error; empty where it is not known."""
     if ratio is None:
         return ""

@@ -12,7 +12,7 @@ from mjbench.counts.function_differences import (
 from mjbench.counts.records import ExplainRecord
 from mjbench.releases import release_ratios, speed_history
 from mjbench.releases.change_points import MIN_CHANGE
-from mjbench.releases.release_ratios import Ratio
+from mjbench.releases.release_ratios import LogEstimate
 from mjbench.releases.speed_history import Measured, SpeedSeries
 from mjbench.report import tables
 from mjbench.report.markdown import change, change_with_error, code, escaped, table
@@ -300,7 +300,7 @@ def _title(series: SpeedSeries) -> str:
     return title(series.measured[-1].record)
 
 
-def total_of(series: SpeedSeries) -> Ratio:
+def total_of(series: SpeedSeries) -> LogEstimate:
     """Return the time in the last release over that in the first."""
     return speed_history.change(series.measured[0], series.measured[-1])
 

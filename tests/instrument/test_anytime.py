@@ -45,7 +45,6 @@ def test_the_e_value_is_the_bayes_factor_of_positive_means() -> None:
         return 2 * likelihood(effect) * density / math.sqrt(2 * math.pi * anytime.PRIOR)
 
     expected = integrate.quad(weighted, 0, 8)[0] / likelihood(0.0)
-    assert anytime.e_value(list(x)) == pytest.approx(expected, rel=1e-6)
     both = anytime.evidence(list(x), 0.99)
     assert both.e_positive == pytest.approx(expected, rel=1e-6)
     # the two halves of the prior
@@ -122,9 +121,9 @@ def test_disturbed_launches_are_fewer_than_those_of_a_second_mode(count: int, mo
 def test_too_few_launches_have_no_interval_and_are_no_evidence() -> None:
     interval = anytime.anytime_interval([0.1], 0.99)
     assert (interval.mean, interval.low, interval.high) == (0.1, -math.inf, math.inf)
-    assert anytime.e_value([0.1]) == 1
+    assert anytime.evidence([0.1], 0.99).e_positive == 1
     first = RESIDUES[:4]
-    assert anytime.e_value([0.1, 0.1, 0.1, 0.1], first) == 1
+    assert anytime.evidence([0.1, 0.1, 0.1, 0.1], 0.99, first).e_positive == 1
     assert anytime.anytime_interval([0.1, 0.2, 0.1, 0.2], 0.99, first).high == math.inf
 
 
@@ -132,7 +131,7 @@ def test_launches_that_are_all_alike_have_an_interval_and_an_e_value() -> None:
     alike = anytime.evidence([0.0] * 8, 0.99)
     assert (alike.interval.low, alike.interval.high) == (0.0, 0.0)
     assert alike.e_positive == alike.e_negative == pytest.approx(9**-0.5)
-    assert anytime.e_value([0.5] * 8) > 100
+    assert anytime.evidence([0.5] * 8, 0.99).e_positive > 100
 
 
 def test_an_e_value_against_a_true_hypothesis_is_rarely_ever_large() -> None:
@@ -152,7 +151,7 @@ def test_what_cannot_be_judged_is_an_error() -> None:
     with pytest.raises(ValueError, match="need a confidence"):
         anytime.anytime_interval([0.0, 1.0], 1.0)
     with pytest.raises(ValueError, match="shorter"):
-        anytime.e_value([0.0, 1.0], [0])
+        anytime.evidence([0.0, 1.0], 0.99, [0])
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import psutil
 import pytest
 
 from mjbench.instrument import topology
-from mjbench.instrument.topology import Beyond, Topology
+from mjbench.instrument.topology import Topology
 
 
 def folders(system: Path, siblings: dict[int, str], nodes: dict[int, str]) -> Path:
@@ -47,19 +47,6 @@ def test_a_system_without_affinity_knows_numbers_alone(monkeypatch: pytest.Monke
     monkeypatch.setattr(psutil, "cpu_count", lambda logical: 3)
     monkeypatch.setattr(topology.os, "cpu_count", lambda: 6)
     assert topology.read(set()) == Topology(6, 3)
-
-
-@pytest.mark.parametrize(
-    ("nthread", "beyond"),
-    [
-        (2, ()),
-        (3, (Beyond.QUOTA,)),
-        (5, (Beyond.CORES, Beyond.NODE, Beyond.QUOTA)),
-        (9, (Beyond.QUOTA, Beyond.HARDWARE_THREADS)),
-    ],
-)
-def test_what_a_number_of_threads_exceeds(nthread: int, beyond: tuple[Beyond, ...]) -> None:
-    assert Topology(8, 4, (4, 4), 2.5).beyond(nthread) == beyond
 
 
 def test_threads_are_tried_where_something_changes() -> None:
