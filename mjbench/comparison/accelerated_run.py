@@ -28,7 +28,6 @@ from mjbench.comparison.messages import (
     PeakMemory,
 )
 from mjbench.comparison.plan import LIMIT_S, Variant
-from mjbench.errors import InputError
 from mjbench.instrument import isolate, machine, timing
 from mjbench.instrument.isolate import Channel
 from mjbench.paths.accelerated import (
@@ -36,6 +35,7 @@ from mjbench.paths.accelerated import (
     AcceleratedPath,
     Compiled,
     StepOutcome,
+    accelerated_path,
     load_workload,
     reference_peaks,
 )
@@ -46,7 +46,7 @@ from mjbench.status import Status
 # Timed blocks: for this many seconds, no fewer and no more than these.
 STEADY_S, MIN_BLOCKS, MAX_BLOCKS = 2.0, 7, 100
 # Share of the available memory that the child of one path may take.
-MEMORY_SHARE = 0.8
+CHILD_MEMORY_SHARE = 0.8
 # A compiler may be silent for this many times the limit of anything else.
 COMPILER_PATIENCE = 5
 # On a CPU, MJX is slow on a model that makes contact (docs/method/accelerated.md gives figures),
@@ -85,8 +85,8 @@ def run(
         on_message,
         limit_s,
         import_from,
-        _accelerated_path(variant.path).environment(),
-        memory_bytes=int(MEMORY_SHARE * machine.available_memory_bytes()),
+        accelerated_path(variant.path).environment(),
+        memory_bytes=int(CHILD_MEMORY_SHARE * machine.available_memory_bytes()),
     )
 
 
@@ -98,7 +98,7 @@ def measure_in_child(request: AcceleratedRequest, channel: Channel) -> None:
     this path. A second `AgreementReport` revises the first where the timed blocks end elsewhere.
     """
     name, options = request.source.name, request.variant.options
-    path = _accelerated_path(request.variant.path)
+    path = accelerated_path(request.variant.path)
     channel.doing(f"loading {name}")
     model = models.load(request.source)
     workload, resources = load_workload(model, request.workload_file)
@@ -199,13 +199,6 @@ def _time(compiled: Compiled, channel: Channel, limit_s: float) -> None:
         channel.send(BlockTime(timing.block_s(contender)))
         if time.perf_counter() > end and count >= MIN_BLOCKS:
             break
-
-
-def _accelerated_path(name: str) -> AcceleratedPath:
-    path = paths.find(name)
-    if not isinstance(path, AcceleratedPath):
-        raise InputError(f"path {name} does not compile")
-    return path
 
 
 def _reason_not_to_run(

@@ -22,6 +22,7 @@ from mjbench.counts.records import (
 from mjbench.errors import MachineError
 from mjbench.instrument import extras
 from mjbench.instrument.ratio import Ratio
+from mjbench.instrument.units import percent_change
 from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.paired.records import Pair, TargetRow, VerdictRow
 from mjbench.simulation import agreement, work_check
@@ -57,7 +58,7 @@ def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRecord) -> 
     changes = _work_changes(baseline, candidate, row.time)
     lines = [
         f"instructions per step {baseline.instructions_per_step:,.0f} →"
-        f" {candidate.instructions_per_step:,.0f} ({_percent(ratio)} %)",
+        f" {candidate.instructions_per_step:,.0f} ({percent_change(ratio)} %)",
         "changed work: " + ", ".join(changes) if changes else "same work",
     ]
     return lines + _code_lines(row) + (_time_lines(row.time, ratio) if row.time else [])
@@ -111,9 +112,9 @@ def _time_lines(time: VerdictRow, instruction_ratio: float) -> list[str]:
         return lines
     estimate, low, high = time.ratio.estimate, time.ratio.low, time.ratio.high
     if low is None or high is None:
-        return [*lines, f"time {_percent(estimate)} % (interval unknown), {time.verdict}"]
-    interval = f"{_percent(low)} to {_percent(high)}"
-    lines.append(f"time {_percent(estimate)} % ({interval}), {time.verdict}")
+        return [*lines, f"time {percent_change(estimate)} % (interval unknown), {time.verdict}"]
+    interval = f"{percent_change(low)} to {percent_change(high)}"
+    lines.append(f"time {percent_change(estimate)} % ({interval}), {time.verdict}")
     difference = abs(estimate - instruction_ratio)
     is_outside = not low - DISAGREEMENT <= instruction_ratio <= high + DISAGREEMENT
     if difference > DISAGREEMENT and is_outside:
@@ -271,8 +272,3 @@ def _work_changes(
     return agreement.work_changes(
         baseline.work, candidate.work, one_step, (baseline.diverged, candidate.diverged)
     )
-
-
-def _percent(ratio: float) -> str:
-    """Return the change that a ratio stands for, in percent, with its sign."""
-    return f"{100 * (ratio - 1):+.2f}"

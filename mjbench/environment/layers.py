@@ -8,9 +8,6 @@ import re
 from collections.abc import Sequence
 from enum import StrEnum
 
-# Functions that move a simulation; other functions of the engine are not physics of the step.
-PHYSICS_FUNCTIONS = ("mj_step", "mj_step1", "mj_step2")
-
 
 class Layer(StrEnum):
     """A part of an environment's step; the time of a layer excludes that of layers inside it."""

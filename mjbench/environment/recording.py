@@ -17,13 +17,13 @@ import numpy as np
 
 from mjbench.environment import engine
 from mjbench.environment.model_changes import ModelChange, ModelVersions, Moment
-from mjbench.loop.engine_functions import EngineFunction
+from mjbench.loop.engine_functions import STEPPING, EngineFunction
 from mjbench.simulation import agreement, compat
 from mjbench.simulation.agreement import Difference
 from mjbench.simulation.state_reader import StateReader
 
 # `mj_step` does a whole step, `mj_step1` begins one, and `mj_step2` ends it.
-_STEP, _BEGIN, _END = "mj_step", "mj_step1", "mj_step2"
+_STEP, _BEGIN, _END = STEPPING
 # Functions by which a program integrates itself.
 _INTEGRATORS = ("mj_Euler", "mj_RungeKutta", "mj_implicit", "mj_implicitFast")
 _WATCHED = (_STEP, _BEGIN, _END, *_INTEGRATORS)

@@ -18,9 +18,9 @@ from typing import Any
 from mjbench.environment import engine
 from mjbench.environment.callees import Callee
 from mjbench.environment.engine import Binding
-from mjbench.environment.layers import PHYSICS_FUNCTIONS, Layer
+from mjbench.environment.layers import Layer
 from mjbench.instrument.bounds import NonNegativeFloat
-from mjbench.loop.engine_functions import EngineFunction
+from mjbench.loop.engine_functions import STEPPING, EngineFunction
 
 ClockNs = Callable[[], int]
 # Calls of a block when the timer's own cost is measured, and blocks; the fastest counts.
@@ -193,7 +193,7 @@ def engine_timed(timer: LayerTimer, elsewhere: Sequence[Binding]) -> Iterator[No
     """
 
     def wrapper(name: str) -> Callable[[EngineFunction], EngineFunction]:
-        layer = Layer.PHYSICS if name in PHYSICS_FUNCTIONS else Layer.ENGINE
+        layer = Layer.PHYSICS if name in STEPPING else Layer.ENGINE
         return lambda function: timer.timed(function, layer, name)
 
     wrappers = {name: wrapper(name) for name in engine.function_names()}

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjbench.environment.recording import Recording, StepTrace
+from mjbench.instrument.units import listed
 from mjbench.simulation.workload import Workload
 
 # Steps of the environment in a simulation, at most; and the share of its steps that shorter
@@ -137,8 +138,3 @@ def _run_length(lengths: Sequence[int], nthread: int) -> int:
         if count * length >= MIN_SHARE * total and count >= _PER_THREAD * nthread:
             longest = length
     return longest
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return `a`, `a and b`, or `a, b and c`."""
-    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]

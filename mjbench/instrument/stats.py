@@ -5,6 +5,7 @@ estimated by the median; its interval comes from order statistics, which assume 
 shape of the noise (P. Conover, Practical Nonparametric Statistics, section 3.2).
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -177,6 +178,16 @@ def unpaired(baseline: TimedBlocks, candidate: TimedBlocks, across: bool = False
         high = float(np.exp(baseline_high - candidate_low))
     median = float(np.exp(np.median(logs[0]) - np.median(logs[1])))
     return Estimate(median, low, high)
+
+
+def mean_half_width(values: Sequence[float], confidence: float = CONFIDENCE) -> float:
+    """Return half the width of Student's t interval of the mean; infinite with one value."""
+    from scipy import stats  # late: it takes a second
+
+    if len(values) < 2:
+        return math.inf
+    standard_error = float(np.std(values, ddof=1)) / math.sqrt(len(values))
+    return float(stats.t.ppf((1 + confidence) / 2, len(values) - 1)) * standard_error
 
 
 def median_interval(

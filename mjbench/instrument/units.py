@@ -1,5 +1,6 @@
 """How numbers and times are written for people."""
 
+from collections.abc import Sequence
 from decimal import Decimal
 
 
@@ -25,3 +26,18 @@ def duration(ns: float) -> str:
 def count_of(number: int, noun: str) -> str:
     """Return a number of things, such as `1 run` or `3 runs`."""
     return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return `a`, `a and b`, or `a, b and c`."""
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
+
+
+def percent(share: float) -> str:
+    """Return a share in percent, without the percent sign, to two significant digits."""
+    return plain(100 * share, 2)
+
+
+def percent_change(ratio: float) -> str:
+    """Return the change that a ratio stands for, in percent, with its sign."""
+    return f"{100 * (ratio - 1):+.2f}"

@@ -11,13 +11,12 @@ A copy changes nothing but what a log shows if
 """
 
 import ast
-from collections.abc import Iterator
 
 from mjbench.loop.certain_names import DATA, CertainNames, Loop
 from mjbench.loop.python_source import Program
 from mjbench.loop.script_names import dotted_name, last_name
 from mjbench.loop.stepping_script import SteppingScript
-from mjbench.loop.stored_views import StoredViews
+from mjbench.loop.stored_views import stored_views
 
 _APPENDING = {"append", "appendleft"}
 # Functions that return or write copies of all values; those that compute with them; built-in ones.
@@ -48,7 +47,7 @@ class Copying:
         self._names = names
         self._bindings = names.bindings
         self._parents = script.parents
-        self._stored = StoredViews(script)
+        self._stored = stored_views(script)
 
     def refusal(self, view: ast.expr) -> str:
         """Return why a view that a loop stores cannot be copied there; empty if it can."""
@@ -86,7 +85,7 @@ class Copying:
     def _passing(self, view: ast.expr, loop: Loop) -> str:
         """Return why not every iteration of a loop stores a view, or not one in so many."""
         child: ast.AST = view
-        for node in self._above(view):
+        for node in self._script.above(view):
             if isinstance(child, ast.stmt):
                 is_periodic = isinstance(node, ast.If) and any(
                     isinstance(n, ast.Mod) for n in ast.walk(node.test)
@@ -108,7 +107,7 @@ class Copying:
             return f"a global statement, setattr, globals or the like could reach {name}"
         nodes = self._bindings.bindings(name, scope)
         values = self._script.assigned(log)
-        around = set(self._above(nodes[0]))
+        around = set(self._script.above(nodes[0]))
         if len(nodes) > 1 or not self._is_empty(values[0]) or loop in around:
             return f"{name} is not certain to be a list or a dict that is empty before the loop"
         return f"a command of IPython names {name}" if self._names.is_in_command(name) else ""
@@ -156,7 +155,7 @@ class Copying:
     def _is_after(self, node: ast.AST, loop: Loop) -> bool:
         """Return whether a node runs when a loop has ended, and not in another one that steps."""
         around = self._stored.loop_around(node)
-        is_of_episode = around is None or around.node in self._above(loop)
+        is_of_episode = around is None or around.node in self._script.above(loop)
         return is_of_episode and self._bindings.scope_of(node) is self._bindings.scope_of(loop)
 
     def _shows(self, log: ast.Name) -> bool:
@@ -222,8 +221,3 @@ class Copying:
             else:
                 return None
         return node
-
-    def _above(self, node: ast.AST) -> Iterator[ast.AST]:
-        while node in self._parents:
-            node = self._parents[node]
-            yield node

@@ -88,7 +88,6 @@ class Hoisting:
           names: what is known of its names.
         """
         self._script = script
-        self._parents = script.parents
         self._names = names
         self._bindings = names.bindings
         self._lines = [line.text for line in program.lines]
@@ -145,7 +144,7 @@ class Hoisting:
         """Return the group whose loop is the outermost around a node, in the node's scope."""
         group_of = {group.loop: group for group in groups}
         scope = self._bindings.scope_of(node)
-        around = [group_of[n] for n in self._above(node, scope) if n in group_of]
+        around = [group_of[n] for n in self._script.above(node, scope) if n in group_of]
         return around[-1] if around else None
 
     def _refusal(self, call: ast.Call, loop: Loop | None) -> str:
@@ -155,7 +154,7 @@ class Hoisting:
         lines = self._lines[call.lineno - 1 : call.end_lineno]
         if len(lines) > 1 and any("#" in line for line in lines[:-1]):
             return "a comment stands in it"
-        for above in self._above(call, loop):
+        for above in self._script.above(call, loop):
             if isinstance(above, ast.JoinedStr):
                 return "it is in an f-string"
             if isinstance(above, COMPREHENSIONS):
@@ -221,16 +220,9 @@ class Hoisting:
             loop = outer
         return loop
 
-    def _above(self, node: ast.AST, until: ast.AST | None = None) -> Iterator[ast.AST]:
-        """Yield the nodes above a node, the innermost first, without `until` and those above."""
-        above = self._parents.get(node)
-        while above is not None and above is not until:
-            yield above
-            above = self._parents.get(above)
-
     def _always_runs(self, node: ast.AST, loop: Loop) -> bool:
         """Return whether every iteration of a loop reaches a node, unless it ends the loop."""
-        for above in (*self._above(node, loop), loop):
+        for above in (*self._script.above(node, loop), loop):
             if not _reaches(above, node):
                 return False
             node = above

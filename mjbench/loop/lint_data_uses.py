@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from mjbench.loop.name_bindings import Scope
-from mjbench.loop.script_names import assignments, last_name
+from mjbench.loop.script_names import COPIES, assignments, last_name
 from mjbench.loop.stepping_script import (
     FIELDS,
     STORING_METHODS,
@@ -33,7 +33,6 @@ PART_PREFIXES = {
     "ten": "ten_",
     "tendon": "ten_",
 }
-_COPIES = {"copy", "deepcopy"}
 
 
 @dataclass(frozen=True)
@@ -114,7 +113,7 @@ class _Following:
 
     def _of_binding(self, binding: ast.AST, scope: Scope) -> Iterator[tuple[Scope, str]]:
         value = self._values.get(id(binding))
-        is_fresh = isinstance(value, ast.Call) and last_name(value.func) in {"MjData", *_COPIES}
+        is_fresh = isinstance(value, ast.Call) and last_name(value.func) in {"MjData", *COPIES}
         is_alias = isinstance(value, ast.Name) and self._with_callers
         if is_alias:
             assert isinstance(value, ast.Name)
@@ -136,7 +135,7 @@ class _Following:
             argument = given.get(parameter) if given is not None else None
             if isinstance(argument, ast.Name):
                 yield from self._place(argument)
-            elif not (isinstance(argument, ast.Call) and last_name(argument.func) in _COPIES):
+            elif not (isinstance(argument, ast.Call) and last_name(argument.func) in COPIES):
                 self._is_known = False
 
     def _place(self, name: ast.Name) -> Iterator[tuple[Scope, str]]:
@@ -171,7 +170,7 @@ class _Following:
 
     def _given(self, node: ast.Name, call: ast.Call) -> Iterator[tuple[Scope, str]]:
         name = last_name(call.func)
-        if name.startswith("mj_") or name in _COPIES:
+        if name.startswith("mj_") or name in COPIES:
             self._functions.add(name)
             return
         functions = self._script.functions.called(call)

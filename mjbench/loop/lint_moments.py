@@ -10,6 +10,7 @@ import ast
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from mjbench.instrument.units import listed
 from mjbench.loop.lint_data_uses import PART_PREFIXES
 from mjbench.loop.lint_forward import COMPUTED, STATE, enough_for
 from mjbench.loop.lint_match import Match
@@ -18,11 +19,11 @@ from mjbench.loop.stepping_script import (
     FIELDS,
     STORING_METHODS,
     VIEW_METHODS,
-    SteppingLoop,
+    SteppingBody,
     SteppingMethod,
     SteppingScript,
 )
-from mjbench.loop.stored_views import Store, StoredViews, store_of
+from mjbench.loop.stored_views import Store, StoredViews, store_of, stored_views
 from mjbench.loop.view_writes import peeled
 
 # What a step integrates, and what is neither that nor computed from a state.
@@ -43,8 +44,6 @@ _HARMLESS_MODULES = ("numpy", "math", "random", "time")
 # How the functions of the engine begin that compute nothing in an MjData.
 _READING = ("mju_", "mj_jac", "mj_getState", "mj_id2name", "mj_name2id", "mj_contactForce")
 _BRANCHES = ast.If | ast.IfExp | ast.BoolOp | ast.ExceptHandler | ast.match_case
-
-_Body = SteppingLoop | SteppingMethod
 
 
 @dataclass(frozen=True)
@@ -74,22 +73,22 @@ class _LastStep:
 
 def rows_of_two_moments(script: SteppingScript) -> Iterator[Match]:
     """Yield rows that hold the new state beside what is computed from another one."""
-    stored_views = StoredViews(script)
-    bodies: list[_Body] = [*script.loops, *script.methods]
+    stored = stored_views(script)
+    bodies: list[SteppingBody] = [*script.loops, *script.methods]
     for body in bodies:
         if _sets_state(script, body):
             continue
         for node in body.inner:
-            if stored_views.loop_around(node) is (None if _is_method(body) else body):
-                for row in _logged(script, stored_views, node, body):
+            if stored.loop_around(node) is (None if _is_method(body) else body):
+                for row in _logged(script, stored, node, body):
                     yield from _mixed(script, row, body)
 
 
-def _is_method(body: _Body) -> bool:
+def _is_method(body: SteppingBody) -> bool:
     return isinstance(body, SteppingMethod)
 
 
-def _sets_state(script: SteppingScript, body: _Body) -> bool:
+def _sets_state(script: SteppingScript, body: SteppingBody) -> bool:
     """Return whether a body writes the state itself, which then is not that of a step."""
     targets = (n for n in body.inner if not isinstance(getattr(n, "ctx", ast.Load()), ast.Load))
     return any(
@@ -100,7 +99,7 @@ def _sets_state(script: SteppingScript, body: _Body) -> bool:
 
 
 def _logged(
-    script: SteppingScript, stored_views: StoredViews, node: ast.AST, body: _Body
+    script: SteppingScript, stored: StoredViews, node: ast.AST, body: SteppingBody
 ) -> Iterator[ast.expr]:
     """Yield the rows that a statement or a call adds to a log."""
     store = store_of(node)
@@ -110,7 +109,7 @@ def _logged(
         store = Store(node.func, None, node.args)
     if store is None or (isinstance(node, ast.Assign) and store.key is None):
         return
-    if script.is_view(store.place) or not stored_views.adds(store.key, body):
+    if script.is_view(store.place) or not stored.adds(store.key, body):
         return
     for value in store.values:
         if isinstance(value, ast.Lambda):
@@ -118,7 +117,7 @@ def _logged(
         yield _assigned_row(script, value, body)
 
 
-def _assigned_row(script: SteppingScript, value: ast.expr, body: _Body) -> ast.expr:
+def _assigned_row(script: SteppingScript, value: ast.expr, body: SteppingBody) -> ast.expr:
     """Return what a body assigns to a name, where it does so once; else the value itself."""
     assigned = script.assigned(value) if isinstance(value, ast.Name) else []
     if len(assigned) == 1:
@@ -128,7 +127,7 @@ def _assigned_row(script: SteppingScript, value: ast.expr, body: _Body) -> ast.e
     return value
 
 
-def _mixed(script: SteppingScript, row: ast.expr, body: _Body) -> Iterator[Match]:
+def _mixed(script: SteppingScript, row: ast.expr, body: SteppingBody) -> Iterator[Match]:
     """Yield a row if it reads fields of two moments."""
     readings = dict.fromkeys(r for n in (row, *nodes_inside(row)) for r in _readings(script, n))
     for data in dict.fromkeys(reading.data for reading in readings):
@@ -164,9 +163,11 @@ def _readings(script: SteppingScript, node: ast.AST) -> Iterator[_Reading]:
         yield _Reading(dotted_name(access.func.value), prefix + node.attr)
 
 
-def _last_step(script: SteppingScript, row: ast.expr, body: _Body, data: str) -> _LastStep | None:
+def _last_step(
+    script: SteppingScript, row: ast.expr, body: SteppingBody, data: str
+) -> _LastStep | None:
     """Return the last step of an MjData before a row; None where it is not certain."""
-    around = set(_above(script, row, body))
+    around = set(script.above(row, body.node))
     place = row.lineno, row.col_offset
     own = {*ast.walk(row)}
     calls = [n for n in body.inner if isinstance(n, ast.Call) and n not in own and n not in around]
@@ -178,7 +179,7 @@ def _last_step(script: SteppingScript, row: ast.expr, body: _Body, data: str) ->
         if _is_harmless(script, call):
             continue
         name, given = last_name(call.func), call.args[1:2]
-        branches = {n for n in _above(script, call, body) if isinstance(n, _BRANCHES)}
+        branches = {n for n in script.above(call, body.node) if isinstance(n, _BRANCHES)}
         if not given or dotted_name(given[0]) != data or not branches <= around:
             return None
         if name in COMPUTED:
@@ -186,16 +187,10 @@ def _last_step(script: SteppingScript, row: ast.expr, body: _Body, data: str) ->
             continue
         if not is_step(call) or name == "mj_step1":
             return None
-        loops = {n for n in _above(script, call, body) if isinstance(n, ast.For | ast.While)}
-        is_single = not call.args[2:] and not call.keywords and loops <= {*around, body.node}
+        loops = {n for n in script.above(call, body.node) if isinstance(n, ast.For | ast.While)}
+        is_single = not call.args[2:] and not call.keywords and loops <= around
         return _LastStep(ast.unparse(call.args[0]), data, is_single, frozenset(computed))
     return None
-
-
-def _above(script: SteppingScript, node: ast.AST, body: _Body) -> Iterator[ast.AST]:
-    while node is not body.node:
-        node = script.parents[node]
-        yield node
 
 
 def _is_harmless(script: SteppingScript, call: ast.Call) -> bool:
@@ -210,15 +205,10 @@ def _is_harmless(script: SteppingScript, call: ast.Call) -> bool:
 def _message(last: _LastStep, state: Sequence[str], late: Sequence[str]) -> str:
     functions = enough_for({*late}) or ["mj_forward"]
     calls = ", ".join(f"{name}({last.model}, {last.data})" for name in functions)
-    old, new = _listed(late), _listed(state)
+    old, new = listed(late), listed(state)
     verb = "belongs" if len(late) == 1 else "belong"
     copies = f", or copy {new} before the step and the rest after it" if last.is_single else ""
     return (
         f"{old} still {verb} to the state before the last step, {new} to the one after it: call"
         f" {calls} before this row{copies}"
     )
-
-
-def _listed(fields: Sequence[str]) -> str:
-    first = ", ".join(fields[:-1])
-    return f"{first} and {fields[-1]}" if first else fields[0]

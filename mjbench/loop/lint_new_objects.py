@@ -6,10 +6,9 @@ from collections.abc import Iterator
 from mjbench.loop.lint_data_uses import DataUses, uses_of, uses_of_parameter
 from mjbench.loop.lint_match import Match
 from mjbench.loop.lint_repeats import CREATES_MODEL, Iteration, iterations, names_in
-from mjbench.loop.script_names import assignments, dotted_name, last_name, nodes_inside
+from mjbench.loop.script_names import COPIES, assignments, dotted_name, last_name, nodes_inside
 from mjbench.loop.stepping_script import STORING_METHODS, SteppingScript
 
-_COPIES = {"copy", "deepcopy"}
 _LOADERS = ("from_xml_path", "from_xml_string", "from_binary_path")
 _PHYSICS_LOADERS = ("from_mjcf_model", "from_xml_path", "from_xml_string")
 _RENDERERS = {"mujoco.Renderer", "mujoco.renderer.Renderer"}
@@ -26,7 +25,7 @@ def copied_data(script: SteppingScript) -> Iterator[Match]:
     }
     for call in script.calls:
         name = last_name(call.func)
-        is_copy = name in _COPIES and bool(call.args) and script.is_data(call.args[0])
+        is_copy = name in COPIES and bool(call.args) and script.is_data(call.args[0])
         if not (is_copy or (name == "MjData" and call.args)) or call in per_episode:
             continue
         each = _innermost(script, call)

@@ -23,7 +23,7 @@ from mjbench.loop.lint_written_views import written_views
 from mjbench.loop.lint_wrong_results import halves_of_runge_kutta, shared_data
 from mjbench.loop.script_names import dotted_name, last_name
 from mjbench.loop.stepping_script import SteppingLoop, SteppingScript
-from mjbench.loop.stored_views import StoredViews
+from mjbench.loop.stored_views import stored_views
 
 # The codes of the rules on views that outlive their step, and on names looked up in every step.
 STORED_VIEW, NAMED_ACCESS = "MJB001", "MJB002"
@@ -81,7 +81,7 @@ def _returned(view: ast.expr) -> Match:
 
 def _stored_views(script: SteppingScript) -> Iterator[Match]:
     """Yield views that outlive the iteration in which they were taken."""
-    for stored in StoredViews(script).all():
+    for stored in stored_views(script).all():
         yield _returned(stored.view) if stored.is_returned else Match(stored.view)
 
 

@@ -17,12 +17,13 @@ from mjbench.loop.lint_match import Match
 from mjbench.loop.lint_repeats import names_in
 from mjbench.loop.script_names import last_name
 from mjbench.loop.stepping_script import FIELDS, SteppingScript
-from mjbench.loop.stored_views import StoredViews
+from mjbench.loop.stored_views import stored_views
+from mjbench.loop.view_writes import WRITING_FUNCTIONS, WRITING_METHODS
 
-# Methods that write to an array; functions of NumPy and of random generators that write to the
-# first of their arguments.
-_WRITING_METHODS = {"fill", "itemset", "partition", "put", "sort"}
-_WRITING_FUNCTIONS = {"at", "copyto", "fill_diagonal", "place", "put", "putmask", "shuffle"}
+# What does not write through a view: `resize` raises an error, and `setflags(write=False)` prevents
+# writes. The first argument of `partial` is a function.
+_METHODS = WRITING_METHODS - {"resize", "setflags"}
+_FUNCTIONS = WRITING_FUNCTIONS - {"partial"}
 # Functions that set a state, or compute what follows from one that was set.
 _SETS = re.compile(r"(mj_(forward|kinematics|fwdPosition|setState)|(re)?set(_\w+)?|forward)$")
 _PROMISES_VIEW = re.compile(r"(^|_)(view|ref|pointer|ptr|proxy|buffer)s?(_|$)")
@@ -32,7 +33,7 @@ def written_views(script: SteppingScript) -> Iterator[Match]:
     """Yield what writes into a view that a name got from a function of the script."""
     if not any(isinstance(n, ast.Attribute) and FIELDS.match(n.attr) for n in script.nodes):
         return
-    helpers = StoredViews(script).helpers
+    helpers = stored_views(script).helpers
     for node in script.nodes:
         if not isinstance(node, ast.expr | ast.stmt):
             continue
@@ -56,9 +57,9 @@ def _written(node: ast.expr | ast.stmt) -> Iterator[ast.Name]:
     elif isinstance(node, ast.Call):
         written = [keyword.value for keyword in node.keywords if keyword.arg == "out"]
         function = node.func.attr if isinstance(node.func, ast.Attribute) else ""
-        if function in _WRITING_FUNCTIONS:
+        if function in _FUNCTIONS:
             written += node.args[:1]
-        if function in _WRITING_METHODS:
+        if function in _METHODS:
             assert isinstance(node.func, ast.Attribute)
             written.append(node.func.value)
     for each in written:

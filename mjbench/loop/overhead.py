@@ -6,7 +6,6 @@ interval is Student's t over launches, which differ by their memory layout.
 """
 
 import gc
-import math
 import random
 import statistics
 from collections.abc import Mapping, Sequence
@@ -14,7 +13,7 @@ from dataclasses import dataclass, fields
 from typing import ClassVar
 
 from mjbench.errors import Failure
-from mjbench.instrument import isolate, timing
+from mjbench.instrument import isolate, stats, timing
 from mjbench.instrument.isolate import Channel
 from mjbench.loop import habits
 from mjbench.loop.compiled_loop import compile_loop, script
@@ -238,7 +237,7 @@ def _cost(
     habit: Habit, added_ns: Sequence[float], bare_ns: float, mean_ns: Mapping[str, float]
 ) -> HabitCost:
     """Return a habit's cost from what it added in each launch; `mean_ns` has all habits' means."""
-    mean, half_width = statistics.mean(added_ns), _half_width(added_ns)
+    mean, half_width = statistics.mean(added_ns), stats.mean_half_width(added_ns, CONFIDENCE)
     saved_ns = mean - mean_ns[habit.cheaper] if habit.cheaper in mean_ns else None
     return HabitCost(
         source=habit.name,
@@ -250,14 +249,3 @@ def _cost(
         saved_ns=saved_ns,
         code=script(habit),
     )
-
-
-def _half_width(values: Sequence[float]) -> float:
-    """Return half the width of Student's t interval of the mean; infinite with one value."""
-    from scipy import stats  # late: the children import this module, too
-
-    if len(values) < 2:
-        return math.inf
-    standard_error = statistics.stdev(values) / math.sqrt(len(values))
-    quantile = float(stats.t.ppf((1 + CONFIDENCE) / 2, len(values) - 1))
-    return quantile * standard_error

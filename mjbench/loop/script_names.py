@@ -9,6 +9,8 @@ _STEPS = {"mj_step", "mj_step1", "mj_step2"}
 _CREATES_ENVIRONMENT = re.compile(r"(make|make_vec|make_env|load|\w*(Env|VectorEnv|Environment))$")
 _ENVIRONMENT_PACKAGES = {"gym", "gymnasium", "suite", "metaworld", "robosuite"}
 _LOADS_MODEL = re.compile(r"from_(binary_path|xml_path|xml_string)$")
+# Functions of Python's module `copy`.
+COPIES = {"copy", "deepcopy"}
 FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef
 # Inputs of a step, which programs write.
 _INPUTS = re.compile(r"(ctrl|qfrc_applied|xfrc_applied|mocap_\w+|userdata|act|eq_active)$")

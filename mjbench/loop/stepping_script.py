@@ -91,6 +91,9 @@ class SteppingMethod:
     inner: Sequence[ast.expr | ast.stmt]
 
 
+SteppingBody = SteppingLoop | SteppingMethod
+
+
 class SteppingScript:
     """The syntax of a script, and what follows from it.
 
@@ -344,6 +347,13 @@ class SteppingScript:
     def is_container_name(self, node: ast.AST) -> bool:
         """Return whether a name was assigned a list or a dict; an array copies what is put in."""
         return any(map(creates_container, self.assigned(node)))
+
+    def above(self, node: ast.AST, until: ast.AST | None = None) -> Iterator[ast.AST]:
+        """Yield the nodes above a node, the innermost first, without `until` and those above."""
+        above = self.parents.get(node)
+        while above is not None and above is not until:
+            yield above
+            above = self.parents.get(above)
 
     def loops_around(self, node: ast.AST) -> Iterator[ast.For | ast.While]:
         """Yield the loops in whose every iteration a node runs, the innermost first."""

@@ -11,7 +11,7 @@ import ast
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 from mjbench.loop.lint_helper_views import HelperViews
 from mjbench.loop.script_names import (
@@ -23,7 +23,7 @@ from mjbench.loop.script_names import (
     last_name,
     nodes_inside,
 )
-from mjbench.loop.stepping_script import SteppingLoop, SteppingMethod, SteppingScript
+from mjbench.loop.stepping_script import SteppingBody, SteppingLoop, SteppingMethod, SteppingScript
 from mjbench.loop.view_writes import WritesThrough, peeled
 
 # Methods of a list or a deque that store an argument.
@@ -32,8 +32,6 @@ _STORING_METHODS = {"append", "appendleft", "insert"}
 _PAST = re.compile(
     r"(^|_)(init|initial|start|first|home|prev|previous|last|old|before|saved)(_|$)", re.IGNORECASE
 )
-
-_Body = SteppingLoop | SteppingMethod
 
 
 @dataclass(frozen=True)
@@ -109,7 +107,7 @@ class StoredViews:
         around = (self._loops.get(loop) for loop in self._script.loops_around(node))
         return next((loop for loop in around if loop is not None), None)
 
-    def _stored(self, node: ast.AST, body: _Body) -> Iterator[StoredView]:
+    def _stored(self, node: ast.AST, body: SteppingBody) -> Iterator[StoredView]:
         """Yield the views that a node of a loop or a method stores for later, to be read."""
         store = store_of(node)
         if store is None or not self._is_log(store, node, body):
@@ -135,7 +133,7 @@ class StoredViews:
             if self._script.is_view(view) and self._is_of_the_one_data(view, inner):
                 yield StoredView(view)
 
-    def _is_log(self, store: Store, node: ast.AST, body: _Body) -> bool:
+    def _is_log(self, store: Store, node: ast.AST, body: SteppingBody) -> bool:
         """Return whether every iteration of a body adds an entry to what outlives it."""
         if isinstance(node, ast.Assign) and store.key is None:
             attribute = last_name(store.place)
@@ -151,7 +149,7 @@ class StoredViews:
             return False  # an array, or an object of a class that may copy
         return self.adds(store.key, body) and self._may_repeat(node, place, body)
 
-    def adds(self, key: ast.expr | None, body: _Body) -> bool:
+    def adds(self, key: ast.expr | None, body: SteppingBody) -> bool:
         """Return whether a key is another one in each iteration of a body."""
         if key is None:
             return True
@@ -165,7 +163,7 @@ class StoredViews:
             for node in ast.walk(key)
         )
 
-    def _may_repeat(self, node: ast.AST, place: str, body: _Body) -> bool:
+    def _may_repeat(self, node: ast.AST, place: str, body: SteppingBody) -> bool:
         """Return whether a body may store at a node more than once.
 
         It may not where it leaves the loop afterwards, or under `if i == 0` and `if not log`.
@@ -246,6 +244,12 @@ class StoredViews:
         if isinstance(node, ast.Name):
             return node.id in self._script.bindings.declared
         return last_name(node) in self._renewed_attributes
+
+
+@lru_cache(maxsize=1)
+def stored_views(script: SteppingScript) -> StoredViews:
+    """Return the views that a script stores; one object for all rules, which run one by one."""
+    return StoredViews(script)
 
 
 def store_of(node: ast.AST) -> Store | None:

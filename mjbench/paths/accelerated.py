@@ -17,6 +17,7 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
+from mjbench import paths
 from mjbench.errors import InputError, one_line
 from mjbench.instrument import extras
 from mjbench.paths.base import Options, Prepared, Resources, States, SteppingPath
@@ -160,6 +161,18 @@ class AcceleratedPath(SteppingPath):
     @abstractmethod
     def compile(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
         """Return a compiled run, with buffers for steps of up to `peaks`."""
+
+
+def accelerated_path(name: str) -> AcceleratedPath:
+    """Return a path that compiles.
+
+    Raises:
+      InputError: it does not compile, or there is none of this name.
+    """
+    path = paths.find(name)
+    if not isinstance(path, AcceleratedPath):
+        raise InputError(f"path {name} does not compile")
+    return path
 
 
 def start_fields(workload: Workload) -> dict[str, np.ndarray]:

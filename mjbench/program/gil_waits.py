@@ -77,14 +77,14 @@ def gil_waits(
     """
     if holders is None or not holders.samples:
         return []
-    held = {each.thread.tid: each for each in holders.threads if each.stacks}
-    if sum(len(each.stacks) for each in held.values()) < LEAST_HOLDER_SAMPLES:
+    holders_by_tid = {each.thread.tid: each for each in holders.threads if each.stacks}
+    if sum(len(each.stacks) for each in holders_by_tid.values()) < LEAST_HOLDER_SAMPLES:
         return []
     by_tid = {(each.pid, each.tid): each for each in times if each.is_busy}
     waits = []
     for thread in _merged(threads):
         time = by_tid.get((thread.thread.pid, thread.thread.tid))
-        others = [each for tid, each in held.items() if tid != thread.thread.tid]
+        others = [each for tid, each in holders_by_tid.items() if tid != thread.thread.tid]
         if time is None or time.pid != holders.pid or not others:
             continue
         most = max(others, key=lambda each: len(each.stacks))

@@ -113,11 +113,6 @@ class LoopTime:
         """Return the standard error of a share, as that of a binomial proportion."""
         return math.sqrt(max(0.0, share * (1 - share)) / max(1, self.samples))
 
-    @property
-    def timed_share(self) -> float:
-        """The share of calls that are timed one by one."""
-        return min(1.0, sum(call.seconds for call in self.calls) / self.seconds)
-
     def is_timed(self, activity: Activity) -> bool:
         """Whether the share of an activity comes from calls that are timed one by one."""
         return any(call.activity == activity for call in self.calls)

@@ -18,7 +18,7 @@ from mjbench.instrument.bounds import Share
 from mjbench.instrument.isolate import Channel
 from mjbench.loop import profile
 from mjbench.loop.loop_starts import LEAST_NSTEP, StartsInTurn
-from mjbench.program.recorded_models import RecordedModel
+from mjbench.program.recorded_models import RecordedModel, loadable
 from mjbench.simulation import compat, geom_pairs, work
 
 # Seconds to time pairs, and sensors; a child that is silent for longer than the limit is killed.
@@ -122,10 +122,9 @@ def measure(models: Sequence[RecordedModel], stages: Mapping[str, float]) -> Phy
       models: of the program; the first that this process's MuJoCo can load is used.
       stages: shares of a step that were timed in the program; empty where none were.
     """
-    usable = [model for model in models if model.release == mujoco.__version__]
-    messages: list[PhysicsCost] = []
-    if usable and len(usable[0].states):
-        request = _Request(usable[0], stages)
+    model, messages = loadable(models), list[PhysicsCost]()
+    if model is not None and len(model.states):
+        request = _Request(model, stages)
         isolate.run("mjbench.program.physics_cost:answer", request, messages.append, LIMIT_S)
     return messages[0] if messages else None
 
@@ -224,8 +223,8 @@ def _pairs(
             types = " and ".join(sorted(_type_name(model, geom) for geom in (first, second)))
             groups[types, Nearness(each)].append((int(first), int(second)))
     affordable = int(BUDGET_S / LEAST_ROUNDS / (BLOCK_S + 2 * step_s))
-    some = [pair for group in groups.values() for pair in _some(group)]
-    timed = some[: min(MOST_PAIRS, max(1, affordable))]
+    spread_pairs = [pair for group in groups.values() for pair in _spread_pairs(group)]
+    timed = spread_pairs[: min(MOST_PAIRS, max(1, affordable))]
     if not timed:
         return
     far = [int(geom) for geom in pairs[nearness == Nearness.FAR][:1].flat]
@@ -233,9 +232,10 @@ def _pairs(
     of_types: dict[str, float] = defaultdict(float)
     counts = Counter[str]()
     for (types, _), group in groups.items():
-        known = [weights[pair] for pair in group if pair in weights]
+        weights_of_group = [weights[pair] for pair in group if pair in weights]
         counts[types] += len(group)
-        of_types[types] += len(group) * statistics.fmean(known) if known else 0.0
+        if weights_of_group:
+            of_types[types] += len(group) * statistics.fmean(weights_of_group)
     total = sum(of_types.values())
     if not total > 0:
         return
@@ -296,7 +296,7 @@ def _nearness(model: mujoco.MjModel, states: np.ndarray, pairs: np.ndarray) -> n
     return nearness
 
 
-def _some(pairs: Sequence[tuple[int, int]]) -> Sequence[tuple[int, int]]:
+def _spread_pairs(pairs: Sequence[tuple[int, int]]) -> Sequence[tuple[int, int]]:
     """Return some pairs of all, spread over them."""
     return pairs[:: -(-len(pairs) // PAIRS_OF_GROUP)]
 

@@ -5,9 +5,12 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
+
+if TYPE_CHECKING:
+    import mujoco
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +29,10 @@ class RecordedModel:
     copied: np.ndarray
     release: str
 
-    def load(self) -> mujoco.MjModel:
+    def load(self) -> "mujoco.MjModel":
         """Return the model; only MuJoCo of the same release can load it."""
+        import mujoco
+
         name = "model.mjb"
         return mujoco.MjModel.from_binary_path(name, {name: self.mjb})
 
@@ -42,6 +47,13 @@ def read_all(folder: Path) -> Sequence[RecordedModel]:
             engine = json.loads((folder / "engine.json").read_text(encoding="utf-8"))
             models.append(_read(file, engine["version"]))
     return models
+
+
+def loadable(models: Sequence[RecordedModel]) -> RecordedModel | None:
+    """Return the first model that this process's MuJoCo can load; None without one."""
+    import mujoco
+
+    return next((model for model in models if model.release == mujoco.__version__), None)
 
 
 def _read(file: Path, release: str) -> RecordedModel:

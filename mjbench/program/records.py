@@ -38,18 +38,18 @@ class LoopReport:
     remedies: Sequence[Remedy]
 
 
-def _physics(seen: Observation) -> PhysicsCost | None:
+def _physics(observation: Observation) -> PhysicsCost | None:
     """Return what costs in the steps of a program."""
-    most = sorted(seen.steps, key=lambda each: -(each.nstep or 0))
+    most = sorted(observation.steps, key=lambda each: -(each.nstep or 0))
     return physics_cost.measure(
-        seen.models, next((each.stages for each in most if each.stages), {})
+        observation.models, next((each.stages for each in most if each.stages), {})
     )
 
 
-def _own_files(times: Sequence[LoopTime], seen: Observation) -> list[str]:
+def _own_files(times: Sequence[LoopTime], observation: Observation) -> list[str]:
     """Return the user's own files that run in loops, or call what was timed."""
     files = {file for time in times for file in time.own_files}
-    files |= {call.place.file for call in seen.calls.calls}
+    files |= {call.place.file for call in observation.calls.calls}
     return sorted(file for file in files if not activities.package_of(file))
 
 
@@ -104,45 +104,46 @@ class ProgramRow:
     gil_waits: Sequence[GilWait] = ()
 
     @classmethod
-    def of(cls, name: str, seen: Observation) -> "ProgramRow":
+    def of(cls, name: str, observation: Observation) -> "ProgramRow":
         """Return the row of a program that was observed."""
-        steps = [step for step in seen.steps if step.step is not None]
+        steps = [step for step in observation.steps if step.step is not None]
         pids = {step.pid for step in steps}
         collections_s = {step.pid: step.collections_s for step in steps}
         times = attribution.loop_times(
-            seen.threads, seen.pid, pids, seen.calls.calls, collections_s
+            observation.threads, observation.pid, pids, observation.calls.calls, collections_s
         )
-        files = _own_files(times, seen)
+        files = _own_files(times, observation)
         findings = remedies.findings_of(files)
-        asked = call_remedies.questions(times, findings, seen.calls.incidents)
-        measured = replacements.measure(seen.models, asked)
+        asked = call_remedies.questions(times, findings, observation.calls.incidents)
+        measured = replacements.measure(observation.models, asked)
+        runs_jax = any(call.is_of_jax for call in observation.calls.calls)
         return cls(
             program=name,
-            status=Status.UNAVAILABLE if seen.problem and not times else Status.OK,
-            detail=seen.problem,
-            exit_code=seen.exit_code,
-            was_ended=seen.was_ended,
-            wall_s=seen.wall_s,
-            rate_hz=seen.rate_hz,
-            samples=sum(len(thread.stacks) for thread in seen.threads),
-            paused_share=seen.paused_share,
+            status=Status.UNAVAILABLE if observation.problem and not times else Status.OK,
+            detail=observation.problem,
+            exit_code=observation.exit_code,
+            was_ended=observation.was_ended,
+            wall_s=observation.wall_s,
+            rate_hz=observation.rate_hz,
+            samples=sum(len(thread.stacks) for thread in observation.threads),
+            paused_share=observation.paused_share,
             loops=[
                 LoopReport(
                     time,
-                    remedies.remedies(time, findings, measured, seen.calls.incidents),
+                    remedies.remedies(time, findings, measured, observation.calls.incidents),
                 )
                 for time in times
             ],
             steps=steps,
             wrong=wrong_results.wrong_results(
-                findings, seen.calls, files, measured.computes_forces
+                findings, observation.calls, files, measured.computes_forces
             ),
-            has_native=seen.has_native and sampler.can_read_libraries(),
-            processor=seen.processor,
-            memory_growth_bytes=seen.calls.memory_growth_bytes,
-            crash=seen.crash,
-            gil_waits=() if any(call.is_of_jax for call in seen.calls.calls) else seen.gil_waits,
-            physics=_physics(seen) if times and times[0].is_mostly_physics else None,
+            has_native=observation.has_native and sampler.can_read_libraries(),
+            processor=observation.processor,
+            memory_growth_bytes=observation.calls.memory_growth_bytes,
+            crash=observation.crash,
+            gil_waits=() if runs_jax else observation.gil_waits,
+            physics=_physics(observation) if times and times[0].is_mostly_physics else None,
         )
 
     def with_remedies(self, confirmed: Sequence[Remedy]) -> "ProgramRow":

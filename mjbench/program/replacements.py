@@ -18,7 +18,7 @@ import numpy as np
 from mjbench.errors import InputError, MjbenchError
 from mjbench.instrument import isolate, machine, stats, timing
 from mjbench.instrument.isolate import Channel
-from mjbench.program.recorded_models import RecordedModel
+from mjbench.program.recorded_models import RecordedModel, loadable
 from mjbench.simulation import compat
 from mjbench.simulation.engine_clock import engine_clock
 
@@ -159,8 +159,8 @@ def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> M
       models: of the program; the first that this process's MuJoCo can load is used.
       questions: what to measure.
     """
-    usable = [model for model in models if model.release == mujoco.__version__]
-    if not usable:
+    model = loadable(models)
+    if model is None:
         return Measured({})
     ratios: dict[Question, TimeRatio] = {}
     forces: list[bool] = []
@@ -170,7 +170,7 @@ def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> M
         messages: list[_Answer | _Forces] = []
         isolate.run(
             "mjbench.program.replacements:answer",
-            _Request(usable[0], asked),
+            _Request(model, asked),
             messages.append,
             LIMIT_S,
             environment={"MUJOCO_GL": backend, "PYOPENGL_PLATFORM": None} if backend else None,

@@ -14,9 +14,9 @@ from mjbench.environment.records import (
     VectorForm,
     VectorSamples,
 )
-from mjbench.environment.workload import listed
+from mjbench.instrument import machine
 from mjbench.instrument.stats import Estimate
-from mjbench.instrument.units import duration
+from mjbench.instrument.units import duration, listed
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import nthread
 from mjbench.report import tables
@@ -29,8 +29,6 @@ _NAMED_SHARE, _NAMED = 0.01, 4
 SUM_TOLERANCE = 0.03
 # The first sentence names the costliest wrapper where wrappers take this share of a step.
 _MUCH_SHARE = 0.1
-# Threads had fewer cores than they could use if they had less than this share of them.
-_FEW_CORES = 0.8
 # Smaller shares are shown as less than this.
 _LEAST_SHARE = 0.001
 
@@ -371,7 +369,7 @@ def notes(record: EnvironmentRecord) -> list[str]:
     if (
         record.median_cores is not None
         and threads > 1
-        and record.median_cores < _FEW_CORES * threads
+        and record.median_cores < machine.ENOUGH_CORES * threads
     ):
         lines.append(
             f"Threads got {tables.plain(record.median_cores, 2)} of {threads} cores: other programs"

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from rich.console import Console
 
 from mjbench.instrument.ratio import Ratio
+from mjbench.instrument.units import percent
 from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.releases.placement import RESIDUES
 from mjbench.report import tables
@@ -40,17 +41,17 @@ def describe_spread(row: SpreadRecord) -> str:
     detail = f" ({row.detail})" if row.detail else ""
     if spread.low is None or spread.high is None:
         return (
-            f"{name}: the placements differ by {_percent(spread.estimate)} %, by chance or not: too"
+            f"{name}: the placements differ by {percent(spread.estimate)} %, by chance or not: too"
             f" few launches for an interval{detail}"
         )
     if not spread.low:
         return (
             f"{name}: no dependence on where the code lies was seen; it is at most"
-            f" {_percent(spread.high)} %{detail}"
+            f" {percent(spread.high)} %{detail}"
         )
     return (
-        f"{name}: where the code lies changes the time of a step by {_percent(spread.estimate)} %"
-        f" (interval {_percent(spread.low)} to {_percent(spread.high)} %), so a benchmark of one"
+        f"{name}: where the code lies changes the time of a step by {percent(spread.estimate)} %"
+        f" (interval {percent(spread.low)} to {percent(spread.high)} %), so a benchmark of one"
         f" build says no more than that{detail}"
     )
 
@@ -61,8 +62,8 @@ def _cells(row: SpreadRecord) -> list[str]:
     return [
         row.model,
         row.release,
-        f"{_percent(spread.estimate)} %" if spread else "",
-        f"{_percent(spread.low or 0.0)}–{_percent(spread.high or 0.0)} %"
+        f"{percent(spread.estimate)} %" if spread else "",
+        f"{percent(spread.low or 0.0)}–{percent(spread.high or 0.0)} %"
         if spread and has_interval
         else "",
         *(_change(ratios.get(residue)) for residue in RESIDUES),
@@ -81,8 +82,3 @@ def _change(ratio: Ratio | None) -> str:
         if value is not None
     )
     return f"{estimate} ({' to '.join(ends)})" if ends else estimate
-
-
-def _percent(share: float) -> str:
-    """Return a share in percent, without the percent sign, to two significant digits."""
-    return tables.plain(100 * share, 2)

@@ -6,6 +6,7 @@ from typing import Any
 from rich.console import Console
 
 from mjbench.instrument.ratio import Ratio
+from mjbench.instrument.units import percent, percent_change
 from mjbench.paired import family
 from mjbench.paired.across_machines import (
     AcrossMachines,
@@ -149,7 +150,7 @@ def _spread(comparison: MachineComparison) -> str:
     if len(comparison.ratios) < 2:
         return ""
     least, most = (f(r.estimate for r in comparison.ratios) for f in (min, max))
-    spread = f"from {_signed(least)} % to {_signed(most)} %"
+    spread = f"from {percent_change(least)} % to {percent_change(most)} %"
     return f"machines differ beyond their intervals, {spread}" if comparison.differs else spread
 
 
@@ -257,11 +258,13 @@ def _describe_ratio(verdict: Verdict, ratio: Ratio) -> str:
         low, high = map(_times, ends)
         return f"slower, takes {_times(ratio.estimate)} times as long (interval {low} to {high})"
     if verdict == Verdict.SAME:
-        return f"same within {_change(max(abs(end - 1) for end in ends))} %"
-    interval = f"{_signed(ends[0])} to {_signed(ends[1])} %" if len(ends) == 2 else "unknown"
+        return f"same within {percent(max(abs(end - 1) for end in ends))} %"
+    interval = (
+        f"{percent_change(ends[0])} to {percent_change(ends[1])} %" if len(ends) == 2 else "unknown"
+    )
     if verdict == Verdict.INCONCLUSIVE:
-        return f"inconclusive, {_signed(ratio.estimate)} % (interval {interval})"
-    return f"{verdict} by {_change(abs(ratio.estimate - 1))} % (interval {interval})"
+        return f"inconclusive, {percent_change(ratio.estimate)} % (interval {interval})"
+    return f"{verdict} by {percent(abs(ratio.estimate - 1))} % (interval {interval})"
 
 
 def _describe_cause(row: VerdictRow) -> str:
@@ -285,23 +288,19 @@ def _describe_placement(row: VerdictRow) -> str:
         return ""
     ratio = placement.effect
     ends = [end for end in (ratio.low, ratio.high) if end is not None]
-    interval = f" (interval {_signed(ends[0])} to {_signed(ends[1])} %)" if len(ends) == 2 else ""
+    interval = (
+        f" (interval {percent_change(ends[0])} to {percent_change(ends[1])} %)"
+        if len(ends) == 2
+        else ""
+    )
     unsure = "" if interval else " (too few launches for an interval)"
-    return f"; the placement of these builds adds {_signed(ratio.estimate)} %{interval}{unsure}"
+    return (
+        f"; the placement of these builds adds {percent_change(ratio.estimate)} %{interval}{unsure}"
+    )
 
 
 def _times(factor: float) -> str:
     return tables.plain(factor, 3)
-
-
-def _change(share: float) -> str:
-    """Return a share in percent, without the percent sign, to two significant digits."""
-    return tables.plain(100 * share, 2)
-
-
-def _signed(ratio: float) -> str:
-    """Return a ratio as a signed change in percent, without the percent sign."""
-    return f"{100 * (ratio - 1):+.2f}"
 
 
 def _settings(target: TargetRow) -> Mapping[str, Any]:
@@ -325,7 +324,7 @@ def _cells(row: VerdictRow) -> list[str]:
         f"{ratio.low:.4f}–{ratio.high:.4f}" if ratio and has_interval else "",
         row.verdict or row.status,
         row.cause or "",
-        "" if effect is None else f"{_signed(effect.estimate)} %",
+        "" if effect is None else f"{percent_change(effect.estimate)} %",
         "" if row.work is None else "changed" if row.changed_work else "same",
         "" if row.drift is None else f"{row.drift:.1g}",
         str(row.launches),

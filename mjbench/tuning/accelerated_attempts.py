@@ -17,13 +17,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjbench import paths
 from mjbench.comparison.accelerated_run import COMPILER_PATIENCE
-from mjbench.errors import InputError, MachineError, describe, failure_of
+from mjbench.errors import MachineError, describe, failure_of
 from mjbench.instrument import timing
 from mjbench.instrument.isolate import Channel
 from mjbench.paired.records import LaunchRow
-from mjbench.paths.accelerated import AcceleratedPath, Compiled, start_fields
+from mjbench.paths.accelerated import AcceleratedPath, Compiled, accelerated_path, start_fields
 from mjbench.paths.warp_buffers import OverflowedError
 from mjbench.simulation import model_options, models, work, workload
 from mjbench.simulation.models import ModelSource
@@ -96,18 +95,6 @@ class LaunchRequest:
     has_errors: bool
     stop_after_s: float
     limit_s: float
-
-
-def accelerated_path(name: str) -> AcceleratedPath:
-    """Return a path that compiles.
-
-    Raises:
-      InputError: it does not compile, or there is none of this name.
-    """
-    path = paths.find(name)
-    if not isinstance(path, AcceleratedPath):
-        raise InputError(f"path {name} does not compile")
-    return path
 
 
 def run_baseline(request: EngineBaselineRequest, channel: Channel) -> None:

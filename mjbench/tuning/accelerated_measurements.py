@@ -4,17 +4,17 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from mjbench.comparison.accelerated_run import MEMORY_SHARE
+from mjbench.comparison.accelerated_run import CHILD_MEMORY_SHARE
 from mjbench.errors import UnavailableError
 from mjbench.instrument import isolate, machine
 from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paths.accelerated import accelerated_path
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 from mjbench.tuning.accelerated_attempts import (
     EngineBaselineRequest,
     LaunchRequest,
     Unsuited,
-    accelerated_path,
 )
 from mjbench.tuning.records import Attempt, BatchFacts, Program
 from mjbench.tuning.reference import TrialPlan
@@ -116,5 +116,5 @@ class EngineOnThisMachine:
             receive,
             self._limit_s,
             environment=accelerated_path(self._engine).environment(),
-            memory_bytes=int(MEMORY_SHARE * machine.available_memory_bytes()),
+            memory_bytes=int(CHILD_MEMORY_SHARE * machine.available_memory_bytes()),
         )

@@ -7,12 +7,12 @@
    the search has not seen. What that does not confirm is withdrawn.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from mjbench.instrument import stats
 from mjbench.instrument.ratio import Ratio
 from mjbench.paired.records import LaunchRow
 from mjbench.tuning.accelerated_measurements import EngineOnThisMachine, Settings
@@ -188,14 +188,7 @@ def mean_ratio(logs: Sequence[float]) -> Ratio:
     Args:
       logs: logarithm of the ratio in each process.
     """
-    from scipy import stats as distributions  # late: it takes a second
-
-    mean, count = float(np.mean(logs)), len(logs)
-    if count < 2:
-        return Ratio(math.exp(mean), None, None)
-    error = float(np.std(logs, ddof=1)) / math.sqrt(count)
-    half_width = float(distributions.t.ppf((1 + CONFIDENCE) / 2, count - 1)) * error
-    return Ratio(math.exp(mean), math.exp(mean - half_width), math.exp(mean + half_width))
+    return Ratio.of_log(float(np.mean(logs)), stats.mean_half_width(logs, CONFIDENCE))
 
 
 def _helpful(attempts: Sequence[Attempt], limit: float) -> list[Attempt]:

@@ -183,9 +183,9 @@ class CSearch(Search[OnThisMachine]):
     def _measure_present(self) -> None:
         plan = self._plan
         self._advance(0, "what there is to try", 0.0)
-        seen = self._measure.survey(plan.seed)
-        self._set(meshes=seen.meshes, stages=seen.stages)
-        self._settings = [each for each in seen.settings if each.knob not in plan.skip]
+        survey = self._measure.survey(plan.seed)
+        self._set(meshes=survey.meshes, stages=survey.stages)
+        self._settings = [each for each in survey.settings if each.knob not in plan.skip]
         self._begin_s = self._clock()  # the budget is of the search
         self._advance(0, "the present settings, and a reference", 0.0)
         self._set(present=self._measure.baseline(plan.trials(0)))

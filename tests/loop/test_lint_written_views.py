@@ -47,6 +47,8 @@ def messages(
         "obs[:] = (obs - mean) / deviation",
         "obs.sort()",
         "np.copyto(obs, 0)",
+        "np.put_along_axis(obs, indices, 0, axis=0)",
+        "operator.setitem(obs, 0, 1)",
         "rng.shuffle(obs)",
     ],
 )

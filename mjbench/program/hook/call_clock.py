@@ -37,7 +37,7 @@ MEMORY = struct.Struct("<2q")
 MAX_STACK = 60
 # The function of this module begins a process; what is below it on a stack belongs to its parent.
 _PROCESS_MODULE, _PROCESS_FUNCTION = "multiprocessing/process.py", "_bootstrap"
-# What is called, as `calls.CALLEES` explains it.
+# Names of what is called or seen, other than functions of the engine.
 SHARED_DATA, HALVES = "one MjData on two threads", "halves of a Runge-Kutta step"
 WARNING = "warning"
 TRACE, COMPILE, DISPATCH = "jax trace", "jax compile", "jax dispatch"

@@ -109,8 +109,8 @@ class JaxFunctions:
         # with the names of its first arguments: most calls have no others
         def call(a: Any = _NONE, /, dtype: Any = None, *args: Any, **kwargs: Any) -> Any:
             if type(a) is array_type:
-                given = (a, dtype, *args)
-                return self.count(function, given, kwargs, DEVICE_WAIT, sys._getframe(1))
+                arguments = (a, dtype, *args)
+                return self.count(function, arguments, kwargs, DEVICE_WAIT, sys._getframe(1))
             if a is _NONE:
                 return function(dtype=dtype, **kwargs)
             if args or kwargs:

@@ -85,7 +85,7 @@ def _call_after(
             if action is not None:
                 action(module)
         except Exception as error:
-            print(f"mjbench: steps are not timed: {error}", file=sys.stderr)
+            print(f"mjbench: calls of {name} are not timed: {error}", file=sys.stderr)
 
     try:
         loader.exec_module = exec_module  # type: ignore[union-attr, method-assign]
