@@ -22,7 +22,7 @@ class Habit:
     """One habit, as snippets of a loop.
 
     A run of the loop is an episode: it starts from the start state, whatever the habit does.
-    Snippets may use the names of `mjbench.loop.compiled_loop.LoopNames`, and those that `setup`
+    Snippets may use the names of `mjbench.loop.compiled_loop.loop_names`, and those that `setup`
     defines.
 
     Attributes:

@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
-from mjbench.errors import Failure
 from mjbench.instrument import isolate, stats, timing
 from mjbench.instrument.isolate import Channel
 from mjbench.loop import habits
@@ -114,46 +113,21 @@ class OverheadRow:
         values = {field.name: getattr(self, field.name) for field in fields(OverheadTable)}
         return OverheadTable(**values)
 
-    @classmethod
-    def failed(cls, model: str, failure: Failure) -> "OverheadRow":
-        """Return the row of a model whose measurement failed."""
-        return cls(model, failure.status, failure.detail)
-
 
 @dataclass(frozen=True)
-class HabitTime:
-    """From a launch: what a habit added to each step, in ns; the median over its quads."""
-
-    name: str
-    added_ns: float
-
-
-@dataclass(frozen=True)
-class BareTime:
-    """From a launch, last: what the bare loop did.
+class Launch:
+    """From a child: what one launch measured.
 
     Attributes:
-      nstep: steps of a run.
-      step_ns: of a step; the median over quads.
-      starts: where start states came from.
+      nstep: steps of a run of the bare loop.
+      bare_ns: a step of it; the median over quads.
+      added_ns: to each step by a habit, by its name; medians over quads.
     """
 
     nstep: int
-    step_ns: float
-    starts: Starts
-
-
-@dataclass(frozen=True)
-class _Launch:
-    """What one launch measured.
-
-    Attributes:
-      bare: time of the bare loop.
-      added_ns: added to each step by a habit, by its name.
-    """
-
-    bare: BareTime
+    bare_ns: float
     added_ns: Mapping[str, float]
+    starts: Starts
 
 
 def measure(
@@ -165,18 +139,18 @@ def measure(
     """Return what every habit costs on a model.
 
     Args:
-      source: of the model.
       limit_s: a launch is killed after this long without a message.
       launches: processes that measure, one after the other.
-      starts: where start states are to come from.
 
     Raises:
       InputError: the model cannot be loaded, or the file does not fit it.
       MachineError: a launch crashed or hung.
     """
-    requests = [LoopRequest(source, starts, seed) for seed in range(launches)]
-    measured = [_launch_in_child(request, limit_s) for request in requests]
-    bare_ns = statistics.median(launch.bare.step_ns for launch in measured)
+    measured: list[Launch] = []
+    for seed in range(launches):
+        request = LoopRequest(source, starts, seed)
+        isolate.run("mjbench.loop.overhead:launch", request, measured.append, limit_s).check()
+    bare_ns = statistics.median(launch.bare_ns for launch in measured)
     added_ns = {
         name: [launch.added_ns[name] for launch in measured] for name in measured[0].added_ns
     }
@@ -191,18 +165,10 @@ def measure(
         bare_ns=bare_ns,
         engine_ns=bare_ns + mean_ns[ONE_CALL.name],
         binding_ns=mean_ns[ZERO_STEPS.name],
-        nstep=int(statistics.median(launch.bare.nstep for launch in measured)),
+        nstep=int(statistics.median(launch.nstep for launch in measured)),
         costs=sorted(costs, key=lambda cost: -cost.ns),
-        starts=measured[0].bare.starts,
+        starts=measured[0].starts,
     )
-
-
-def _launch_in_child(request: LoopRequest, limit_s: float) -> _Launch:
-    messages: list[HabitTime | BareTime] = []
-    isolate.run("mjbench.loop.overhead:launch", request, messages.append, limit_s).check()
-    (bare,) = (message for message in messages if isinstance(message, BareTime))
-    times = (message for message in messages if isinstance(message, HabitTime))
-    return _Launch(bare, {time.name: time.added_ns for time in times})
 
 
 def launch(request: LoopRequest, channel: Channel) -> None:
@@ -218,6 +184,7 @@ def launch(request: LoopRequest, channel: Channel) -> None:
         if habit is not BARE and habit.requires(model, file)
     }
     bare_ns: list[float] = []
+    added_ns: dict[str, float] = {}
     gc.disable()
     for name in random.sample(sorted(runs), len(runs)):
         channel.doing(f"timing {name}")
@@ -226,11 +193,10 @@ def launch(request: LoopRequest, channel: Channel) -> None:
         start.count = len(bare_ns) * _BLOCKS_PER_QUAD  # all blocks of a quad start from one state
         quads = timing.quads(run_bare, runs[name], QUADS)
         bare_ns += [1e9 * quad.baseline_s / nstep for quad in quads]
-        added_ns = statistics.median(
+        added_ns[name] = statistics.median(
             1e9 * (quad.candidate_s - quad.baseline_s) / nstep for quad in quads
         )
-        channel.send(HabitTime(name, added_ns))
-    channel.send(BareTime(nstep, statistics.median(bare_ns), starts.starts))
+    channel.send(Launch(nstep, statistics.median(bare_ns), added_ns, starts.starts))
 
 
 def _cost(

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from mjbench.errors import Failure, InputError
+from mjbench.errors import InputError
 from mjbench.loop import habits, overhead
 from mjbench.simulation import models
 from mjbench.status import Status
@@ -33,5 +33,6 @@ def test_a_model_that_does_not_load_is_bad_input(tmp_path: Path) -> None:
 
 
 def test_the_row_of_a_failure_has_nothing_but_its_reason() -> None:
-    row = overhead.OverheadRow.failed("robot.xml", Failure(Status.INPUT, "no such file"))
+    row = overhead.OverheadRow("robot.xml", Status.INPUT, "no such file")
+    assert row.table() is None
     assert (row.status, row.detail, row.bare_ns, row.costs) == ("input", "no such file", None, None)
