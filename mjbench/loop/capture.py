@@ -4,10 +4,11 @@ While the block runs, calls of `mujoco.mj_step` and `mujoco.mj_step2` pass throu
 of Gymnasium and dm_control. The program itself does not change: it takes the same steps, to the
 last bit, raises the same exceptions and draws the same random numbers. At most `max_states` states
 are stored, in windows of `nstep` consecutive steps that are spread evenly over the run (see
-`window_sample`), each with the controls that led to it. docs/formats.md describes the file.
+`WindowSample`), each with the controls that led to it. docs/formats.md describes the file.
 """
 
 import contextlib
+import copy
 import os
 import sys
 import warnings
@@ -162,14 +163,9 @@ class Capture(contextlib.ContextDecorator):
 
     def _recreate_cm(self) -> "Capture":
         """Return a new one, for each call of a decorated function."""
-        return Capture(
-            self._file,
-            model=self._model,
-            data=self._data,
-            max_states=self._max_states,
-            nstep=self._nstep,
-            save_model=self._model_file,
-        )
+        new = copy.copy(self)
+        new._block = None
+        return new
 
     def __enter__(self) -> "Capture":
         """Begin to capture.
@@ -184,10 +180,7 @@ class Capture(contextlib.ContextDecorator):
         model_file = None if self._model_file is None else _writable(self._model_file)
         self._block = _Block(_writable(self._file), model_file)
         self.result = None
-        recorder = StepRecorder(
-            self._max_states, self._nstep, self._model, self._data, self._block.save_model_beside
-        )
-        self._block.begin(recorder)
+        self._block.begin(self._max_states, self._nstep, self._model, self._data)
         return self
 
     def __exit__(
@@ -219,18 +212,23 @@ class _Block:
 
     def __init__(self, file: Path, model_file: Path | None):
         self._file, self._model_file = file, model_file
-        self._recorder: StepRecorder
         self._pid = os.getpid()
         self._saved: dict[RecordedModel, Path] = {}
         self._failure: MachineError | None = None
         self._replaced = contextlib.ExitStack()
 
-    def begin(self, recorder: StepRecorder) -> None:
+    def begin(
+        self,
+        max_states: int,
+        nstep: int,
+        model: mujoco.MjModel | None,
+        data: mujoco.MjData | None,
+    ) -> None:
         """Have MuJoCo's stepping functions pass through a recorder."""
-        self._recorder = recorder
-        self._replaced.enter_context(engine_functions.replaced(recorder.wrappers()))
+        self._recorder = StepRecorder(max_states, nstep, model, data, self._save_model_beside)
+        self._replaced.enter_context(engine_functions.replaced(self._recorder.wrappers()))
 
-    def save_model_beside(self, recorded: RecordedModel, model: mujoco.MjModel) -> None:
+    def _save_model_beside(self, recorded: RecordedModel, model: mujoco.MjModel) -> None:
         """Save a model beside its file, if that was asked for; `end` keeps the one of the states.
 
         A disk that is full is reported when the block ends, not to the program.
@@ -264,14 +262,12 @@ class _Block:
     def _written(self) -> Captured:
         models, others = self._recorder.models(), self._recorder.other_nstep()
         unseen = tuple(_modules_with_own_functions())
-        if not models:
-            return Captured(None, others=_others(others, []), unseen=unseen)
-        recorded, *rest = models
-        windows = recorded.windows()
-        header = _header(recorded, windows)
+        windows = models[0].windows() if models else []
         segments = [segment for window in windows for segment in window.steps.segments()]
-        if not segments:  # every step diverged, or raised
+        if not segments:  # no step was seen, or each diverged or raised
             return Captured(None, others=_others(others, models), unseen=unseen)
+        recorded, *rest = models
+        header = _header(recorded, windows)
         with (
             writing(self._file),
             files.replacing(self._file) as partial,
