@@ -5,7 +5,7 @@ import re
 
 from mjbench.loop.name_bindings import NameBindings
 from mjbench.loop.python_source import Program
-from mjbench.loop.script_names import dotted_name, nodes_inside
+from mjbench.loop.script_syntax import dotted_name, nodes_inside
 from mjbench.loop.stepping_script import SteppingScript
 
 Loop = ast.For | ast.While

@@ -14,7 +14,7 @@ import ast
 
 from mjbench.loop.certain_names import DATA, CertainNames, Loop
 from mjbench.loop.python_source import Program
-from mjbench.loop.script_names import dotted_name, last_name
+from mjbench.loop.script_syntax import dotted_name, last_name
 from mjbench.loop.stepping_script import SteppingScript
 from mjbench.loop.stored_views import stored_views
 

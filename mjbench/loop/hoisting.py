@@ -21,10 +21,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from mjbench.loop.certain_names import DATA, MODEL, CertainNames, Loop
-from mjbench.loop.lint_repeats import COMPREHENSIONS
 from mjbench.loop.lint_rules import NAMED_ACCESS
 from mjbench.loop.python_source import Program
-from mjbench.loop.script_names import dotted_name, last_name
+from mjbench.loop.script_syntax import COMPREHENSIONS, dotted_name, last_name
 from mjbench.loop.stepping_script import SteppingScript
 
 _NAME_TO_ID, _ELEMENT_TYPES = "mujoco.mj_name2id", "mujoco.mjtObj."

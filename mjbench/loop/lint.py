@@ -12,8 +12,8 @@ from functools import cache
 from pathlib import Path
 
 from mjbench.errors import InputError
-from mjbench.loop.lint_match import Match
-from mjbench.loop.lint_rules import RULES, Rule
+from mjbench.loop.lint_rule import Match, Rule
+from mjbench.loop.lint_rules import RULES
 from mjbench.loop.lint_settings import ALL_CODES, ALL_RULES, RuleChoice
 from mjbench.loop.python_source import Program, read_program
 from mjbench.loop.script_files import UncheckedFile, each_checked

@@ -1,19 +1,18 @@
-"""Which names of a script stand for an MjData, an MjModel, an environment, a list or a dict."""
+"""Parts of the syntax of a script: names, calls, assignments, and what stands inside a node."""
 
 import ast
 import re
 from collections.abc import Iterator
+from typing import TypeGuard
 
-_STEPS = {"mj_step", "mj_step1", "mj_step2"}
-# What creates an environment.
-_CREATES_ENVIRONMENT = re.compile(r"(make|make_vec|make_env|load|\w*(Env|VectorEnv|Environment))$")
-_ENVIRONMENT_PACKAGES = {"gym", "gymnasium", "suite", "metaworld", "robosuite"}
-_LOADS_MODEL = re.compile(r"from_(binary_path|xml_path|xml_string)$")
+FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef
+COMPREHENSIONS = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
 # Functions of Python's module `copy`.
 COPIES = {"copy", "deepcopy"}
-FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef
 # Inputs of a step, which programs write.
 _INPUTS = re.compile(r"(ctrl|qfrc_applied|xfrc_applied|mocap_\w+|userdata|act|eq_active)$")
+# Attributes of an array that are the array itself.
+WHOLE = {"T", "flat"}
 
 
 def last_name(function: ast.AST) -> str:
@@ -30,50 +29,45 @@ def dotted_name(node: ast.AST) -> str:
     return ".".join([node.id, *attributes]) if isinstance(node, ast.Name) else ""
 
 
-def is_step(node: ast.AST) -> bool:
+def is_call(node: ast.AST | None, *names: str) -> TypeGuard[ast.Call]:
+    """Return whether a node calls something whose dotted name ends in one of some names."""
+    return isinstance(node, ast.Call) and last_name(node.func) in names
+
+
+def is_step(node: ast.AST) -> TypeGuard[ast.Call]:
     """Return whether a node calls `mj_step`, or a part of it."""
-    return isinstance(node, ast.Call) and last_name(node.func) in _STEPS
+    return is_call(node, "mj_step", "mj_step1", "mj_step2")
 
 
-def data_names(tree: ast.Module) -> set[str]:
-    """Return the dotted names that are an MjData, by assignment or as argument of `mj_step`."""
-    names = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call):
-            if last_name(node.value.func) == "MjData":
-                names |= {dotted_name(target) for target in node.targets}
-        elif isinstance(node, ast.Call) and is_step(node) and len(node.args) > 1:
-            names.add(dotted_name(node.args[1]))
-    return names - {""}
+def names(node: ast.AST) -> Iterator[ast.Name]:
+    """Yield the names that stand in a node, or that it is."""
+    return (n for n in ast.walk(node) if isinstance(n, ast.Name))
 
 
-def model_names(tree: ast.Module) -> set[str]:
-    """Return the dotted names that are an MjModel, by assignment or as argument of `mj_step`."""
-    names = {
-        dotted_name(target)
-        for target, value in assignments(tree)
-        if isinstance(value, ast.Call) and _LOADS_MODEL.match(last_name(value.func))
-    }
-    calls = (node for node in ast.walk(tree) if isinstance(node, ast.Call) and is_step(node))
-    names |= {dotted_name(call.args[0]) for call in calls if call.args}
-    return names - {""}
+def names_in(node: ast.AST) -> set[str]:
+    """Return how the names in a node are spelled."""
+    return {name.id for name in names(node)}
 
 
-def environment_names(tree: ast.Module) -> set[str]:
-    """Return the dotted names that an environment was assigned to."""
-    names = set()
-    for target, value in assignments(tree):
-        if not isinstance(value, ast.Call):
-            continue
-        package, _, function = dotted_name(value.func).rpartition(".")
-        is_of_package = bool(_ENVIRONMENT_PACKAGES.intersection(package.split(".")))
-        is_class = function[:1].isupper()
-        if _CREATES_ENVIRONMENT.match(function) and (is_class or is_of_package):
-            names.add(dotted_name(target))
-    return names - {""}
+def bound_in(node: ast.AST) -> set[str]:
+    """Return the names to which a node assigns, or that it deletes."""
+    return {name.id for name in names(node) if not isinstance(name.ctx, ast.Load)}
 
 
-def assignments(tree: ast.Module) -> Iterator[tuple[ast.AST, ast.AST]]:
+def peeled(node: ast.AST) -> ast.AST:
+    """Return what is indexed, or whose methods are called, in an expression: `a` of `a[0][:].T`."""
+    while True:
+        if isinstance(node, ast.Subscript | ast.Starred):
+            node = node.value
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            node = node.func.value
+        elif isinstance(node, ast.Attribute) and (not dotted_name(node) or node.attr in WHOLE):
+            node = node.value
+        else:
+            return node
+
+
+def assignments(tree: ast.AST) -> Iterator[tuple[ast.AST, ast.AST]]:
     """Yield the target and the value of every assignment, those of tuples one by one."""
     for node in ast.walk(tree):
         if isinstance(node, ast.AnnAssign) and node.value is not None:
@@ -100,6 +94,21 @@ def nodes_inside(node: ast.AST) -> list[ast.expr | ast.stmt]:
     return inside
 
 
+def elements(value: ast.expr) -> Iterator[ast.expr]:
+    """Yield the values in a tuple, a list or a dict that an expression creates, or itself."""
+    if isinstance(value, ast.Tuple | ast.List):
+        parts = value.elts
+    elif isinstance(value, ast.Dict):
+        parts = value.values
+    elif is_call(value, "dict"):
+        parts = [keyword.value for keyword in value.keywords]
+    else:
+        yield value
+        return
+    for part in parts:
+        yield from elements(part)
+
+
 def is_input(view: ast.expr) -> bool:
     """Return whether a view is one of an input of a step, which programs write."""
     attributes = (n.attr for n in ast.walk(view) if isinstance(n, ast.Attribute))
@@ -112,5 +121,5 @@ def creates_container(node: ast.AST | None) -> bool:
         node = node.left
     if isinstance(node, ast.Call):
         is_latest = any(ast.unparse(keyword) == "maxlen=1" for keyword in node.keywords)
-        return last_name(node.func) in ("list", "dict", "defaultdict", "deque") and not is_latest
+        return is_call(node, "list", "dict", "defaultdict", "deque") and not is_latest
     return isinstance(node, ast.List | ast.Dict | ast.ListComp | ast.DictComp)
