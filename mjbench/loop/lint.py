@@ -145,9 +145,7 @@ def _caller(program: Program, match: Match) -> str:
     """Return which loop runs a match in every iteration; nothing where it stands in the loop."""
     if match.loop is None:
         return ""
-    line = program.line_of(match.loop)
-    cell = f"cell {line.cell}, " if line.cell else ""
-    return f"; the loop in {cell}line {line.number} calls this in every iteration"
+    return f"; the loop in {program.line_of(match.loop).place} calls this in every iteration"
 
 
 def _is_suppressed(line: str, code: str) -> bool:

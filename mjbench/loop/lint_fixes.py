@@ -27,12 +27,7 @@ from mjbench.loop.stepping_script import SteppingScript
 
 @dataclass(frozen=True)
 class Unfixed:
-    """A finding whose remedy is not certain to be safe there.
-
-    Attributes:
-      finding: the finding; its line is one of the changed file.
-      reason: why it is left as it is, in one sentence without its full stop.
-    """
+    """A finding, in the changed file, whose remedy is not certain to be safe there, and why."""
 
     finding: lint.Finding
     reason: str
@@ -43,7 +38,6 @@ class FixedFile:
     """A file, and what can be changed in it.
 
     Attributes:
-      file: its name.
       before: as it is stored.
       after: as it is with all changes; `before` itself where there are none.
       fixed: number of findings that the changes remove.
@@ -92,21 +86,12 @@ class _Plan:
 def fix_all(
     files: Iterable[str | UncheckedFile], choice: RuleChoice = ALL_RULES
 ) -> Iterator[FixedFile | UncheckedFile]:
-    """Yield what can be changed in each file; in place of one that cannot be checked, why.
-
-    Args:
-      files: their names, and those that cannot be checked.
-      choice: of rules.
-    """
+    """Yield what can be changed in each file; in place of one that cannot be checked, why."""
     return each_checked(files, lambda file: [fix(file, choice.codes_for(file))])
 
 
 def fix(file: str, codes: Collection[str] = ALL_CODES) -> FixedFile:
     """Return what can be changed in a Python file or a notebook; nothing is written.
-
-    Args:
-      file: its name.
-      codes: of the rules to check.
 
     Raises:
       InputError: it cannot be read, is neither, or is too large or too deeply nested.
@@ -142,15 +127,15 @@ def _result(
         line = after.line_of(refusal.node)
         column = line.column(refusal.node.col_offset)
         reasons[refusal.code, line.cell, line.number, column] = refusal.reason
-    places = [(f, (f.code, f.cell, f.line, f.col)) for f in findings]
-    unfixed = [Unfixed(f, reasons[place]) for f, place in places if place in reasons]
+    with_reasons = [(f, reasons.get((f.code, f.cell, f.line, f.col))) for f in findings]
+    unfixed = [Unfixed(finding, reason) for finding, reason in with_reasons if reason]
     return FixedFile(file, before, after, plan.changes.count, findings, unfixed)
 
 
 def _plan(program: Program, codes: Collection[str]) -> _Plan:
     script = SteppingScript(program.tree)
     names = CertainNames(program, script)
-    copying = Copying(program, script, names)
+    copying = Copying(names)
     copied: list[ast.expr] = []
     calls: list[ast.Call] = []
     refusals = []
@@ -164,5 +149,5 @@ def _plan(program: Program, codes: Collection[str]) -> _Plan:
         elif rule.code == NAMED_ACCESS:
             assert isinstance(match.node, ast.Call)
             calls.append(match.node)
-    hoisting = Hoisting(program, script, names).plan(calls)
-    return _Plan(Changes(copied, hoisting.hoists), [*refusals, *hoisting.refusals])
+    hoists, not_hoisted = Hoisting(names).plan(calls)
+    return _Plan(Changes(copied, hoists), [*refusals, *not_hoisted])

@@ -103,8 +103,9 @@ def iterations(
                 return
             yield Iteration(parent, node, functions)
         elif isinstance(parent, FUNCTIONS):
-            is_new = isinstance(parent, ast.FunctionDef) and parent not in functions
-            if is_new and not _may_run_once(script, node, parent):
+            if not isinstance(parent, ast.FunctionDef) or parent in functions:
+                return
+            if not _may_run_once(script, node, parent):
                 for call in script.functions.calls_of(parent):
                     yield from iterations(script, call, (parent, *functions))
             return

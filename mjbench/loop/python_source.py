@@ -39,6 +39,11 @@ class SourceLine:
     number: int
     cell: int | None
 
+    @property
+    def place(self) -> str:
+        """How people name it: `line 3`, or `cell 2, line 3`."""
+        return f"cell {self.cell}, line {self.number}" if self.cell else f"line {self.number}"
+
     def column(self, utf8_offset: int) -> int:
         """Return the column, from 1, of an offset in bytes of UTF-8."""
         return len(self.text.encode()[:utf8_offset].decode(errors="ignore")) + 1
