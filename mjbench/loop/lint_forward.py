@@ -79,7 +79,7 @@ def forward_after_step(script: SteppingScript) -> Iterator[Match]:
         if isinstance(data, ast.Name) and any(map(script.steps_inside, loops)):
             instead = _enough(uses_of(script, data))
             if instead is not None:
-                yield Match(call, "", _message(name, call, instead), name, instead)
+                yield Match(call, None, _message(name, call, instead), name, instead)
 
 
 def _follows_step(script: SteppingScript, call: ast.Call) -> bool:

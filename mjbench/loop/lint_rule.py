@@ -14,7 +14,7 @@ class Match:
 
     Attributes:
       node: where the finding points.
-      habit: that costs about as much in each step; empty where the rule is not about time.
+      ns_per_step: about what it costs; None where that is not measured.
       message: what is wrong here, and what to write instead; empty for the rule's.
       callee: what is called, such as "mj_forward"; empty where the rule is not about a call.
       instead: functions of the engine, called with the model and the MjData, that do enough in its
@@ -24,7 +24,7 @@ class Match:
     """
 
     node: ast.expr | ast.stmt
-    habit: str = ""
+    ns_per_step: float | None = None
     message: str = ""
     callee: str = ""
     instead: tuple[str, ...] = ()
