@@ -37,8 +37,6 @@ def overhead(names: tuple[str, ...], code: bool, **options: Any) -> None:
         common,
         OverheadRow,
         OverheadDocument,
-        lambda source, starts: [
-            OverheadRow.measured(measure(source, common.time_limit, starts=starts))
-        ],
-        lambda out, rows: print_table(out, rows[0].table(), code),
+        lambda source, starts: [measure(source, common.time_limit, starts=starts)],
+        lambda out, rows: print_table(out, rows[0], code),
     )

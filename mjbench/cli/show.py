@@ -160,8 +160,9 @@ def _loops(run: RunContext, stored: "Run", code: bool) -> object | None:
 
     machine = stored.header.machine
     if costs := stored.of_type(OverheadRow):
-        for table in filter(None, (row.table() for row in costs)):
-            overhead.print_table(run.out, table, code)
+        for row in costs:
+            if row.is_measured:
+                overhead.print_table(run.out, row, code)
         return documents.OverheadDocument(machine=machine, results=costs)
     if profiles := stored.of_type(ProfileRow):
         for profile in filter(None, (row.profile() for row in profiles)):

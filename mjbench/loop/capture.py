@@ -33,12 +33,7 @@ MAX_STATES, WINDOW_NSTEP = 10_000, 100
 
 @dataclass(frozen=True)
 class OtherModel:
-    """A model that the program stepped, too, and whose states are not in the file.
-
-    Attributes:
-      name: of the model; empty where it has none.
-      steps: that it took.
-    """
+    """A model that the program stepped, too, and whose states are not in the file."""
 
     name: str
     steps: int
@@ -246,9 +241,6 @@ class _Block:
         """Put MuJoCo's functions back, and write the files; return what is in them.
 
         A forked child that leaves the block writes nothing, and returns None.
-
-        Raises:
-          MachineError: a file cannot be written.
         """
         self._replaced.close()
         if os.getpid() != self._pid:
@@ -330,25 +322,17 @@ def _modules_with_own_functions() -> list[str]:
 
 
 def _save_model(model: mujoco.MjModel, partial: Path, file: Path) -> None:
-    """Save a compiled model to `partial`, which is to become `file`.
-
-    Raises:
-      MachineError: it cannot be saved; MuJoCo does not report a disk that is full.
-    """
+    """Save a compiled model to `partial`, which is to become `file`."""
     try:
         mujoco.mj_saveModel(model, str(partial), None)
     except Exception as error:  # MuJoCo raises ValueError, FatalError, and others by release
         raise MachineError(f"cannot write {file}: {one_line(error)}") from error
-    if partial.stat().st_size < mujoco.mj_sizeModel(model):
+    if partial.stat().st_size < mujoco.mj_sizeModel(model):  # MuJoCo does not report this
         raise MachineError(f"cannot write {file}: is the disk full?")
 
 
 def _with_ending(file: str | os.PathLike[str], ending: str, what: str) -> Path:
-    """Return a path.
-
-    Raises:
-      InputError: it has another ending.
-    """
+    """Return a path; refuse one with another ending."""
     path = Path(file)
     if path.suffix != ending:
         raise InputError(f"{shown(str(path))}: {what} ends in {ending}")
@@ -356,11 +340,7 @@ def _with_ending(file: str | os.PathLike[str], ending: str, what: str) -> Path:
 
 
 def _writable(file: Path) -> Path:
-    """Return the absolute path of a file, which can be written.
-
-    Raises:
-      MachineError: it cannot.
-    """
+    """Return the absolute path of a file; refuse one that cannot be written."""
     file = Path(os.path.realpath(file))
     with writing(file):
         if file.exists():

@@ -9,7 +9,7 @@ import gc
 import random
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import ClassVar
 
 from mjbench.instrument import isolate, stats, timing
@@ -56,38 +56,19 @@ class HabitCost:
 
 
 @dataclass(frozen=True)
-class OverheadTable:
-    """What the habits cost for one model.
+class OverheadRow:
+    """What the habits cost for one model; figures are None where the measurement failed.
 
     Attributes:
       model: its name.
+      status: `ok`, `input` or `failed`.
+      detail: why it failed, in one line; empty when ok.
       bare_ns: a step of the bare loop; median over launches.
       engine_ns: a step in one call for many steps.
       binding_ns: a call that steps nothing, made after a step.
       nstep: steps of a run of the loop, which is an episode; median over launches.
       costs: of the habits, the most expensive first.
       starts: where start states came from; None in older files, for keyframe 0.
-    """
-
-    model: str
-    bare_ns: float
-    engine_ns: float
-    binding_ns: float
-    nstep: int
-    costs: Sequence[HabitCost]
-    starts: Starts | None = None
-
-
-@dataclass(frozen=True)
-class OverheadRow:
-    """What the run file and `mjbench overhead --json` hold for one model.
-
-    The other attributes are those of `OverheadTable`, and None where the measurement failed.
-
-    Attributes:
-      model: its name.
-      status: `ok`, `input` or `failed`.
-      detail: why it failed, in one line; empty when ok.
     """
 
     record_type: ClassVar[str] = "overhead"
@@ -101,17 +82,10 @@ class OverheadRow:
     costs: Sequence[HabitCost] | None = None
     starts: Starts | None = None
 
-    @classmethod
-    def measured(cls, table: OverheadTable) -> "OverheadRow":
-        """Return the row of a model whose habits were measured."""
-        return cls(**vars(table))
-
-    def table(self) -> OverheadTable | None:
-        """Return what was measured; None where that failed."""
-        if None in (self.bare_ns, self.engine_ns, self.binding_ns, self.nstep, self.costs):
-            return None
-        values = {field.name: getattr(self, field.name) for field in fields(OverheadTable)}
-        return OverheadTable(**values)
+    @property
+    def is_measured(self) -> bool:
+        """Whether all figures are there."""
+        return None not in (self.bare_ns, self.engine_ns, self.binding_ns, self.nstep, self.costs)
 
 
 @dataclass(frozen=True)
@@ -135,7 +109,7 @@ def measure(
     limit_s: float = 60.0,
     launches: int = LAUNCHES,
     starts: StartPlan = DEFAULT_STARTS,
-) -> OverheadTable:
+) -> OverheadRow:
     """Return what every habit costs on a model.
 
     Args:
@@ -160,7 +134,7 @@ def measure(
         for name, values in added_ns.items()
         if name != ZERO_STEPS.name
     ]
-    return OverheadTable(
+    return OverheadRow(
         model=source.name,
         bare_ns=bare_ns,
         engine_ns=bare_ns + mean_ns[ONE_CALL.name],

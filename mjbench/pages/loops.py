@@ -8,7 +8,7 @@ import numpy as np
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.planning_run import PlanningRow
 from mjbench.loop.latency import LatencyRow, Pace, histogram_quantiles
-from mjbench.loop.overhead import OverheadRow, OverheadTable
+from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.profile import ProfileRow, StepProfile
 from mjbench.pages import charts
 from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
@@ -27,11 +27,10 @@ _PACES = {Pace.FREE.value: vega.BLUE, Pace.PACED.value: vega.ORANGE}
 def overhead_sections(rows: Sequence[OverheadRow], command: str) -> Iterator[Section]:
     """Yield a section for each model whose loop was measured, or was to be."""
     for row in rows:
-        table = row.table()
-        if table is None:
-            yield _failure(row.model, row.status, row.detail, command)
+        if row.is_measured:
+            yield _overhead_section(row, command)
         else:
-            yield _overhead_section(table, command)
+            yield _failure(row.model, row.status, row.detail, command)
 
 
 def profile_sections(rows: Sequence[ProfileRow], command: str) -> Iterator[Section]:
@@ -49,8 +48,9 @@ def _failure(model: str, status: Status, detail: str, command: str) -> Section:
     return Section(model, command, [Conclusion(f"{model}: {status}: {detail}", Tone.BAD)])
 
 
-def _overhead_section(table: OverheadTable, command: str) -> Section:
+def _overhead_section(table: OverheadRow, command: str) -> Section:
     """Return what a bare loop and the habits beside it cost for one model."""
+    assert table.bare_ns is not None and table.engine_ns is not None and table.costs is not None
     python_ns = table.bare_ns - table.engine_ns
     conclusions = [
         Conclusion(
@@ -90,8 +90,9 @@ def _overhead_section(table: OverheadTable, command: str) -> Section:
     )
 
 
-def _waterfall(table: OverheadTable) -> Figure:
+def _waterfall(table: OverheadRow) -> Figure:
     """Return a step, part by part: the engine, the loop, and then each habit on top of it."""
+    assert table.bare_ns is not None and table.engine_ns is not None and table.costs is not None
     columns = (Column("part"), Column("from", 4), Column("to", 4), Column("kind"))
     loop = table.bare_ns
     rows: list[tuple[str, float, float, str]] = [

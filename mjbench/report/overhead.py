@@ -4,12 +4,12 @@ from rich.console import Console
 
 from mjbench.loop import habits
 from mjbench.loop.compiled_loop import script
-from mjbench.loop.overhead import OverheadTable
+from mjbench.loop.overhead import OverheadRow
 from mjbench.report import tables
 from mjbench.report.starts import starts_lines
 
 
-def print_table(out: Console, overhead: OverheadTable, code: bool) -> None:
+def print_table(out: Console, overhead: OverheadRow, code: bool) -> None:
     """Print what every habit adds to a step, the most expensive first; its loop, too, on `code`."""
     out.print(
         tables.headed(
@@ -24,7 +24,7 @@ def print_table(out: Console, overhead: OverheadTable, code: bool) -> None:
         out.print(line, soft_wrap=True)
     headings = ["in the loop", "adds ns/step", "95 %", "of a step", "cheaper", "saves ns"]
     table = tables.plain_table(headings, right=(1, 2, 3, 5))
-    for cost in overhead.costs:
+    for cost in overhead.costs or ():
         table.add_row(
             cost.source,
             f"{cost.ns:,.0f}",
@@ -38,10 +38,10 @@ def print_table(out: Console, overhead: OverheadTable, code: bool) -> None:
         _print_code(out, overhead)
 
 
-def _print_code(out: Console, overhead: OverheadTable) -> None:
+def _print_code(out: Console, overhead: OverheadRow) -> None:
     """Print the loop of each habit, and that of its cheaper form."""
     known = {habit.name: habit for habit in habits.HABITS}
-    for cost in overhead.costs:
+    for cost in overhead.costs or ():
         out.print(tables.headed(f"\n{cost.source}", f"\n{cost.code}"), soft_wrap=True)
         if cost.cheaper in known:  # a later version may know others
             cheaper = script(known[cost.cheaper])
