@@ -16,9 +16,8 @@ from mjbench.loop.certain_names import DATA, CertainNames
 from mjbench.loop.script_syntax import dotted_name, is_call
 from mjbench.loop.script_syntax import names as names_of
 from mjbench.loop.stepping_script import Loop
-from mjbench.loop.stored_views import stored_views
+from mjbench.loop.stored_views import store_of, stored_views
 
-_APPENDING = {"append", "appendleft"}
 # Functions that return or write copies of all values; those that compute with them; built-in ones.
 _SAVING = {"numpy.save", "numpy.savetxt", "numpy.savez", "numpy.savez_compressed", "pickle.dump"}
 _READING = {
@@ -64,16 +63,11 @@ class Copying:
 
     def _stored_in(self, node: ast.AST | None) -> ast.Name | None:
         """Return the name in which a node stores something; None where it is not just that."""
-        place: ast.AST | None = None
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-            is_statement = isinstance(self._parents[node], ast.Expr)
-            if is_statement and node.func.attr in _APPENDING and len(node.args) == 1:
-                place = node.func.value
-        elif isinstance(node, ast.Assign) and len(node.targets) == 1:
-            (target,) = node.targets
-            if isinstance(target, ast.Subscript) and not isinstance(target.slice, ast.Slice):
-                place = target.value
-        return place if isinstance(place, ast.Name) else None
+        store = store_of(node) if node is not None else None
+        if store is None or not isinstance(store.place, ast.Name):
+            return None
+        is_statement = isinstance(node, ast.stmt) or isinstance(self._parents[node], ast.Expr)
+        return store.place if is_statement and len(store.values) == 1 else None
 
     def _passing(self, view: ast.expr, loop: Loop) -> str:
         """Return why not every iteration of a loop stores a view, or not one in so many."""

@@ -162,14 +162,10 @@ class _Following:
         if name.startswith("mj_") or name in COPIES:
             self._functions.add(name)
             return
-        functions = self._script.functions.called(call)
-        self._is_known = self._is_known and bool(functions)
-        for function in functions:
-            given = self._script.functions.arguments(call, function)
-            parameters = [k for k, v in (given or {}).items() if v is node]
-            self._is_known = self._is_known and bool(parameters)
-            for parameter in parameters:
-                yield function, parameter
+        receiving = list(self._script.functions.receiving(call, node))
+        self._is_known &= bool(receiving) and all(parameters for _, parameters in receiving)
+        for function, parameters in receiving:
+            yield from ((function, parameter) for parameter in parameters)
 
     def _of_part(self, call: ast.Call, accessor: str) -> None:
         """Count what is read of `data.site("tip")` or the like."""

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Set
 from mjbench.loop.lint_data_uses import DataUses, uses_of
 from mjbench.loop.lint_repeats import iterations
 from mjbench.loop.lint_rule import Match, rule
-from mjbench.loop.script_syntax import is_call, last_name, names_in
+from mjbench.loop.script_syntax import block_around, is_call, last_name, names_in
 from mjbench.loop.stepping_script import SteppingScript
 
 _RECOMPUTES = ("mj_forward", "mj_step1", "mj_fwdPosition")
@@ -87,7 +87,8 @@ def _follows_step(script: SteppingScript, call: ast.Call) -> bool:
     statement = script.parents.get(call)
     if not isinstance(statement, ast.Expr) or len(call.args) != 2:
         return False
-    for before in reversed(_statements_before(script, statement)):
+    block = block_around(statement, script.parents.get(statement))
+    for before in reversed(block[: block.index(statement)] if block else []):
         if isinstance(before, ast.For | ast.While) and not before.orelse:
             before = before.body[-1]  # the last of several steps
         if _is_step_of(before, call):
@@ -98,15 +99,6 @@ def _follows_step(script: SteppingScript, call: ast.Call) -> bool:
         ):
             return False
     return False
-
-
-def _statements_before(script: SteppingScript, statement: ast.stmt) -> list[ast.stmt]:
-    parent = script.parents.get(statement)
-    for name in ("body", "orelse", "finalbody"):
-        block = getattr(parent, name, None)
-        if isinstance(block, list) and statement in block:
-            return block[: block.index(statement)]
-    return []
 
 
 def _is_step_of(statement: ast.stmt, call: ast.Call) -> bool:

@@ -236,22 +236,17 @@ def _is_dropped(script: SteppingScript, call: ast.Call) -> bool:
         target = parent.targets[0]
         return isinstance(target, ast.Name) and _drops(uses_of(script, target, False))
     if isinstance(parent, ast.Call) and call in parent.args:
-        given = list(_given(script, parent, call))
+        given = [
+            uses_of_parameter(script, function, parameter)
+            for function, parameters in script.functions.receiving(parent, call)
+            for parameter in parameters
+        ]
         return bool(given) and all(map(_drops, given))
     return False
 
 
 def _drops(uses: DataUses) -> bool:
     return uses.is_known and not uses.is_kept
-
-
-def _given(script: SteppingScript, call: ast.Call, argument: ast.expr) -> Iterator[DataUses]:
-    """Yield what each function that a call may mean does with an argument."""
-    for function in script.functions.called(call):
-        given = script.functions.arguments(call, function) or {}
-        for parameter, value in given.items():
-            if value is argument:
-                yield uses_of_parameter(script, function, parameter)
 
 
 def _is_stored(script: SteppingScript, call: ast.Call) -> bool:

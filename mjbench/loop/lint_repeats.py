@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from mjbench.loop.script_syntax import (
     COMPREHENSIONS,
     FUNCTIONS,
+    block_around,
     bound_in,
     dotted_name,
     is_call,
@@ -21,7 +22,7 @@ from mjbench.loop.script_syntax import (
     nodes_inside,
     peeled,
 )
-from mjbench.loop.stepping_script import SteppingScript, leaves_after
+from mjbench.loop.stepping_script import SteppingScript
 
 Loop = ast.For | ast.While | COMPREHENSIONS
 _CREATE_MODEL = (
@@ -139,11 +140,18 @@ def _may_run_once(
             return True
         if isinstance(parent, ast.BoolOp) and child is not parent.values[0]:
             return True
-        if not isinstance(limit, ast.FunctionDef) and leaves_after(child, parent):
+        if not isinstance(limit, ast.FunctionDef) and _leaves_after(child, parent):
             return True
         child = parent
     leaves = ast.Return if isinstance(limit, ast.FunctionDef) else ast.Continue
     return any(isinstance(n, leaves) and n.lineno < node.lineno for n in nodes_inside(limit))
+
+
+def _leaves_after(child: ast.AST, parent: ast.AST) -> bool:
+    """Return whether a statement that follows a child in its block ends the loop around both."""
+    block = block_around(child, parent)
+    rest = block[block.index(child) + 1 :] if isinstance(child, ast.stmt) and block else []
+    return any(isinstance(node, ast.Return | ast.Break | ast.Raise) for node in rest)
 
 
 def _expects_error(node: ast.With) -> bool:

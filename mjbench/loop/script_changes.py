@@ -14,7 +14,8 @@ from itertools import accumulate
 from typing import Any
 
 from mjbench.loop.hoisting import Hoist
-from mjbench.loop.python_source import Part, Program
+from mjbench.loop.notebook import Part
+from mjbench.loop.python_source import Program
 
 _LINE = re.compile(r".*?(?:\r\n|\r|\n|\Z)", re.DOTALL)
 _LINE_END = re.compile(rb"\r\n|\r|\n")

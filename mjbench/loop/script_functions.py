@@ -8,7 +8,7 @@ A call means a function where its name is bound once, by a `def` without decorat
 
 import ast
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -53,6 +53,14 @@ class ScriptFunctions:
             return None
         by_name = {keyword.arg: keyword.value for keyword in call.keywords if keyword.arg}
         return {**dict(zip(parameters, call.args, strict=False)), **by_name}
+
+    def receiving(
+        self, call: ast.Call, argument: ast.expr
+    ) -> Iterator[tuple[ast.FunctionDef, Sequence[str]]]:
+        """Yield the functions that a call may mean, with the parameters that get an argument."""
+        for function in self.called(call):
+            given = self.arguments(call, function) or {}
+            yield function, [name for name, value in given.items() if value is argument]
 
     @cached_property
     def _calls_of(self) -> Mapping[ast.FunctionDef, list[ast.Call]]:

@@ -94,6 +94,12 @@ def nodes_inside(node: ast.AST) -> list[ast.expr | ast.stmt]:
     return inside
 
 
+def block_around(child: ast.AST, parent: ast.AST | None) -> list[ast.stmt]:
+    """Return the statements of a node among which a child of it stands; none for other children."""
+    blocks = (getattr(parent, name, None) for name in ("body", "orelse", "finalbody"))
+    return next((block for block in blocks if isinstance(block, list) and child in block), [])
+
+
 def elements(value: ast.expr) -> Iterator[ast.expr]:
     """Yield the values in a tuple, a list or a dict that an expression creates, or itself."""
     if isinstance(value, ast.Tuple | ast.List):

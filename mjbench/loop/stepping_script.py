@@ -373,21 +373,10 @@ def _creates_environment(call: ast.Call) -> bool:
     return bool(_CREATES_ENVIRONMENT.match(function)) and (is_class or is_of_package)
 
 
-def leaves_after(child: ast.AST, parent: ast.AST) -> bool:
-    """Return whether a statement that follows a child in its block ends the loop around both."""
-    for block in (getattr(parent, name, None) for name in ("body", "orelse", "finalbody")):
-        if isinstance(block, list) and child in block:
-            rest = block[block.index(child) + 1 :]
-            return any(isinstance(n, ast.Return | ast.Break | ast.Raise) for n in rest)
-    return False
-
-
 def index_gives_view(node: ast.Subscript, is_row: bool) -> bool:
     """Return whether indexing a view of MuJoCo's memory gives a view again, and not a number.
 
-    Args:
-      node: the index.
-      is_row: whether the view has one dimension, as that of a named element has.
+    The view of a named element is a row: it has one dimension.
     """
     index = node.slice
     parts = index.elts if isinstance(index, ast.Tuple) else [index]

@@ -26,6 +26,7 @@ from functools import cached_property, lru_cache
 from mjbench.loop.script_syntax import (
     FUNCTIONS,
     assignments,
+    block_around,
     creates_container,
     dotted_name,
     elements,
@@ -191,9 +192,8 @@ class StoredViews:
                 is_periodic = any(isinstance(n, ast.Mod) for n in parts)
                 if (is_single and not is_periodic) or place in map(dotted_name, parts):
                     return False
-            block = next((b for b in _blocks(node) if child in b), None)
-            last = block[-1] if block and not body.is_method else None
-            if isinstance(last, ast.Break | ast.Return | ast.Raise):
+            last = block_around(child, node)[-1:] if not body.is_method else []
+            if any(isinstance(each, ast.Break | ast.Return | ast.Raise) for each in last):
                 return False
         return True
 
@@ -381,13 +381,6 @@ def _renewed(inner: Sequence[ast.AST]) -> set[str]:
     """Return what nodes bind, without the names of their loops, which repeat their values."""
     loops = (node for node in inner if isinstance(node, ast.For))
     return _bound(inner) - {name.id for loop in loops for name in names(loop.target)}
-
-
-def _blocks(node: ast.AST) -> Iterator[list[ast.stmt]]:
-    """Yield the lists of statements below a node."""
-    for _, value in ast.iter_fields(node):
-        if isinstance(value, list) and value and isinstance(value[0], ast.stmt):
-            yield value
 
 
 def _source_of_iteration(iterable: ast.expr, index: int | None) -> Source | None:
