@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from mjbench.cli.each_model import LoopOptions, measure_each
+from mjbench.cli.each_model import measure_each
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
@@ -65,26 +65,18 @@ def latency(
     from mjbench.simulation.models import ModelSource
     from mjbench.simulation.starts import StartPlan
 
-    common = LoopOptions(**options)
-
-    def rows(source: ModelSource, starts: StartPlan) -> list[LatencyRow]:
-        request = LatencyRequest(source, nstep, rate_hz, hold, seed, starts)
-        samples = measure(request, common.time_limit)
+    def rows(source: ModelSource, starts: StartPlan, limit_s: float) -> list[LatencyRow]:
+        samples = measure(LatencyRequest(source, nstep, rate_hz, hold, seed, starts), limit_s)
         return [row(source.name, of_pace, deadline_s) for of_pace in samples]
 
+    arguments = {"nstep": nstep, "rate_hz": rate_hz, "deadline_s": deadline_s, "hold": hold}
     measure_each(
         "latency",
         names,
-        common,
         LatencyRow,
         LatencyDocument,
         rows,
         print_rows,
-        {
-            "nstep": nstep,
-            "rate_hz": rate_hz,
-            "deadline_s": deadline_s,
-            "hold": hold,
-            "seed": seed,
-        },
+        {**arguments, "seed": seed},
+        **options,
     )

@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from mjbench.cli.each_model import LoopOptions, measure_each
+from mjbench.cli.each_model import measure_each
 from mjbench.cli.group import cli
 from mjbench.cli.shared import JSON, LIMIT, RESULTS, SETTLE, STATES, WAIT, with_options
 
@@ -30,13 +30,12 @@ def overhead(names: tuple[str, ...], code: bool, **options: Any) -> None:
     from mjbench.report.documents import OverheadDocument
     from mjbench.report.overhead import print_table
 
-    common = LoopOptions(**options)
     measure_each(
         "overhead",
         names or ("cartpole",),
-        common,
         OverheadRow,
         OverheadDocument,
-        lambda source, starts: [measure(source, common.time_limit, starts=starts)],
+        lambda source, starts, limit_s: [measure(source, limit_s, starts=starts)],
         lambda out, rows: print_table(out, rows[0], code),
+        **options,
     )

@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from mjbench.cli.each_model import LoopOptions, measure_each
+from mjbench.cli.each_model import measure_each
 from mjbench.cli.group import cli
 from mjbench.cli.shared import JSON, LIMIT, RESULTS, SETTLE, STATES, WAIT, with_options
 
@@ -28,13 +28,12 @@ def profile(names: tuple[str, ...], **options: Any) -> None:
     from mjbench.report.documents import ProfileDocument
     from mjbench.report.profile import print_profile
 
-    common = LoopOptions(**options)
     measure_each(
         "profile",
         names,
-        common,
         ProfileRow,
         ProfileDocument,
-        lambda source, starts: [ProfileRow.measured(measure(source, common.time_limit, starts))],
+        lambda source, starts, limit_s: [ProfileRow.measured(measure(source, limit_s, starts))],
         lambda out, rows: print_profile(out, rows[0].profile()),
+        **options,
     )

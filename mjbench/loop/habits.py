@@ -201,9 +201,5 @@ HABITS = (
 
 
 def find(name: str) -> Habit:
-    """Return the habit called `name`.
-
-    Raises:
-      KeyError: there is none.
-    """
+    """Return the habit called `name`; raise KeyError without one."""
     return {habit.name: habit for habit in HABITS}[name]

@@ -57,13 +57,7 @@ class Pace(enum.StrEnum):
 
 @dataclass(frozen=True)
 class LatencyRequest:
-    """What is measured on a model.
-
-    Attributes:
-      nstep: None chooses it.
-      rate_hz: of paced steps; None for real time.
-      hold: steps for which each control is held.
-    """
+    """What is measured on a model; None chooses the number of steps, and real time as the rate."""
 
     source: ModelSource
     nstep: int | None = None
@@ -156,11 +150,7 @@ class LatencyRow:
     starts: Starts | None = None
 
     def __post_init__(self) -> None:
-        """Check that what was measured is there.
-
-        Raises:
-          ValueError: it is not.
-        """
+        """Raise ValueError unless what was measured is there."""
         check_measured(self, "pace", "nstep", "deadline_s", "missed", "max_ns", "work")
 
 
@@ -352,10 +342,7 @@ _FEATURES = (
 
 
 def _usage_function() -> Callable[[], Any]:
-    """Return a function that returns what the operating system counts of this thread.
-
-    Without Linux, it counts of the whole process.
-    """
+    """Return a function for what the system counts of this thread; of the process without Linux."""
     import resource  # Windows has none, and imports this module
 
     who = getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF)
@@ -363,11 +350,7 @@ def _usage_function() -> Callable[[], Any]:
 
 
 class _Collections:
-    """Counts Python's garbage collections, while it is entered.
-
-    Attributes:
-      count: of those that have ended.
-    """
+    """Counts Python's garbage collections that end while it is entered."""
 
     def __init__(self) -> None:
         self.count = 0

@@ -117,11 +117,9 @@ def _enough(uses: DataUses) -> tuple[str, ...] | None:
 
 
 def enough_for(computed: Set[str], with_jacobians: bool = False) -> tuple[str, ...] | None:
-    """Return the functions that compute fields of the present state; None for those of others.
+    """Return the functions that compute fields, none of them of the state itself; None for others.
 
-    Args:
-      computed: fields, none of them of the state itself.
-      with_jacobians: whether they compute what Jacobians need, too.
+    They may have to compute what Jacobians need, too.
     """
     if computed - set().union(*COMPUTED.values()):
         return None

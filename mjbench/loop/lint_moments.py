@@ -54,11 +54,9 @@ class _Reading:
 
 @dataclass(frozen=True)
 class _LastStep:
-    """The last step before a row.
+    """The last step before a row; `model` and `data` are as they are written.
 
     Attributes:
-      model: that is stepped, as it is written.
-      data: the dotted name of its MjData.
       is_single: whether it is one call for one step, so that the state may be copied before it.
       computed_since: fields of the new state that were computed after it.
     """

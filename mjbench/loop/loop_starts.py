@@ -34,11 +34,7 @@ class LoopRequest:
 
 
 class StartsInTurn:
-    """Restores one start state after the other, and the first after the last.
-
-    Attributes:
-      count: starts so far.
-    """
+    """Restores one start state after the other, the first after the last, and counts them."""
 
     def __init__(self, model: mujoco.MjModel, states: np.ndarray, repeats: int = 1):
         """Prepare to restore (nstart, nstate) rows of mjSTATE_INTEGRATION, with controls in them.
@@ -59,13 +55,7 @@ class StartsInTurn:
 
 
 class LoopStarts:
-    """Start states for loops that hold the controls of their start.
-
-    Attributes:
-      starts: where they came from.
-      observation: what the steps of all runs did.
-      nstep: steps of a run.
-    """
+    """Start states for loops that hold the controls of their start for `nstep` steps of a run."""
 
     def __init__(
         self, model: mujoco.MjModel, plan: StartPlan, nstep: int | None = None, seed: int = 0

@@ -123,11 +123,7 @@ class ProfileRow:
     simulated_second: Mapping[str, float] | None = None
 
     def __post_init__(self) -> None:
-        """Check that what was measured is there.
-
-        Raises:
-          ValueError: it is not.
-        """
+        """Raise ValueError unless what was measured is there."""
         names = ("timestep", "loop_ns", "engine_ns", "work", "stages", "warnings", "frames")
         check_measured(self, *names)
 
@@ -168,12 +164,9 @@ def measure(
 
 @dataclass(frozen=True)
 class Block:
-    """The runs of a block.
+    """Runs of `nstep` steps each, from another start, whose controls they hold.
 
-    Attributes:
-      nrun: runs, each from another start.
-      nstep: steps of each, which hold the controls of its start.
-      new_start: returns what restores the starts, from the first on.
+    `new_start` returns what restores the starts, from the first on.
     """
 
     nrun: int

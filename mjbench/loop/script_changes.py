@@ -72,11 +72,7 @@ class _PartText:
         return _Edit(start, end, text)
 
     def binding(self, hoist: Hoist) -> _Edit:
-        """Return the edit that binds a name on a line of its own before the loop.
-
-        Raises:
-          ValueError: the loop does not stand on lines of its own.
-        """
+        """Return the edit that binds a name on a line before the loop, which has its own lines."""
         first = hoist.calls[0]
         source = self.data[self.start(first) : self.end(first)]
         if _LINE_END.search(source):
@@ -109,8 +105,7 @@ def changed(program: Program, changes: Changes) -> Program:
     """Return a program after changes.
 
     Raises:
-      SyntaxError, ValueError, LookupError: the changes cannot be applied, or it would be another
-        program.
+      SyntaxError, ValueError, LookupError: they cannot be applied, or would change anything else.
     """
     try:
         expected = ast.dump(_expected(program.tree, changes))
