@@ -173,9 +173,9 @@ class Capture(contextlib.ContextDecorator):
             raise InputError("this capture has begun already; make another one")
         # absolute now, because the program may change its folder
         model_file = None if self._model_file is None else _writable(self._model_file)
-        self._block = _Block(_writable(self._file), model_file)
+        recorder = StepRecorder(self._max_states, self._nstep, self._model, self._data)
+        self._block = _Block(_writable(self._file), model_file, recorder)
         self.result = None
-        self._block.begin(self._max_states, self._nstep, self._model, self._data)
         return self
 
     def __exit__(
@@ -203,33 +203,24 @@ class Capture(contextlib.ContextDecorator):
 
 
 class _Block:
-    """What is captured from one entry to its end."""
+    """What is captured from one entry to its end, while MuJoCo's functions pass a recorder."""
 
-    def __init__(self, file: Path, model_file: Path | None):
-        self._file, self._model_file = file, model_file
+    def __init__(self, file: Path, model_file: Path | None, recorder: StepRecorder):
+        self._file, self._model_file, self._recorder = file, model_file, recorder
         self._pid = os.getpid()
         self._saved: dict[RecordedModel, Path] = {}
         self._failure: MachineError | None = None
+        if model_file is not None:
+            recorder.on_model = self._save_model_beside
         self._replaced = contextlib.ExitStack()
-
-    def begin(
-        self,
-        max_states: int,
-        nstep: int,
-        model: mujoco.MjModel | None,
-        data: mujoco.MjData | None,
-    ) -> None:
-        """Have MuJoCo's stepping functions pass through a recorder."""
-        self._recorder = StepRecorder(max_states, nstep, model, data, self._save_model_beside)
-        self._replaced.enter_context(engine_functions.replaced(self._recorder.wrappers()))
+        self._replaced.enter_context(engine_functions.replaced(recorder.wrappers()))
 
     def _save_model_beside(self, recorded: RecordedModel, model: mujoco.MjModel) -> None:
-        """Save a model beside its file, if that was asked for; `end` keeps the one of the states.
+        """Save a model beside its file; `end` keeps the one of the states.
 
         A disk that is full is reported when the block ends, not to the program.
         """
-        if self._model_file is None:
-            return
+        assert self._model_file is not None, "it was asked for"
         try:
             with writing(self._model_file):
                 self._saved[recorded] = files.create_beside(self._model_file)

@@ -75,14 +75,6 @@ class FixedFile:
         )
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """The changes of a program that are safe, and the findings whose remedy may not be."""
-
-    changes: Changes
-    refusals: Sequence[Refusal]
-
-
 def fix_all(
     files: Iterable[str | UncheckedFile], choice: RuleChoice = ALL_RULES
 ) -> Iterator[FixedFile | UncheckedFile]:
@@ -97,42 +89,45 @@ def fix(file: str, codes: Collection[str] = ALL_CODES) -> FixedFile:
       InputError: it cannot be read, is neither, or is too large or too deeply nested.
     """
     with lint.refusing_deep_nesting(file):
-        before = read_program(file)
-        plan = _plan(before, codes)
-        if not plan.changes.count:
-            return _result(file, before, before, codes, plan)
-        try:
-            after = changed(before, plan.changes)
-        except (SyntaxError, ValueError, LookupError) as error:
-            return _result(file, before, before, codes, _none_of(plan, one_line(error)))
-        rest = _plan(after, codes)
-        return _result(file, before, after, codes, _Plan(plan.changes, rest.refusals))
+        before = after = read_program(file)
+        changes, refusals = _plan(before, codes)
+        if changes.count:
+            try:
+                after = changed(before, changes)
+            except (SyntaxError, ValueError, LookupError) as error:
+                refusals += _refusals(changes, one_line(error))
+                changes = Changes((), ())
+            else:
+                _, refusals = _plan(after, codes)
+        findings = lint.findings_of(file, after, codes)
+        unfixed = list(_unfixed(after, findings, refusals))
+        return FixedFile(file, before, after, changes.count, findings, unfixed)
 
 
-def _none_of(plan: _Plan, reason: str) -> _Plan:
-    """Return a plan that refuses all changes, for one reason."""
-    calls = (call for hoist in plan.changes.hoists for call in hoist.calls)
-    refusals = [Refusal(STORED_VIEW, view, reason) for view in plan.changes.copied]
-    refusals += [Refusal(NAMED_ACCESS, call, reason) for call in calls]
-    return _Plan(Changes((), ()), [*plan.refusals, *refusals])
+def _refusals(changes: Changes, reason: str) -> list[Refusal]:
+    """Return the refusals of all changes, for one reason."""
+    calls = (call for hoist in changes.hoists for call in hoist.calls)
+    copied = [Refusal(STORED_VIEW, view, reason) for view in changes.copied]
+    return [*copied, *(Refusal(NAMED_ACCESS, call, reason) for call in calls)]
 
 
-def _result(
-    file: str, before: Program, after: Program, codes: Collection[str], plan: _Plan
-) -> FixedFile:
-    """Return the result for a file from the changes and the refusals of a plan."""
-    findings = lint.findings_of(file, after, codes)
+def _unfixed(
+    program: Program, findings: Sequence[lint.Finding], refusals: Sequence[Refusal]
+) -> Iterator[Unfixed]:
+    """Yield the findings whose remedy is refused."""
     reasons = {}
-    for refusal in plan.refusals:
-        line = after.line_of(refusal.node)
+    for refusal in refusals:
+        line = program.line_of(refusal.node)
         column = line.column(refusal.node.col_offset)
         reasons[refusal.code, line.cell, line.number, column] = refusal.reason
-    with_reasons = [(f, reasons.get((f.code, f.cell, f.line, f.col))) for f in findings]
-    unfixed = [Unfixed(finding, reason) for finding, reason in with_reasons if reason]
-    return FixedFile(file, before, after, plan.changes.count, findings, unfixed)
+    for finding in findings:
+        place = finding.code, finding.cell, finding.line, finding.col
+        if place in reasons:
+            yield Unfixed(finding, reasons[place])
 
 
-def _plan(program: Program, codes: Collection[str]) -> _Plan:
+def _plan(program: Program, codes: Collection[str]) -> tuple[Changes, list[Refusal]]:
+    """Return the changes of a program that are safe, and the findings whose remedy may not be."""
     script = SteppingScript(program.tree)
     names = CertainNames(program, script)
     copying = Copying(names)
@@ -150,4 +145,4 @@ def _plan(program: Program, codes: Collection[str]) -> _Plan:
             assert isinstance(match.node, ast.Call)
             calls.append(match.node)
     hoists, not_hoisted = Hoisting(names).plan(calls)
-    return _Plan(Changes(copied, hoists), [*refusals, *not_hoisted])
+    return Changes(copied, hoists), [*refusals, *not_hoisted]

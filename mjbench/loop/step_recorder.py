@@ -263,7 +263,11 @@ class RecordedModel:
 
 
 class StepRecorder:
-    """The replacements of MuJoCo's stepping functions, and what they have seen."""
+    """The replacements of MuJoCo's stepping functions, and what they have seen.
+
+    Attributes:
+      on_model: called when a model is first seen, before its first step; None for nothing.
+    """
 
     def __init__(
         self,
@@ -271,7 +275,6 @@ class StepRecorder:
         window_nstep: int,
         model: mujoco.MjModel | None = None,
         data: mujoco.MjData | None = None,
-        on_model: Callable[[RecordedModel, mujoco.MjModel], None] = lambda recorded, model: None,
     ):
         """Prepare to record.
 
@@ -280,11 +283,11 @@ class StepRecorder:
           window_nstep: steps of a window.
           model: only this one is captured, and those with the same digest; None for all.
           data: only this one is captured; None for all.
-          on_model: called when a model is first seen, before its first step.
         """
         self._max_states, self._window_nstep = max_states, window_nstep
         self._digest = None if model is None else model_digest(model)
-        self._data, self._on_model = data, on_model
+        self._data = data
+        self.on_model: Callable[[RecordedModel, mujoco.MjModel], None] | None = None
         self._by_layout: dict[tuple[str, ModelLayout, int], RecordedModel] = {}
         # by the identity of the MjModel, as long as that lives; None for one that is not captured
         self._by_identity: dict[int, RecordedModel | None] = {}
@@ -358,8 +361,9 @@ class StepRecorder:
         if key not in self._by_layout and len(self._by_layout) < MAX_MODELS:
             recorded = RecordedModel(model, self._max_states, self._window_nstep)
             # without a lock, which a forked child could wait for: another thread may be first
-            if self._by_layout.setdefault(key, recorded) is recorded:
-                self._on_model(recorded, model)
+            is_first = self._by_layout.setdefault(key, recorded) is recorded
+            if is_first and self.on_model is not None:
+                self.on_model(recorded, model)
         return self._by_layout.get(key)
 
     def _forget(self, identity: int) -> None:
