@@ -24,7 +24,7 @@ from mjbench.pages import fragment
 from mjbench.pages.content import Tone
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRecord
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 
 HOSTILE = "<img src=x onerror=alert(1)>&\x1b[31m"

@@ -6,7 +6,7 @@ from example_environment_records import record
 from mjbench.environment.records import EnvironmentRecord, PhysicsCheck
 from mjbench.pages import environments
 from mjbench.pages.content import Tone
-from mjbench.report import vega
+from mjbench.report import charts
 from mjbench.status import Status
 
 
@@ -25,7 +25,7 @@ def test_layers_are_drawn_and_tables_hold_the_rest() -> None:
     assert [row[0] for row in section.tables[1].rows] == ["python_loop", "rollout", "batch_step"]
     assert any("env.reset takes 200 µs" in note for note in section.notes)
     pytest.importorskip("vl_convert")
-    assert "observation" in vega.svg(figure.specification)
+    assert "observation" in charts.svg(figure.specification)
 
 
 def test_an_environment_without_a_comparison_has_no_table_of_paths() -> None:

@@ -14,7 +14,7 @@ from mjbench.loop.overhead import HabitCost, OverheadRow, OverheadTable
 from mjbench.loop.profile import ProfileRow, StepProfile, StepTimes
 from mjbench.pages import loops
 from mjbench.pages.content import Section, Tone
-from mjbench.report import vega
+from mjbench.report import charts
 from mjbench.status import Status
 
 COSTS = (
@@ -26,7 +26,7 @@ COSTS = (
 def drawn(section: Section) -> list[str]:
     """Return the charts of a section, drawn."""
     pytest.importorskip("vl_convert")
-    return [vega.svg(figure.specification) for figure in section.figures]
+    return [charts.svg(figure.specification) for figure in section.figures]
 
 
 def test_a_loops_waste_begins_where_the_bare_loop_ends() -> None:

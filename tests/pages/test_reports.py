@@ -20,7 +20,7 @@ from mjbench.pages import html as as_html
 from mjbench.pages import markdown as as_markdown
 from mjbench.pages import reports
 from mjbench.pages.reports import NamedRun
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 
 COMMITTED = sorted((ROOT / "results/runs").glob("reference-*.jsonl"))

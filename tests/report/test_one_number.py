@@ -26,7 +26,7 @@ from mjbench.pages.content import Report, Tone
 from mjbench.pages.reports import NamedRun
 from mjbench.pages.site import Project
 from mjbench.report import across_machines, tables
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.report.results import PathResult, derive_all
 
 DESK, LAPTOP = labelled("desk"), labelled("laptop")
