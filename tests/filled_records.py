@@ -34,8 +34,8 @@ _VALUES: Mapping[str, Any] = {
 _EXACT = ("orders", "histogram", "schema")
 # The records that runs of each command have.
 KINDS: Mapping[str, Sequence[str]] = {
-    "compare": ("model", "measurement", "race", "confirmation", "contest"),
-    "scaling": ("scaling", "confirmation"),
+    "compare": ("model", "measurement", "race"),
+    "scaling": ("scaling",),
     "history": ("step_ratio", "operation_ratio", "explain"),
     "versions": ("verdict",),
     **{

@@ -125,19 +125,20 @@ def _conclusions(model_results: ModelResults, names_size: bool) -> Iterator[Conc
       names_size: whether sentences say how many simulations there were, as others stand beside.
     """
     record = model_results.model
-    subject = record.model
-    if record.nbatch and not names_size:
-        subject += f", {count_of(record.nbatch, 'simulation')}"
+    sized = record.model
+    if record.nbatch:
+        sized += f", {count_of(record.nbatch, 'simulation')}"
+    subject = record.model if names_size else sized
     for text in cautions(model_results):
-        yield Conclusion(text, Tone.CAUTION, "" if text == FORMER else subject)
+        yield Conclusion(text, Tone.CAUTION, "" if text == FORMER else sized)
     if record.status not in (Status.OK, Status.INTERRUPTED):
         detail = record.detail.removeprefix(f"{record.model}: ")
         status = "" if record.status == Status.INPUT else f"{record.status}: "
-        yield Conclusion(f"{status}{detail}", Tone.BAD, subject)
+        yield Conclusion(f"{status}{detail}", Tone.BAD, sized)
     for result in model_results.results:
         if result.status == Status.DISAGREES:
             text = f"{result.variant} does other work than the plain loop: {result.agreement}"
-            yield Conclusion(text, Tone.BAD, subject)
+            yield Conclusion(text, Tone.BAD, sized)
     for advice in advise(model_results):
         tone = Tone.GOOD if advice.speedup is not None else Tone.NEUTRAL
         tone = tone if advice.is_certain else Tone.UNSURE
@@ -208,10 +209,6 @@ def heading(model: ModelRecord) -> str:
     sizes = f": {simulations} × {count_of(model.nstep or 0, 'step')}"
     if model.hold and model.hold > 1:
         sizes += f", each control held {model.hold} steps (frame_skip {model.hold})"
-    if model.returns:
-        sizes += f", returns {_RETURNS[model.returns]}"
-    if model.reduced:
-        sizes += " (reduced to keep a block short; --nbatch and --nstep set them)"
     return model.model + sizes
 
 
@@ -226,6 +223,10 @@ def detail_lines(model: ModelRecord) -> list[str]:
         f" {work.contacts:.1f} contacts ({model.start_contacts or 0} at the start),"
         f" {work.constraints:.1f} constraints, {work.solver_iterations:.1f} solver iterations",
     ]
+    if model.returns:
+        lines.insert(0, f"Each run returns {_RETURNS[model.returns]}")
+    if model.reduced:
+        lines.insert(0, "Sizes are reduced to keep a block short; --nbatch and --nstep set them")
     if model.spread is not None and model.spread != 1.0:
         lines.append(
             f"The spread of starts and controls is scaled by {model.spread:g}:"

@@ -148,7 +148,7 @@ SELFCHECK = Kind(
     (TrialRecord,),
     documents.SelfcheckDocument,
     _selfcheck_document,
-    lambda run: [selfcheck.section(run.of_type(TrialRecord))],
+    lambda run: [selfcheck.section(trials.summary(run.of_type(TrialRecord)))],
     lambda run: trials.summary(run.of_type(TrialRecord)),
 )
 PLACEMENT = _kind(SpreadRecord, lambda rows: [placement.section(rows)], "placement")

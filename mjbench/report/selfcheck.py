@@ -3,17 +3,15 @@
 from collections.abc import Sequence
 from typing import assert_never
 
-from mjbench.paired import selfcheck
 from mjbench.paired.outcomes import Arm
-from mjbench.paired.selfcheck_records import CaseRow, SelfcheckRow, TrialRecord
+from mjbench.paired.selfcheck_records import CaseRow, SelfcheckRow
 from mjbench.paired.verdict import CONFIDENCE
 from mjbench.report import formats
 from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section, Tone
 
 
-def section(trials: Sequence[TrialRecord]) -> Section:
+def section(rows: Sequence[SelfcheckRow]) -> Section:
     """Return what trials come to: a table of slowdowns and one of builds, each if there is any."""
-    rows = selfcheck.summary(trials)
     between = [row for row in rows if row.arm == Arm.BETWEEN_BUILDS]
     slowdowns = [row for row in rows if row.arm != Arm.BETWEEN_BUILDS]
     problems = dict.fromkeys(row.problem for row in rows if row.problem)

@@ -118,7 +118,7 @@ def test_what_went_wrong_comes_first(tmp_path: Path) -> None:
     )
     report = reports.build([named(file)])
     assert "does other work than the plain loop" in report.conclusions[0].text
-    assert "dead: timeout: killed" in report.conclusions[1].text
+    assert "dead: timeout: killed" in report.conclusions[1].sentence
     page = Page(as_html.render(report))
     assert "spoilt" in page.text
     assert "dead" in page.text
@@ -137,7 +137,7 @@ def test_a_report_of_many_models_has_all_tables_and_some_charts(
     monkeypatch.setattr(reports, "_MOST_FIGURES", 2)
     records = [record for name in "abc" for record in compared(name)]
     report = reports.build([named(run_file(tmp_path, *records))])
-    assert [len(section.figures) for section in report.sections] == [1, 1, 0]
+    assert [len(section.figures) for section in report.sections] == [1, 1, 0, 0]
     assert len(report.sections[2].tables) == 1
     assert "Not drawn" in report.sections[2].notes[-1]
 
