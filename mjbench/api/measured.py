@@ -74,7 +74,7 @@ class Measured:
         return "\n".join([terminal.text_of(kinds.sections(self.run)), *self.notes])
 
     def __repr__(self) -> str:
-        conclusions = [conclusion.sentence for conclusion in self.report().conclusions[:1]]
+        conclusions = [conclusion.text for conclusion in self.report().conclusions[:1]]
         text = one_line("; ".join(conclusions), _REPR_CHARACTERS)
         return f"<mjbench {type(self).__name__}: {text}>"
 

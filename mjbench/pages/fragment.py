@@ -50,7 +50,7 @@ def _conclusions(conclusions: Sequence[Conclusion]) -> Iterator[str]:
     yield '<ul style="list-style:none;padding:0;margin:.3em 0">'
     for conclusion in conclusions:
         mark = f'<b style="color:{COLOURS[conclusion.tone]}">{MARKS[conclusion.tone]}</b>'
-        yield f"<li>{mark} {_text(conclusion.sentence)}</li>"
+        yield f"<li>{mark} {_text(conclusion.text)}</li>"
     yield "</ul>"
 
 

@@ -47,7 +47,7 @@ def render(report: Report) -> Iterator[str]:
 
 def _conclusions(conclusions: Sequence[Conclusion]) -> Iterator[str]:
     for conclusion in conclusions:
-        yield f"- {_MARKS[conclusion.tone]}{escaped(conclusion.sentence)}"
+        yield f"- {_MARKS[conclusion.tone]}{escaped(conclusion.text)}"
 
 
 def _table(table: DataTable) -> Iterator[str]:

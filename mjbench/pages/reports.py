@@ -184,7 +184,7 @@ def _main(kind: kinds.Kind, section: Section, machine: str) -> Sequence[Conclusi
     if kind is not kinds.COMPARE:
         return section.conclusions
     return [
-        replace(each, text=f"{machine}: {each.sentence}", subject="")
+        replace(each, text=f"{machine}: {each.text}", subject="")
         for each in first_of(section.conclusions)
     ]
 

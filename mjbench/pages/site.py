@@ -359,10 +359,10 @@ def _summary(runs: Sequence[NamedRun]) -> Iterator[str]:
         or any(conclusion.tone == Tone.BAD for conclusion in conclusions)
     ):
         for conclusion in conclusions:
-            yield f"- {escaped(conclusion.sentence)}"
+            yield f"- {escaped(conclusion.text)}"
         return
     for conclusion in reports.first_of(conclusions):
-        yield f"- {escaped(conclusion.sentence)}"
+        yield f"- {escaped(conclusion.text)}"
     yield ""
     names = [(row.model, row.nbatch) for row in advice]
     has_sizes = len({model for model, _ in names}) < len(set(names))

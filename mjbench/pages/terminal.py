@@ -73,12 +73,12 @@ def section_parts(section: Section) -> Iterator[RenderableType]:
     """Yield what is printed of a section, without its snippets."""
     for conclusion in section.conclusions:
         if conclusion.tone == Tone.CAUTION:
-            yield Text(_printable_lines(conclusion.text), style="yellow")
+            yield Text(_printable_lines(conclusion.below_heading), style="yellow")
     if all(each.subject for each in section.conclusions):
         yield headed(*_parted(section.heading))
     for conclusion in section.conclusions:
         if conclusion.tone != Tone.CAUTION:
-            yield headed(*_parted(conclusion.text))
+            yield headed(*_parted(conclusion.below_heading))
     yield from section.facts
     tables = [table for table in section.tables if table.rows]
     for table in tables:

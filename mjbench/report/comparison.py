@@ -128,26 +128,31 @@ def _conclusions(model_results: ModelResults, names_size: bool) -> Iterator[Conc
     sized = record.model
     if record.nbatch:
         sized += f", {count_of(record.nbatch, 'simulation')}"
-    subject = record.model if names_size else sized
     for text in cautions(model_results):
-        yield Conclusion(text, Tone.CAUTION, "" if text == FORMER else sized)
+        yield Conclusion(text, Tone.CAUTION) if text == FORMER else _of(sized, text, Tone.CAUTION)
     if record.status not in (Status.OK, Status.INTERRUPTED):
         detail = record.detail.removeprefix(f"{record.model}: ")
         status = "" if record.status == Status.INPUT else f"{record.status}: "
-        yield Conclusion(f"{status}{detail}", Tone.BAD, sized)
+        yield _of(record.model, f"{status}{detail}", Tone.BAD)
     for result in model_results.results:
         if result.status == Status.DISAGREES:
             text = f"{result.variant} does other work than the plain loop: {result.agreement}"
-            yield Conclusion(text, Tone.BAD, sized)
+            yield _of(sized, text, Tone.BAD)
+    subject = record.model if names_size else sized
     for advice in advise(model_results):
         tone = Tone.GOOD if advice.speedup is not None else Tone.NEUTRAL
         tone = tone if advice.is_certain else Tone.UNSURE
-        yield Conclusion("".join(conclusion(advice, names_size)), tone, subject)
+        yield _of(subject, "".join(conclusion(advice, names_size)), tone)
     for row in advise_threads(model_results):
         tone = Tone.GOOD if row.is_certain else Tone.UNSURE
-        yield Conclusion("".join(thread_conclusion(row, names_size)), tone, subject)
+        yield _of(subject, "".join(thread_conclusion(row, names_size)), tone)
     if (clock := advise_clock(model_results)) is not None:
-        yield Conclusion("".join(clock_conclusion(clock, names_size)), Tone.GOOD, subject)
+        yield _of(subject, "".join(clock_conclusion(clock, names_size)), Tone.GOOD)
+
+
+def _of(subject: str, text: str, tone: Tone) -> Conclusion:
+    """Return a conclusion whose subject the heading of its section names."""
+    return Conclusion(f"{subject}: {text}", tone, subject)
 
 
 def _advice_section(models: Sequence[ModelResults]) -> Iterator[Section]:

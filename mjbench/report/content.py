@@ -26,7 +26,7 @@ class Conclusion:
     """One sentence that a section, or the whole report, comes to.
 
     Attributes:
-      subject: what it is about, where the heading of its section says so; empty where `text` does.
+      subject: what `text` begins with, where the heading of the section says it, too.
     """
 
     text: str
@@ -34,9 +34,9 @@ class Conclusion:
     subject: str = ""
 
     @property
-    def sentence(self) -> str:
-        """The sentence as it stands alone."""
-        return f"{self.subject}: {self.text}" if self.subject else self.text
+    def below_heading(self) -> str:
+        """The sentence without its subject."""
+        return self.text.removeprefix(f"{self.subject}: ") if self.subject else self.text
 
 
 @dataclass(frozen=True)

@@ -118,7 +118,7 @@ def test_what_went_wrong_comes_first(tmp_path: Path) -> None:
     )
     report = reports.build([named(file)])
     assert "does other work than the plain loop" in report.conclusions[0].text
-    assert "dead: timeout: killed" in report.conclusions[1].sentence
+    assert "dead: timeout: killed" in report.conclusions[1].text
     page = Page(as_html.render(report))
     assert "spoilt" in page.text
     assert "dead" in page.text
