@@ -1,6 +1,6 @@
 """Measure models one after the other: one that fails affects only its own rows."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -11,8 +11,8 @@ from mjbench.errors import Failure, MjbenchError, failure_of
 from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
+    from mjbench.report.content import Section
+    from mjbench.report.kinds import Kind
     from mjbench.simulation.starts import StartPlan
 
 _T = TypeVar("_T")
@@ -21,12 +21,12 @@ _T = TypeVar("_T")
 def measure_each(
     command: str,
     names: Sequence[str],
-    row_type: Any,
-    document_type: Any,
+    kind: "Kind",
     measure: "Callable[[ModelSource, StartPlan, float], Sequence[Any]]",
-    show: "Callable[[Console, Sequence[Any]], None]",
+    sections: "Callable[[Sequence[Any]], Iterable[Section]]",
     arguments: Mapping[str, Any] | None = None,
     *,
+    code: bool = False,
     settle_s: float | None,
     states_file: Path | None,
     actions_file: Path | None = None,
@@ -38,9 +38,10 @@ def measure_each(
     """Measure models as the options of a command say, print and store their rows, and exit.
 
     Args:
-      row_type: of the rows; a model that fails has one with its name and the failure alone.
       measure: returns the rows of a model, from its start states, with a time limit in seconds.
+      sections: what rows come to. A model that fails has one row, of its name and the failure.
       arguments: for the run file's header, beside the models and their starts.
+      code: whether snippets are printed, too.
     """
     from mjbench.simulation import models
 
@@ -54,13 +55,14 @@ def measure_each(
         for source in sources:
             rows = measure_or_report(source, lambda source: measure(source, starts, time_limit))
             if isinstance(rows, Failure):
-                rows = [row_type(model=source.name, status=rows.status, detail=rows.detail)]
+                (record,) = kind.records
+                rows = [record(model=source.name, status=rows.status, detail=rows.detail)]
             else:
-                show(run.out, rows)
+                run.show(sections(rows), code)
             all_rows += rows
             for row in rows:
                 run.record(row)
-        run.write(document_type(machine=run.machine, results=all_rows))
+        run.write(kind.document_type(machine=run.machine, results=all_rows))
     run.exit(row.status for row in all_rows)
 
 

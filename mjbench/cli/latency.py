@@ -60,8 +60,8 @@ def latency(
       mjbench latency robot.xml --rate 1000 --deadline 500us
     """
     from mjbench.loop.latency import LatencyRequest, LatencyRow, measure, row
-    from mjbench.report.documents import LatencyDocument
-    from mjbench.report.latency import print_rows
+    from mjbench.report.kinds import LATENCY
+    from mjbench.report.latency import sections
     from mjbench.simulation.models import ModelSource
     from mjbench.simulation.starts import StartPlan
 
@@ -73,10 +73,9 @@ def latency(
     measure_each(
         "latency",
         names,
-        LatencyRow,
-        LatencyDocument,
+        LATENCY,
         rows,
-        print_rows,
+        sections,
         {**arguments, "seed": seed},
         **options,
     )

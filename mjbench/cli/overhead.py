@@ -26,16 +26,16 @@ def overhead(names: tuple[str, ...], code: bool, **options: Any) -> None:
       mjbench overhead cartpole
       mjbench overhead robot.mjb --states states.npz
     """
-    from mjbench.loop.overhead import OverheadRow, measure
-    from mjbench.report.documents import OverheadDocument
-    from mjbench.report.overhead import print_table
+    from mjbench.loop.overhead import measure
+    from mjbench.report.kinds import OVERHEAD
+    from mjbench.report.overhead import sections
 
     measure_each(
         "overhead",
         names or ("cartpole",),
-        OverheadRow,
-        OverheadDocument,
+        OVERHEAD,
         lambda source, starts, limit_s: [measure(source, limit_s, starts=starts)],
-        lambda out, rows: print_table(out, rows[0], code),
+        sections,
+        code=code,
         **options,
     )

@@ -25,15 +25,14 @@ def profile(names: tuple[str, ...], **options: Any) -> None:
       mjbench profile robot.mjb --states states.npz
     """
     from mjbench.loop.profile import ProfileRow, measure
-    from mjbench.report.documents import ProfileDocument
-    from mjbench.report.profile import print_profile
+    from mjbench.report.kinds import PROFILE
+    from mjbench.report.profile import sections
 
     measure_each(
         "profile",
         names,
-        ProfileRow,
-        ProfileDocument,
+        PROFILE,
         lambda source, starts, limit_s: [ProfileRow.measured(measure(source, limit_s, starts))],
-        lambda out, rows: print_profile(out, rows[0].profile()),
+        sections,
         **options,
     )
