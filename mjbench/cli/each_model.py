@@ -55,8 +55,8 @@ def measure_each(
         for source in sources:
             rows = measure_or_report(source, lambda source: measure(source, starts, time_limit))
             if isinstance(rows, Failure):
-                (record,) = kind.records
-                rows = [record(model=source.name, status=rows.status, detail=rows.detail)]
+                record_type: Any = kind.records[0]
+                rows = [record_type(model=source.name, status=rows.status, detail=rows.detail)]
             else:
                 run.show(sections(rows), code)
             all_rows += rows

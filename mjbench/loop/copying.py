@@ -64,7 +64,7 @@ class Copying:
     def _stored_in(self, node: ast.AST | None) -> ast.Name | None:
         """Return the name in which a node stores something; None where it is not just that."""
         store = store_of(node) if node is not None else None
-        if store is None or not isinstance(store.place, ast.Name):
+        if node is None or store is None or not isinstance(store.place, ast.Name):
             return None
         is_statement = isinstance(node, ast.stmt) or isinstance(self._parents[node], ast.Expr)
         return store.place if is_statement and len(store.values) == 1 else None

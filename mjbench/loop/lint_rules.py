@@ -19,7 +19,14 @@ from mjbench.loop.lint_repeats import Loop, step_loop_of_helper
 from mjbench.loop.lint_rule import Match, rule
 from mjbench.loop.lint_written_views import written_views
 from mjbench.loop.lint_wrong_results import halves_of_runge_kutta, shared_data
-from mjbench.loop.script_syntax import dotted_name, is_call, last_name, names_in
+from mjbench.loop.script_syntax import (
+    dotted_name,
+    is_call,
+    is_step,
+    last_name,
+    names_in,
+    nodes_inside,
+)
 from mjbench.loop.stepping_script import SteppingBody, SteppingScript
 from mjbench.loop.stored_views import stored_views
 
@@ -192,7 +199,8 @@ def serial_simulations(script: SteppingScript) -> Iterator[Match]:
     """
     for loop in script.episode_loops:
         begins = any(is_call(node, *_EPISODE_STARTS) for node in loop.inner)
-        if begins and any(script.is_for_over_steps(node) for node in loop.inner):
+        inner = (node for node in loop.inner if isinstance(node, ast.For))
+        if begins and any(any(map(is_step, nodes_inside(each))) for each in inner):
             yield Match(loop.node)
 
 

@@ -281,10 +281,6 @@ class SteppingScript:
         assigned = {dotted_name(target) for n in assignments for target in n.targets}
         return dotted_name(node.args[0]) not in assigned
 
-    def is_for_over_steps(self, node: ast.AST) -> bool:
-        """Return whether a node is a `for` loop that calls `mj_step` itself."""
-        return isinstance(node, ast.For) and any(is_step(n) for n in nodes_inside(node))
-
     def steps_inside(self, node: ast.AST) -> bool:
         """Return whether `mj_step`, or a function that calls it, is called inside a node."""
         return any(isinstance(n, ast.Call) and self._steps(n) for n in nodes_inside(node))
