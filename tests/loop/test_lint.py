@@ -193,6 +193,12 @@ def test_steps_with_something_between_them_are_not(tmp_path: Path, lines: str) -
     assert "MJB017" not in [f.code for f in findings(tmp_path, lines)]
 
 
+def test_an_annotated_mjdata_is_one(tmp_path: Path) -> None:
+    text = LOOP.format(line="x = sim.joint('hinge').qpos[0]")
+    annotated = text.replace("log, rows", "sim: mujoco.MjData = mujoco.MjData(model)\nlog, rows")
+    assert [f.code for f in findings(tmp_path, annotated)] == ["MJB002"]
+
+
 def test_costs_come_from_the_stored_table(tmp_path: Path) -> None:
     (row,) = json.loads((ROOT / "results" / "overhead.json").read_text())["results"]
     stored = {cost["source"]: cost["ns"] for cost in row["costs"]}
