@@ -19,7 +19,6 @@ _T = TypeVar("_T")
 
 
 def measure_each(
-    command: str,
     names: Sequence[str],
     kind: "Kind",
     measure: "Callable[[ModelSource, StartPlan, float], Sequence[Any]]",
@@ -51,7 +50,7 @@ def measure_each(
     of_models = {"models": [source.name for source in sources]}
     storage = Storage(results, {**of_models, **(arguments or {}), "starts": starts})
     all_rows: list[Any] = []
-    with RunContext(command, json_file, files, storage, wait) as run:
+    with RunContext(kind.commands[0], json_file, files, storage, wait) as run:
         for source in sources:
             rows = measure_or_report(source, lambda source: measure(source, starts, time_limit))
             if isinstance(rows, Failure):

@@ -71,7 +71,6 @@ def latency(
 
     arguments = {"nstep": nstep, "rate_hz": rate_hz, "deadline_s": deadline_s, "hold": hold}
     measure_each(
-        "latency",
         names,
         LATENCY,
         rows,

@@ -31,7 +31,6 @@ def overhead(names: tuple[str, ...], code: bool, **options: Any) -> None:
     from mjbench.report.overhead import sections
 
     measure_each(
-        "overhead",
         names or ("cartpole",),
         OVERHEAD,
         lambda source, starts, limit_s: [measure(source, limit_s, starts=starts)],

@@ -29,7 +29,6 @@ def profile(names: tuple[str, ...], **options: Any) -> None:
     from mjbench.report.profile import sections
 
     measure_each(
-        "profile",
         names,
         PROFILE,
         lambda source, starts, limit_s: [ProfileRow.measured(measure(source, limit_s, starts))],
