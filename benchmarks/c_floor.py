@@ -230,7 +230,7 @@ def check(states: paths.States, c_states: np.ndarray, model: mujoco.MjModel) -> 
     Raises:
       MachineError: they are not.
     """
-    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    columns = compat.state_columns(model)
     difference = agreement.first_differing_entry(states.values, c_states, columns, states.mask)
     if difference:
         raise MachineError(f"the path disagrees with the C program: {difference}")

@@ -240,7 +240,7 @@ def states_of_fields(workload: Workload, fields: Mapping[str, np.ndarray]) -> St
       workload: that was run.
       fields: (nbatch, size) arrays by MjData field.
     """
-    columns = compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))
+    columns = compat.state_columns(workload.model)
     values = np.full_like(workload.initial_state, np.nan)
     mask = np.zeros(values.shape, dtype=bool)
     for name, place in columns.items():

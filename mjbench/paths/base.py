@@ -297,7 +297,7 @@ def make_simulate(model: mujoco.MjModel, hold: int, returns: Product) -> Simulat
     step. What it needs to know of the model is looked up here, so that a timed call does nothing
     but step and record.
     """
-    spec, has_reset = compat.state_spec("INTEGRATION"), needs_reset(model)
+    spec, has_reset = compat.INTEGRATION, needs_reset(model)
     physics = compat.state_spec("FULLPHYSICS")
 
     def simulate(

@@ -16,7 +16,6 @@ from mjbench.paths.base import (
     prepared_arrays,
 )
 from mjbench.simulation import compat, package_timer
-from mjbench.simulation.compat import state_spec
 from mjbench.simulation.engine_clock import engine_clock, has_clock
 from mjbench.simulation.workload import Product, Workload
 
@@ -48,7 +47,7 @@ class PythonLoop(SteppingPath):
         model, hold = workload.model, workload.hold
         (data,) = resources.datas(1)
         final_state, outputs = resources.final_state(), resources.step_outputs()
-        spec, has_reset = state_spec("INTEGRATION"), needs_reset(model)
+        spec, has_reset = compat.INTEGRATION, needs_reset(model)
         record = make_simulate(model, hold, workload.returns)
 
         def run() -> None:

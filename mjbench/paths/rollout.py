@@ -105,7 +105,6 @@ class _RolloutRun:
 
     def __init__(self, workload: Workload, options: Options, resources: Resources):
         self.workload, self.model = workload, workload.model
-        self.spec = compat.state_spec("INTEGRATION")
         self.physics = compat.physics_entries(self.model)
         self.inputs = shared_inputs(workload, resources)
         self.state, self.sensordata = self._output_arrays(resources)
@@ -175,7 +174,7 @@ class _RolloutRun:
         mask[:, self.physics] = True
         row = np.empty(values.shape[1])
         for data in self.datas:
-            compat.get_state(self.model, data, row, self.spec)
+            compat.get_state(self.model, data, row)
             matches = np.flatnonzero(_equal_rows(values[:, self.physics], row[self.physics]))
             if len(matches) == 1:  # none: the thread ran no simulation; several: equal simulations
                 values[matches[0]], mask[matches[0]] = row, True

@@ -76,9 +76,8 @@ def whole_final_states(
     """
     from mujoco import rollout
 
-    spec, nphysics = compat.state_spec("INTEGRATION"), inputs.start.shape[1]
-    values = np.empty((len(inputs.start), compat.state_size(model, spec)))
-    state = np.empty((1, nstep, nphysics))
+    values = np.empty((len(inputs.start), compat.state_size(model)))
+    state = np.empty((1, nstep, inputs.start.shape[1]))
     sensordata = np.empty((1, nstep, model.nsensordata))
     for i, row in enumerate(values):
         one = inputs.part(slice(i, i + 1))
@@ -93,14 +92,14 @@ def whole_final_states(
             state=state,
             sensordata=sensordata,
         )
-        compat.get_state(model, data, row, spec)
+        compat.get_state(model, data, row)
     return values
 
 
 def make_inputs(workload: Workload) -> tuple[RolloutInputs, Callable[[], None]]:
     """Return the inputs of a workload's rollout, and what lets them follow its changes."""
     physics = compat.physics_entries(workload.model)
-    warmstart = _columns(workload)["qacc_warmstart"]
+    warmstart = compat.state_columns(workload.model)["qacc_warmstart"]
     spec, control, write_control = _control(workload)
     inputs = RolloutInputs(
         np.ascontiguousarray(workload.initial_state[:, physics]),
@@ -119,7 +118,7 @@ def make_inputs(workload: Workload) -> tuple[RolloutInputs, Callable[[], None]]:
 
 def changed_inputs(workload: Workload) -> list[str]:
     """Return the inputs (by mjtState name) that differ from what a rollout resets them to."""
-    default, columns = mujoco.MjData(workload.model), _columns(workload)
+    default, columns = mujoco.MjData(workload.model), compat.state_columns(workload.model)
     changed = []
     for name in _USER_INPUTS:
         field = name.lower()
@@ -159,7 +158,7 @@ def _control(workload: Workload) -> tuple[int, np.ndarray | None, Callable[[], N
         return spec, workload.step_control if workload.model.nu else None, lambda: None
     for name in inputs:
         spec |= compat.state_spec(name)
-    columns = _columns(workload)
+    columns = compat.state_columns(workload.model)
     places = compat.state_columns(workload.model, spec)
     size = compat.state_size(workload.model, spec)
     control = np.empty((workload.nbatch, workload.nstep, size))
@@ -173,10 +172,6 @@ def _control(workload: Workload) -> tuple[int, np.ndarray | None, Callable[[], N
 
     write()
     return spec, control, write
-
-
-def _columns(workload: Workload) -> dict[str, slice]:
-    return compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))
 
 
 _SNIPPET_STARTS = """\

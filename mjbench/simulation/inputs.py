@@ -45,7 +45,7 @@ def set_inputs(
       fields: the only MjData fields to set; None for all.
     """
     rng, changed = np.random.default_rng([seed, 3]), states.copy()
-    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    columns = compat.state_columns(model)
     for i, row in enumerate(changed):
         for field, place in columns.items():
             if fields is None or field in fields:

@@ -74,7 +74,7 @@ class RoundingReference:
 def trace(workload: Workload, seed: int) -> RoundingReference:
     """Return what C does with a workload; `seed` draws the directions of the shadow's moves."""
     model = workload.model
-    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    columns = compat.state_columns(model)
     run = trajectory.record_trajectory(workload, workload.nbatch)
     move = _Move(columns, seed)
     return RoundingReference(

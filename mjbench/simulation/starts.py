@@ -245,15 +245,13 @@ def settled(
     if run is None:
         return None
     states, is_asleep = run
-    rng, spec = np.random.default_rng([seed, 0]), compat.state_spec("INTEGRATION")
-    data = mujoco.MjData(model)
+    rng, data = np.random.default_rng([seed, 0]), mujoco.MjData(model)
     for row in states:
-        mujoco.mj_resetData(model, data)
-        compat.set_state(model, data, row, spec)
+        compat.restart(model, data, row)
         if perturbs:
             data.qvel[:] += spread * START_VELOCITY_SD * rng.standard_normal(model.nv)
         mujoco.mj_step(model, data)
-        compat.get_state(model, data, row, spec)
+        compat.get_state(model, data, row)
     asleep = float(is_asleep.mean()) if is_asleep.size else None
     return SettledStates(states, asleep)
 
@@ -268,11 +266,11 @@ def _settling_run(
     Returns:
       (nbatch, nstate) rows, and (nbatch, ntree) bool; ntree is 0 where sleeping is not enabled.
     """
-    spec, data = compat.state_spec("INTEGRATION"), mujoco.MjData(model)
+    data = mujoco.MjData(model)
     nstep = whole_holds(int(after[-1]), hold) + hold
     rng = np.random.default_rng([seed, 2])
     control = random_controls(model, 1, nstep // hold, hold, rng, spread)[0]
-    states = np.empty((len(after), compat.state_size(model, spec)))
+    states = np.empty((len(after), compat.state_size(model)))
     is_asleep = []
     reset_to_start(model, data)
     done = 0
@@ -281,7 +279,7 @@ def _settling_run(
             data.ctrl[:] = control[done // hold]
             mujoco.mj_step(model, data)
             done += 1
-        compat.get_state(model, data, row, spec)
+        compat.get_state(model, data, row)
         is_asleep.append(compat.trees_asleep(model, data))
     diverged = compat.warning_counts(data)[compat.divergence_warnings()].any()
     if diverged or not np.isfinite(states).all():

@@ -133,7 +133,7 @@ def read(file: Path, model: mujoco.MjModel) -> RecordedStates:
       InputError: it cannot be read, or does not fit the model.
     """
     name = shown(file.name)
-    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    columns = compat.state_columns(model)
     wanted = [*columns, capture_header.ARRAY, capture_header.SEGMENT_ARRAY]
     arrays, others = _read_arrays(file, name, wanted)
     header = None
@@ -279,11 +279,10 @@ def draw(
 
 def _step_once(model: mujoco.MjModel, states: np.ndarray, control: np.ndarray | None) -> None:
     """Step each of (nbatch, nstate) states once, in place, with (nbatch, nu) controls if given."""
-    data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
+    data = mujoco.MjData(model)
     for i, row in enumerate(states):
-        mujoco.mj_resetData(model, data)
-        compat.set_state(model, data, row, spec)
+        compat.restart(model, data, row)
         if control is not None:
             data.ctrl[:] = control[i]
         mujoco.mj_step(model, data)
-        compat.get_state(model, data, row, spec)
+        compat.get_state(model, data, row)

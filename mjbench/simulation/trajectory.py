@@ -109,7 +109,7 @@ def record_trajectory(
       change: of states and controls before every step, for a shadow; None for no change.
     """
     model, data = workload.model, mujoco.MjData(workload.model)
-    spec, nstep = compat.state_spec("INTEGRATION"), workload.nstep
+    nstep = workload.nstep
     chosen = spread_indices(workload.nbatch, nsim)
     states = np.empty((len(chosen), nstep + 1, workload.initial_state.shape[1]))
     unconstrained_nstep = nstep
@@ -119,13 +119,13 @@ def record_trajectory(
         for k in range(nstep):
             if k == 0 or change:
                 before = change(states[i, k]) if change else states[i, k]
-                compat.set_state(model, data, before, spec)
+                compat.set_state(model, data, before)
             ctrl = workload.control[simulation, k // workload.hold]
             data.ctrl[:] = change(ctrl) if change else ctrl
             mujoco.mj_step(model, data)
             if data.nefc or data.ncon:
                 unconstrained_nstep = min(unconstrained_nstep, k)
-            compat.get_state(model, data, states[i, k + 1], spec)
+            compat.get_state(model, data, states[i, k + 1])
     return Trajectory(chosen, states, unconstrained_nstep)
 
 
@@ -160,7 +160,7 @@ def single_steps(
 
 def take_steps(model: mujoco.MjModel, state: np.ndarray, control: np.ndarray) -> SingleSteps:
     """Take one step in C from each row of `state`, with its row of `control`."""
-    data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
+    data = mujoco.MjData(model)
     contactless = copy.copy(model)
     contactless.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     after, qvel = np.empty_like(state), np.empty((len(state), model.nv))
@@ -169,18 +169,16 @@ def take_steps(model: mujoco.MjModel, state: np.ndarray, control: np.ndarray) ->
     geoms: list[np.ndarray] = []
     normals: list[np.ndarray] = []
     for i in range(len(state)):
-        mujoco.mj_resetData(model, data)
-        compat.set_state(model, data, state[i], spec)
+        compat.restart(model, data, state[i])
         data.ctrl[:] = control[i]
         mujoco.mj_step(model, data)
-        compat.get_state(model, data, after[i], spec)
+        compat.get_state(model, data, after[i])
         constraints[i] = data.nefc
         for contact in data.contact[: data.ncon]:
             rows.append(i)
             geoms.append(np.array([contact.geom1, contact.geom2]))
             normals.append(np.array(contact.frame[:3]))
-        mujoco.mj_resetData(contactless, data)
-        compat.set_state(contactless, data, state[i], spec)
+        compat.restart(contactless, data, state[i])
         data.ctrl[:] = control[i]
         mujoco.mj_step(contactless, data)
         qvel[i] = data.qvel
@@ -207,7 +205,7 @@ def violation(model: mujoco.MjModel, states: np.ndarray) -> Violation:
     Args:
       states: (n, nstate) rows of mjSTATE_INTEGRATION.
     """
-    data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
+    data = mujoco.MjData(model)
     penetration = constraint = 0.0
     equality = int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
     limits = (
@@ -215,8 +213,7 @@ def violation(model: mujoco.MjModel, states: np.ndarray) -> Violation:
         int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON),
     )
     for row in states:
-        mujoco.mj_resetData(model, data)
-        compat.set_state(model, data, row, spec)
+        compat.restart(model, data, row)
         mujoco.mj_fwdPosition(model, data)
         penetration = max(penetration, *(-c.dist for c in data.contact[: data.ncon]), 0.0)
         kind, residual = np.asarray(data.efc_type), np.asarray(data.efc_pos)

@@ -155,19 +155,17 @@ class ModelFacts:
 
 def observe(workload: Workload) -> Observation:
     """Return the reference run of a workload."""
-    model, spec = workload.model, compat.state_spec("INTEGRATION")
-    data = mujoco.MjData(model)
+    model, data = workload.model, mujoco.MjData(workload.model)
     final_state = np.empty_like(workload.initial_state)
     warnings = np.zeros((workload.nbatch, len(compat.warning_counts(data))), dtype=int)
     sums, maxima = np.zeros((workload.nbatch, _NCOUNTER)), np.zeros((workload.nbatch, 2), dtype=int)
     for i in range(workload.nbatch):
-        mujoco.mj_resetData(model, data)
-        compat.set_state(model, data, workload.initial_state[i], spec)
+        compat.restart(model, data, workload.initial_state[i])
         counters = _count_steps(model, data, workload.control[i], workload.hold)
         sums[i] = counters[workload.lead_in :].sum(axis=0)
         maxima[i] = counters[:, :2].max(axis=0)
         warnings[i] = compat.warning_counts(data)
-        compat.get_state(model, data, final_state[i], spec)
+        compat.get_state(model, data, final_state[i])
     bad = warnings[:, compat.divergence_warnings()].any(axis=1)
     healthy = ~bad & np.isfinite(final_state).all(axis=1)
     counted = int(healthy.sum()) * (workload.nstep - workload.lead_in)
@@ -206,7 +204,7 @@ def step_s(model: mujoco.MjModel, state: np.ndarray | None = None) -> float:
     """
     data = start_data(model)
     if state is not None:
-        compat.set_state(model, data, state, compat.state_spec("INTEGRATION"))
+        compat.set_state(model, data, state)
     begin = time.perf_counter()
     mujoco.mj_step(model, data)
     warm_up_s = time.perf_counter() - begin
@@ -233,19 +231,17 @@ def states_after(workload: Workload, nsteps: Sequence[int]) -> np.ndarray:
     Returns:
       (len(nsteps), nbatch, nstate) rows of mjSTATE_INTEGRATION.
     """
-    model, spec = workload.model, compat.state_spec("INTEGRATION")
-    data = mujoco.MjData(model)
+    model, data = workload.model, mujoco.MjData(workload.model)
     states = np.empty((len(nsteps), *workload.initial_state.shape))
     for i, start in enumerate(workload.initial_state):
-        mujoco.mj_resetData(model, data)
-        compat.set_state(model, data, start, spec)
+        compat.restart(model, data, start)
         done = 0
         for point, nstep in enumerate(nsteps):
             for k in range(done, nstep):
                 data.ctrl[:] = workload.control[i, k // workload.hold]
                 mujoco.mj_step(model, data)
             done = nstep
-            compat.get_state(model, data, states[point, i], spec)
+            compat.get_state(model, data, states[point, i])
     return states
 
 
@@ -255,11 +251,10 @@ def step_outputs(workload: Workload) -> StepOutputs:
     if outputs.state is None:
         return outputs
     model, data = workload.model, mujoco.MjData(workload.model)
-    full, physics = compat.state_spec("INTEGRATION"), compat.state_spec("FULLPHYSICS")
+    physics = compat.state_spec("FULLPHYSICS")
     for i, start in enumerate(workload.initial_state):
         states, sensors = outputs.rows(i)
-        mujoco.mj_resetData(model, data)
-        compat.set_state(model, data, start, full)
+        compat.restart(model, data, start)
         for k in range(workload.nstep):
             data.ctrl[:] = workload.control[i, k // workload.hold]
             mujoco.mj_step(model, data)
@@ -275,11 +270,10 @@ def one_step(model: mujoco.MjModel, states: np.ndarray) -> dict[str, np.ndarray]
     Args:
       states: (nstate, size) rows of mjSTATE_INTEGRATION, which include the controls.
     """
-    spec, data = compat.state_spec("INTEGRATION"), mujoco.MjData(model)
+    data = mujoco.MjData(model)
     after: dict[str, list[np.ndarray]] = {"qpos": [], "qvel": [], "act": []}
     for row in states:
-        mujoco.mj_resetData(model, data)
-        compat.set_state(model, data, row, spec)
+        compat.restart(model, data, row)
         mujoco.mj_step(model, data)
         for field, values in after.items():
             values.append(np.array(getattr(data, field)))
@@ -389,7 +383,6 @@ def _raised(warnings: np.ndarray, which: np.ndarray) -> dict[str, int]:
 def _start_contacts(workload: Workload) -> int:
     """Return the contacts at the first simulation's start."""
     data = mujoco.MjData(workload.model)
-    spec = compat.state_spec("INTEGRATION")
-    compat.set_state(workload.model, data, workload.initial_state[0], spec)
+    compat.set_state(workload.model, data, workload.initial_state[0])
     mujoco.mj_forward(workload.model, data)
     return int(data.ncon)

@@ -256,7 +256,7 @@ def fields(model: mujoco.MjModel, states: np.ndarray) -> dict[str, np.ndarray]:
     Args:
       states: (nbatch, nstate) rows of mjSTATE_INTEGRATION, whose layout differs between releases.
     """
-    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    columns = compat.state_columns(model)
     return {field: np.array(states[:, place]) for field, place in columns.items()}
 
 
@@ -268,10 +268,9 @@ def states(model: mujoco.MjModel, fields: Mapping[str, np.ndarray]) -> np.ndarra
     Raises:
       InputError: a field's size is not the model's.
     """
-    spec = compat.state_spec("INTEGRATION")
-    columns = compat.state_columns(model, spec)
-    default = np.empty(compat.state_size(model, spec))
-    compat.get_state(model, mujoco.MjData(model), default, spec)
+    columns = compat.state_columns(model)
+    default = np.empty(compat.state_size(model))
+    compat.get_state(model, mujoco.MjData(model), default)
     rows = np.tile(default, (len(next(iter(fields.values()))), 1))
     for field, place in columns.items():
         if field in fields:
@@ -368,8 +367,7 @@ def _starts(
     model: mujoco.MjModel, nbatch: int, rng: np.random.Generator, spread: float
 ) -> np.ndarray:
     """Return (nbatch, nstate) random start states."""
-    spec = compat.state_spec("INTEGRATION")
-    states = np.empty((nbatch, compat.state_size(model, spec)))
+    states = np.empty((nbatch, compat.state_size(model)))
     data = mujoco.MjData(model)
     for row in states:
         reset_to_start(model, data)
@@ -377,7 +375,7 @@ def _starts(
         mujoco.mj_integratePos(model, data.qpos, offset, 1.0)
         data.qvel[:] += spread * START_VELOCITY_SD * rng.standard_normal(model.nv)
         mujoco.mj_step(model, data)  # sets the warm-start to the solution of the previous state
-        compat.get_state(model, data, row, spec)
+        compat.get_state(model, data, row)
     return states
 
 
