@@ -94,12 +94,6 @@ def shown(name: str) -> str:
 
 
 def suggestion(word: str, choices: Iterable[str], n: int = 3) -> str:
-    """Return a hint such as ` (did you mean rollout?)`, or nothing where no choice is similar.
-
-    Args:
-      word: that the user typed.
-      choices: the words that are known.
-      n: the most choices to name, the most similar first.
-    """
+    """Return a hint such as ` (did you mean rollout?)`, or nothing where no choice is similar."""
     similar = difflib.get_close_matches(word, list(choices), n=n)
     return f" (did you mean {', '.join(similar)}?)" if similar else ""

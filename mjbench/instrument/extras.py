@@ -27,8 +27,8 @@ def require(what: str, extra: str, packages: Iterable[str]) -> None:
     """Refuse to go on without packages.
 
     Args:
-      what: needs them, such as `a site`.
-      packages: by the names by which they are imported.
+      what: needs the packages, such as `a site`.
+      packages: names by which they are imported.
 
     Raises:
       MachineError: one is missing; the message has the command that installs it.

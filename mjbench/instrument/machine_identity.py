@@ -21,11 +21,7 @@ _NOT_THE_MODEL = re.compile(
 
 @dataclass(frozen=True)
 class MachineKind:
-    """What machines share that may be the same one.
-
-    Attributes:
-      architecture: such as `x86_64`.
-    """
+    """What machines share that may be the same one."""
 
     cpu: str
     architecture: str
@@ -44,9 +40,7 @@ class MachineIdentity:
 
     Attributes:
       name: short, and of no other machine among them.
-      kind: processor, architecture, usable cores, hypervisor.
-      label: the user's name for it; empty without one.
-      host: a hash that tells machines apart; empty where the label does, and where it is unknown.
+      host: see `machine.host_hash`; empty where there is a label.
     """
 
     name: str
@@ -57,12 +51,7 @@ class MachineIdentity:
 
 @dataclass(frozen=True)
 class Software:
-    """What must be the same for results of one machine to be of the same software.
-
-    Attributes:
-      versions: of the packages that a result depends on, with their names.
-      flags: environment variables that change speed or results, with their names.
-    """
+    """What must be the same for results of one machine to be of the same software."""
 
     python: str
     versions: tuple[tuple[str, str], ...]
@@ -83,8 +72,8 @@ def identify(machines: Sequence[Machine]) -> list[MachineIdentity]:
     """Return the identity of each machine of some runs; equal ones are the same machine.
 
     Args:
-      machines: of all these runs, since names depend on which others there are. Machines that share
-        a name get letters, in this order.
+      machines: all of them, since names depend on which others there are. Machines that share a
+        name get letters in this order.
     """
     unnamed = [_identity(machine) for machine in machines]
     known = list(dict.fromkeys(u for u in unnamed if u.label or u.host))

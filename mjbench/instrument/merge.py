@@ -16,9 +16,9 @@ class Merged:
 
     Attributes:
       runs: of the set afterwards, each once.
-      repeated: how many sections of the inputs it held already.
-      earlier: how many were an earlier state of a run that it holds.
-      torn: inputs whose end was cut short, and left out.
+      repeated: sections of the inputs that the set had already.
+      earlier: sections that are an earlier state of a run in the set.
+      torn: inputs whose last section was cut short, and left out.
     """
 
     runs: tuple[Run, ...]
@@ -34,13 +34,11 @@ def merge(inputs: Sequence[Path], output: Path, record_types: Mapping[str, type]
     All inputs are read before anything is written.
 
     Args:
-      inputs: run files and sets.
-      output: the set; it may be an input, too.
-      record_types: the class of each record by its `type`.
+      output: may be an input, too.
 
     Raises:
       InputError: an input is neither a run file nor a set, or the output is a file but no set.
-      MachineError: the output cannot be written, or another process is writing it.
+      MachineError: the output cannot be written, or another process writes it.
     """
     read = [run_set.read(path, record_types) for path in inputs]
     # not Path.exists, which fails where a name is too long; create has a message for that

@@ -26,11 +26,7 @@ class RunFile:
 
     @classmethod
     def create(cls, folder: Path, header: RunHeader) -> "RunFile":
-        """Create a file, and write its first line.
-
-        Raises:
-          MachineError: the folder cannot be written.
-        """
+        """Create a file, and write its first line."""
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with contextlib.ExitStack() as on_error:
@@ -54,7 +50,7 @@ class RunFile:
         holds more, it stays beside the new one, with `.bak` after its name.
 
         Raises:
-          MachineError: it cannot be written, or another process is writing it.
+          MachineError: it cannot be written, or another process writes it.
         """
         path = path.resolve()
         try:
@@ -76,11 +72,7 @@ class RunFile:
         return cls(path, file)
 
     def append(self, record: Record) -> None:
-        """Write one record, and flush it.
-
-        Raises:
-          MachineError: the disk is full, or the file is gone.
-        """
+        """Write one record, and flush it."""
         try:
             _write_line(self._file, record)
         except OSError as error:
@@ -117,11 +109,7 @@ def _link(path: Path, name: Path) -> None:
 
 
 def lock(file: IO[Any]) -> None:
-    """Lock a file of runs as long as it is open: it cannot be continued while it is written.
-
-    Raises:
-      OSError: another process writes it.
-    """
+    """Lock a file of runs as long as it is open: it cannot be continued while it is written."""
     try:
         platforms.lock_file(file.fileno(), shared=False, wait=False)
     except BlockingIOError as error:

@@ -45,9 +45,9 @@ class SectionHeader:
     """The line before the lines of a run.
 
     Attributes:
-      lines: how many lines of a run file follow.
+      lines: lines of a run file that follow.
       sha256: of these lines as bytes, with their line breaks, in hexadecimal.
-      cell: what of a sweep they are; empty otherwise.
+      cell: which cell of a sweep they are; empty otherwise.
     """
 
     record_type: ClassVar[str] = "section"
@@ -61,8 +61,8 @@ class Section:
     """A run within a set.
 
     Attributes:
-      cell: what of a sweep it is; empty otherwise.
-      lines: of its run file, as bytes, each with its line break.
+      cell: which cell of a sweep it is; empty otherwise.
+      lines: lines of its run file, each with its line break.
     """
 
     cell: str
@@ -85,9 +85,8 @@ class RunSet:
     """A run set, read back.
 
     Attributes:
-      sections: in the order they were written.
-      is_torn: whether its last section was cut short, and left out; of a run file, its last line.
-      is_run_file: whether it is a run file, read as a set of one section.
+      is_torn: whether the last section, or the last line of a run file, was cut short and left out.
+      is_run_file: whether it was read from a run file, as a set of one section.
     """
 
     sections: tuple[Section, ...]
@@ -164,8 +163,8 @@ class RunSetFile:
         """Open a file for more sections, and cut off what a killed writer left unfinished.
 
         Raises:
-          InputError: it is no run set, or it is damaged; then nothing changes.
-          MachineError: there is none, it cannot be written, or another process is writing it.
+          InputError: it is no run set, or is damaged; then nothing changes.
+          MachineError: there is none, it cannot be written, or another process writes it.
         """
         try:
             with contextlib.ExitStack() as on_error:
@@ -180,7 +179,7 @@ class RunSetFile:
         """Write one section at once, so that a reader sees all of it or none.
 
         Raises:
-          MachineError: the disk is full, or the file is gone; earlier sections are untouched.
+          MachineError: the disk is full, or the file is gone; earlier sections stay.
         """
         header = SectionHeader(len(section.lines), section.sha256, printable(section.cell))
         try:
@@ -198,9 +197,6 @@ class RunSetFile:
 
 def read(path: Path, record_types: Mapping[str, type]) -> RunSet:
     """Read a run set, or a run file as a set of one section.
-
-    Args:
-      record_types: the class of each record by its `type`.
 
     Raises:
       InputError: neither of them, one of another format, a section that is not what was written, or
@@ -225,14 +221,7 @@ def read(path: Path, record_types: Mapping[str, type]) -> RunSet:
 def load_files(
     paths: Iterable[Path], record_types: Mapping[str, type]
 ) -> list[tuple[Path, Section]]:
-    """Read run files and run sets: each run once, with the first file that holds it.
-
-    Args:
-      record_types: the class of each record by its `type`.
-
-    Raises:
-      InputError: as `read` does.
-    """
+    """Read run files and run sets: each run once, with the first file that holds it."""
     by_digest: dict[str, tuple[Path, Section]] = {}
     for path in paths:
         for section in read(path, record_types).sections:
@@ -258,12 +247,7 @@ def _section(path: Path, lines: Sequence[bytes], record_types: Mapping[str, type
 
 
 def _open(path: Path, flags: int = 0) -> FileIO:
-    """Open a file to read all of it and to append, and lock it.
-
-    Raises:
-      InputError: it is a device, a pipe or a folder.
-      OSError: it cannot be opened, or another process writes it.
-    """
+    """Open a file to read all of it and to append, and lock it."""
     extra = os.O_APPEND | flags
     file = FileIO(path, "r+", opener=lambda name, mode: os.open(name, mode | extra, 0o666))
     with contextlib.ExitStack() as on_error:
@@ -276,12 +260,7 @@ def _open(path: Path, flags: int = 0) -> FileIO:
 
 
 def _begin_or_repair(path: Path, file: FileIO) -> None:
-    """Write the first line where there is none, or cut off a section that is not complete.
-
-    Raises:
-      InputError: no run set, or a damaged one.
-      OSError: it cannot be read or written.
-    """
+    """Write the first line where there is none, or cut off a section that is not complete."""
     lines = split_lines(file.readall())
     first = _line(SetHeader())
     if not lines or (len(lines) == 1 and first.startswith(lines[0]) and lines[0] != first):
@@ -294,11 +273,7 @@ def _begin_or_repair(path: Path, file: FileIO) -> None:
 
 
 def _spans(path: Path, lines: Sequence[bytes]) -> tuple[list[_Span], int]:
-    """Return where the sections of a set are, and how many lines precede an unfinished one.
-
-    Raises:
-      InputError: no run set, another format, or a section that is not what was written.
-    """
+    """Return where the sections of a set are, and how many lines precede an unfinished one."""
     if not lines or not _OWN_LINE.match(lines[0]):
         raise InputError(f'{path}: not a run set (its first line must be {{"type": "set", …}})')
     schema = _decoded(path, lines, 0, SetHeader).schema
@@ -348,11 +323,7 @@ def _line(header: SetHeader | SectionHeader) -> bytes:
 
 
 def _write(file: FileIO, content: bytes) -> None:
-    """Append all bytes, or none where that fails.
-
-    Raises:
-      OSError: it fails.
-    """
+    """Append all bytes, or none where that fails."""
     size = os.fstat(file.fileno()).st_size
     try:
         written = 0

@@ -43,8 +43,8 @@ class StepOutcome:
     """The states that some steps led to.
 
     Attributes:
-      fields: (nbatch, size) float64 arrays by MjData field: the fields that the engine keeps, and
-        the last controls under `ctrl`.
+      fields: (nbatch, size) float64 by MjData field: the fields that the engine keeps, and the last
+        controls as `ctrl`.
       contacts: of the last step; None where the engine does not report them.
     """
 
@@ -68,16 +68,14 @@ class Compiled(Prepared):
       advance: the same program as `run`, called with any states, controls and number of steps.
       reload: puts the workload's start states and controls on the device again, after its
         simulations were reordered; not timed.
-      device: that it runs on, such as `cpu` or `NVIDIA H200`.
-      trace_s: seconds from Python to the compiler's input; None where there is no such stage.
-      compile_s: seconds that the compiler took.
-      is_deterministic: whether a timed run repeats the checked one to the last bit. It does where
-        both are one program on a CPU; a GPU adds in any order.
-      buffer_sizes: sizes of the engine's buffers, by its names for them.
-      gpu_memory_bytes: returns the peak GPU memory so far; None on a CPU, or where the engine does
-        not report it.
-      cached_compile_s: returns the seconds of the compiler in a process that finds the program in
-        the engine's cache; None where that is not known. It compiles once more to fill a cache.
+      device: such as `cpu` or `NVIDIA H200`.
+      trace_s: seconds from Python to the compiler's input; None without such a stage.
+      is_deterministic: whether a timed run repeats the checked one to the last bit: where both are
+        one program on a CPU. A GPU adds in any order.
+      gpu_memory_bytes: peak GPU memory so far; None on a CPU, or where the engine does not report
+        it.
+      cached_compile_s: seconds that the compiler takes in a process which finds the program in the
+        engine's cache; None where unknown. It compiles once more to fill a cache.
     """
 
     advance: Advance
@@ -95,10 +93,7 @@ class AcceleratedPath(SteppingPath):
     """A path that compiles the step first.
 
     Class attributes:
-      precision: that it computes in.
-      extra: the extra of mjbench that installs the packages.
-      packages: modules that the path needs.
-      engine: its name for people.
+      extra: extra of mjbench that installs the packages.
     """
 
     closed_loop = True
@@ -118,11 +113,7 @@ class AcceleratedPath(SteppingPath):
 
     @abstractmethod
     def device_kind(self) -> str:
-        """Return the kind of device that the path would run on: `cpu`, or the engine's name of it.
-
-        Raises:
-          MachineError: there is no device.
-        """
+        """Return the kind of the device that it would run on: `cpu`, or the engine's name of it."""
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
         """Return the engine's own reason for rejecting the model or its start states."""
@@ -164,11 +155,7 @@ class AcceleratedPath(SteppingPath):
 
 
 def accelerated_path(name: str) -> AcceleratedPath:
-    """Return a path that compiles.
-
-    Raises:
-      InputError: it does not compile, or there is none of this name.
-    """
+    """Return a path that compiles."""
     path = paths.find(name)
     if not isinstance(path, AcceleratedPath):
         raise InputError(f"path {name} does not compile")
@@ -237,7 +224,6 @@ def states_of_fields(workload: Workload, fields: Mapping[str, np.ndarray]) -> St
     """Return states made of the fields that an engine has, with a mask of their entries.
 
     Args:
-      workload: that was run.
       fields: (nbatch, size) arrays by MjData field.
     """
     columns = compat.state_columns(workload.model)

@@ -124,7 +124,6 @@ class Mjx(AcceleratedPath):
         """Return the program with `jax.lax.scan`, which fixes the number of steps.
 
         Args:
-          workload: to run.
           options: sizes of buffers (see `Compiled.buffer_sizes`).
         """
         is_float64 = self.precision == Precision.FLOAT64

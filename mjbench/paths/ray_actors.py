@@ -295,8 +295,7 @@ def _answers(calls: Sequence[Any], limit_s: float | None = None) -> list[Any]:
     """Return what calls of actors return.
 
     Args:
-      calls: as Ray refers to them.
-      limit_s: seconds to wait; None for as long as it takes.
+      limit_s: seconds to wait; None for any time.
 
     Raises:
       MachineError: an actor's process ended, or it raised an exception.

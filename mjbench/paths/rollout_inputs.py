@@ -30,9 +30,8 @@ class RolloutInputs:
     """The arrays that a rollout starts from; all variants of a workload share them.
 
     Attributes:
-      start: (nbatch, nphysics) full-physics states.
       warmstart: (nbatch, nv) accelerations.
-      control_spec: the mjtState components in a row of `control`.
+      control_spec: mjtState components in a row of `control`.
       control: (nbatch, nstep, ncontrol); None without any.
     """
 
@@ -67,12 +66,6 @@ def whole_final_states(
     """Return (nbatch, nstate) final states in full, of simulations that are rolled out alone.
 
     What a rollout does not return, such as the warm-start, is in its MjData afterwards.
-
-    Args:
-      model: to step.
-      data: to step it in.
-      inputs: (nbatch, …) of the simulations.
-      nstep: steps of each.
     """
     from mujoco import rollout
 

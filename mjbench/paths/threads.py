@@ -75,9 +75,7 @@ def shares(count: int, workers: int, size: int | None = None) -> list[slice]:
     """Return consecutive slices that cover `range(count)`.
 
     Args:
-      count: how many items to divide.
-      workers: that share them.
-      size: items per slice; None for one slice per worker, of about equal size.
+      size: items of a slice; None for one slice of about equal size for each worker.
     """
     size = size or -(-count // workers)
     return [slice(i, min(i + size, count)) for i in range(0, count, size)]

@@ -43,10 +43,6 @@ def load(stream: BinaryIO, name: str, fields: frozenset[str] | None = None) -> o
 def floats(values: np.ndarray, name: str) -> np.ndarray:
     """Return numbers as float64, in which small integers take eight times their space.
 
-    Args:
-      values: of any numeric type.
-      name: of the file, for messages.
-
     Raises:
       InputError: they would be too large.
     """

@@ -27,8 +27,6 @@ class ModelLayout:
     """What decides which numbers a state of a model, and a control, hold.
 
     Attributes:
-      nu: controls.
-      na: activations.
       joints: types of the joints in their order, such as `free`.
     """
 
@@ -60,10 +58,9 @@ class CaptureHeader:
     """Where captured states come from.
 
     Attributes:
-      digests: of the models that were stepped, each once (see `model_digest`): several where the
-        program changes its model.
-      mujoco_version: of MuJoCo, which stepped them.
-      steps: of the model in the program while it was captured.
+      digests: of the models that were stepped (see `model_digest`); several where the program
+        changes its model.
+      steps: steps of the model in the program during the capture.
       changed_inputs: MjData fields, other than the controls, that the program sets between steps.
     """
 
@@ -83,10 +80,6 @@ class CaptureHeader:
     @classmethod
     def of_array(cls, array: np.ndarray, file_name: str) -> "CaptureHeader":
         """Return the header that a file holds.
-
-        Args:
-          array: as `array` returns it.
-          file_name: for messages.
 
         Raises:
           InputError: it is no header, or one of a later format.

@@ -36,7 +36,7 @@ def install(model: "mujoco.MjModel", name: str) -> None:
     Threads that step call it as well, and none of them waits for Python.
 
     Args:
-      name: of a C function that takes a model and its data.
+      name: a C function that takes a model and its data.
 
     Raises:
       InputError: this release has no such function, or steps of the model call no callback.

@@ -110,11 +110,7 @@ _CALLS: ProcessWide[_Call] = ProcessWide(_TIMER.set)
 
 @functools.cache  # a timed block may ask for it
 def _mjcb_time() -> ctypes.c_void_p:
-    """Return the variable of the C library that holds the timer's address.
-
-    Raises:
-      MachineError: it is not there.
-    """
+    """Return the variable of the C library that holds the timer's address."""
     try:
         return ctypes.c_void_p.in_dll(engine_library.loaded(), "mjcb_time")
     except ValueError as error:

@@ -25,7 +25,6 @@ class GivenControls:
 
     Attributes:
       sequences: (nsequence, ncontrol, nu).
-      name: of the file, for messages.
     """
 
     sequences: np.ndarray
@@ -36,11 +35,7 @@ class GivenControls:
         return int(self.sequences.shape[1]) * hold
 
     def check(self, nstep: int, hold: int) -> None:
-        """Refuse more steps than there are controls for.
-
-        Raises:
-          InputError: there are fewer.
-        """
+        """Refuse more steps than there are controls for."""
         most = self.most_nstep(hold)
         if nstep > most:
             count = self.sequences.shape[1]
@@ -61,7 +56,7 @@ class GivenControls:
         its state; otherwise as `of_simulations`.
 
         Args:
-          rows: (nbatch,) from which simulations start.
+          rows: (nbatch,) rows of the file.
         """
         if len(self.sequences) == nrow:
             return self._of(rows, ncontrol)
@@ -100,11 +95,7 @@ def read(file: Path, model: mujoco.MjModel) -> GivenControls:
 
 
 def _read_array(file: Path, name: str) -> np.ndarray:
-    """Return the array of controls of a file.
-
-    Raises:
-      InputError: it cannot be read, or has no such array.
-    """
+    """Return the array of controls of a file."""
     try:
         with file.open("rb") as stream:
             loaded: Any = array_files.load(stream, name, frozenset(_NAMES))

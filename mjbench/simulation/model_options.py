@@ -68,10 +68,6 @@ def set_attribute(options: Any, name: str, text: str) -> None:
 
     An enum's value is a keyword there, such as `CG`, and no number; flags are no attributes.
 
-    Args:
-      options: `opt` of an MjModel, or `option` of an MjSpec.
-      name: of the attribute, and of the field.
-
     Raises:
       InputError: no such attribute in this release, or it cannot have this value.
     """

@@ -29,15 +29,13 @@ class SampleRequest:
     """The workload that is asked for.
 
     Attributes:
-      nstep: steps of each that count.
-      hold: steps per control.
-      starts: where start states are to come from; by default settled, as in every command.
+      nstep: steps of each simulation that count.
       max_settling_nstep: steps of the settling run at most; None for no bound.
-      may_shorten: whether simulations may have fewer steps, where a file has too few controls.
-      lead_in: steps that come first and do not count (see `Workload`), a multiple of hold.
-      perturbs: whether velocities of states along a settling run are perturbed, so that simulations
-        differ where the model rests: what compares their final states needs that. What compares
-        times alone does not: the noise wakes what sleeps, and makes the solver work.
+      may_shorten: whether simulations may be shorter, where a file has too few controls.
+      lead_in: steps before those that count (see `Workload`), a multiple of hold.
+      perturbs: whether velocities along a settling run are perturbed, so that simulations differ
+        where the model rests. Comparing final states needs that; times are compared without,
+        because the noise wakes what sleeps and makes the solver work.
     """
 
     nbatch: int
@@ -65,11 +63,7 @@ class _Given:
 
     @classmethod
     def read(cls, model: mujoco.MjModel, plan: StartPlan) -> "_Given":
-        """Return what the files of a plan hold.
-
-        Raises:
-          InputError: one cannot be read, or does not fit the model.
-        """
+        """Return what the files of a plan hold."""
         controls_file = plan.controls_file
         return cls(
             None if plan.file is None else state_file.read(plan.file, model),
@@ -89,7 +83,7 @@ class Sample:
 
     Attributes:
       workload: without diverged simulations.
-      observation: its reference run; warnings, and which simulations are healthy, are those of all.
+      observation: its reference run; warnings and `healthy` are those of all simulations.
       spread: factor on the noise of starts and controls; below 1 where more would diverge.
       asleep_in_run: see `Window`.
     """
@@ -167,10 +161,6 @@ def _later(sample: Sample, request: SampleRequest) -> Later | None:
 
 def most_nstep(model: mujoco.MjModel, plan: StartPlan, nbatch: int, hold: int) -> int | None:
     """Return how many steps of simulations the files of a plan have controls for.
-
-    Args:
-      nbatch: simulations that are to start differently.
-      hold: steps per control.
 
     Returns:
       A multiple of hold; None for any number.

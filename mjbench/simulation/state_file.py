@@ -34,10 +34,8 @@ class RecordedStates:
 
     Attributes:
       fields: by MjData field, each (nrow, size).
-      name: of the file, for messages.
-      segment: (nrow,) number of the segment that a row belongs to; rows of one segment are
-        consecutive steps.
-      header: where captured states come from; None for others.
+      segment: (nrow,) segment of each row; rows of one segment are consecutive steps.
+      header: None where the states were not captured.
     """
 
     fields: Mapping[str, np.ndarray]
@@ -82,8 +80,7 @@ class RecordedStates:
         a short file), or half of its steps would be in segments too short to start from.
 
         Args:
-          nstart: different starts wanted.
-          hold: steps per control; the number is a multiple of it, and at least that.
+          hold: the number is a multiple of it, and at least that.
         """
         if not self.replays:
             return None
@@ -114,8 +111,6 @@ def write(
     """Write captured states.
 
     Args:
-      header: where they come from.
-      columns: of each MjData field in a state.
       segments: each (count, nstate) states of consecutive steps.
     """
     states = np.concatenate(segments)
@@ -155,11 +150,7 @@ def read(file: Path, model: mujoco.MjModel) -> RecordedStates:
 
 
 def _checked_segment(name: str, segment: np.ndarray | None, nrow: int) -> np.ndarray:
-    """Return the number of each row's segment, (nrow,) whole numbers that never decrease.
-
-    Raises:
-      InputError: they are something else.
-    """
+    """Return the number of each row's segment, (nrow,) whole numbers that never decrease."""
     if (
         segment is None
         or segment.shape != (nrow,)
@@ -187,11 +178,7 @@ def _segments_by_time(
 def _read_arrays(
     file: Path, name: str, fields: Sequence[str]
 ) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return the arrays of a file that are named like fields, and the names of the others.
-
-    Raises:
-      InputError: it cannot be read.
-    """
+    """Return the arrays of a file that are named like fields, and the names of the others."""
     try:
         with file.open("rb") as stream:
             arrays: Any = array_files.load(stream, name, frozenset(fields))
@@ -209,11 +196,7 @@ def _read_arrays(
 
 
 def _rows(name: str, field: str, values: np.ndarray, place: slice) -> np.ndarray:
-    """Return (nrow, size) numbers of a field.
-
-    Raises:
-      InputError: it has another size, no row, or what is not a finite number.
-    """
+    """Return (nrow, size) numbers of a field."""
     size = place.stop - place.start
     if values.ndim == 0 or len(values) == 0:
         raise InputError(f"{name}: {field} has no rows")
@@ -243,11 +226,6 @@ def draw(
     Rows are drawn at random, each once where there are enough. Where the file has no warm-starts,
     each row is stepped once, so that its warm-start is real. Controls are those that follow the row
     in the file, unless others are given; random ones where there are none.
-
-    Args:
-      hold: steps per control.
-      spread: scales the noise of random controls.
-      given: controls of the user's own; None for none.
 
     Raises:
       InputError: sizes are below 1, nstep is not a multiple of hold, or too few controls follow.

@@ -10,7 +10,6 @@ class StateReader:
     """Reads states of simulations of one model, and compares them.
 
     Attributes:
-      spec: mjSTATE_INTEGRATION.
       columns: of each MjData field in a state.
     """
 
@@ -28,11 +27,7 @@ class StateReader:
         return state
 
     def differing(self, state: np.ndarray, other: np.ndarray) -> set[str]:
-        """Return the MjData fields, other than the controls, that differ in any bit.
-
-        Args:
-          state: (nstate,) of mjSTATE_INTEGRATION.
-        """
+        """Return the MjData fields, other than the controls, that differ in any bit."""
         before, after = self._before_ctrl, self._after_ctrl
         if (
             state[before].tobytes() == other[before].tobytes()

@@ -26,7 +26,6 @@ class Contacts:
     """Contacts that a step detected at its start, of all simulations in one list.
 
     Attributes:
-      simulation: (ncon,) index of the simulation.
       geom: (ncon, 2) ids of the geoms, the lower one first.
       normal: (ncon, 3) unit normals, from the lower geom to the other.
     """
@@ -68,11 +67,8 @@ class SingleSteps:
 
     Attributes:
       state: (n, nstate) rows of mjSTATE_INTEGRATION to start from.
-      control: (n, nu) controls of the step.
-      after: (n, nstate) states that the steps lead to.
-      qvel_without_contact: (n, nv) velocities that the steps would lead to without any contact.
-      contacts: of the steps, by row.
-      constraints: (n,) scalar constraints of the steps.
+      after: (n, nstate) states after the step.
+      qvel_without_contact: (n, nv) velocities after the same step without any contact.
     """
 
     state: np.ndarray
@@ -88,10 +84,9 @@ class Trajectory:
     """All states of some simulations, evenly spread over the batch.
 
     Attributes:
-      simulation: (n,) indices of the simulations.
-      states: (n, nstep + 1, nstate) from the start on.
-      unconstrained_nstep: steps before the first on which a contact or another constraint acted, in
-        any of the simulations; nstep if there was none.
+      states: (n, nstep + 1, nstate), with the start.
+      unconstrained_nstep: steps before the first on which a constraint acted in any simulation;
+        nstep if there was none.
     """
 
     simulation: np.ndarray
@@ -105,8 +100,8 @@ def record_trajectory(
     """Run simulations in C and return all their states.
 
     Args:
-      nsim: number of simulations, the first and the last among them; at most all.
-      change: of states and controls before every step, for a shadow; None for no change.
+      nsim: simulations, with the first and the last; at most all.
+      change: changes states and controls before every step, for a shadow.
     """
     model, data = workload.model, mujoco.MjData(workload.model)
     nstep = workload.nstep
@@ -142,9 +137,8 @@ def single_steps(
     `inputs`): an engine that drops one takes another step.
 
     Args:
-      most: number of steps; fewer if the run has fewer.
       rounded: round states and controls to float32 first, as an engine in float32 does.
-      inputs_to_set: MjData fields of the inputs to set.
+      inputs_to_set: MjData fields.
     """
     nstep = workload.nstep
     chosen = spread_indices(len(trajectory.states) * nstep, most)
@@ -200,11 +194,7 @@ class Violation:
 
 
 def violation(model: mujoco.MjModel, states: np.ndarray) -> Violation:
-    """Return how far states violate constraints: the largest violations of any of them.
-
-    Args:
-      states: (n, nstate) rows of mjSTATE_INTEGRATION.
-    """
+    """Return how far states violate constraints: the largest violations of any of them."""
     data = mujoco.MjData(model)
     penetration = constraint = 0.0
     equality = int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)

@@ -32,21 +32,20 @@ class Work:
     The sizes, from `degrees_of_freedom` on, are those of the model, and None in older files.
 
     Attributes:
-      contacts: contacts (`data.ncon`) per step.
-      constraints: scalar constraints (`data.nefc`) per step.
-      solver_iterations: solver iterations per step, those of the constraint island with the most:
-        a release that solves all islands together takes about as many.
+      contacts: `data.ncon`.
+      constraints: `data.nefc`.
+      solver_iterations: those of the constraint island with the most: a release that solves all
+        islands together takes about as many.
       degrees_of_freedom: `nv`.
       actuators: 0 where actuation is disabled.
-      sensors: computed in a step; one with an interval counts for its share of the steps.
-      rays: of rangefinders, likewise.
+      sensors: sensors that a step computes; one with an interval counts for its share of the steps.
+      rays: of rangefinders, counted like sensors.
       geom_pairs: pairs of geoms that the collision filters let through, and explicit pairs; None
-        also of models with too many to look at (see `geom_pairs.MAX_GEOMS`).
-      tendons: `ntendon`.
+        also where there are too many to look at (see `geom_pairs.MAX_GEOMS`).
       plugins: instances of engine plugins.
-      mesh_vertices: of all meshes that collide.
-      hfield_cells: of all height fields that collide.
-      flex_vertices: of all deformable bodies.
+      mesh_vertices: of meshes that collide.
+      hfield_cells: of height fields that collide.
+      flex_vertices: of deformable bodies.
     """
 
     contacts: float
@@ -70,12 +69,7 @@ class Work:
 
 @dataclass(frozen=True)
 class Peaks:
-    """Maxima over all steps of the reference run; they determine the size of fixed buffers.
-
-    Attributes:
-      contacts: of one simulation.
-      constraints: scalar constraints of one simulation.
-    """
+    """Maxima over all steps of the reference run; they determine the size of fixed buffers."""
 
     contacts: int
     constraints: int
@@ -88,14 +82,13 @@ class Observation:
     Attributes:
       final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION after the last step.
       warnings: (nbatch, nwarning) how often each simulation raised each mjtWarning.
-      healthy: (nbatch,) bool: the simulations that raised no warning of a bad state and ended in a
+      healthy: (nbatch,) bool: simulations that raised no warning of a bad state and ended in a
         finite one; the others are called diverged.
-      work: of a step, averaged over the healthy simulations.
-      peaks: maxima over all steps of all simulations.
+      work: mean over the steps of the healthy simulations.
       start_contacts: contacts at the first simulation's start.
       summed_iterations: solver iterations of a step, summed over constraint islands.
       solver_limited: share of the steps whose solver stopped at its limit of iterations.
-      asleep: share of the model's trees that slept in a step; None where sleeping is not enabled.
+      asleep: mean share of the model's trees that slept; None where sleeping is not enabled.
     """
 
     final_state: np.ndarray
@@ -127,16 +120,13 @@ class ModelFacts:
     """The facts about a model that determine what a step costs.
 
     Attributes:
-      nu: controls.
-      na: activations.
-      contacts: at the start state.
-      constraints: scalar constraints at the start state.
+      contacts: at the start state, as `constraints`.
       timestep: in s.
-      integrator: its name, such as `euler`.
-      solver: its name, such as `newton`.
-      cone: the name of the friction cone, such as `pyramidal`.
-      can_fall: whether gravity acts on a free body; None in files that do not say.
-      has_clock: whether a step reads the timer of MuJoCo's Python package; None likewise.
+      integrator: such as `euler`.
+      solver: such as `newton`.
+      cone: such as `pyramidal`.
+      can_fall: whether gravity acts on a free body; None in older files.
+      has_clock: whether a step reads the timer of MuJoCo's Python package; None in older files.
     """
 
     nq: int
@@ -372,8 +362,7 @@ def _raised(warnings: np.ndarray, which: np.ndarray) -> dict[str, int]:
     """Return how many simulations raised each warning, by its name; only those that any raised.
 
     Args:
-      warnings: (nbatch, nwarning) how often each simulation raised each.
-      which: (nwarning,) bool: the warnings to look at.
+      which: (nwarning,) bool: the warnings to count.
     """
     counts = (warnings > 0).sum(axis=0)
     names = compat.warning_names()

@@ -45,13 +45,11 @@ class Workload:
     """nbatch simulations of one model, each stepped nstep = ncontrol * hold times.
 
     Attributes:
-      initial_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION, warm-start included.
+      initial_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION, with the warm-start.
       control: (nbatch, ncontrol, nu) controls in the actuators' units.
       hold: steps for which each control is held (an RL user's frame_skip).
-      seed: that starts and controls were drawn with.
-      returns: what a run returns.
       lead_in: steps of each simulation that come first and do not count: a state does not hold what
-        sleeps, so bodies fall asleep again in them.
+        sleeps, and bodies fall asleep again in them.
     """
 
     model: mujoco.MjModel
@@ -147,8 +145,8 @@ class StepOutputs:
     Attributes:
       state: (nbatch, nstep, nphysics) rows of mjSTATE_FULLPHYSICS after each step; None where a
         run returns final states alone.
-      sensordata: (nbatch, nstep, nsensordata) as each step leaves it; None where it is not
-        returned.
+      sensordata: (nbatch, nstep, nsensordata), as each step leaves it; None where a run does not
+        return it.
     """
 
     state: np.ndarray | None
@@ -211,7 +209,6 @@ def make(
     within the control range. The same arguments give the same workload.
 
     Args:
-      hold: steps per control.
       spread: scales the perturbations and the noise; at 0 every simulation is the keyframe.
 
     Raises:
@@ -287,13 +284,10 @@ class PortableWorkload:
 
     Attributes:
       fields: the start states by MjData field, each (nbatch, size).
-      control: (nbatch, ncontrol, nu) controls.
-      hold: steps for which each control is held.
-      final_state: (nbatch, nstate) states that the simulations must reach, as rows of
-        mjSTATE_INTEGRATION in the release that runs them; None where nothing is compared.
-      probe: states along some simulations, by MjData field (see `work_check.probe`); None where
-        nobody compares steps from them.
-      lead_in: steps that come first and do not count (see `Workload`).
+      final_state: (nbatch, nstate) states to reach, as rows of mjSTATE_INTEGRATION in the release
+        that runs them; None where nothing is compared.
+      probe: states along some simulations, by MjData field (see `work_check.probe`); None where no
+        steps are compared.
     """
 
     fields: Mapping[str, np.ndarray]
@@ -307,7 +301,6 @@ class PortableWorkload:
         """Return the workload of some simulations.
 
         Args:
-          rows: indices of the simulations.
           final_state: (nbatch, nstate) states that all simulations of this workload must reach.
         """
         fields = {name: values[rows] for name, values in self.fields.items()}
@@ -390,10 +383,6 @@ def random_controls(
     """Return (nbatch, ncontrol, nu) random controls around those of the start.
 
     They are an Ornstein-Uhlenbeck process, clipped to the control range.
-
-    Args:
-      hold: steps per control.
-      spread: scales the noise.
     """
     if model.nu == 0:
         return np.zeros((nbatch, ncontrol, 0))

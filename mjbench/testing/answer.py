@@ -25,15 +25,11 @@ class SpeedCheck:
     """What was measured of a candidate and its baseline.
 
     Attributes:
-      answer: whether the candidate is slower than it may be.
-      max_slowdown: how much slower it may be, as a share of the baseline's time.
-      confidence: of the interval, and so of the answer.
-      ratio: estimate of the candidate's time over the baseline's; None where there is none.
-      low: lower end of its interval; None likewise.
-      high: upper end of its interval; None likewise.
+      max_slowdown: share of the baseline's time.
+      ratio: the candidate's time over the baseline's; None without an estimate.
+      low: lower end of the interval of `ratio`; None without one, as `high`.
       candidate_s: median seconds of a call; None where it was not timed.
-      baseline_s: the same of the baseline.
-      detail: why the answer is inconclusive, in one line; empty otherwise.
+      detail: why the answer is inconclusive; empty otherwise.
     """
 
     answer: Answer
@@ -60,11 +56,7 @@ class SpeedCheck:
 
 
 def margin(confidence: float, deviation: float) -> float:
-    """Return half the width of the interval of a normal value.
-
-    Args:
-      deviation: standard deviation of the value.
-    """
+    """Return half the width of the interval of a normal value."""
     return NormalDist().inv_cdf((1 + confidence) / 2) * deviation
 
 
@@ -72,7 +64,7 @@ def of_interval(low: float, high: float, max_slowdown: float) -> Answer:
     """Return what an interval of the log ratio of candidate time over baseline time shows.
 
     Args:
-      max_slowdown: how much slower the candidate may be, as a share.
+      max_slowdown: share of the baseline's time.
     """
     log_limit = float(np.log1p(max_slowdown))
     if high <= log_limit:

@@ -56,9 +56,8 @@ class Question:
     """What is asked of two functions.
 
     Attributes:
-      max_slowdown: how much slower the candidate may be, as a share of the baseline's time.
-      confidence: of the answer, such as 0.99.
-      time_limit_s: seconds after which no round begins.
+      max_slowdown: share of the baseline's time.
+      time_limit_s: no round begins after it.
     """
 
     max_slowdown: float
@@ -71,7 +70,6 @@ class Pair:
     """Two functions to compare.
 
     Attributes:
-      candidate: the one that is judged.
       setup: called before each block, untimed, to give both functions the same start.
     """
 
@@ -140,7 +138,7 @@ def _judge(here: Interval, question: Question) -> _Judged:
     """Return what rounds show.
 
     Args:
-      here: the interval of the log ratio in this process.
+      here: interval of the log ratio in this process.
     """
     between = margin(question.confidence, PROCESS_SPREAD)
     half_width = math.hypot(here.half_width, between)
