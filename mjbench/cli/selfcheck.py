@@ -13,7 +13,7 @@ from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.group import cli, report_line
 from mjbench.cli.shared import COUNT, JUDGING, STARTS, STORING, Shares, start_plan, with_options
 from mjbench.errors import MjbenchError
-from mjbench.simulation import engine_callback
+from mjbench.simulation import engine_library
 from mjbench.status import Status
 
 if TYPE_CHECKING:
@@ -44,11 +44,11 @@ _SLOWDOWNS = (0.0, 0.005, 0.01, 0.02, 0.05)
 @click.option(
     "--inside-step",
     "functions",
-    type=click.Choice(list(engine_callback.FUNCTIONS)),
+    type=click.Choice(list(engine_library.FUNCTIONS)),
     multiple=True,
     metavar="FUNCTION",
     help="Slow the candidate down inside mj_step, by one more call of this C function of MuJoCo:"
-    f" {', '.join(engine_callback.FUNCTIONS)}. Can be given several times.",
+    f" {', '.join(engine_library.FUNCTIONS)}. Can be given several times.",
 )
 @click.option(
     "--between-builds",

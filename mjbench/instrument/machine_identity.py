@@ -8,9 +8,10 @@ machine of its own.
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from mjbench.instrument import units
 from mjbench.instrument.machine import Machine
 
 # What names of processors say besides which one it is.
@@ -137,10 +138,10 @@ def _resolved(
 def _names(identities: Sequence[MachineIdentity]) -> dict[MachineIdentity, str]:
     """Return a name for each: as much as tells it apart, and a letter where nothing does."""
     names = {i: i.label or short_cpu_name(i.kind.cpu) for i in identities}
-    for detail in (_short_cpu, _cpu, _cores, _architecture, _virtual):
+    for detail in _DETAILS:
         for group in _same_name(names):
-            if len({detail(i) for i in group}) > 1:
-                names |= {i: f"{names[i]}, {detail(i)}" for i in group}
+            if len({detail(i.kind) for i in group}) > 1:
+                names |= {i: f"{names[i]}, {detail(i.kind)}" for i in group}
     for group in _same_name(names):
         unknown = [i for i in group if not (i.label or i.host)]
         names |= {i: f"{names[i]}, host unknown" for i in unknown}
@@ -162,27 +163,6 @@ def short_cpu_name(cpu: str) -> str:
     return " ".join(_NOT_THE_MODEL.sub(" ", cpu).split()) or cpu or "unknown processor"
 
 
-def _short_cpu(identity: MachineIdentity) -> str:
-    return short_cpu_name(identity.kind.cpu)
-
-
-def _cpu(identity: MachineIdentity) -> str:
-    return identity.kind.cpu
-
-
-def _cores(identity: MachineIdentity) -> str:
-    count = identity.kind.usable_cores
-    return f"{count} cores" if count > 1 else "1 core"
-
-
-def _architecture(identity: MachineIdentity) -> str:
-    return identity.kind.architecture
-
-
-def _virtual(identity: MachineIdentity) -> str:
-    return "virtual" if identity.kind.hypervisor else "not virtual"
-
-
 def _letters(number: int) -> str:
     """Return A, B, …, Z, AA, AB, … for 0, 1, 2 and so on."""
     text = ""
@@ -191,3 +171,13 @@ def _letters(number: int) -> str:
         number, digit = divmod(number - 1, 26)
         text = chr(ord("A") + digit) + text
     return text
+
+
+# What tells machines of one name apart, tried in turn.
+_DETAILS: tuple[Callable[[MachineKind], str], ...] = (
+    lambda kind: short_cpu_name(kind.cpu),
+    lambda kind: kind.cpu,
+    lambda kind: units.count_of(kind.usable_cores, "core"),
+    lambda kind: kind.architecture,
+    lambda kind: "virtual" if kind.hypervisor else "not virtual",
+)

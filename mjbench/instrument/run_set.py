@@ -1,4 +1,4 @@
-"""The run set: runs of one or several machines in one file, each as its run file has it.
+"""The run set: runs of one or several machines in one file, each once and as its run file has it.
 
 The first line says that it is a set. Then follow sections: a line that says how many lines follow
 and which SHA-256 they have, and those lines, which are a run file's. A section is written at once;
@@ -227,6 +227,57 @@ def load_files(
         for section in read(path, record_types).sections:
             by_digest.setdefault(section.sha256, (path, section))
     return [by_digest[s.sha256] for s in distinct(s for _, s in by_digest.values())]
+
+
+@dataclass(frozen=True)
+class Merged:
+    """What a merge came to.
+
+    Attributes:
+      runs: of the set afterwards, each once.
+      repeated: sections of the inputs that the set had already.
+      earlier: sections that are an earlier state of a run in the set.
+      torn: inputs whose last section was cut short, and left out.
+    """
+
+    runs: tuple[Run, ...]
+    added: int
+    repeated: int
+    earlier: int
+    torn: tuple[Path, ...]
+
+
+def merge(inputs: Sequence[Path], output: Path, record_types: Mapping[str, type]) -> Merged:
+    """Append the runs of run files and sets to a set, which is created where there is none.
+
+    All inputs are read before anything is written; the output may be one of them.
+
+    Raises:
+      InputError: an input is neither a run file nor a set, or the output is a file but no set.
+      MachineError: the output cannot be written, or another process writes it.
+    """
+    contents = [read(path, record_types) for path in inputs]
+    given = [section for content in contents for section in content.sections]
+    # not Path.exists, which fails where a name is too long; create has a message for that
+    open_set = RunSetFile.open if os.path.lexists(output) else RunSetFile.create
+    file = open_set(output)
+    try:
+        held = read(output, record_types).sections
+        known = {section.sha256 for section in held}
+        new = {section.sha256: section for section in given if section.sha256 not in known}
+        latest = {section.sha256 for section in distinct((*held, *new.values()))}
+        added = [section for sha256, section in new.items() if sha256 in latest]
+        for section in added:
+            file.append(section)
+    finally:
+        file.close()
+    return Merged(
+        RunSet((*held, *added)).runs,
+        len(added),
+        repeated=len(given) - len(new),
+        earlier=len(new) - len(added),
+        torn=tuple(path for path, each in zip(inputs, contents, strict=True) if each.is_torn),
+    )
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,6 @@ class Processes(SteppingPath):
     options = (Option("processes", "worker processes", (), int),)
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
-        """See `SteppingPath.prepare`."""
         count = options["processes"]
         pool = resources.get_or_create(("workers", count), lambda: _WorkerPool(workload, count))
         resources.at_close(pool.close)
@@ -55,7 +54,6 @@ class Processes(SteppingPath):
         return prepared_arrays(pool.run, pool.final_state, pool.outputs)
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """See `SteppingPath.snippet`."""
         names = ("final_state", *snippets.output_names(workload))
         allocate = snippets.allocation(workload)
         return _SNIPPET.format(

@@ -31,7 +31,6 @@ class Threads(SteppingPath):
     )
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
-        """See `SteppingPath.prepare`."""
         threads = options["threads"]
         pool = resources.get_or_create(("executor", threads), lambda: ThreadPoolExecutor(threads))
         resources.at_close(pool.shutdown)
@@ -60,7 +59,6 @@ class Threads(SteppingPath):
         return prepared_arrays(run, final_state, outputs)
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """See `SteppingPath.snippet`."""
         parts = shares(workload.nbatch, options["threads"], options.get("chunk"))
         return _SNIPPET.format(
             threads=options["threads"],
