@@ -166,7 +166,7 @@ def _medians(cells: np.ndarray, counts: np.ndarray) -> np.ndarray:
 
 
 def _middle(ordered: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Return the medians along the last axis of ordered values, of which the first ones count."""
+    """Return the medians of the first `counts` ordered values along the last axis."""
     ends = (counts[..., None] - 1) // 2, counts[..., None] // 2
     low, high = (np.take_along_axis(ordered, end, axis=-1)[..., 0] for end in ends)
     medians: np.ndarray = (low + high) / 2

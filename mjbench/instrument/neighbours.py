@@ -202,7 +202,7 @@ def _create_file(path: Path) -> None:
 
 @contextlib.contextmanager
 def _entry_lock(path: Path, sleep: Callable[[float], None]) -> Iterator[None]:
-    """Hold the lock of which only one process at a time may begin."""
+    """Hold the lock that lets one process at a time begin."""
     _create_file(path)
     with _opened(path, os.O_RDONLY) as descriptor:
         for _ in range(round(_ENTRY_LIMIT_S / _ENTRY_POLL_S)):

@@ -26,7 +26,7 @@ from mjbench.errors import InputError, MachineError, one_line, printable
 from mjbench.instrument.run_file import lock
 from mjbench.instrument.runs import SCHEMA, Run, parse, read_lines, reason, split_lines
 
-# A line that begins a set or a section: none of a run file's.
+# The first line of a set or of a section; no line of a run file matches.
 _OWN_LINE = re.compile(rb'\s*\{\s*"type"\s*:\s*"(set|section)"')
 
 _Header = TypeVar("_Header", "SetHeader", "SectionHeader")
@@ -120,7 +120,7 @@ def distinct(sections: Iterable[Section]) -> tuple[Section, ...]:
 
 
 def _joined(sections: Sequence[Section]) -> Run:
-    """Return the run of which sections are parts."""
+    """Return the run that sections are parts of."""
     first, *others = sections
     if not others:
         return first.run

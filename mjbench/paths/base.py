@@ -172,7 +172,7 @@ class Prepared:
     step_outputs: Callable[[], StepOutputs] | None = None
 
     def verified_states(self) -> States:
-        """Run once, and return as many entries of the final states as the path can."""
+        """Run once, and return all entries of the final states that the path can."""
         if self.verify is not None:
             return self.verify()
         self.clear()

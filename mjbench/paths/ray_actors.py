@@ -39,7 +39,7 @@ from mjbench.simulation import compat
 from mjbench.simulation.workload import Product, StepOutputs, Workload
 
 _START_LIMIT_S = 60.0
-# The object store has room for what a run sends and returns, so many times.
+# Size of the object store, as a multiple of what a run sends and returns.
 _STORE_MARGIN = 4
 
 

@@ -90,7 +90,7 @@ def whole_final_states(
 
 
 def make_inputs(workload: Workload) -> tuple[RolloutInputs, Callable[[], None]]:
-    """Return the inputs of a workload's rollout, and what lets them follow its changes."""
+    """Return the inputs of a workload's rollout, and a function that updates them."""
     physics = compat.physics_entries(workload.model)
     warmstart = compat.state_columns(workload.model)["qacc_warmstart"]
     spec, control, write_control = _control(workload)

@@ -20,7 +20,7 @@ ENUMS: Mapping[str, tuple[str, str]] = {
     "cone": ("mjtCone", "mjCONE_"),
     "jacobian": ("mjtJacobian", "mjJAC_"),
 }
-# Fields that hold a sum of an enum's values, likewise.
+# Fields that hold a sum of an enum's values, in the same form.
 _FLAGS: Mapping[str, tuple[str, str]] = {
     "disableflags": ("mjtDisableBit", "mjDSBL_"),
     "enableflags": ("mjtEnableBit", "mjENBL_"),

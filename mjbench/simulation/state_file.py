@@ -10,12 +10,12 @@ consecutive steps, and of which model (see `capture_header`).
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import mujoco
 import numpy as np
 
-from mjbench.errors import InputError, one_line, shown
+from mjbench.errors import InputError, shown
 from mjbench.simulation import array_files, capture_header, compat, workload
 from mjbench.simulation.capture_header import CaptureHeader
 from mjbench.simulation.given_controls import GivenControls
@@ -130,14 +130,16 @@ def read(file: Path, model: mujoco.MjModel) -> RecordedStates:
     name = shown(file.name)
     columns = compat.state_columns(model)
     wanted = [*columns, capture_header.ARRAY, capture_header.SEGMENT_ARRAY]
-    arrays, others = _read_arrays(file, name, wanted)
-    header = None
+    content = array_files.read(file, "states", wanted)
+    if "" in content.names:
+        raise InputError(f"{name} holds one array: save named ones by numpy.savez")
+    arrays, header = dict(content.arrays), None
     if capture_header.ARRAY in arrays:
         header = CaptureHeader.of_array(arrays.pop(capture_header.ARRAY), name)
         header.check(model, name)
     segment = arrays.pop(capture_header.SEGMENT_ARRAY, None)
     if "qpos" not in arrays:
-        has = shown(", ".join([*arrays, *others][:8])) if arrays or others else "nothing"
+        has = shown(", ".join(content.names[:8])) if content.names else "nothing"
         raise InputError(f"{name} has no qpos, which start states need; it has {has}")
     fields = {field: _rows(name, field, values, columns[field]) for field, values in arrays.items()}
     nrow = len(fields["qpos"])
@@ -173,26 +175,6 @@ def _segments_by_time(
     time, timestep = fields["time"][:, 0], float(model.opt.timestep)
     is_gap = np.abs(np.diff(time) - timestep) > _TIME_SHARE * timestep
     return np.concatenate([[0], np.cumsum(is_gap)])
-
-
-def _read_arrays(
-    file: Path, name: str, fields: Sequence[str]
-) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return the arrays of a file that are named like fields, and the names of the others."""
-    try:
-        with file.open("rb") as stream:
-            arrays: Any = array_files.load(stream, name, frozenset(fields))
-            if isinstance(arrays, np.ndarray):
-                raise InputError(f"{name} holds one array: save named ones by numpy.savez")
-            # NumPy gives a member that is no array as bytes
-            recorded = {key: np.asarray(arrays[key]) for key in arrays.files if key in fields}
-            return recorded, [key for key in arrays.files if key not in fields]
-    except InputError:
-        raise
-    except Exception as error:  # a damaged file: NumPy and zipfile raise many kinds
-        raise InputError(
-            f"cannot read states from {name}: {one_line(error)}; numpy.savez writes such files"
-        ) from error
 
 
 def _rows(name: str, field: str, values: np.ndarray, place: slice) -> np.ndarray:

@@ -21,7 +21,7 @@ from mjbench.simulation.workload import StepOutputs, Workload, start_data
 _COST_CALLS, _COST_S = 50, 0.05
 # Columns of `_count_steps`.
 _NCOUNTER = 6
-# A step of so many seconds is measured once: what warms up hardly counts.
+# A step that takes longer, in seconds, is measured once: what warms up hardly counts.
 _LONG_STEP_S = 1.0
 
 
@@ -29,13 +29,13 @@ _LONG_STEP_S = 1.0
 class Work:
     """The work of one step: what it did, averaged over all steps of all simulations, and on what.
 
-    The sizes, from `degrees_of_freedom` on, are those of the model, and None in older files.
+    From `degrees_of_freedom` on, they are sizes of the model, and None in older files.
 
     Attributes:
       contacts: `data.ncon`.
       constraints: `data.nefc`.
-      solver_iterations: those of the constraint island with the most: a release that solves all
-        islands together takes about as many.
+      solver_iterations: those of the constraint island with the most: about as many as in a
+        release that solves all islands together.
       degrees_of_freedom: `nv`.
       actuators: 0 where actuation is disabled.
       sensors: sensors that a step computes; one with an interval counts for its share of the steps.
