@@ -33,14 +33,18 @@ class MachineError(MjbenchError):
     """The machine or an installation failed (exit code 3): a full disk, a crash, a time limit."""
 
 
+def reason(error: OSError | ValueError) -> str:
+    """Return why a file cannot be read or written, without its name, which the caller names."""
+    return (isinstance(error, OSError) and error.strerror) or one_line(error)
+
+
 @contextlib.contextmanager
-def writing(file: Path) -> Iterator[None]:
+def writing(file: Path, remark: str = "") -> Iterator[None]:
     """Turn the refusal to write `file`, or a name that no file can have, into a MachineError."""
     try:
         yield
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise MachineError(f"cannot write {file}: {reason}") from error
+        raise MachineError(f"cannot write {file}: {reason(error)}{remark}") from error
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,9 @@ from typing import ClassVar, TypeVar
 
 import msgspec
 
-from mjbench.errors import InputError, MachineError, one_line, printable
-from mjbench.instrument.run_file import lock
-from mjbench.instrument.runs import SCHEMA, Run, parse, read_lines, reason, split_lines
+from mjbench.errors import InputError, one_line, printable, writing
+from mjbench.instrument.run_file import EARLIER_IS_THERE, lock
+from mjbench.instrument.runs import SCHEMA, Run, parse, read_lines, split_lines
 
 # The first line of a set or of a section; no line of a run file matches.
 _OWN_LINE = re.compile(rb'\s*\{\s*"type"\s*:\s*"(set|section)"')
@@ -146,16 +146,14 @@ class RunSetFile:
         Raises:
           MachineError: there is a file of this name, or it cannot be written.
         """
-        try:
+        with writing(path):
             file = _open(path, os.O_CREAT | os.O_EXCL)
-        except (OSError, ValueError) as error:
-            raise MachineError(f"cannot write {path}: {reason(error)}") from error
-        try:
-            _begin_or_repair(path, file)
-        except OSError as error:
-            file.close()
-            path.unlink(missing_ok=True)
-            raise MachineError(f"cannot write {path}: {reason(error)}") from error
+            try:
+                _begin_or_repair(path, file)
+            except OSError:
+                file.close()
+                path.unlink(missing_ok=True)
+                raise
         return cls(path, file)
 
     @classmethod
@@ -166,13 +164,10 @@ class RunSetFile:
           InputError: it is no run set, or is damaged; then nothing changes.
           MachineError: there is none, it cannot be written, or another process writes it.
         """
-        try:
-            with contextlib.ExitStack() as on_error:
-                file = on_error.enter_context(_open(path))
-                _begin_or_repair(path, file)
-                on_error.pop_all()
-        except (OSError, ValueError) as error:
-            raise MachineError(f"cannot write {path}: {reason(error)}") from error
+        with writing(path), contextlib.ExitStack() as on_error:
+            file = on_error.enter_context(_open(path))
+            _begin_or_repair(path, file)
+            on_error.pop_all()
         return cls(path, file)
 
     def append(self, section: Section) -> None:
@@ -182,12 +177,8 @@ class RunSetFile:
           MachineError: the disk is full, or the file is gone; earlier sections stay.
         """
         header = SectionHeader(len(section.lines), section.sha256, printable(section.cell))
-        try:
+        with writing(self.path, EARLIER_IS_THERE):
             _write(self._file, b"".join((_line(header), *section.lines)))
-        except OSError as error:
-            raise MachineError(
-                f"cannot write {self.path}: {reason(error)}; what was measured before is there"
-            ) from error
 
     def close(self) -> None:
         """Close the file; `append` has already reported any failure to write."""

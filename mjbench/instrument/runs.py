@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 
 import msgspec
 
-from mjbench.errors import InputError, one_line, printable
+from mjbench.errors import InputError, one_line, printable, reason
 from mjbench.instrument.machine import Machine
 
 # The version of run files and of every document that `--json` writes.
@@ -107,11 +107,6 @@ class Run:
     def of_type(self, kind: type[_T]) -> list[_T]:
         """Return the records of one type."""
         return [record for record in self.records if isinstance(record, kind)]
-
-
-def reason(error: OSError | ValueError) -> str:
-    """Return why a file cannot be read or written, without its name, which the caller names."""
-    return (isinstance(error, OSError) and error.strerror) or one_line(error)
 
 
 def to_json(value: Any) -> Any:
