@@ -51,7 +51,7 @@ class MachineIdentity:
 
 
 @dataclass(frozen=True)
-class Software:
+class RunSoftware:
     """What must be the same for results of one machine to be of the same software."""
 
     python: str
@@ -59,7 +59,7 @@ class Software:
     flags: tuple[tuple[str, str], ...]
 
     @classmethod
-    def of(cls, machine: Machine) -> "Software":
+    def of(cls, machine: Machine) -> "RunSoftware":
         """Return the software of a machine."""
         versions, flags = (tuple(sorted(d.items())) for d in (machine.versions, machine.flags))
         return cls(machine.python, versions, flags)
@@ -84,10 +84,10 @@ def identify(machines: Sequence[Machine]) -> list[MachineIdentity]:
     return [replace(identity, name=names[identity]) for identity in resolved]
 
 
-def software_names(softwares: Iterable[Software]) -> dict[Software, str]:
+def software_names(softwares: Iterable[RunSoftware]) -> dict[RunSoftware, str]:
     """Return what tells each apart, such as `mujoco 3.17.0`; empty where there is only one."""
     distinct = list(dict.fromkeys(softwares))
-    values: dict[str, dict[Software, str]] = defaultdict(dict)
+    values: dict[str, dict[RunSoftware, str]] = defaultdict(dict)
     for software in distinct:
         for name, value in software.items():
             values[name][software] = value

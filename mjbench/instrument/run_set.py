@@ -57,7 +57,7 @@ class SectionHeader:
 
 
 @dataclass(frozen=True)
-class Section:
+class RunSection:
     """A run within a set.
 
     Attributes:
@@ -74,7 +74,7 @@ class Section:
         """Of the lines, in hexadecimal; sections with equal ones are the same."""
         return hashlib.sha256(b"".join(self.lines)).hexdigest()
 
-    def continues(self, other: "Section") -> bool:
+    def continues(self, other: "RunSection") -> bool:
         """Return whether this is a later state of the same run file: it begins with the other."""
         count = len(other.lines)
         return len(self.lines) > count and self.lines[:count] == other.lines
@@ -89,7 +89,7 @@ class RunSet:
       is_run_file: whether it was read from a run file, as a set of one section.
     """
 
-    sections: tuple[Section, ...]
+    sections: tuple[RunSection, ...]
     is_torn: bool = False
     is_run_file: bool = False
 
@@ -99,7 +99,7 @@ class RunSet:
 
         Cells of a sweep that one command measured are one run, as they were in its run file.
         """
-        whole: dict[bytes, list[Section]] = {}
+        whole: dict[bytes, list[RunSection]] = {}
         for section in distinct(self.sections):
             # the header of a run file has the second in which it began
             whole.setdefault(
@@ -108,10 +108,10 @@ class RunSet:
         return tuple(_joined(sections) for sections in whole.values())
 
 
-def distinct(sections: Iterable[Section]) -> tuple[Section, ...]:
+def distinct(sections: Iterable[RunSection]) -> tuple[RunSection, ...]:
     """Return the sections without those that an earlier one repeats or another continues."""
     unique = tuple({section.sha256: section for section in sections}.values())
-    of_header: dict[bytes, list[Section]] = defaultdict(list)
+    of_header: dict[bytes, list[RunSection]] = defaultdict(list)
     for section in unique:
         of_header[section.lines[0]].append(section)
     return tuple(
@@ -119,7 +119,7 @@ def distinct(sections: Iterable[Section]) -> tuple[Section, ...]:
     )
 
 
-def _joined(sections: Sequence[Section]) -> Run:
+def _joined(sections: Sequence[RunSection]) -> Run:
     """Return the run that sections are parts of."""
     first, *others = sections
     if not others:
@@ -170,7 +170,7 @@ class RunSetFile:
             on_error.pop_all()
         return cls(path, file)
 
-    def append(self, section: Section) -> None:
+    def append(self, section: RunSection) -> None:
         """Write one section at once, so that a reader sees all of it or none.
 
         Raises:
@@ -199,7 +199,7 @@ def read(path: Path, record_types: Mapping[str, type]) -> RunSet:
         return RunSet((section,), section.run.is_torn, is_run_file=True)
     spans, end = _spans(path, lines)
     sections = [
-        Section(
+        RunSection(
             printable(span.header.cell),
             parse(path, lines[span.begin : span.end], record_types, span.begin + 1, False),
             tuple(lines[span.begin : span.end]),
@@ -211,9 +211,9 @@ def read(path: Path, record_types: Mapping[str, type]) -> RunSet:
 
 def load_files(
     paths: Iterable[Path], record_types: Mapping[str, type]
-) -> list[tuple[Path, Section]]:
+) -> list[tuple[Path, RunSection]]:
     """Read run files and run sets: each run once, with the first file that holds it."""
-    by_digest: dict[str, tuple[Path, Section]] = {}
+    by_digest: dict[str, tuple[Path, RunSection]] = {}
     for path in paths:
         for section in read(path, record_types).sections:
             by_digest.setdefault(section.sha256, (path, section))
@@ -280,12 +280,12 @@ class _Span:
     end: int
 
 
-def _section(path: Path, lines: Sequence[bytes], record_types: Mapping[str, type]) -> Section:
+def _section(path: Path, lines: Sequence[bytes], record_types: Mapping[str, type]) -> RunSection:
     """Return a run file as a section, without a last line that was cut short."""
     run = parse(path, lines, record_types)
     whole = lines[: 1 + len(run.records)]
     # the last line break may be missing: the writer was killed before it, or an editor left it out
-    return Section("", run, tuple(line.rstrip(b"\n") + b"\n" for line in whole))
+    return RunSection("", run, tuple(line.rstrip(b"\n") + b"\n" for line in whole))
 
 
 def _open(path: Path, flags: int = 0) -> FileIO:

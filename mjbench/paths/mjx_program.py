@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from mujoco import mjx
 
 
-class Program:
+class MjxProgram:
     """The program of one workload, not yet compiled, and its arguments on the device.
 
     Attributes:
@@ -138,7 +138,7 @@ class Program:
 class CompiledProgram:
     """A compiled program, the input of its next run, and the output of its last one."""
 
-    def __init__(self, program: Program, nstep_is_fixed: bool):
+    def __init__(self, program: MjxProgram, nstep_is_fixed: bool):
         """Compile a program.
 
         Args:

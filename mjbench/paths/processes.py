@@ -48,7 +48,7 @@ class Processes(SteppingPath):
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
         count = options["processes"]
-        pool = resources.get_or_create(("workers", count), lambda: _WorkerPool(workload, count))
+        pool = resources.get_or_create(("workers", count), lambda: _StepperPool(workload, count))
         resources.at_close(pool.close)
         resources.at_change(pool.share_inputs)
         return prepared_arrays(pool.run, pool.final_state, pool.outputs)
@@ -103,7 +103,7 @@ class _SharedWorkload:
         )
 
 
-class _WorkerPool:
+class _StepperPool:
     """Started workers, the memory they share, and a pipe to each."""
 
     def __init__(self, workload: Workload, count: int):

@@ -73,14 +73,14 @@ def trace(workload: Workload, seed: int) -> RoundingReference:
     model = workload.model
     columns = compat.state_columns(model)
     run = trajectory.record_trajectory(workload, workload.nbatch)
-    move = _Move(columns, seed)
+    move = _ShadowMove(columns, seed)
     return RoundingReference(
         _with_shadow(workload, run, columns, move), _single_steps(workload, run, columns, move)
     )
 
 
 def _with_shadow(
-    workload: Workload, run: Trajectory, columns: Mapping[str, slice], move: "_Move"
+    workload: Workload, run: Trajectory, columns: Mapping[str, slice], move: "_ShadowMove"
 ) -> ReferenceRun:
     moved = trajectory.record_trajectory(workload, workload.nbatch, change=move)
     states = np.ascontiguousarray(run.states.swapaxes(0, 1))
@@ -96,7 +96,7 @@ def _with_shadow(
 
 
 def _single_steps(
-    workload: Workload, run: Trajectory, columns: Mapping[str, slice], move: "_Move"
+    workload: Workload, run: Trajectory, columns: Mapping[str, slice], move: "_ShadowMove"
 ) -> ReferenceSteps:
     singles = trajectory.single_steps(workload, run, MAX_SINGLE_STEPS, False, [*columns])
     moved = trajectory.take_steps(workload.model, move(singles.state), move(singles.control))
@@ -141,7 +141,7 @@ def largest_so_far(
     return largest
 
 
-class _Move:
+class _ShadowMove:
     """Moves numbers by one unit in the last place, up or down at random; zeros stay."""
 
     def __init__(self, columns: Mapping[str, slice], seed: int):
