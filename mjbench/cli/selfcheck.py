@@ -127,11 +127,7 @@ def selfcheck(
 def _cases(
     names: Sequence[str], slowdowns: Sequence[float], functions: Sequence[str], between_builds: bool
 ) -> list["Case"]:
-    """Return the cases of all arms that were asked for.
-
-    Raises:
-      InputError: there is no such model.
-    """
+    """Return the cases of all arms that were asked for."""
     from mjbench.paired import selfcheck_cases
     from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS
     from mjbench.simulation import models
@@ -159,9 +155,7 @@ def _run_trials(
     """Run a trial of each case; store and append its record; return how failed models ended.
 
     Args:
-      plan: of every verdict.
-      records: of all trials so far.
-      total: number of trials, with those that were done before.
+      total: trials, with those that were done before.
     """
     from mjbench.paired import selfcheck as checks
     from mjbench.paired.worker_pool import WorkerPool
