@@ -97,7 +97,7 @@ def shown(name: str) -> str:
     return one_line(name if name.isprintable() and name.strip() else repr(name), 100)
 
 
-def suggestion(word: str, choices: Iterable[str], n: int = 3) -> str:
+def suggestion(word: str, choices: Iterable[str]) -> str:
     """Return a hint such as ` (did you mean rollout?)`, or nothing where no choice is similar."""
-    similar = difflib.get_close_matches(word, list(choices), n=n)
+    similar = difflib.get_close_matches(word, list(choices))
     return f" (did you mean {', '.join(similar)}?)" if similar else ""

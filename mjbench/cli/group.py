@@ -62,7 +62,7 @@ class Cli(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return a command with its arguments; refuse one that does not run here, unless for help."""
+        """Return a command with its arguments; refuse what cannot run here, but not its help."""
         if args and args[0] in _REMOVED:
             raise InputError(_REMOVED[args[0]])
         name, command, rest = super().resolve_command(ctx, args)

@@ -251,7 +251,10 @@ def describe() -> Machine:
     import psutil
 
     return Machine(
-        cpu=cpu_name(),
+        cpu=_cpuinfo("model name")
+        or _sysctl("machdep.cpu.brand_string")
+        or platform.processor()
+        or platform.machine(),
         architecture=platform.machine(),
         system=platform.platform(terse=True),
         cores=os.cpu_count(),
@@ -303,12 +306,6 @@ class Calibration:
 
     def _work(self, data: "mujoco.MjData") -> None:
         self._mj_step(self._model, data, _CALIBRATION_STEPS)
-
-
-def cpu_name() -> str:
-    """Return the name of the processor."""
-    name = _cpuinfo("model name") or _sysctl("machdep.cpu.brand_string")
-    return name or platform.processor() or platform.machine()
 
 
 def _label() -> str:

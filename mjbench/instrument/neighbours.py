@@ -60,9 +60,7 @@ def shared_folder() -> Path:
     return root / _FOLDER
 
 
-def measuring_now(
-    folder: Path | None = None, sleep: Callable[[float], None] = time.sleep
-) -> list[Neighbour]:
+def measuring_now(folder: Path | None = None) -> list[Neighbour]:
     """Return the processes that measure, without taking part; none where nothing is noticed.
 
     Args:
@@ -73,7 +71,7 @@ def measuring_now(
     folder = folder or shared_folder()
     try:
         _create_shared_folder(folder)
-        with _entry_lock(folder / _ENTRY_LOCK, sleep):
+        with _entry_lock(folder / _ENTRY_LOCK, time.sleep):
             return [neighbour for _, neighbour in _others(folder)]
     except OSError:
         return []

@@ -56,10 +56,6 @@ class StepOutcome:
 Advance = Callable[[Mapping[str, np.ndarray], np.ndarray, int], StepOutcome]
 
 
-def _no_cache() -> None:
-    return None
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Compiled(Prepared):
     """A run that was compiled for one batch size and number of controls.
@@ -86,7 +82,7 @@ class Compiled(Prepared):
     is_deterministic: bool
     buffer_sizes: Mapping[str, int]
     gpu_memory_bytes: Callable[[], int | None]
-    cached_compile_s: Callable[[], float | None] = _no_cache
+    cached_compile_s: Callable[[], float | None] = lambda: None
 
 
 class AcceleratedPath(SteppingPath):

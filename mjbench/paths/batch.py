@@ -178,8 +178,8 @@ class BatchRollout(_BatchPath):
         self, batch: "Batch", workload: Workload, options: Options, resources: Resources
     ) -> Callable[[], None]:
         control = workload.step_control if workload.model.nu else None
-        outputs = resources.step_outputs()
-        items = dict(zip(_record_items(workload.returns), outputs.arrays, strict=True))
+        recorded = resources.step_outputs().arrays
+        items = dict(zip((compat.state_spec("FULLPHYSICS"), "sensordata"), recorded, strict=False))
         return lambda: batch.rollout(workload.nstep, control, record=tuple(items), out=items)
 
     def snippet(self, workload: Workload, options: Options) -> str:
@@ -252,12 +252,6 @@ def _recorder(batch: "Batch", workload: Workload, outputs: StepOutputs) -> Calla
             sensordata[:, k] = sensors
 
     return record
-
-
-def _record_items(returns: Product) -> tuple[str | int, ...]:
-    """Return what `Batch.rollout` records: state specifications and field names."""
-    items = (compat.state_spec("FULLPHYSICS"), "sensordata")
-    return items[: list(Product).index(returns)]
 
 
 def _constructor(options: Options) -> str:

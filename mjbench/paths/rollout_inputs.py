@@ -47,15 +47,31 @@ class RolloutInputs:
 
 
 def shared_inputs(workload: Workload, resources: Resources) -> RolloutInputs:
-    """Return the inputs of a workload's rollout, the same ones to every caller."""
+    """Return the inputs of a workload's rollout, the same ones to every caller.
+
+    They follow changes of the workload's arrays.
+    """
     return resources.get_or_create(  # type: ignore[no-any-return]
-        "rollout inputs", lambda: _following_inputs(workload, resources)
+        "rollout inputs", lambda: _make_inputs(workload, resources)
     )
 
 
-def _following_inputs(workload: Workload, resources: Resources) -> RolloutInputs:
-    """Return the inputs of a workload's rollout, which follow its changes."""
-    inputs, follow = make_inputs(workload)
+def _make_inputs(workload: Workload, resources: Resources) -> RolloutInputs:
+    physics = compat.physics_entries(workload.model)
+    warmstart = compat.state_columns(workload.model)["qacc_warmstart"]
+    spec, control, write_control = _control(workload)
+    inputs = RolloutInputs(
+        np.ascontiguousarray(workload.initial_state[:, physics]),
+        np.ascontiguousarray(workload.initial_state[:, warmstart]),
+        spec,
+        control,
+    )
+
+    def follow() -> None:
+        np.take(workload.initial_state, physics, axis=1, out=inputs.start)
+        inputs.warmstart[...] = workload.initial_state[:, warmstart]
+        write_control()
+
     resources.at_change(follow)
     return inputs
 
@@ -87,26 +103,6 @@ def whole_final_states(
         )
         compat.get_state(model, data, row)
     return values
-
-
-def make_inputs(workload: Workload) -> tuple[RolloutInputs, Callable[[], None]]:
-    """Return the inputs of a workload's rollout, and a function that updates them."""
-    physics = compat.physics_entries(workload.model)
-    warmstart = compat.state_columns(workload.model)["qacc_warmstart"]
-    spec, control, write_control = _control(workload)
-    inputs = RolloutInputs(
-        np.ascontiguousarray(workload.initial_state[:, physics]),
-        np.ascontiguousarray(workload.initial_state[:, warmstart]),
-        spec,
-        control,
-    )
-
-    def follow() -> None:
-        np.take(workload.initial_state, physics, axis=1, out=inputs.start)
-        inputs.warmstart[...] = workload.initial_state[:, warmstart]
-        write_control()
-
-    return inputs, follow
 
 
 def changed_inputs(workload: Workload) -> list[str]:

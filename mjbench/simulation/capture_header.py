@@ -44,7 +44,9 @@ class ModelLayout:
             nv=int(model.nv),
             nu=int(model.nu),
             na=int(model.na),
-            joints=tuple(_joint_type(value) for value in model.jnt_type),
+            joints=tuple(
+                compat.enum_name(mujoco.mjtJoint, value, "mjJNT_") for value in model.jnt_type
+            ),
         )
 
     @property
@@ -120,10 +122,6 @@ class CaptureHeader:
 def model_name(model: mujoco.MjModel) -> str:
     """Return the name of a model, which its first name is; empty where it has none."""
     return printable(bytes(model.names).split(b"\0", 1)[0].decode(errors="replace"))
-
-
-def _joint_type(value: int) -> str:
-    return compat.enum_name(mujoco.mjtJoint, value, "mjJNT_")
 
 
 def _header(values: dict[str, Any]) -> CaptureHeader:

@@ -106,7 +106,9 @@ class SpeedFixture:
                 "the function returns something else than its baseline: speeds do not compare"
             )
         if _are_disabled(self._request.config):
-            return _inconclusive(question, "benchmarks are disabled by an option of pytest")
+            reason = "benchmarks are disabled by an option of pytest"
+            limits = question.max_slowdown, question.confidence
+            return SpeedCheck(Answer.INCONCLUSIVE, *limits, detail=reason)
         return callables.compare(FunctionPair(baseline, function, setup), question)
 
 
@@ -131,12 +133,6 @@ def _are_disabled(config: pytest.Config) -> bool:
     is_disabled = config.getoption("benchmark_disable", False)
     is_enabled = config.getoption("benchmark_enable", False)
     return bool(is_disabled and not is_enabled) or bool(config.getoption("benchmark_skip", False))
-
-
-def _inconclusive(question: SpeedQuestion, detail: str) -> SpeedCheck:
-    return SpeedCheck(
-        Answer.INCONCLUSIVE, question.max_slowdown, question.confidence, detail=detail
-    )
 
 
 def _failure(reason: str) -> BaseException:
