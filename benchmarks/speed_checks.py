@@ -42,10 +42,6 @@ class Measured:
     """What one process measured of one function.
 
     Attributes:
-      function: its name.
-      load: of the machine.
-      answer: on it and its twin.
-      log_ratio: of the two.
       candidate_s: seconds of a call.
     """
 
