@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from mjbench.api.start_states import Actions, States
 
-# After as many launches, half of the work on a pair is done.
+# Launches after which half of the work on a pair is counted as done.
 _HALFWAY_LAUNCHES = 15
 
 

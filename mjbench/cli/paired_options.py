@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from mjbench.paired.verdict import VerdictPlan
     from mjbench.simulation.models import ModelSource
 
-# After as many launches, the progress bar of a comparison is half full.
+# Launches after which the progress bar of a comparison is half full.
 _HALFWAY_LAUNCHES = 15
 
 

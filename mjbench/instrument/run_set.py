@@ -253,17 +253,17 @@ def merge(inputs: Sequence[Path], output: Path, record_types: Mapping[str, type]
     open_set = RunSetFile.open if os.path.lexists(output) else RunSetFile.create
     file = open_set(output)
     try:
-        held = read(output, record_types).sections
-        known = {section.sha256 for section in held}
+        earlier = read(output, record_types).sections
+        known = {section.sha256 for section in earlier}
         new = {section.sha256: section for section in given if section.sha256 not in known}
-        latest = {section.sha256 for section in distinct((*held, *new.values()))}
+        latest = {section.sha256 for section in distinct((*earlier, *new.values()))}
         added = [section for sha256, section in new.items() if sha256 in latest]
         for section in added:
             file.append(section)
     finally:
         file.close()
     return Merged(
-        RunSet((*held, *added)).runs,
+        RunSet((*earlier, *added)).runs,
         len(added),
         repeated=len(given) - len(new),
         earlier=len(new) - len(added),

@@ -208,7 +208,7 @@ def _settled(
     nstep = starts.settle_nstep(model, asked_s, request.max_settling_nstep)
     limit = SettleLimit.COST if nstep < starts.settle_nstep(model, asked_s) else None
     settled_s = nstep * float(model.opt.timestep)
-    came_from = Starts(settled_s, asked_s, limit, controls_file=_name(controls))
+    origin = Starts(settled_s, asked_s, limit, controls_file=_name(controls))
     nbatch, hold, seed = request.nbatch, request.hold, request.seed
     asleep: list[float | None] = [None]
 
@@ -222,7 +222,7 @@ def _settled(
         control = workload.random_controls(model, nbatch, ncontrol, hold, rng, spread)
         return _controlled(Workload(model, settled.states, control, hold, seed), controls)
 
-    for sample in _over_spreads(make, came_from, request.lead_in):
+    for sample in _over_spreads(make, origin, request.lead_in):
         yield replace(sample, asleep_in_run=asleep[0])
 
 
@@ -241,7 +241,7 @@ def _from_file(
 ) -> Iterator[Sample]:
     """Yield workloads that start from the rows of a file."""
     header = recorded.header
-    came_from = Starts(
+    origin = Starts(
         0.0,
         0.0,
         file=recorded.name,
@@ -260,9 +260,9 @@ def _from_file(
             spread,
             controls,
         ),
-        came_from,
+        origin,
         request.lead_in,
-        SPREADS if came_from.controls_file is None else SPREADS[:1],  # a file's are not scaled
+        SPREADS if origin.controls_file is None else SPREADS[:1],  # a file's are not scaled
     )
 
 
@@ -281,7 +281,7 @@ def _name(controls: GivenControls | None) -> str | None:
 
 def _over_spreads(
     make: Callable[[float], Workload | None],
-    came_from: Starts,
+    origin: Starts,
     lead_in: int,
     spreads: Sequence[float] = SPREADS,
 ) -> Iterator[Sample]:
@@ -290,4 +290,4 @@ def _over_spreads(
         drawn = make(spread)
         if drawn is not None:
             healthy, observation = work.observe_healthy(replace(drawn, lead_in=lead_in))
-            yield Sample(healthy, observation, spread, came_from)
+            yield Sample(healthy, observation, spread, origin)

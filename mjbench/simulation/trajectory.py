@@ -127,7 +127,7 @@ def record_trajectory(
 def single_steps(
     workload: Workload,
     trajectory: Trajectory,
-    most: int,
+    max_count: int,
     rounded: bool,
     inputs_to_set: Collection[str] = (),
 ) -> SingleSteps:
@@ -141,7 +141,7 @@ def single_steps(
       inputs_to_set: MjData fields.
     """
     nstep = workload.nstep
-    chosen = spread_indices(len(trajectory.states) * nstep, most)
+    chosen = spread_indices(len(trajectory.states) * nstep, max_count)
     row, step = chosen // nstep, chosen % nstep
     state = trajectory.states[row, step]
     control = workload.control[trajectory.simulation[row], step // workload.hold]
@@ -214,9 +214,9 @@ def violation(model: mujoco.MjModel, states: np.ndarray) -> Violation:
     return Violation(float(penetration), constraint)
 
 
-def spread_indices(count: int, most: int) -> np.ndarray:
-    """Return up to `most` of `count` indices, evenly spread from the first to the last."""
-    return np.unique(np.linspace(0, count - 1, min(most, count)).astype(int))
+def spread_indices(count: int, max_count: int) -> np.ndarray:
+    """Return up to `max_count` of `count` indices, evenly spread from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, min(max_count, count)).astype(int))
 
 
 def as_float32(values: np.ndarray) -> np.ndarray:
