@@ -76,6 +76,7 @@ class States:
     """Final states of a run.
 
     Attributes:
+      values: (nbatch, nstate) rows of mjSTATE_INTEGRATION.
       mask: (nbatch, nstate) bool: the entries that the path returns; None when it returns all.
     """
 

@@ -54,6 +54,7 @@ def read_contacts(
     Args:
       count: number of rows in use, an array of one.
       world: (n,) simulations.
+      geom: (n, 2) ids.
       frame: (n, 3, 3) axes, the normal first.
       distance: (n,) between the geoms, in m.
       margin: (n,) distance below which a contact counts, in m.

@@ -48,7 +48,7 @@ class AcceleratedCheck:
     shadow is the run of C in which states and controls are rounded to float32 before every step.
 
     Attributes:
-      received: whether the engine has exactly the start states and controls that C has.
+      received: whether the engine has exactly the start states and controls that it was given.
       still: whether no single step of the engine changed any state, although C's steps did.
       same_count: share of the steps in contact with as many contacts as in C; None without such
         steps, or where the engine does not report contacts.

@@ -32,6 +32,8 @@ class GeomPairs:
     """Pairs of geoms that the engine's filters let through.
 
     Attributes:
+      geoms: (npair, 2) indices.
+      bodies: (npair, 2) indices, the lower one first.
       are_bounded: (npair,) bool: whether joints bound how the two bodies can lie to each other,
         because neither can go anywhere (see `_anchors`).
       is_too_large: whether more than MAX_GEOMS geoms can collide; then there are no pairs here.

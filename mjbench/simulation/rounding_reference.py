@@ -26,6 +26,7 @@ class ReferenceRun:
 
     Attributes:
       columns: of each MjData field in a row of `states`.
+      control: (nbatch, ncontrol, nu).
       has_reset: whether an MjData must be reset between simulations.
       states: (nstep + 1, nbatch, nstate) rows of mjSTATE_INTEGRATION, with the start.
       unconstrained_nstep: steps before the first on which a constraint acted in any simulation;
@@ -48,6 +49,7 @@ class ReferenceSteps:
 
     Attributes:
       state: (n, nstate) rows of mjSTATE_INTEGRATION to start from.
+      control: (n, nu).
       after: (n, nstate) states after the step.
       is_constrained: (n,) bool: whether a constraint acted.
       shadow: (n,) difference of the shadow's step (see `differences`).

@@ -108,11 +108,7 @@ def write(
     columns: Mapping[str, slice],
     segments: Sequence[np.ndarray],
 ) -> None:
-    """Write captured states.
-
-    Args:
-      segments: each (count, nstate) states of consecutive steps.
-    """
+    """Write captured states; a segment is (count, nstate) states of consecutive steps."""
     states = np.concatenate(segments)
     fields = {field: states[:, place] for field, place in columns.items()}
     fields = {k: rows for k, rows in fields.items() if k not in _USUALLY_ZERO or rows.any()}

@@ -14,16 +14,15 @@ class StateReader:
     """
 
     def __init__(self, model: mujoco.MjModel):
-        self.spec = compat.state_spec("INTEGRATION")
-        self.columns = compat.state_columns(model, self.spec)
-        self.nstate = compat.state_size(model, self.spec)
+        self.columns = compat.state_columns(model)
+        self.nstate = compat.state_size(model)
         ctrl = self.columns.get("ctrl", slice(self.nstate, self.nstate))
         self._before_ctrl, self._after_ctrl = slice(ctrl.start), slice(ctrl.stop, None)
 
     def read(self, model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
         """Return (nstate,) the state of a simulation now."""
         state = np.empty(self.nstate)
-        compat.get_state(model, data, state, self.spec)
+        compat.get_state(model, data, state)
         return state
 
     def differing(self, state: np.ndarray, other: np.ndarray) -> set[str]:

@@ -26,6 +26,7 @@ class Contacts:
     """Contacts that a step detected at its start, of all simulations in one list.
 
     Attributes:
+      simulation: (ncon,) indices.
       geom: (ncon, 2) ids of the geoms, the lower one first.
       normal: (ncon, 3) unit normals, from the lower geom to the other.
     """
@@ -67,8 +68,10 @@ class SingleSteps:
 
     Attributes:
       state: (n, nstate) rows of mjSTATE_INTEGRATION to start from.
+      control: (n, nu).
       after: (n, nstate) states after the step.
       qvel_without_contact: (n, nv) velocities after the same step without any contact.
+      constraints: (n,) scalar constraints.
     """
 
     state: np.ndarray
@@ -84,6 +87,7 @@ class Trajectory:
     """All states of some simulations, evenly spread over the batch.
 
     Attributes:
+      simulation: (n,) indices.
       states: (n, nstep + 1, nstate), with the start.
       unconstrained_nstep: steps before the first on which a constraint acted in any simulation;
         nstep if there was none.
@@ -194,7 +198,7 @@ class Violation:
 
 
 def violation(model: mujoco.MjModel, states: np.ndarray) -> Violation:
-    """Return how far states violate constraints: the largest violations of any of them."""
+    """Return the largest violations of constraints in (n, nstate) rows of mjSTATE_INTEGRATION."""
     data = mujoco.MjData(model)
     penetration = constraint = 0.0
     equality = int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)

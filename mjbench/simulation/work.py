@@ -69,7 +69,7 @@ class Work:
 
 @dataclass(frozen=True)
 class Peaks:
-    """Maxima over all steps of the reference run; they determine the size of fixed buffers."""
+    """The most of a simulation in any step of the reference run: fixed buffers must hold them."""
 
     contacts: int
     constraints: int

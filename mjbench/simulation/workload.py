@@ -284,6 +284,7 @@ class PortableWorkload:
 
     Attributes:
       fields: the start states by MjData field, each (nbatch, size).
+      control: (nbatch, ncontrol, nu).
       final_state: (nbatch, nstate) states to reach, as rows of mjSTATE_INTEGRATION in the release
         that runs them; None where nothing is compared.
       probe: states along some simulations, by MjData field (see `work_check.probe`); None where no
