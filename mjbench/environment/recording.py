@@ -287,7 +287,7 @@ class _PlainSteps:
         """Take steps from a state, and compare with the state that the environment reached."""
         if self._needs_reset:
             mujoco.mj_resetData(self.model, self._data)
-        compat.set_state(self.model, self._data, before)
+        compat.set_state(self.model, self._data, before, self._reader.spec)
         self._step(self.model, self._data, nstep)
         reached = self._reader.read(self.model, self._data)
         self.checked += 1

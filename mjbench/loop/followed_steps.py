@@ -13,7 +13,6 @@ import mujoco
 import numpy as np
 
 from mjbench.loop.engine_functions import EngineFunction
-from mjbench.simulation import compat
 from mjbench.simulation.state_reader import StateReader
 
 # Fields of mjSTATE_INTEGRATION that steps change: a program that sets one begins a new segment.
@@ -82,7 +81,7 @@ class FollowedSteps:
         Returns:
           How many were taken, at least 1.
         """
-        before, last, spec = self._before, self._last, compat.INTEGRATION
+        before, last, spec = self._before, self._last, self._reader.spec
         self._get_state(model, data, before, spec)
         if last is None or self._is_elsewhere(before, last):
             self._begin_segment(before)

@@ -14,6 +14,7 @@ class StateReader:
     """
 
     def __init__(self, model: mujoco.MjModel):
+        self.spec = compat.INTEGRATION
         self.columns = compat.state_columns(model)
         self.nstate = compat.state_size(model)
         ctrl = self.columns.get("ctrl", slice(self.nstate, self.nstate))
