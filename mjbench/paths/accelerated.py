@@ -5,10 +5,8 @@ may never return, and must not run while another path is timed. It computes in i
 and order, so its results are held to tolerances, not to the last bit (`AcceleratedCheck`).
 """
 
-import importlib.util
 import pathlib
 import pickle
-import sys
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -102,8 +100,7 @@ class AcceleratedPath(SteppingPath):
 
     def unavailable(self) -> str | None:
         """Return which extra to install where a package is missing."""
-        missing = [name for name in self.packages if not _is_installed(name)]
-        if missing:
+        if missing := extras.missing(self.packages):
             return f"needs {', '.join(missing)}: {extras.install_command(self.extra)}"
         return None
 
@@ -237,12 +234,3 @@ def _is_machine_error(error: Exception) -> bool:
     if isinstance(error, NotImplementedError):  # a subclass of RuntimeError
         return False
     return isinstance(error, RuntimeError | MemoryError | OSError)
-
-
-def _is_installed(name: str) -> bool:
-    if name in sys.modules:
-        return True
-    try:
-        return importlib.util.find_spec(name) is not None
-    except (ImportError, ValueError):
-        return False
