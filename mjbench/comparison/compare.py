@@ -24,7 +24,7 @@ from mjbench.comparison.messages import (
 )
 from mjbench.comparison.plan import ComparisonPlan
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
-from mjbench.errors import failure_of
+from mjbench.errors import Failure, failure_of
 from mjbench.instrument import isolate, machine, scratch
 from mjbench.paths.accelerated import AcceleratedPath
 from mjbench.simulation.models import ModelSource
@@ -58,16 +58,11 @@ class VerifiedModel:
 def verify_model(source: ModelSource, plan: ComparisonPlan) -> VerifiedModel:
     """Verify the paths of a plan that run C, and time nothing."""
     with scratch.folder() as folder:
-        children = ModelChildren(
-            source,
-            plan,
-            folder / "model.mjb",
-            folder / "workload.pickle",
-            folder / "accelerated.pickle",
-            is_over=True,
-        )
+        names = ("model.mjb", "workload.pickle", "accelerated.pickle")
+        children = ModelChildren(source, plan, *(folder / name for name in names))
         children.verify(lambda: None)
-        return VerifiedModel(children.model_record(), children.measurements(children.agreeing))
+        measurements = children.measurements(children.agreeing, is_over=True)
+        return VerifiedModel(children.model_record(), measurements)
 
 
 @dataclass
@@ -75,15 +70,12 @@ class ModelChildren:
     """The children of one model's comparison, and what they have said so far.
 
     Attributes:
-      source: the model.
-      plan: of the comparison.
       model_file: that the child writes the compiled model to.
       workload_file: that it writes the workload to, for the launches of a race.
       accelerated_file: that it writes the workload to for accelerated paths.
       ready: what the child said of model and workload; None before.
       ended: how the last child ended that every path needs; None before, and where the user
         interrupted.
-      is_over: whether nothing more is measured.
     """
 
     source: ModelSource
@@ -93,7 +85,6 @@ class ModelChildren:
     accelerated_file: Path
     ready: ModelReady | None = None
     ended: isolate.Ended | None = None
-    is_over: bool = False
     variants: dict[int, _VariantState] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -241,26 +232,29 @@ class ModelChildren:
             total_steps=self.plan.total_steps,
         )
 
-    def measurements(self, timed: Collection[int]) -> tuple[MeasurementRecord, ...]:
+    def measurements(self, timed: Collection[int], is_over: bool) -> tuple[MeasurementRecord, ...]:
         """Return the records of all variants as far as they are known, in the plan's order.
 
         Args:
           timed: variants that a race timed.
+          is_over: whether nothing more is measured.
         """
         model = self.model_record()
-        return tuple(self._measurement(index, model, index in timed) for index in self.variants)
+        return tuple(
+            self._measurement(model, index, self._outcome(state, index in timed, is_over))
+            for index, state in self.variants.items()
+        )
 
-    def _measurement(self, index: int, model: ModelRecord, is_timed: bool) -> MeasurementRecord:
+    def _measurement(self, model: ModelRecord, index: int, outcome: Failure) -> MeasurementRecord:
         variant, state = self.plan.variants[index], self.variants[index]
         path = paths.find(variant.path)
-        status, detail = self._outcome(state, is_timed)
-        report = state.report or AgreementReport(index, status)
+        report = state.report or AgreementReport(index, outcome.status)
         record = MeasurementRecord(
             model=model.model,
             path=variant.path,
             options=variant.options,
-            status=status,
-            detail=detail,
+            status=outcome.status,
+            detail=outcome.detail,
             agrees=report.agrees,
             agreement=report.agreement,
             closed_loop=path.closed_loop,
@@ -294,13 +288,13 @@ class ModelChildren:
             check=report.check,
         )
 
-    def _outcome(self, state: _VariantState, is_timed: bool) -> tuple[Status, str]:
+    def _outcome(self, state: _VariantState, is_timed: bool, is_over: bool) -> Failure:
         """Return status and detail of one variant."""
         report = state.report
         if report is not None and (report.status != Status.OK or is_timed or state.samples_s):
-            return report.status, report.detail
-        if self.ended is None or not self.is_over:
-            return Status.INTERRUPTED, "stopped before it was timed"
+            return Failure(report.status, report.detail)
+        if self.ended is None or not is_over:
+            return Failure(Status.INTERRUPTED, "stopped before it was timed")
         if self.ended.status == Status.OK:
-            return Status.FAILED, "it was not timed"
-        return self.ended.status, self.ended.detail
+            return Failure(Status.FAILED, "it was not timed")
+        return Failure(self.ended.status, self.ended.detail)

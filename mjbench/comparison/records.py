@@ -4,9 +4,9 @@ Field names are the keys of the format (docs/formats.md). None is what was not r
 apply.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
@@ -184,12 +184,27 @@ class MeasurementRecord:
         return {**value, "check": check}
 
 
-def of_model(model: ModelRecord, records: Sequence[object]) -> list[MeasurementRecord]:
-    """Return the measurements of a model at one size, from the records of a run."""
+class OfModel(Protocol):
+    """A record of a model at one size."""
+
+    @property
+    def model(self) -> str:
+        """Its name."""
+
+    @property
+    def nbatch_asked(self) -> int | None:
+        """Simulations that the user asked for; None where mjbench chose."""
+
+
+_R = TypeVar("_R", bound=OfModel)
+
+
+def of_model(kind: type[_R], model: OfModel, records: Iterable[object]) -> list[_R]:
+    """Return the records of a type that are of a model at one size, from those of a run."""
     return [
         record
         for record in records
-        if isinstance(record, MeasurementRecord)
+        if isinstance(record, kind)
         and (record.model, record.nbatch_asked) == (model.model, model.nbatch_asked)
     ]
 

@@ -6,9 +6,10 @@ from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
 from mjbench.pages import charts
 from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.paired.race_record import Loop
 from mjbench.paths import BASE
 from mjbench.report import comparison, conclusions, tables, vega
-from mjbench.report.advice import Advice, Loop, advise, advise_clock
+from mjbench.report.advice import Advice, advise, advise_clock
 from mjbench.report.crossovers import crossovers, describe_crossover
 from mjbench.report.results import ModelResults, PathResult
 from mjbench.report.thread_advice import advise_threads

@@ -18,6 +18,7 @@ from mjbench.comparison.plan import Variant
 from mjbench.instrument import anytime
 from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.instrument.ratio import Ratio
+from mjbench.paths.parallelism import nthread
 from mjbench.status import Status
 
 # A path may be this much slower than the fastest and still be as good: the race does not go on to
@@ -121,6 +122,10 @@ class Standing:
     contenders: Sequence[int]
     most_gain: float
 
+    def threads(self, launch: RaceLaunch) -> list[int]:
+        """Return how many threads each variant of a launch has."""
+        return [nthread(self.variants[i].options) for i in launch.variants]
+
     @property
     def is_decided(self) -> bool:
         """Whether no contender can be faster than the fastest by `MARGIN`."""
@@ -182,6 +187,10 @@ class RaceRecord:
     def able(self) -> set[int]:
         """The variants that can go on, by their positions."""
         return set(range(len(self.variants))) - {each.variant for each in self.unable}
+
+    def threads(self, launch: RaceLaunch) -> list[int]:
+        """Return how many threads each variant of a launch has."""
+        return [nthread(self.variants[i].options) for i in launch.variants]
 
     @property
     def is_decided(self) -> bool:

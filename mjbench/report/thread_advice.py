@@ -78,5 +78,5 @@ def _advice(race: RaceRecord, own: Sequence[PathResult]) -> ThreadAdvice:
         most_tried=max(fastest),
         over_one=over_one,
         chunk=chosen.options.get("chunk"),
-        is_certain=race.has_figures_after and not chosen.disturbances,
+        is_certain=race.is_decided and not (race.is_cut_short or chosen.disturbances),
     )

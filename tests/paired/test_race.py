@@ -10,8 +10,16 @@ import pytest
 from mjbench.comparison.plan import Variant
 from mjbench.errors import MachineError
 from mjbench.paired import race, race_record
-from mjbench.paired.race import FINAL_LAUNCHES, MIN_LAUNCHES, RaceBudget, UnableError
-from mjbench.paired.race_record import MIN_FINAL_LAUNCHES, RaceLaunch, RaceRecord, UnableVariant
+from mjbench.paired.race import FINAL_LAUNCHES, RaceBudget, UnableError
+from mjbench.paired.race_record import (
+    MIN_FINAL_LAUNCHES,
+    MIN_LAUNCHES,
+    Loop,
+    RaceLaunch,
+    RaceRecord,
+    Standing,
+    UnableVariant,
+)
 from mjbench.status import Status
 
 BASE_NS = 10_000_000
@@ -55,19 +63,23 @@ def entered(count: int, **fields: object) -> RaceRecord:
         "model": "m",
         "steps": 1000,
         "variants": [Variant(f"path{i}", {}) for i in range(count)],
-        "groups": [list(range(count))],
+        "groups": [list(range(count))] * 2,
         **fields,
     }
     return RaceRecord(**values)  # type: ignore[arg-type]
 
 
+def ended(record: RaceRecord) -> Standing:
+    """Return what a race said of paths for open loop."""
+    return record.standings[Loop.OPEN]
+
+
 def test_paths_that_are_certainly_slower_leave_and_the_fastest_wins() -> None:
     track = Track([1.0, 1.1, 1.5, 2.0])
     record = track.run(entered(4))[-1]
-    (place,) = record.standings()
-    assert place is not None
-    assert (place.fastest, place.chosen, place.rivals) == (3, 3, [])
-    assert place.is_decided
+    standing = ended(record)
+    assert (standing.fastest, standing.chosen, standing.contenders) == (3, 3, [3])
+    assert standing.is_decided
     assert not record.is_cut_short
     assert track.launched[0] == ([0, 1, 2, 3], False)
     assert [0, 3] in [positions for positions, _ in track.launched]
@@ -93,18 +105,16 @@ def test_the_step_of_the_plain_loop_is_the_median_over_launches() -> None:
 
 
 def test_of_paths_that_are_as_good_the_simplest_is_chosen() -> None:
-    (place,) = Track([1.0, 2.0, 2.002], spread=0.003).run(entered(3))[-1].standings()
-    assert place is not None
-    assert place.chosen == 1
+    standing = ended(Track([1.0, 2.0, 2.002], spread=0.003).run(entered(3))[-1])
+    assert standing.chosen == 1
 
 
 def test_a_race_that_has_no_time_is_cut_short_and_says_so() -> None:
     record = Track([1.0, 1.001, 1.002], spread=0.2).run(entered(3), budget_s=4.0)[-1]
-    (place,) = record.standings()
+    standing = ended(record)
     assert record.is_cut_short
-    assert place is not None
-    assert not place.is_decided
-    assert place.most_gain > 0.02
+    assert not standing.is_decided
+    assert standing.most_gain > 0.02
 
 
 def test_the_budget_bounds_the_launches_after_the_race_too() -> None:
@@ -132,16 +142,15 @@ def test_what_is_known_is_yielded_after_every_launch() -> None:
 
 def test_a_variant_in_no_group_is_in_every_launch_and_never_wins() -> None:
     track = Track([1.0, 3.0, 2.0])
-    record = track.run(entered(3, groups=[[0, 2]]))[-1]
+    record = track.run(entered(3, groups=[[0, 2], [0]]))[-1]
     assert all(1 in positions for positions, _ in track.launched)
-    (place,) = record.standings()
-    assert place is not None
-    assert place.chosen == 2
+    standing = ended(record)
+    assert standing.chosen == 2
 
 
 def test_a_slow_variant_is_timed_last_beside_the_plain_loop() -> None:
     track = Track([1.0, 2.0, 1.5])
-    record = track.run(entered(3, groups=[[0, 1]], slow=[2]))[-1]
+    record = track.run(entered(3, groups=[[0, 1], [0]], slow=[2]))[-1]
     last = track.launched[-MIN_FINAL_LAUNCHES:]
     assert last == [([0, 2], True)] * MIN_FINAL_LAUNCHES
     speedup = record.speedup(record.variants[2])
@@ -157,9 +166,8 @@ def test_a_variant_that_cannot_go_on_leaves_and_the_others_go_on() -> None:
     record = Track([1.0, 2.0, 1.8], before=before).run(entered(3))[-1]
     assert [each.variant for each in record.unable] == [1]
     assert record.status == Status.OK
-    (place,) = record.standings()
-    assert place is not None
-    assert place.chosen == 2
+    standing = ended(record)
+    assert standing.chosen == 2
 
 
 def test_a_race_without_its_plain_loop_ends() -> None:
@@ -169,7 +177,7 @@ def test_a_race_without_its_plain_loop_ends() -> None:
     record = Track([1.0, 2.0], before=before).run(entered(2))[-1]
     assert record.status == Status.INPUT
     assert record.launches == ()
-    assert record.standings() == [None]
+    assert record.standings == {}
 
 
 @pytest.mark.parametrize(
@@ -194,9 +202,8 @@ def test_a_path_that_is_fast_in_its_first_launch_alone_is_not_advised() -> None:
         track.speeds = [1.0, next(speeds), 1.5]
 
     track.before = before
-    (place,) = track.run(entered(3))[-1].standings()
-    assert place is not None
-    assert place.chosen == 2
+    standing = ended(track.run(entered(3))[-1])
+    assert standing.chosen == 2
 
 
 def test_a_path_that_is_slower_by_3_percent_in_every_third_launch_is_not_the_fastest() -> None:
@@ -206,9 +213,8 @@ def test_a_path_that_is_slower_by_3_percent_in_every_third_launch_is_not_the_fas
         track.speeds = [1.0, 2.0, 2.0 / (1.03 if number % 3 == 0 else 1.0)]
 
     track.before = before
-    (place,) = track.run(entered(3))[-1].standings()
-    assert place is not None
-    assert place.chosen == 1
+    standing = ended(track.run(entered(3))[-1])
+    assert standing.chosen == 1
 
 
 def test_a_path_that_is_entered_twice_is_never_faster_than_itself() -> None:
@@ -218,9 +224,8 @@ def test_a_path_that_is_entered_twice_is_never_faster_than_itself() -> None:
         ratio = record.ratio(record.variants[1], record.variants[2])
         assert ratio is not None
         assert ratio.covers(1.0)
-        (place,) = record.standings()
-        assert place is not None
-        assert {1, 2} <= {place.fastest, place.chosen, *place.rivals}
+        standing = ended(record)
+        assert {1, 2} <= set(standing.contenders)
 
 
 def test_the_fastest_is_hardly_ever_dropped() -> None:
@@ -229,9 +234,8 @@ def test_the_fastest_is_hardly_ever_dropped() -> None:
     for _ in range(40):
         speeds = [1.0, *np.exp(rng.normal(0.3, 0.1, 7))]
         track = Track(speeds, spread=0.03, rng=rng)
-        (place,) = track.run(entered(8), budget_s=25.0)[-1].standings()
-        assert place is not None
-        dropped += int(np.argmax(speeds)) not in {place.fastest, place.chosen, *place.rivals}
+        standing = ended(track.run(entered(8), budget_s=25.0)[-1])
+        dropped += int(np.argmax(speeds)) not in standing.contenders
     assert dropped <= 40 * race_record.ERROR
 
 
@@ -275,6 +279,6 @@ def test_a_launch_has_all_its_blocks(ns: list[list[int]]) -> None:
 
 def test_a_record_names_variants_that_it_has() -> None:
     with pytest.raises(ValueError, match="names a later one"):
-        entered(2, groups=[[0, 2]])
+        entered(2, groups=[[0, 2], [0]])
     with pytest.raises(ValueError, match="lacks the plain loop"):
         entered(2, launches=[RaceLaunch(None, [1], [[1], [1]])])

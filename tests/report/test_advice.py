@@ -10,9 +10,9 @@ from example_records import measurement
 
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.comparison.records import MeasurementRecord
-from mjbench.paired.race_record import UnableVariant
+from mjbench.paired.race_record import Loop, UnableVariant
 from mjbench.report import results
-from mjbench.report.advice import Loop, Reason, advise, advise_clock
+from mjbench.report.advice import Reason, advise, advise_clock
 from mjbench.report.comparison import conclusion
 from mjbench.report.results import ModelResults
 from mjbench.simulation.accelerated_limits import Precision
