@@ -17,6 +17,7 @@ from mjbench.instrument import neighbours, progress
 from mjbench.instrument.machine import ProcessorTime
 from mjbench.instrument.progress import Progress
 from mjbench.instrument.runs import Record
+from mjbench.instrument.units import count_of
 from mjbench.paired.race import RaceBudget, race
 from mjbench.paired.race_launches import RaceLaunches, RaceWork
 from mjbench.paired.race_record import RaceRecord
@@ -208,7 +209,8 @@ class _PathComparison:
         entered = enter(self._name, self._plan.nbatch, ready.nbatch * ready.nstep, variants)
         budget = RaceBudget(self._begin_s + self._plan.budget_s, self._clock)
         left_s = max(1.0, budget.left_s())
-        self._on_phase(f"{self._name}: racing {len(variants)} paths, about {left_s:.0f} s")
+        entrants = count_of(len(variants), "path")
+        self._on_phase(f"{self._name}: racing {entrants}, about {left_s:.0f} s")
         for record in race(entered, launches.launch, budget):
             self._race = self._with_disturbance(record)
             for unable in record.unable:

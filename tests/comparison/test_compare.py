@@ -26,13 +26,14 @@ def children(folder: Path, model: str, *names: str, **plan: Any) -> ModelChildre
 def verified(folder: Path, model: str, *names: str, **plan: Any) -> ModelChildren:
     of_model = children(folder, model, *names, **plan)
     of_model.verify(lambda: None)
-    of_model.is_over = True
     return of_model
 
 
 def rows_of(of_model: ModelChildren) -> dict[str, MeasurementRecord]:
     """Return the records as if a race had timed all that agrees."""
-    return {record.path: record for record in of_model.measurements(of_model.agreeing)}
+    return {
+        record.path: record for record in of_model.measurements(of_model.agreeing, is_over=True)
+    }
 
 
 @pytest.mark.parametrize(
@@ -119,8 +120,7 @@ def test_a_path_that_did_not_race_says_that_it_was_not_timed(
     tmp_path: Path, contact_file: str
 ) -> None:
     of_model = verified(tmp_path, contact_file, "python_loop_hold")
-    first, second = of_model.measurements([0])
+    first, second = of_model.measurements([0], is_over=True)
     assert first.status == Status.OK
     assert (second.status, second.detail) == (Status.FAILED, "it was not timed")
-    of_model.is_over = False
-    assert of_model.measurements([0])[1].status == Status.INTERRUPTED
+    assert of_model.measurements([0], is_over=False)[1].status == Status.INTERRUPTED
