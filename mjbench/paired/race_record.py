@@ -206,6 +206,11 @@ class RaceRecord:
             return None
         return statistics.median(each.block_ns(0) for each in launches) / self.steps
 
+    def advised(self, standing: Standing) -> int:
+        """Return the chosen variant; the plain loop where that one is not certainly faster."""
+        speedup = self.speedups[standing.chosen]
+        return standing.chosen if speedup is not None and speedup.is_above(1.0) else 0
+
     def speedup(self, variant: Variant) -> Ratio | None:
         """Return the speed-up of a variant over the plain loop; None where it was not timed.
 

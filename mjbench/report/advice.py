@@ -133,15 +133,13 @@ def _choose(
     chosen = model_results.timed(race.variants[standing.chosen]) or base
     has_figures = race.has_final_figures(chosen.variant)
     is_certain = standing.is_decided and has_figures and not model_results.disturbances
-    gain = chosen.speedup
-    reason = Reason.FASTER
-    if standing.fastest != standing.chosen:
-        reason = Reason.SIMPLER
-    elif chosen == base:
-        reason = Reason.NO_GAIN
-    if chosen != base and (gain is None or not gain.is_above(1.0)):
+    reason = Reason.SIMPLER if standing.fastest != standing.chosen else Reason.FASTER
+    if race.advised(standing) != standing.chosen:
+        gain = chosen.speedup
         is_certain &= gain is not None and gain.high is not None and gain.high <= 1 + MARGIN
         chosen, reason = base, Reason.NO_GAIN
+    elif chosen == base and reason == Reason.FASTER:
+        reason = Reason.NO_GAIN
     contenders = (model_results.timed(race.variants[i]) for i in standing.contenders)
     rivals = [each for each in contenders if each is not None and each != chosen]
     rivals.sort(key=lambda result: result.steps_per_s or 0.0, reverse=True)
