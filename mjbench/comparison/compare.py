@@ -47,7 +47,6 @@ class VerifiedModel:
     """Whether paths agree on one model.
 
     Attributes:
-      model: its record.
       measurements: one a variant, without times.
     """
 

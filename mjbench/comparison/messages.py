@@ -29,8 +29,6 @@ class MeasureRequest:
     """One model and the paths to verify on it (see `measure`).
 
     Attributes:
-      source: the model.
-      plan: the comparison.
       exclude: variants not to touch: those that killed a child before, and accelerated ones.
       model_file: to save the compiled model in, for the launches of a race.
       workload_file: to save the workload in, with its final states, for the same.
@@ -50,8 +48,6 @@ class AcceleratedRequest:
     """One model and one path that compiles, measured alone (see `accelerated_run`).
 
     Attributes:
-      source: the model.
-      variant: the path and its options.
       workload_file: that `save_workload` wrote.
       is_named: whether the user asked for this path by name.
       limit_s: seconds of silence after which the child is killed.
@@ -68,23 +64,7 @@ class AcceleratedRequest:
 class ModelReady:
     """The model is loaded, the workload exists and the reference run is done.
 
-    Attributes:
-      facts: of the model.
-      nbatch: simulations that did not diverge.
-      nstep: steps per simulation.
-      hold: steps per control.
-      returns: what every run returns.
-      seed: of start states and controls.
-      reduced: whether the sizes were reduced to keep a block short.
-      diverged: simulations left out because they diverged.
-      divergence: why, such as `BADQACC in 3`.
-      warnings: how many of the simulations that did not diverge raised each other warning.
-      spread: factor by which starts and controls were narrowed; 1 unless more would diverge.
-      starts: where start states came from.
-      workload_digest: names start states, controls and hold, bit by bit.
-      state_digest: names the reference run's final states, bit by bit.
-      start_contacts: contacts at the first simulation's start.
-      work: what a step did, on average.
+    Its fields are those of `ModelRecord`.
     """
 
     facts: ModelFacts
@@ -112,10 +92,8 @@ class AgreementReport:
     Attributes:
       index: of the variant; 0 from a child that measures one variant alone.
       status: `ok`, or why it is not timed.
-      detail: one line; empty when ok.
       agrees: None where it was not compared.
       agreement: the rule that was held, or the first difference.
-      snippet: Python that does what the path does.
       check: of an accelerated path; None for others.
     """
 
@@ -133,11 +111,8 @@ class CompileReport:
     """What compiling a path took.
 
     Attributes:
-      device: that it runs on.
       trace_s: seconds of tracing; None where there is no such stage.
-      compile_s: seconds of the compiler.
       workload_digest: of the workload that the child received.
-      buffer_sizes: sizes of the engine's buffers, by its names for them.
     """
 
     device: str

@@ -18,12 +18,7 @@ LIMIT_S = TIME_LIMIT_S
 
 @dataclass(frozen=True)
 class Variant:
-    """A path with its options set.
-
-    Attributes:
-      path: its name.
-      options: values by option name.
-    """
+    """A path with its options set."""
 
     path: str
     options: Mapping[str, Any]
@@ -51,9 +46,6 @@ class ComparisonPlan:
       nbatch: simulations; None lets each model have as many as its budget allows.
       nstep: steps per simulation; None likewise.
       hold: steps per control.
-      seed: of start states and controls.
-      starts: where start states are to come from.
-      returns: what every run returns.
       budget_s: seconds for a model, agreement included, that paths which run C may take.
       limit_s: a child process that is silent for longer is killed.
       import_from: a folder that the user's own paths may be imported from.

@@ -34,13 +34,7 @@ class Advice:
     """The path to use on one model, at one size.
 
     Attributes:
-      model: its name.
-      nbatch: simulations.
-      loop: for which the advice holds.
-      path: the way of stepping.
-      options: of the path.
       speedup: over the plain loop, the same as in the path's row; None for the plain loop itself.
-      reason: why.
       is_certain: whether no other path can be faster by 2 %, and nothing disturbed the race.
       rivals: paths that may be as fast, each with its options, the fastest by estimate first.
       most_gain: share by which one of them may be faster than the fastest, at most; None where
@@ -49,8 +43,6 @@ class Advice:
         they take seconds to start, each with the reason.
       break_even: when compiling pays for an accelerated path that is faster, in one line; empty
         without one.
-      realtime_factor: simulated seconds per second, all simulations together.
-      snippet: Python that does what the path does.
     """
 
     model: str
@@ -71,14 +63,7 @@ class Advice:
 
 @dataclass(frozen=True)
 class ClockAdvice:
-    """What turning MuJoCo's timer off gains on one model, for every path and both loops.
-
-    Attributes:
-      model: its name.
-      nbatch: simulations.
-      speedup: of the plain loop.
-      snippet: Python that turns it off.
-    """
+    """What turning MuJoCo's timer off gains on one model, for every path and both loops."""
 
     model: str
     nbatch: int | None

@@ -38,7 +38,6 @@ def print_models(out: Console, models: Sequence[ModelResults], code: bool = Fals
     """Print what comparisons of models come to, one after the other and together.
 
     Args:
-      out: where to.
       models: in the order they were measured.
       code: whether to print the Python of the paths that are advised.
     """
@@ -58,7 +57,6 @@ def print_model(out: Console, sizes: Sequence[ModelResults], code: bool = False)
     """Print what follows for one model at each of its sizes, and one table of all sizes.
 
     Args:
-      out: where to.
       sizes: the results of the model, one a size.
       code: whether to print the Python of the paths that are advised.
     """
@@ -106,7 +104,6 @@ def conclusion_lines(model_results: ModelResults, names_size: bool) -> list[str 
     """Return what follows from a comparison, for each loop, and for MuJoCo's timer.
 
     Args:
-      model_results: of the comparison.
       names_size: whether lines say how many simulations there were, because others stand beside.
     """
     lines: list[str | Text] = [

@@ -33,7 +33,6 @@ def conclusion(advice: Advice, names_size: bool = False) -> tuple[str, str]:
     """Return which path to use, and why: the beginning of a sentence, and its rest.
 
     Args:
-      advice: on a model.
       names_size: whether to say how many simulations there were.
     """
     gain = f", {_times(advice.speedup, _PLAIN_LOOP)}" if advice.speedup is not None else ""

@@ -29,40 +29,15 @@ from mjbench.status import Status
 class PathResult:
     """What a comparison says of one variant; None is what cannot be said.
 
+    Fields of the same names are those of `MeasurementRecord`.
+
     Attributes:
-      model: its name.
-      path: the way of stepping.
-      options: of the path.
-      status: how it ended.
-      detail: one line; empty when ok.
-      agrees: whether its final states are the reference's.
-      agreement: the rule that was held, or the first difference.
-      closed_loop: whether a policy can choose each control from the state before it.
-      nbatch: simulations.
-      nstep: steps of each.
-      hold: steps per control.
-      returns: what every run returned.
-      starts: where start states came from.
-      diverged: simulations left out because they diverged.
-      warnings: how many of the others raised each warning of MuJoCo.
       steps_per_s: steps of all simulations per second.
       step_ns: nanoseconds of one step of one simulation: that of the plain loop over `speedup`.
       realtime_factor: simulated seconds per second, all simulations together.
       speedup: over the plain Python loop, with its 95 % interval from launch to launch; without
         ends where it is from one process, or from too few launches.
       launches: fresh processes that gave the speed-up.
-      work: contacts, constraints and solver iterations per step.
-      snippet: Python that does what the path does.
-      nbatch_asked: simulations that the user asked for; None where mjbench chose.
-      precision: of an accelerated path; None for paths that run C.
-      device: that an accelerated path ran on.
-      trace_s: seconds of tracing.
-      compile_s: seconds of the compiler.
-      cached_compile_s: the same where its cache holds the program; None where not measured.
-      memory_bytes: most memory of the process.
-      gpu_memory_bytes: most memory of the GPU.
-      check: how far an accelerated path is from C.
-      buffer_sizes: sizes of an accelerated engine's buffers, by its names for them.
       overtakes_after_steps: break-even: steps of the plain loop that take as long as compiling and
         running the same number; None where the plain loop is faster.
       disturbances: what disturbed its race, a clause each; empty where nothing did.
@@ -290,8 +265,6 @@ def _result(
     """Return the result of a variant.
 
     Args:
-      model: its model.
-      record: of the variant.
       base_ns: nanoseconds of a step of the plain loop.
       speedup: over the plain loop, and from how many launches; None where it has none.
     """

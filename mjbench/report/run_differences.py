@@ -62,7 +62,6 @@ def differences(old: RunSet, new: RunSet, across: bool) -> list[RunDifference]:
 
     Args:
       old: a run file or a set, with runs of `mjbench compare`.
-      new: another.
       across: compare also what differs in identity (see `identity`).
     """
     old_runs, new_runs = (

@@ -19,9 +19,6 @@ class ThreadAdvice:
     """How many threads a path should have on a model.
 
     Attributes:
-      model: its name.
-      nbatch: simulations.
-      path: the way of stepping.
       nthread: the smallest number of threads that has `ENOUGH` of the best speed-up; 1 where no
         number is certainly faster than one thread.
       most_tried: the largest number that was tried.

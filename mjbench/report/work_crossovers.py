@@ -37,7 +37,6 @@ class WorkCrossover:
     """Where Ray overtakes another path on one model, by the work of a call.
 
     Attributes:
-      path: `ray`.
       rival: the other path, with its number of threads or processes; at each size, the fastest of
         its variants with that number.
       least: least work from which on Ray is faster at every size; None if it is slower at the
