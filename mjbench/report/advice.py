@@ -169,8 +169,8 @@ def _with_accelerated(choice: _Choice, loop: Loop, model_results: ModelResults) 
     faster = [
         result
         for result in model_results.results
-        if result.is_accelerated and result.is_timed and result.is_judged and result.serves(loop)
-        if result.rate_over(choice.result) > 1 + MARGIN
+        if result.compile_s is not None and result.is_timed and result.is_judged
+        if result.serves(loop) and result.rate_over(choice.result) > 1 + MARGIN
     ]
     if not faster or total_steps is None:
         return choice
