@@ -148,11 +148,11 @@ def measure(sources: Sequence[ModelSource], launches: int, file: Path) -> ExitCo
             unused = pool.new_file(".pickle")
             children = ModelChildren(source, plan, work.model_file, work.workload_file, unused)
             ended = children.verify(lambda: None)
-            if ended.status != Status.OK or children.ready is None:
+            if ended.status != Status.OK:
                 raise MachineError(f"{name}: {ended.detail}")
             variants = [plan.variants[i] for i in children.agreeing]
             twice = next((v for v in variants if v.path == "rollout"), Variant("python_loop", {}))
-            record = enter(name, None, children.ready.nbatch * children.ready.nstep, variants)
+            record = enter(children.model_record(), variants)
             record = replace(record, variants=[*variants, twice])
             launcher = RaceLaunches(pool, name, plan, record.variants, work)
             everyone = range(len(record.variants))

@@ -19,7 +19,6 @@ from mjbench.comparison.messages import (
     CachedCompile,
     CompileReport,
     MeasureRequest,
-    ModelReady,
     PeakMemory,
 )
 from mjbench.comparison.plan import ComparisonPlan
@@ -72,7 +71,7 @@ class ModelChildren:
       model_file: that the child writes the compiled model to.
       workload_file: that it writes the workload to, for the launches of a race.
       accelerated_file: that it writes the workload to for accelerated paths.
-      ready: what the child said of model and workload; None before.
+      reference: what the child said of the model and its reference run; None before.
       ended: how the last child ended that every path needs; None before, and where the user
         interrupted.
     """
@@ -82,7 +81,7 @@ class ModelChildren:
     model_file: Path
     workload_file: Path
     accelerated_file: Path
-    ready: ModelReady | None = None
+    reference: ModelRecord | None = None
     ended: isolate.Ended | None = None
     variants: dict[int, _VariantState] = field(init=False)
 
@@ -163,8 +162,8 @@ class ModelChildren:
     def _receive(self, message: object) -> None:
         """Store one message of the child that verifies the C paths."""
         match message:
-            case ModelReady():
-                self.ready = message
+            case ModelRecord():
+                self.reference = message
             case AgreementReport():
                 self.variants[message.index].report = message
             case _:
@@ -210,8 +209,8 @@ class ModelChildren:
         except Exception as error:  # a path's own `environment` may raise anything
             failure = failure_of(error)
             ended = isolate.Ended(failure.status, failure.detail)
-        assert self.ready is not None
-        digest = self.ready.workload_digest
+        assert self.reference is not None
+        digest = self.reference.workload_digest
         if ended.status != Status.OK:
             self.revise(index, ended.status, ended.detail)
         elif state.compile_report and state.compile_report.workload_digest != digest:
@@ -221,11 +220,11 @@ class ModelChildren:
 
     def model_record(self) -> ModelRecord:
         """Return the record of the model as far as it is known."""
-        return ModelRecord(
-            model=self.source.name,
-            status=self.ended.status if self.ended else Status.INTERRUPTED,
-            detail=self.ended.detail if self.ended else "",
-            **(vars(self.ready) if self.ready else {}),
+        ended = self.ended or Failure(Status.INTERRUPTED, "")
+        return dataclasses.replace(
+            self.reference or ModelRecord(model=self.source.name, status=ended.status),
+            status=ended.status,
+            detail=ended.detail,
             nbatch_asked=self.plan.nbatch,
             usable_cores=machine.usable_cores(),
             total_steps=self.plan.total_steps,

@@ -11,9 +11,6 @@ from pathlib import Path
 from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.simulation.accelerated_limits import AcceleratedCheck
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.starts import Starts
-from mjbench.simulation.work import ModelFacts, Work
-from mjbench.simulation.workload import Product
 from mjbench.status import Status
 
 
@@ -58,31 +55,6 @@ class AcceleratedRequest:
     workload_file: Path
     is_named: bool
     limit_s: float
-
-
-@dataclass(frozen=True)
-class ModelReady:
-    """The model is loaded, the workload exists and the reference run is done.
-
-    Its fields are those of `ModelRecord`.
-    """
-
-    facts: ModelFacts
-    nbatch: int
-    nstep: int
-    hold: int
-    returns: Product
-    seed: int
-    reduced: bool
-    diverged: int
-    divergence: str
-    warnings: Mapping[str, int]
-    spread: float
-    starts: Starts
-    workload_digest: str
-    state_digest: str
-    start_contacts: int
-    work: Work
 
 
 @dataclass(frozen=True)

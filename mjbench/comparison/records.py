@@ -74,6 +74,11 @@ class ModelRecord:
     cores_had: Sequence[PositiveFloat] = ()
     total_steps: PositiveInt | None = None
 
+    @property
+    def block_steps(self) -> int | None:
+        """The steps of one block, all simulations together; None before its size is known."""
+        return self.nbatch * self.nstep if self.nbatch and self.nstep else None
+
 
 @dataclass(frozen=True, kw_only=True)
 class MeasurementRecord:

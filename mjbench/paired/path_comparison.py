@@ -71,23 +71,15 @@ def race_of(model: ModelRecord, records: Sequence[object]) -> RaceRecord | None:
     return next(iter(of_model(RaceRecord, model, records)), None)
 
 
-def enter(
-    model: str, nbatch_asked: int | None, steps: int, variants: Sequence[Variant]
-) -> RaceRecord:
-    """Return the race of variants on a model, before its first launch.
-
-    Args:
-      model: its name.
-      nbatch_asked: simulations that the user asked for.
-      steps: of one block, all simulations together.
-      variants: the plain loop first.
-    """
+def enter(model: ModelRecord, variants: Sequence[Variant]) -> RaceRecord:
+    """Return the race of variants, the plain loop first, on a model, before its first launch."""
+    assert model.block_steps is not None, "the paths were verified"
     slow = [i for i, each in enumerate(variants) if paths.find(each.path).starts_slowly]
     compete = [i for i, each in enumerate(variants) if each != WITHOUT_TIMER and i not in slow]
     return RaceRecord(
-        model=model,
-        nbatch_asked=nbatch_asked,
-        steps=steps,
+        model=model.model,
+        nbatch_asked=model.nbatch_asked,
+        steps=model.block_steps,
         variants=variants,
         groups=[compete, [i for i in compete if paths.find(variants[i].path).closed_loop]],
         slow=slow,
@@ -204,9 +196,7 @@ class _PathComparison:
             return
         variants = [self._plan.variants[i] for i in agreeing]
         launches = RaceLaunches(self._pool, self._name, self._plan, variants, self._work)
-        ready = self.children.ready
-        assert ready is not None, "the paths were verified"
-        entered = enter(self._name, self._plan.nbatch, ready.nbatch * ready.nstep, variants)
+        entered = enter(self.children.model_record(), variants)
         budget = RaceBudget(self._begin_s + self._plan.budget_s, self._clock)
         left_s = max(1.0, budget.left_s())
         entrants = count_of(len(variants), "path")

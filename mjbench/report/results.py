@@ -215,9 +215,7 @@ class ModelResults:
     @property
     def total_steps(self) -> int | None:
         """The steps that the user will take: those asked for, or one block; None if unknown."""
-        if self.model.total_steps or self.model.nbatch is None or self.model.nstep is None:
-            return self.model.total_steps
-        return self.model.nbatch * self.model.nstep
+        return self.model.total_steps or self.model.block_steps
 
 
 def derive(

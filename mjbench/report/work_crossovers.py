@@ -12,7 +12,6 @@ from mjbench.comparison.plan import Variant
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import WORKER_OPTIONS, nthread
 from mjbench.report import tables
-from mjbench.report.crossovers import Rival
 from mjbench.report.results import PathResult
 
 # The path, and those that it is compared with.
@@ -48,7 +47,7 @@ class WorkCrossover:
     model: str
     path: str
     options: Mapping[str, Any]
-    rival: Rival
+    rival: Variant
     least: CallWork | None
     largest: CallWork
     share: float
@@ -119,7 +118,7 @@ def _crossover(
         model=own.model,
         path=own.path,
         options=own.options,
-        rival=Rival(path, {n: v for n, v in rival.options.items() if n in WORKER_OPTIONS}),
+        rival=Variant(path, {n: v for n, v in rival.options.items() if n in WORKER_OPTIONS}),
         least=least,
         largest=work,
         share=own.rate_over(rival),
@@ -129,13 +128,10 @@ def _crossover(
 def describe_work_crossover(row: WorkCrossover) -> str:
     """Return from how much work per call on Ray overtakes another path, as a sentence."""
     variant = str(Variant(row.path, row.options))
-    rival = str(Variant(row.rival.path, row.rival.options))
     if row.least:
-        return (
-            f"{row.model}: {variant} overtakes {rival} at {_call_work(row.least)}, of those tried"
-        )
+        return f"{row.model}: {variant} overtakes {row.rival} at {_call_work(row.least)}, of those tried"
     text = (
-        f"{row.model}: {variant} does not overtake {rival} up to {_call_work(row.largest)}, where"
+        f"{row.model}: {variant} does not overtake {row.rival} up to {_call_work(row.largest)}, where"
         f" it has {tables.factor(row.share)} of its speed"
     )
     if row.rival.path == "rollout" and nthread(row.rival.options) > 1:
