@@ -131,11 +131,12 @@ def measure(sources: Sequence[ModelSource], launches: int, file: Path) -> ExitCo
     """Store launches of all C paths of models in a file."""
     from mjbench.comparison import selection
     from mjbench.comparison.compare import ModelChildren
+    from mjbench.comparison.messages import ModelFiles
     from mjbench.comparison.plan import ComparisonPlan, Variant
     from mjbench.instrument import machine
     from mjbench.instrument.runs import to_json
     from mjbench.paired.path_comparison import enter
-    from mjbench.paired.race_launches import RaceLaunches, RaceWork
+    from mjbench.paired.race_launches import RaceLaunches
     from mjbench.paired.worker_pool import WorkerPool
 
     (plan,) = selection.plans(ComparisonPlan(variants=()), [])
@@ -144,9 +145,7 @@ def measure(sources: Sequence[ModelSource], launches: int, file: Path) -> ExitCo
         stored.write(json.dumps({"cpu": described.cpu, **described.versions}) + "\n")
         for source in sources:
             name = source.name
-            work = RaceWork(pool.new_file(".mjb"), pool.new_file(".pickle"))
-            unused = pool.new_file(".pickle")
-            children = ModelChildren(source, plan, work.model_file, work.workload_file, unused)
+            children = ModelChildren(source, plan, ModelFiles.in_folder(pool.new_folder()))
             ended = children.verify(lambda: None)
             if ended.status != Status.OK:
                 raise MachineError(f"{name}: {ended.detail}")
@@ -154,7 +153,7 @@ def measure(sources: Sequence[ModelSource], launches: int, file: Path) -> ExitCo
             twice = next((v for v in variants if v.path == "rollout"), Variant("python_loop", {}))
             record = enter(children.model_record(), variants)
             record = replace(record, variants=[*variants, twice])
-            launcher = RaceLaunches(pool, name, plan, record.variants, work)
+            launcher = RaceLaunches(pool, children, record.variants)
             everyone = range(len(record.variants))
             timed = [launcher.launch(everyone, False) for _ in range(launches)]
             stored.write(json.dumps(to_json(replace(record, launches=timed))) + "\n")

@@ -9,7 +9,6 @@ have a child each, alone (see `accelerated_run`).
 import dataclasses
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from mjbench import paths
 from mjbench.comparison import accelerated_run
@@ -19,6 +18,7 @@ from mjbench.comparison.messages import (
     CachedCompile,
     CompileReport,
     MeasureRequest,
+    ModelFiles,
     PeakMemory,
 )
 from mjbench.comparison.plan import ComparisonPlan
@@ -56,8 +56,7 @@ class VerifiedModel:
 def verify_model(source: ModelSource, plan: ComparisonPlan) -> VerifiedModel:
     """Verify the paths of a plan that run C, and time nothing."""
     with scratch.folder() as folder:
-        names = ("model.mjb", "workload.pickle", "accelerated.pickle")
-        children = ModelChildren(source, plan, *(folder / name for name in names))
+        children = ModelChildren(source, plan, ModelFiles.in_folder(folder))
         children.verify(lambda: None)
         measurements = children.measurements(children.agreeing, is_over=True)
         return VerifiedModel(children.model_record(), measurements)
@@ -68,9 +67,7 @@ class ModelChildren:
     """The children of one model's comparison, and what they have said so far.
 
     Attributes:
-      model_file: that the child writes the compiled model to.
-      workload_file: that it writes the workload to, for the launches of a race.
-      accelerated_file: that it writes the workload to for accelerated paths.
+      files: that the child writes.
       reference: what the child said of the model and its reference run; None before.
       ended: how the last child ended that every path needs; None before, and where the user
         interrupted.
@@ -78,9 +75,7 @@ class ModelChildren:
 
     source: ModelSource
     plan: ComparisonPlan
-    model_file: Path
-    workload_file: Path
-    accelerated_file: Path
+    files: ModelFiles
     reference: ModelRecord | None = None
     ended: isolate.Ended | None = None
     variants: dict[int, _VariantState] = field(init=False)
@@ -89,17 +84,12 @@ class ModelChildren:
         self.variants = {i: _VariantState() for i in range(len(self.plan.variants))}
 
     @property
-    def accelerated(self) -> list[int]:
-        """The variants that compile, by their positions in the plan."""
-        return [i for i, each in enumerate(self.plan.variants) if paths.find(each.path).compiles]
-
-    @property
     def agreeing(self) -> list[int]:
         """The variants that run C and agree."""
         agreeing = []
         for index, state in self.variants.items():
             report = state.report
-            if report and report.status == Status.OK and index not in self.accelerated:
+            if report and report.status == Status.OK and index not in self.plan.accelerated:
                 agreeing.append(index)
         return agreeing
 
@@ -120,7 +110,6 @@ class ModelChildren:
             self._receive(message)
             on_message()
 
-        accelerated = self.accelerated
         # the child works in a folder of its own
         source = ModelSource(self.source.name, self.source.path.resolve())
         fatal: dict[int, AgreementReport] = {}
@@ -128,10 +117,8 @@ class ModelChildren:
             request = MeasureRequest(
                 source,
                 self.plan,
-                frozenset([*fatal, *accelerated]),
-                self.model_file,
-                self.workload_file,
-                self.accelerated_file if accelerated else None,
+                frozenset([*fatal, *self.plan.accelerated]),
+                self.files,
             )
             ended = isolate.run(
                 "mjbench.comparison.measure:measure_in_child",
@@ -200,7 +187,7 @@ class ModelChildren:
             ended = accelerated_run.run(
                 self.source,
                 variant,
-                self.accelerated_file,
+                self.files.accelerated,
                 lambda message: self._receive_accelerated(index, message),
                 is_named=variant.path in self.plan.named,
                 limit_s=self.plan.limit_s,

@@ -38,7 +38,7 @@ def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
     channel.doing(f"loading {name}")
     model = models.load(request.source)
     channel.doing(f"stepping {name}")
-    size_request = plan.size_request(request.accelerated_file is not None)
+    size_request = plan.size_request()
     cost_s = step_costs.step_cost_s(
         model_digest(model), functools.partial(sampling.settled_step_s, model)
     )
@@ -80,12 +80,12 @@ def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
 
 def _save(own: Workload, sample: Sample, request: MeasureRequest) -> None:
     """Write the model and the workload to the files that the request names."""
-    mujoco.mj_saveModel(own.model, str(request.model_file), None)
+    mujoco.mj_saveModel(own.model, str(request.files.model), None)
     final_state = sample.observation.final_state
     portable = dataclasses.replace(workload.portable(own), final_state=final_state.copy())
-    request.workload_file.write_bytes(pickle.dumps(portable))
-    if request.accelerated_file:
-        save_workload(own, sample.observation.peaks, request.accelerated_file)
+    request.files.workload.write_bytes(pickle.dumps(portable))
+    if request.plan.accelerated:
+        save_workload(own, sample.observation.peaks, request.files.accelerated)
 
 
 def _model_record(name: str, own: Workload, sizes: BlockSizes, sample: Sample) -> ModelRecord:

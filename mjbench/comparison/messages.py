@@ -22,22 +22,39 @@ class ListRequest:
 
 
 @dataclass(frozen=True)
+class ModelFiles:
+    """Where a model and its workload are saved, so that other processes do the same work.
+
+    Attributes:
+      model: compiled.
+      workload: a pickled `PortableWorkload`, with its final states, for the launches of a race.
+      accelerated: the workload for paths that compile (see `accelerated.save_workload`).
+    """
+
+    model: Path
+    workload: Path
+    accelerated: Path
+
+    @classmethod
+    def in_folder(cls, folder: Path) -> "ModelFiles":
+        """Return the files of one model in a folder of its own."""
+        names = ("model.mjb", "workload.pickle", "accelerated.pickle")
+        return cls(*(folder / name for name in names))
+
+
+@dataclass(frozen=True)
 class MeasureRequest:
     """One model and the paths to verify on it (see `measure`).
 
     Attributes:
       exclude: variants not to touch: those that killed a child before, and accelerated ones.
-      model_file: to save the compiled model in, for the launches of a race.
-      workload_file: to save the workload in, with its final states, for the same.
-      accelerated_file: to save the workload in for the children of accelerated paths; None without.
+      files: to write.
     """
 
     source: ModelSource
     plan: ComparisonPlan
     exclude: frozenset[int]
-    model_file: Path
-    workload_file: Path
-    accelerated_file: Path | None
+    files: ModelFiles
 
 
 @dataclass(frozen=True)

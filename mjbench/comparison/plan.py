@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from mjbench import paths
 from mjbench.comparison.sizes import SizeRequest
 from mjbench.instrument.limits import TIME_LIMIT_S
 from mjbench.paths.parallelism import nthread
@@ -67,12 +68,17 @@ class ComparisonPlan:
     named: tuple[str, ...] = ()
     total_steps: int | None = None
 
-    def size_request(self, has_accelerated: bool) -> SizeRequest:
-        """Return what the plan asks of the sizes; `has_accelerated`: whether a path compiles."""
+    @property
+    def accelerated(self) -> list[int]:
+        """The variants that compile, by their positions."""
+        return [i for i, each in enumerate(self.variants) if paths.find(each.path).compiles]
+
+    def size_request(self) -> SizeRequest:
+        """Return what the plan asks of the sizes."""
         return SizeRequest(
             nbatch=self.nbatch,
             nstep=self.nstep,
             hold=self.hold,
             nthread=max(nthread(variant.options) for variant in self.variants),
-            has_accelerated=has_accelerated,
+            has_accelerated=bool(self.accelerated),
         )

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from mjbench import paths
 from mjbench.comparison.compare import ModelChildren
+from mjbench.comparison.messages import ModelFiles
 from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord, of_model
 from mjbench.instrument import neighbours, progress
@@ -19,7 +20,7 @@ from mjbench.instrument.progress import Progress
 from mjbench.instrument.runs import Record
 from mjbench.instrument.units import count_of
 from mjbench.paired.race import RaceBudget, race
-from mjbench.paired.race_launches import RaceLaunches, RaceWork
+from mjbench.paired.race_launches import RaceLaunches
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation.models import ModelSource
@@ -154,14 +155,7 @@ class _PathComparison:
         self._pool, self._plan, self._name = pool, plan, source.name
         self._on_progress, self._on_phase, self._clock = on_progress, on_phase, clock
         self._begin_s, self._processor_time = clock(), ProcessorTime.now()
-        self._work = RaceWork(pool.new_file(".mjb"), pool.new_file(".pickle"))
-        self.children = ModelChildren(
-            source,
-            plan,
-            self._work.model_file,
-            self._work.workload_file,
-            pool.new_file(".pickle"),
-        )
+        self.children = ModelChildren(source, plan, ModelFiles.in_folder(pool.new_folder()))
         self._race: RaceRecord | None = None
 
     def run(self) -> Iterator[ModelComparison]:
@@ -174,7 +168,7 @@ class _PathComparison:
         yield from self._run_race()
         if self._race is not None and self._race.status == Status.INTERRUPTED:
             raise KeyboardInterrupt
-        for index in children.accelerated:
+        for index in self._plan.accelerated:
             phase = f"{self._name}: {self._plan.variants[index]}"
             self._on_phase(phase)
             self._on_progress(phase, 1.0)
@@ -195,7 +189,7 @@ class _PathComparison:
         if 0 not in agreeing:  # the plain loop
             return
         variants = [self._plan.variants[i] for i in agreeing]
-        launches = RaceLaunches(self._pool, self._name, self._plan, variants, self._work)
+        launches = RaceLaunches(self._pool, self.children, variants)
         entered = enter(self.children.model_record(), variants)
         budget = RaceBudget(self._begin_s + self._plan.budget_s, self._clock)
         left_s = max(1.0, budget.left_s())

@@ -2,11 +2,10 @@
 
 import random
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import TypeVar
 
-from mjbench.comparison.plan import ComparisonPlan, Variant
+from mjbench.comparison.compare import ModelChildren
+from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError
 from mjbench.paired import cores, launch_seeds, requests
 from mjbench.paired.calibrator import count_cores
@@ -24,33 +23,12 @@ _T = TypeVar("_T")
 ROUNDS = 4
 
 
-@dataclass(frozen=True)
-class RaceWork:
-    """What every launch of a race does, in files of the pool.
-
-    Attributes:
-      model_file: the compiled model.
-      workload_file: a pickled `PortableWorkload`, with its final states.
-    """
-
-    model_file: Path
-    workload_file: Path
-
-
 class RaceLaunches:
     """Makes the launches of a race, one after the other."""
 
-    def __init__(
-        self,
-        pool: WorkerPool,
-        name: str,
-        plan: ComparisonPlan,
-        variants: Sequence[Variant],
-        work: RaceWork,
-    ):
-        """Start nothing yet; `name` is of the model, for error messages."""
-        self._pool, self._name, self._plan, self._work = pool, name, plan, work
-        self._variants = variants
+    def __init__(self, pool: WorkerPool, verified: ModelChildren, variants: Sequence[Variant]):
+        """Start nothing yet; `verified` has saved the work of each launch."""
+        self._pool, self._verified, self._variants = pool, verified, variants
         self._release = installs.parse_release(installs.INSTALLED)
         self._seeds = launch_seeds.schedule(random.Random(), launch_seeds.launches_of_a_program())
 
@@ -67,16 +45,17 @@ class RaceLaunches:
           TargetError: the process crashed, hung or failed while it did nothing of another variant
             than the plain loop.
         """
-        seeds = next(self._seeds)
-        process = self._pool.start(self._release, f"{self._name} in a fresh process", seeds=seeds)
+        plan, files = self._verified.plan, self._verified.files
+        name = f"{self._verified.source.name} in a fresh process"
+        process = self._pool.start(self._release, name, seeds=next(self._seeds))
         try:
             process.ask(
                 requests.EquipRace(
-                    self._work.model_file,
-                    self._work.workload_file,
-                    self._plan.returns,
+                    files.model,
+                    files.workload,
+                    plan.returns,
                     sorted(cores.USABLE),
-                    self._plan.import_from,
+                    plan.import_from,
                 )
             )
             self._pool.wait_for(process, self._release)

@@ -127,12 +127,12 @@ def _crossover(
 
 def describe_work_crossover(row: WorkCrossover) -> str:
     """Return from how much work per call on Ray overtakes another path, as a sentence."""
-    variant = str(Variant(row.path, row.options))
+    begin = f"{row.model}: {Variant(row.path, row.options)}"
     if row.least:
-        return f"{row.model}: {variant} overtakes {row.rival} at {_call_work(row.least)}, of those tried"
+        return f"{begin} overtakes {row.rival} at {_call_work(row.least)}, of those tried"
     text = (
-        f"{row.model}: {variant} does not overtake {row.rival} up to {_call_work(row.largest)}, where"
-        f" it has {tables.factor(row.share)} of its speed"
+        f"{begin} does not overtake {row.rival} up to {_call_work(row.largest)}, where it has"
+        f" {tables.factor(row.share)} of its speed"
     )
     if row.rival.path == "rollout" and nthread(row.rival.options) > 1:
         text += "; on one machine, rollout needs no Ray to use all cores"

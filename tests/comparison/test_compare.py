@@ -7,6 +7,7 @@ import pytest
 from commands import TESTS
 
 from mjbench.comparison.compare import ModelChildren
+from mjbench.comparison.messages import ModelFiles
 from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.comparison.records import MeasurementRecord
 from mjbench.simulation import models
@@ -17,10 +18,8 @@ from mjbench.status import Status
 def children(folder: Path, model: str, *names: str, **plan: Any) -> ModelChildren:
     variants = tuple(Variant(name, {}) for name in ("python_loop", *names))
     usual = {"nbatch": 3, "nstep": 4, "limit_s": 60.0, "import_from": str(TESTS)}
-    files = (folder / "model.mjb", folder / "workload.pickle", folder / "accelerated.pickle")
-    return ModelChildren(
-        models.resolve(model), ComparisonPlan(variants=variants, **{**usual, **plan}), *files
-    )
+    asked = ComparisonPlan(variants=variants, **{**usual, **plan})
+    return ModelChildren(models.resolve(model), asked, ModelFiles.in_folder(folder))
 
 
 def verified(folder: Path, model: str, *names: str, **plan: Any) -> ModelChildren:
