@@ -122,10 +122,6 @@ class Standing:
     contenders: Sequence[int]
     most_gain: float
 
-    def threads(self, launch: RaceLaunch) -> list[int]:
-        """Return how many threads each variant of a launch has."""
-        return [nthread(self.variants[i].options) for i in launch.variants]
-
     @property
     def is_decided(self) -> bool:
         """Whether no contender can be faster than the fastest by `MARGIN`."""
