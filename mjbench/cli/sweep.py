@@ -4,7 +4,6 @@ import contextlib
 import itertools
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,15 +24,6 @@ if TYPE_CHECKING:
 
 # Where run sets of sweeps are stored unless -o says otherwise.
 SWEEPS_FOLDER = Path("results/sweeps")
-
-
-@dataclass(frozen=True)
-class _Options:
-    """The options of the command, as click parses them."""
-
-    address: str | None
-    dry_run: bool
-    retry: bool
 
 
 @cli.command()
@@ -58,7 +48,7 @@ class _Options:
     is_flag=True,
     help="Also measure again what failed; the earlier failures stay in the run set.",
 )
-def sweep(plan: Path, output: Path | None, **options: object) -> None:
+def sweep(plan: Path, address: str | None, output: Path | None, dry_run: bool, retry: bool) -> None:
     """Measure what PLAN.toml asks for on all nodes of a Ray cluster, each result once.
 
     The plan names models, releases, paths, metrics and machines. A node measures time only if its
@@ -83,22 +73,17 @@ def sweep(plan: Path, output: Path | None, **options: object) -> None:
     from mjbench.sweep import matrix, software
     from mjbench.sweep import plan as plans
 
-    chosen = _Options(**options)  # type: ignore[arg-type]
     with RunContext("sweep", inputs=[plan]) as run:
         cells = matrix.build(plans.load(plan, check_command), software.installed())
         target = output or SWEEPS_FOLDER / f"{plan.stem}.jsonl"
-        if chosen.dry_run:
+        if dry_run:
             report.print_cells(run.out, cells.cells, _stored(target, cells))
             return
-        _sweep(run, cells, target, chosen)
+        _sweep(run, cells, target, address, retry)
 
 
 def check_command(arguments: Sequence[str]) -> None:
-    """Parse a command line of mjbench without running it.
-
-    Raises:
-      InputError: an option has a value that its command does not take.
-    """
+    """Parse a command line of mjbench without running it; raises InputError if it is wrong."""
     command: click.Command = cli
     rest = list(arguments)
     while isinstance(command, click.Group):
@@ -115,19 +100,21 @@ def check_command(arguments: Sequence[str]) -> None:
     check_sizes(values.get("nstep"), values.get("hold") or 1)
 
 
-def _sweep(run: RunContext, matrix: "Matrix", target: Path, options: _Options) -> None:
+def _sweep(
+    run: RunContext, matrix: "Matrix", target: Path, address: str | None, retry: bool
+) -> None:
     """Measure what is missing, and end with the exit code."""
     from mjbench.report import sweep as report
 
     with contextlib.ExitStack() as on_error, contextlib.closing(_open(target, on_error)) as file:
         stored = _stored(target, matrix)
-        done = [cell for cell, how in stored.items() if not options.retry or how.status in FINISHED]
+        done = [cell for cell, how in stored.items() if not retry or how.status in FINISHED]
         if len(done) == len(matrix.cells):
             run.out.print("The run set has all results of the plan; nothing was measured.")
             report.print_failures(run.out, stored)
             summary = None
         else:
-            summary = _measure(run, matrix, done, file, options.address)
+            summary = _measure(run, matrix, done, file, address)
             on_error.pop_all()
             stored |= summary.outcomes
             report.print_summary(run.out, summary, stored)
@@ -177,10 +164,6 @@ def _open(target: Path, on_error: contextlib.ExitStack) -> "RunSetFile":
 
     Args:
       on_error: removes the file again if it was created here and has no result.
-
-    Raises:
-      InputError: there is another file of this name.
-      MachineError: it cannot be written.
     """
     from mjbench.errors import writing
     from mjbench.instrument.run_set import RunSetFile
@@ -205,11 +188,7 @@ def _remove_empty(target: Path) -> None:
 
 
 def _stored(target: Path, matrix: "Matrix") -> "dict[Cell, Outcome]":
-    """Return how the cells in a run set ended; the last result of each counts.
-
-    Raises:
-      InputError: it is no run set.
-    """
+    """Return how the cells in a run set ended; the last result of each counts."""
     from mjbench.instrument import run_set
     from mjbench.report.documents import RECORD_TYPES
     from mjbench.sweep import results

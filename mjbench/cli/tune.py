@@ -127,7 +127,7 @@ def tune(
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.report.documents import TuneDocument
     from mjbench.simulation import models
-    from mjbench.tuning import knobs, model_copy
+    from mjbench.tuning import knobs, variants
     from mjbench.tuning.records import Effect
     from mjbench.tuning.search import PARTS, SearchPlan
     from mjbench.tuning.tune import tune as tune_model
@@ -144,7 +144,7 @@ def tune(
     if target is not None:
         if len(sources) > 1:
             raise InputError("--write takes one model")
-        model_copy.check_source(sources[0])
+        variants.check_source(sources[0])
     written = OutputFile("--write", target, files)
     arguments = {"models": [source.name for source in sources], "plan": plan}
     storage = Storage(results, arguments)
@@ -152,7 +152,7 @@ def tune(
     with RunContext("tune", json_file, files, storage, wait) as run, WorkerPool() as pool:
         _see_whether_writable(written)
         if target is not None:
-            model_copy.check_target(sources[0], Path(target), time_limit)
+            variants.copy_in_child(sources[0], None, Path(target), time_limit)
         for source in sources:
             with run.progress(PARTS) as advance:
                 records.append(tune_model(pool, source, plan, time_limit, advance))
@@ -163,18 +163,14 @@ def tune(
                 break
         run.write(TuneDocument(machine=run.machine, results=records))
         if target is not None and not run.interrupted:
-            _write(run, records[0], sources[0], Path(target))
+            _write(run, records[0], sources[0], Path(target), time_limit)
     run.exit(record.status for record in records)
 
 
 def _check_engine(
     engine: str, nbatch: int | None, only: str | None, skip: list[str] | None
 ) -> None:
-    """Refuse options that another engine has.
-
-    Raises:
-      InputError: there is one.
-    """
+    """Refuse options that another engine has."""
     if engine == "c" and nbatch is not None:
         raise InputError("--nbatch needs --engine mjx or warp")
     if engine != "c" and only is not None:
@@ -184,25 +180,18 @@ def _check_engine(
 
 
 def _see_whether_writable(output: OutputFile) -> None:
-    """Fail now, rather than after the search, where a file cannot be written.
-
-    Raises:
-      MachineError: it cannot.
-    """
+    """Fail now, rather than after the search, where a file cannot be written."""
     try:
         output.open()
     finally:
         output.close()
 
 
-def _write(run: RunContext, record: "TuneRecord", source: "ModelSource", target: Path) -> None:
-    """Write the MJCF file with the fastest settings that are recommended.
-
-    Raises:
-      InputError: the file cannot have them.
-      MachineError: it cannot be written.
-    """
-    from mjbench.tuning import model_copy
+def _write(
+    run: RunContext, record: "TuneRecord", source: "ModelSource", target: Path, limit_s: float
+) -> None:
+    """Write the MJCF file with the fastest settings that are recommended."""
+    from mjbench.tuning import variants
     from mjbench.tuning.settings import edits_of
 
     best = record.best()
@@ -210,5 +199,5 @@ def _write(run: RunContext, record: "TuneRecord", source: "ModelSource", target:
     if not edits:
         report_line(f"{target}: not written, because no settings of the file are recommended")
         return
-    model_copy.write(source, edits, target)
+    variants.copy_in_child(source, edits, target, limit_s)
     run.out.print(f"Wrote {target}", soft_wrap=True)

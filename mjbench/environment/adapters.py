@@ -27,16 +27,7 @@ _SEEDS = 2**32
 
 
 class EnvironmentAdapter(ABC):
-    """An environment, and how mjbench talks to it.
-
-    Attributes:
-      environment: the outermost one.
-      core: the innermost one.
-      wrappers: the environments around the core, the outermost first.
-
-    Class attributes:
-      framework: its name, for people.
-    """
+    """An environment, and how mjbench talks to it."""
 
     framework: ClassVar[str]
 
@@ -257,17 +248,7 @@ def _inner(environment: Any) -> Any:
 
 
 def draw_uniform(low: Any, high: Any, count: int, seed: int, dtype: Any = None) -> list[Any]:
-    """Return random arrays within bounds; where a bound is infinite, standard normal numbers.
-
-    Args:
-      low: smallest values.
-      high: largest values, of the same shape.
-      seed: to draw with.
-      dtype: of the arrays; None for that of the bounds.
-
-    Raises:
-      InputError: these are no bounds.
-    """
+    """Return random arrays within bounds; where a bound is infinite, standard normal numbers."""
     try:
         low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
         bounded = np.isfinite(low) & np.isfinite(high)
@@ -292,11 +273,7 @@ def _seed_generator(value: object, seed: int) -> None:
 
 
 def _check_tuple(outcome: Any, lengths: Sequence[int]) -> None:
-    """Refuse what a step returned unless it is a tuple of one of these lengths.
-
-    Raises:
-      InputError: it is something else.
-    """
+    """Refuse what a step returned unless it is a tuple of one of these lengths."""
     if not isinstance(outcome, tuple) or len(outcome) not in lengths:
         expected = " or ".join(map(str, lengths))
         raise InputError(f"its step returned {_described(outcome)}, not {expected} values")

@@ -56,9 +56,6 @@ def as_input_error(what: str) -> Iterator[None]:
 
     Args:
       what: what failed, such as `its step`.
-
-    Raises:
-      InputError: the block raised.
     """
     try:
         yield
@@ -137,11 +134,7 @@ def _from_factory(source: EnvironmentSource) -> Any:
 
 
 def _user_module(name: str, folder: Path) -> Any:
-    """Return a module of the user's, which is imported from a folder, and works in it.
-
-    Raises:
-      InputError: there is no such module, or it cannot be imported.
-    """
+    """Return a module of the user's, which is imported from a folder, and works in it."""
     os.chdir(folder)
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
@@ -155,11 +148,7 @@ def _user_module(name: str, folder: Path) -> Any:
 
 
 def _imported(package: str, command: str) -> Any:
-    """Return a package, which a command installs.
-
-    Raises:
-      InputError: it is not installed, or cannot be imported.
-    """
+    """Return a package, which a command installs."""
     try:
         with as_input_error(f"importing {package}"):
             return importlib.import_module(package)

@@ -63,7 +63,6 @@ class LayerShare:
 
     Attributes:
       share: of the step; the shares of all layers add up to 1.
-      functions: that belong to it, the one with the largest share first.
     """
 
     layer: Layer
@@ -77,7 +76,6 @@ class TimerEffect:
     """What timing the layers cost.
 
     Attributes:
-      calls: timed, per step of the environment.
       call_ns: what each costs.
       share: what all of them add to a step, of the step.
       sum: of the layers without that, over steps that were timed as a whole.
@@ -92,11 +90,7 @@ class TimerEffect:
 class LayerTimes:
     """The layers of a step, without what timing them cost.
 
-    Args:
-      samples: what each function took.
-      plain_ns: of a step that was timed as a whole, in each round.
-      added_ns: by which timing its functions made a step longer.
-      cost: what a call of a timed function costs at least.
+    Arguments are those of `EnvironmentRecord`; `added_ns` is the median over rounds.
     """
 
     def __init__(

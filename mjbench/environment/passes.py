@@ -25,6 +25,29 @@ from mjbench.environment.timer import (
     engine_timed,
     functions_timed,
 )
+from mjbench.instrument import timing
+from mjbench.instrument.isolate import Channel
+from mjbench.instrument.timing import Contender
+
+# The fewest and most rounds; a 95 % interval needs six.
+LEAST_ROUNDS, MOST_ROUNDS = 7, 100
+# A child may be silent for this many times as long as its work should take.
+PATIENCE = 20
+
+
+def send_rounds(time_round: Callable[[], object], budget_s: float, channel: Channel) -> None:
+    """Time rounds until the budget is used; send what each returns.
+
+    One that is not sent comes first, as it touches all memory.
+    """
+    results: list[object] = []
+    contender = Contender(lambda: results.append(time_round()))
+    longest_s = timing.block_s(contender)
+    channel.allow_silence(PATIENCE * longest_s)
+    for (seconds,) in timing.rounds([contender], budget_s, LEAST_ROUNDS, MOST_ROUNDS):
+        channel.send(results.pop())
+        longest_s = max(longest_s, seconds)
+        channel.allow_silence(PATIENCE * longest_s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +68,7 @@ class Pass:
 
 @dataclass(frozen=True, eq=False)
 class LayeredPass:
-    """A pass in which the functions inside a step were timed, too.
-
-    Attributes:
-      layers: what each function that was called took, with the timer's cost.
-    """
+    """A pass in which the functions inside a step were timed, too."""
 
     times: Pass
     layers: Sequence[LayerTime]
@@ -62,7 +81,7 @@ _BeginEpisode = Callable[[], contextlib.AbstractContextManager[_TimedStep]]
 
 
 class EnvironmentPasses:
-    """Replays actions in an environment, any number of times."""
+    """Replays actions in an environment; what this raises becomes an InputError."""
 
     def __init__(
         self,
@@ -80,9 +99,6 @@ class EnvironmentPasses:
 
         Args:
           heartbeat: called after every step, untimed.
-
-        Raises:
-          InputError: the environment raised something.
         """
         replay = self._replay(self._begin_plain, heartbeat, Fingerprint())
         while replay.run_episode():
@@ -90,11 +106,7 @@ class EnvironmentPasses:
         return replay.result()
 
     def recorded(self, watch: EngineWatch, heartbeat: Callable[[], None]) -> Pass:
-        """Return a pass that `watch` watches; its times include the watching.
-
-        Raises:
-          InputError: the environment raised something.
-        """
+        """Return a pass that `watch` watches; its times include the watching."""
         clock_ns = self._clock_ns
 
         def begin_episode() -> contextlib.AbstractContextManager[_TimedStep]:
@@ -120,11 +132,7 @@ class EnvironmentPasses:
         """Return a plain pass and a layered one, which take turns from episode to episode.
 
         Args:
-          elsewhere: names of the engine's functions in other modules.
           rng: draws which of the two is first in each episode.
-
-        Raises:
-          InputError: the environment raised something.
         """
         timer = LayerTimer(self._clock_ns)
         plain = self._replay(self._begin_plain)
@@ -205,11 +213,7 @@ class _Replay:
         self._number = 0
 
     def run_episode(self) -> bool:
-        """Reset the environment and take the steps of the next episode; return whether more follow.
-
-        Raises:
-          InputError: the environment raised something.
-        """
+        """Reset, take the steps of the next episode, and return whether more follow."""
         if self._number == len(self._actions):
             return False
         adapter, first = self._adapter, self._number

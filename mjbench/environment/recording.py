@@ -36,14 +36,11 @@ class StepTrace:
     """What one step of an environment asked of the engine.
 
     Attributes:
-      version: of the model (see `Recording`).
       start: (nstate,) mjSTATE_INTEGRATION at the first call that ends a step, controls included.
       end: (nstate,) the state after the last such call.
-      control: (nstep, nu) controls of every step of the engine.
       calls: functions of the engine in their order, such as `mj_step2`, with the steps that each
         takes.
       written: fields other than ctrl that were written between two calls.
-      entered: fields other than ctrl that were written since the step before.
       follows: whether the step before was of the same episode and the same simulation.
       is_same_model: whether the model was the same at the end of the environment's step.
     """
@@ -73,10 +70,7 @@ class Recording:
       checked: calls that a plain `mj_step` repeated.
       difference: the first call that it did not repeat to the last bit, and in which step of the
         environment; None without any.
-      version: of the model that most steps were taken with.
-      model: a copy of that model; None where the engine was never stepped.
       obstacle: why no plain loop can do the same, in one line; empty where one can.
-      other_calls: whether the environment called other functions of the engine.
     """
 
     steps: Sequence[StepTrace | None]

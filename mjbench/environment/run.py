@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from mjbench.comparison.messages import AgreementReport
 from mjbench.comparison.plan import Variant
 from mjbench.environment import (
     adapters,
@@ -24,7 +25,7 @@ from mjbench.environment import (
 )
 from mjbench.environment.adapters import EnvironmentAdapter
 from mjbench.environment.model_changes import ModelChange
-from mjbench.environment.passes import EnvironmentPasses, LayeredPass, Pass
+from mjbench.environment.passes import EnvironmentPasses, LayeredPass, Pass, send_rounds
 from mjbench.environment.physics_comparison import PhysicsComparison
 from mjbench.environment.recording import EngineWatch, Recording, StepTrace
 from mjbench.environment.records import EnvironmentFacts, PhysicsCheck
@@ -43,10 +44,6 @@ from mjbench.status import Status
 _FIRST_NSTEP, _WARM_UP_NSTEP, _WARM_UP_S = 5, 50, 1.0
 # Steps of a pass unless the user says: as many as take this long, within these bounds.
 PASS_S, LEAST_NSTEP, MOST_NSTEP = 0.1, 50, 1000
-# The fewest and most rounds; a 95 % interval needs six.
-LEAST_ROUNDS, MOST_ROUNDS = 7, 100
-# A child may be silent for this many times as long as its work should take.
-_PATIENCE = 20
 # Seconds between two messages that allow the child further silence.
 _HEARTBEAT_S = 1.0
 
@@ -56,7 +53,6 @@ class EnvironmentRequest:
     """An environment to measure.
 
     Attributes:
-      nstep: steps of the environment; None to choose them.
       variants: paths to compare it with, the plain loop first.
     """
 
@@ -74,11 +70,7 @@ class EnvironmentRequest:
 
 @dataclass(frozen=True)
 class EnvironmentReady:
-    """What was recorded of an environment, and whether a plain loop does its physics.
-
-    Attributes:
-      timer_cost: what a call of a timed function costs at least.
-    """
+    """What was recorded of an environment, and whether a plain loop does its physics."""
 
     facts: EnvironmentFacts
     check: PhysicsCheck
@@ -97,7 +89,6 @@ class EnvironmentRound:
       timer_ns: by which a step of it took longer than the same one of the plain pass; the median.
       layers: what each function took in all steps of it.
       path_ns: of each path, by the index of its variant.
-      cores: that threads got.
     """
 
     step_ns: float
@@ -110,19 +101,12 @@ class EnvironmentRound:
     cores: float
 
 
-@dataclass(frozen=True)
-class PathDisagreed:
-    """A timed block of a path did not reach the states of the plain loop."""
-
-    index: int
-    detail: str
-
-
 def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
     """Measure one environment.
 
     Messages: `EnvironmentReady`; where a plain loop does its physics, an `AgreementReport` per
-    variant; an `EnvironmentRound` for each round; `PathDisagreed` for each path that was wrong.
+    variant; an `EnvironmentRound` for each round; another `AgreementReport` for each path of which
+    a timed block did not reach the states of the plain loop.
     """
     channel.doing("making the environment")
     adapter = adapters.adapt(construction.make(request.source))
@@ -190,11 +174,7 @@ def _affordable_nstep(adapter: EnvironmentAdapter, seed: int, heartbeat: Callabl
 
 
 def _check_steps_engine(recording: Recording, nstep: int) -> None:
-    """Refuse an environment that does not step MuJoCo's engine.
-
-    Raises:
-      InputError: it does not.
-    """
+    """Refuse an environment that does not step MuJoCo's engine."""
     if any(trace is not None for trace in recording.steps):
         return
     if recording.obstacle:
@@ -284,20 +264,11 @@ def _time(
 ) -> None:
     """Time rounds until the budget is used; send each."""
     turns = _Turns(passes, comparison, request, channel)
-    begin = time.perf_counter()
-    turns.round()  # touches all memory
-    channel.allow_silence(_PATIENCE * (time.perf_counter() - begin))
-    begin, longest_s = time.perf_counter(), 0.0
-    for number in range(MOST_ROUNDS):
-        round_begin = time.perf_counter()
-        if number >= LEAST_ROUNDS and round_begin - begin + longest_s > request.budget_s:
-            break
-        channel.send(turns.round())
-        longest_s = max(longest_s, time.perf_counter() - round_begin)
-        channel.allow_silence(_PATIENCE * longest_s)
+    send_rounds(turns.round, request.budget_s, channel)
     if comparison is not None:
         for index, difference in comparison.differences.items():
-            channel.send(PathDisagreed(index, f"in a timed block: {difference}"))
+            detail = f"in a timed block: {difference}"
+            channel.send(AgreementReport(index, Status.DISAGREES, detail))
         comparison.close()
 
 

@@ -24,11 +24,7 @@ _INDEX = "models.json"
 
 @dataclass(frozen=True)
 class CarriedFile:
-    """A file of a model.
-
-    Attributes:
-      path: relative to the folder that holds all files, with `/`.
-    """
+    """A file of a model; its path is relative to the folder that holds all files, with `/`."""
 
     path: str
     content: bytes
@@ -39,7 +35,6 @@ class CarriedModel:
     """A model with all of its files.
 
     Attributes:
-      main: the path of its own file, one of `files`.
       digest: of `main` and of all files, in hexadecimal.
     """
 
@@ -55,11 +50,7 @@ class CarriedModel:
 
 
 def content_digest(source: ModelSource) -> str:
-    """Return a digest of a model's own file alone, in hexadecimal.
-
-    Raises:
-      InputError: it cannot be read.
-    """
+    """Return a digest of a model's own file alone, in hexadecimal."""
     return hashlib.sha256(_content(source.name, source.path)).hexdigest()
 
 
@@ -73,7 +64,6 @@ def carry(source: ModelSource, limit_s: float = TIME_LIMIT_S) -> CarriedModel:
 
     Raises:
       InputError: MuJoCo does not load it, also not from a copy elsewhere, or it is too large.
-      MachineError: the process that loads it crashed or hung.
     """
     listed: list[_FileList] = []
     # without `..`, as the files that it refers to are listed
@@ -157,11 +147,7 @@ def _dependencies(file: Path) -> list[Path] | None:
 
 
 def _all_below(source: ModelSource) -> Iterator[Path]:
-    """Yield the files of a model's folder; of a compiled one, only itself.
-
-    Raises:
-      InputError: there are too many.
-    """
+    """Yield the files of a model's folder; of a compiled one, only itself."""
     if source.path.suffix.lower() == ".mjb":
         yield source.path
         return
@@ -181,11 +167,7 @@ def _all_below(source: ModelSource) -> Iterator[Path]:
 
 
 def _root(name: str, files: Sequence[Path]) -> Path:
-    """Return the folder that holds all files.
-
-    Raises:
-      InputError: together they are too large.
-    """
+    """Return the folder that holds all files; refuse too large ones."""
     try:
         size_bytes = sum(file.stat().st_size for file in files)
     except OSError as error:

@@ -90,27 +90,20 @@ def outcome(run: Run) -> Outcome:
 class Collector:
     """Takes the lines of one command, and gives its cells in their order as they are complete.
 
+    Lines that are not those of a run file raise InputError.
+
     Attributes:
       missing: the cells that it has not given yet.
     """
 
     def __init__(self, cells: Sequence[Cell], record_types: Mapping[str, type]):
-        """Take what is measured.
-
-        Args:
-          record_types: the class of each record of a run file by its `type`.
-        """
         self.missing = list(cells)
         self._types = record_types
         self._lines: list[bytes] = []
         self._complete: dict[Cell, CellResult] = {}
 
     def add(self, lines: Sequence[bytes]) -> list[CellResult]:
-        """Return the cells that further lines complete.
-
-        Raises:
-          InputError: the lines are not those of a run file.
-        """
+        """Return the cells that further lines complete."""
         for line in lines:
             self._lines.append(line)
             if len(self._lines) == 1 or not self.missing or self._is_comparison():
@@ -126,9 +119,6 @@ class Collector:
         """Return the cells that the end of the command completes.
 
         A command that ended otherwise than its records say has not written all of them.
-
-        Raises:
-          InputError: the lines are not those of a run file.
         """
         if not self.missing or not self._is_comparison() or not self._lines:
             return []

@@ -10,18 +10,19 @@ import dataclasses
 import math
 import pickle
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from mjbench.comparison.accelerated_run import COMPILER_PATIENCE
-from mjbench.errors import MachineError, describe, failure_of
-from mjbench.instrument import timing
+from mjbench.comparison.accelerated_run import CHILD_MEMORY_SHARE, COMPILER_PATIENCE
+from mjbench.errors import MachineError, UnavailableError, describe, failure_of
+from mjbench.instrument import isolate, machine, timing
 from mjbench.instrument.isolate import Channel
 from mjbench.paired.records import LaunchRow
+from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths.accelerated import AcceleratedPath, Compiled, accelerated_path, start_fields
 from mjbench.paths.warp_buffers import OverflowedError
 from mjbench.simulation import model_options, models, work, workload
@@ -29,13 +30,14 @@ from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
-from mjbench.tuning import accelerated_settings, distance, reference, trajectories
+from mjbench.tuning import distance, knob_values, reference, trajectories
 from mjbench.tuning.distance import Distance, Motion
 from mjbench.tuning.records import Attempt, BatchFacts, Program, log_ratio
 from mjbench.tuning.reference import LEAST_NCONTROL, TrialPlan
 from mjbench.tuning.settings import Setting, buffer_sizes_of, edits_of, label
 from mjbench.tuning.trajectories import Trajectories, Trials
 
+Settings = tuple[Setting, ...]
 # Controls of a timed block.
 BLOCK_NCONTROL = 4
 # Seconds of timing that a setting gets, and quads at least and at most.
@@ -80,21 +82,118 @@ class LaunchRequest:
     """Asks a child to try settings of an engine, one after the other.
 
     Attributes:
-      first: index of the first of them.
       has_errors: whether to measure transfer errors, beside times.
-      stop_after_s: seconds after which no other setting is begun.
       limit_s: seconds of silence after which the child is killed; its compiler gets more.
     """
 
     source: ModelSource
     engine: str
     baseline_file: Path
-    settings: tuple[tuple[Setting, ...], ...]
+    settings: tuple[Settings, ...]
     first: int
     nbatch: int
     has_errors: bool
     stop_after_s: float
     limit_s: float
+
+
+class EngineOnThisMachine:
+    """Measures an engine on one model here; its files last as long as the pool."""
+
+    def __init__(
+        self, pool: WorkerPool, source: ModelSource, engine: str, nbatch: int, limit_s: float
+    ):
+        """Measure nothing yet.
+
+        Args:
+          limit_s: seconds of silence after which a process is killed; compilers get more.
+        """
+        self._source = ModelSource(source.name, source.path.resolve())
+        self._engine, self._nbatch, self._limit_s = engine, nbatch, limit_s
+        self._file: Path = pool.new_file(".pickle")
+
+    def baseline(self, plan: TrialPlan) -> BatchFacts:
+        """Draw trials and run C; launches use them from then on.
+
+        Raises:
+          InputError: the model cannot be loaded, diverges, or is not for this engine.
+          MachineError: its process crashed or hung.
+        """
+        messages: list[BatchFacts] = []
+        request = EngineBaselineRequest(self._source, self._engine, plan, self._nbatch, self._file)
+        self._run("run_baseline", request, messages.append).check()
+        return messages[0]
+
+    def launch(
+        self,
+        settings: Sequence[Settings],
+        on_attempt: Callable[[Attempt], None],
+        stop_after_s: float | None = None,
+        has_errors: bool = True,
+    ) -> Program:
+        """Try settings, one after the other, in a fresh process; return the present program.
+
+        A setting that ends the process fails, no more.
+
+        Args:
+          stop_after_s: seconds after which no other is begun; None for no limit.
+
+        Raises:
+          UnavailableError: the model is not for this engine.
+          MachineError: the present settings crash, hang or diverge.
+        """
+        programs: list[Program] = []
+
+        def receive(message: Program | Attempt) -> None:
+            if isinstance(message, Program):
+                programs.append(message)
+            else:
+                on_attempt(message)
+
+        end_s = time.monotonic() + (float("inf") if stop_after_s is None else stop_after_s)
+        first = 0
+        while True:
+            request = LaunchRequest(
+                self._source,
+                self._engine,
+                self._file,
+                tuple(settings),
+                first,
+                self._nbatch,
+                has_errors,
+                end_s - time.monotonic(),
+                self._limit_s,
+            )
+            ended = self._run("run_launch", request, receive)
+            if ended.status == Status.OK:
+                return programs[0]
+            if ended.activity is None or ended.activity.index is None:
+                ended.check()
+                raise AssertionError("an end that is not ok raises")
+            first = ended.activity.index + 1
+            on_attempt(Attempt(settings[first - 1], ended.status, ended.detail))
+            if first == len(settings):
+                return programs[0]
+
+    def _run(self, task: str, request: object, on_message: Callable[..., None]) -> isolate.Ended:
+        """Run a task of `accelerated_attempts` in a child, within limits of time and memory."""
+
+        def receive(message: object) -> None:
+            if isinstance(message, Unsuited):
+                raise UnavailableError(message.reason)
+            on_message(message)
+
+        return isolate.run(
+            f"mjbench.tuning.accelerated_attempts:{task}",
+            request,
+            receive,
+            self._limit_s,
+            environment=accelerated_path(self._engine).environment(),
+            memory_bytes=int(CHILD_MEMORY_SHARE * machine.available_memory_bytes()),
+        )
+
+
+# -- in the child --------------------------------------------------------------------------------
 
 
 def run_baseline(request: EngineBaselineRequest, channel: Channel) -> None:
@@ -131,7 +230,7 @@ def run_baseline(request: EngineBaselineRequest, channel: Channel) -> None:
             ncontrol,
             full.facts.starts,
             _error(model, baseline, reference.first(rounded, ncontrol)),
-            accelerated_settings.to_try(model, baseline.peaks, sizes),
+            knob_values.of_batched_step(model, baseline.peaks, sizes),
         )
     )
 
@@ -193,7 +292,7 @@ class _Case:
         except OverflowedError:
             return self._compiled((), {})
 
-    def attempt(self, settings: tuple[Setting, ...], present: _Compiled) -> Attempt:
+    def attempt(self, settings: Settings, present: _Compiled) -> Attempt:
         """Return how settings did beside the present ones."""
         sizes = {**present.sizes, **buffer_sizes_of(settings)}
         other = self._compiled(settings, sizes)
@@ -204,7 +303,7 @@ class _Case:
             settings, Status.OK, time_ratio=ratio, program=other.program, samples=samples
         )
 
-    def _compiled(self, settings: tuple[Setting, ...], sizes: Mapping[str, int]) -> _Compiled:
+    def _compiled(self, settings: Settings, sizes: Mapping[str, int]) -> _Compiled:
         """Compile settings, and measure how far their runs are from C's."""
         trials, limit_s = self.baseline.trials, self.request.limit_s
         changed = copy.copy(self.model)
@@ -250,11 +349,7 @@ def _batch(model: mujoco.MjModel, trials: Trials, nbatch: int, ncontrol: int) ->
 def _runs(
     compiled: Compiled, block: Workload, trials: Trials, channel: Channel, limit_s: float
 ) -> Trajectories:
-    """Return an engine's runs of the trials, as many at a time as its batch has.
-
-    Raises:
-      MachineError: some do not end in finite numbers.
-    """
+    """Return an engine's runs of the trials, as many at a time as its batch has."""
     model, nrun = block.model, trials.nrun
     qpos = np.empty((nrun, trials.ncontrol, model.nq))
     qvel = np.empty((nrun, trials.ncontrol, model.nv))

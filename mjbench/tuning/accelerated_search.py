@@ -15,7 +15,7 @@ import numpy as np
 from mjbench.instrument import stats
 from mjbench.instrument.ratio import Ratio
 from mjbench.paired.records import LaunchRow
-from mjbench.tuning.accelerated_measurements import EngineOnThisMachine, Settings
+from mjbench.tuning.accelerated_attempts import EngineOnThisMachine, Settings
 from mjbench.tuning.fronts import error_of, time_ratio_of
 from mjbench.tuning.measurements import CONFIDENCE, saves_time
 from mjbench.tuning.records import (
@@ -115,7 +115,6 @@ class EngineSearch(Search[EngineOnThisMachine]):
         """Recommend settings, or withdraw them.
 
         Args:
-          first: how they did in the search.
           launches: how they did in the second look, in each process; the first has errors.
           limit: of the transfer error in the second look.
         """
@@ -183,11 +182,7 @@ def log_ratios(samples: Sequence[LaunchRow]) -> list[float]:
 
 
 def mean_ratio(logs: Sequence[float]) -> Ratio:
-    """Return the ratio of times over fresh processes, with Student's t interval of their mean.
-
-    Args:
-      logs: logarithm of the ratio in each process.
-    """
+    """Return the ratio of times over fresh processes, with Student's t interval of their mean."""
     return Ratio.of_log(float(np.mean(logs)), stats.mean_half_width(logs, CONFIDENCE))
 
 

@@ -44,35 +44,19 @@ class OnThisMachine:
         hold: int = HOLD,
         limit_s: float = attempts.SILENCE_S,
     ):
-        """Measure nothing yet.
-
-        Args:
-          pool: starts the processes of comparisons, and holds the files.
-          hold: steps for which each control is held.
-          limit_s: seconds of silence after which an attempt is killed.
-        """
+        """Measure nothing yet."""
         self._pool, self._source, self._starts = pool, source, starts
         self._hold, self._limit_s = hold, limit_s
         self._baseline_file, self._model_file = pool.new_file(".pickle"), pool.new_file(".mjb")
         self._changed: dict[str, Path] = {}  # the changed model, by the label of settings
 
     def survey(self, seed: int) -> Survey:
-        """Return what there is to try on the model.
-
-        Raises:
-          InputError: it cannot be loaded, or diverges.
-          MachineError: its process crashed or hung.
-        """
+        """Return what there is to try on the model."""
         request = SurveyRequest(self._source, seed, self._starts, self._hold)
         return survey.survey(request, self._limit_s)
 
     def baseline(self, plan: TrialPlan) -> Present:
-        """Draw trials, and return what the present settings do; attempts use them from then on.
-
-        Raises:
-          InputError: the model cannot be loaded, or diverges.
-          MachineError: its process crashed or hung.
-        """
+        """Draw trials, and return what the present settings do; attempts use them from then on."""
         request = BaselineRequest(self._source, plan, self._baseline_file, self._model_file)
         return attempts.measure_baseline(request, self._limit_s)
 

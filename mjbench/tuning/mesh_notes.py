@@ -35,7 +35,6 @@ class MeshNote:
 
     Attributes:
       geom: its name, or `geom 3` by its index where it has none.
-      primitive: that contains the convex hull.
       share: the hull's share of the primitive's volume, from MIN_SHARE to 1.
     """
 
@@ -69,7 +68,6 @@ class _Hull:
 
     Attributes:
       vertices: (nvertex, 3) of the hull, in m.
-      triangles: (ntriangle, 3, 3) their corners.
     """
 
     vertices: np.ndarray

@@ -46,11 +46,7 @@ def edited(text: bytes, edits: Sequence[Edit]) -> bytes:
 
 
 def _check_root(root: Element) -> None:
-    """Refuse what is no MJCF of its own.
-
-    Raises:
-      InputError: it is URDF, a part of a model, or something else.
-    """
+    """Refuse what is no MJCF of its own."""
     if root.name == "mujoco":
         return
     if root.name == "robot":
@@ -263,11 +259,7 @@ def _markup(new: _New, indentation: str, unit: str, newline: str) -> str:
 
 
 def _escaped(value: str, quote: str) -> str:
-    """Return an attribute's value as XML holds it between two quotes.
-
-    Raises:
-      InputError: no XML can hold it.
-    """
+    """Return an attribute's value as XML holds it between two quotes."""
     if _FORBIDDEN.search(value):
         raise InputError(f"{one_line(repr(value), 60)} has a character that XML cannot hold")
     escapes = {**_ESCAPES, quote: _QUOTE_ESCAPES[quote]}

@@ -52,11 +52,7 @@ class PairWatch:
     """
 
     def __init__(self, model: mujoco.MjModel, nsample: int):
-        """Watch a model.
-
-        Args:
-          nsample: how often `sample` will be called.
-        """
+        """Watch a model."""
         pairs = geom_pairs.read(model)
         self._model = model
         self._pairs = pairs.only(pairs.are_bounded)

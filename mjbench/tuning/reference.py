@@ -79,14 +79,9 @@ class Present:
 
     Attributes:
       horizon_s: simulated seconds of each over which errors are compared.
-      horizon_ncontrol: controls of each within the horizon.
-      run_s: simulated seconds of each.
       is_comparable: whether errors mean something over the horizon; if not, it is the shortest one.
-      error: of the present settings, from the reference.
       rounding: distance of runs from starts that differ in the last place.
       solver: distance of runs with the same timestep and a converged solver.
-      motion_m: how far the model moves, in m; None without such degrees of freedom.
-      motion_rad: in rad.
     """
 
     nrun: int
@@ -110,7 +105,6 @@ class Baseline:
     """The present settings' runs, and what settings are compared with.
 
     Attributes:
-      motion: how far the model moves within the horizon.
       reference: of the converged model, within the horizon.
       unavoidable: (ncontrol,) how far runs with present settings are from themselves at the end of
         each control of the horizon, as shares of the motion: what their solver's tolerance and
@@ -199,9 +193,6 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
     """Return starts and controls, in the model's usual regime, and where they came from.
 
     Starts of one settling run are alike, so they come from several; those of a file from one draw.
-
-    Raises:
-      InputError: every simulation diverges, or a file is unfit.
     """
     control_s = plan.hold * float(model.opt.timestep)
     step_s = sampling.settled_step_s(model)

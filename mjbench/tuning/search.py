@@ -69,7 +69,6 @@ class SearchPlan:
       seed: of starts and controls; the second look has the next one.
       budget_s: seconds after which nothing is begun but the second look.
       max_error: the largest error allowed, as a share of the motion; None for the present one.
-      skip: names of knobs that are left alone.
       engine: `c`, `mjx` or `warp`; the latter two allow all effects, and skip nothing.
       nbatch: simulations of a batched step of those two.
     """
@@ -108,11 +107,7 @@ class Search(abc.ABC, Generic[Measurements]):
         advance: Advance = lambda done, text, share: None,
         clock: Callable[[], float] = time.monotonic,
     ):
-        """Measure nothing yet.
-
-        Args:
-          record: of the model and its engine.
-        """
+        """Measure nothing yet."""
         self._measure = measurements
         self._record = replace(record, seed=plan.seed, max_error=plan.max_error, only=plan.only)
         self._plan, self._advance, self._clock = plan, advance, clock
@@ -131,13 +126,7 @@ class Search(abc.ABC, Generic[Measurements]):
         return self.record()
 
     def run(self) -> None:
-        """Search.
-
-        Raises:
-          InputError: the model cannot be stepped, or is not for this engine.
-          MachineError: the process of the present settings crashed or hung.
-          KeyboardInterrupt: the user ended it; `record` has what was measured.
-        """
+        """Search; after an error or Ctrl-C, `record` has what was measured."""
         self._measure_present()
         if attempts := self._try_settings():
             self._second_look(attempts)
@@ -261,11 +250,7 @@ class CSearch(Search[OnThisMachine]):
     # -- together -----------------------------------------------------------------------------
 
     def _together(self, faster: Sequence[Attempt]) -> list[Attempt]:
-        """Try combinations of settings that are faster alone.
-
-        Returns:
-          Settings alone and together, from all starts: at least those alone.
-        """
+        """Try combinations of settings that are faster alone."""
         chosen = fronts.combinations(faster, COMBINATIONS, random.Random(self._plan.seed))
         nrun, quads = RUNG_NRUN, RUNG_QUADS
         while len(chosen) > LAST_RUNG and self._has_time():
@@ -326,7 +311,6 @@ class CSearch(Search[OnThisMachine]):
         """Recommend settings, or withdraw them.
 
         Args:
-          first: how they did in the search.
           first_error: of the present settings, in the search.
           present_error: of the present settings, from the new starts.
         """

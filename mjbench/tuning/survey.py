@@ -32,7 +32,6 @@ class Survey:
     """What there is to try on a model.
 
     Attributes:
-      meshes: that collide, and that nearly fill a primitive.
       stages: share of a step by stage; None where it cannot be measured.
     """
 
@@ -42,12 +41,7 @@ class Survey:
 
 
 def survey(request: SurveyRequest, limit_s: float = SILENCE_S) -> Survey:
-    """Return what there is to try on a model.
-
-    Raises:
-      InputError: it cannot be loaded, or diverges.
-      MachineError: the process that steps it crashed or hung.
-    """
+    """Return what there is to try on a model."""
     messages: list[Survey] = []
     isolate.run("mjbench.tuning.survey:look", request, messages.append, limit_s).check()
     profiles: list[profile.StepTimes] = []

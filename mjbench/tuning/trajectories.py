@@ -26,8 +26,6 @@ class Trials:
 
     Attributes:
       initial_state: (nrun, nstate) rows of mjSTATE_INTEGRATION.
-      control: (nrun, ncontrol, nu) controls.
-      control_s: simulated seconds for which each control is held.
     """
 
     initial_state: np.ndarray
@@ -94,7 +92,6 @@ def run(model: mujoco.MjModel, trials: Trials, nthread: int | None = None) -> Tr
     """Return the runs of a model.
 
     Args:
-      model: to step; its states must have the sizes of the trials'.
       nthread: threads to step with; None for as many as there are cores.
 
     Raises:
