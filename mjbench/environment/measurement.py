@@ -6,7 +6,6 @@ for its vectorised forms. The record also holds what a child sent before it fail
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from mjbench import paths
 from mjbench.comparison import selection
@@ -16,29 +15,16 @@ from mjbench.environment import vectors
 from mjbench.environment.layer_shares import LayerSamples
 from mjbench.environment.physics_comparison import CHOICES, PATHS
 from mjbench.environment.records import EnvironmentRecord, PathSamples
-from mjbench.environment.run import EnvironmentReady, EnvironmentRequest, EnvironmentRound
+from mjbench.environment.run import (
+    EnvironmentPlan,
+    EnvironmentReady,
+    EnvironmentRequest,
+    EnvironmentRound,
+)
 from mjbench.environment.source import EnvironmentSource
-from mjbench.environment.vectors import VectorPlan
 from mjbench.instrument import isolate
 from mjbench.instrument.isolate import Ended
 from mjbench.status import Status
-
-
-@dataclass(frozen=True)
-class EnvironmentPlan:
-    """What is measured of an environment.
-
-    Attributes:
-      nenv: numbers of environments in vectorised forms; none for no such forms.
-      limit_s: a child that is silent for longer is killed.
-    """
-
-    nstep: int | None
-    seed: int
-    threads: tuple[int, ...]
-    nenv: tuple[int, ...]
-    budget_s: float
-    limit_s: float
 
 
 def measure(source: EnvironmentSource, plan: EnvironmentPlan) -> EnvironmentRecord:
@@ -51,7 +37,7 @@ def measure(source: EnvironmentSource, plan: EnvironmentPlan) -> EnvironmentReco
     try:
         ended = isolate.run(
             "mjbench.environment.run:measure_in_child",
-            EnvironmentRequest(source, plan.seed, plan.nstep, variants, plan.budget_s),
+            EnvironmentRequest(source, plan, variants),
             messages.append,
             plan.limit_s,
         )
@@ -60,8 +46,7 @@ def measure(source: EnvironmentSource, plan: EnvironmentPlan) -> EnvironmentReco
     record = _record(source, variants, messages, ended)
     if record.status != Status.OK or not plan.nenv:
         return record
-    vector_plan = VectorPlan(plan.seed, plan.nenv, plan.budget_s, plan.limit_s)
-    return vectors.added(record, source, vector_plan)
+    return vectors.added(record, source, plan)
 
 
 def _record(

@@ -91,8 +91,7 @@ class EnvironmentPasses:
         clock_ns: ClockNs = time.perf_counter_ns,
     ):
         """Replay `actions`; episode number i is reset with `seed` + i."""
-        self._adapter, self._actions, self._seed = adapter, actions, seed
-        self._clock_ns = clock_ns
+        self.adapter, self.actions, self.seed, self.clock_ns = adapter, actions, seed, clock_ns
 
     def plain(self, heartbeat: Callable[[], None] = lambda: None) -> Pass:
         """Return the times of a pass.
@@ -100,27 +99,20 @@ class EnvironmentPasses:
         Args:
           heartbeat: called after every step, untimed.
         """
-        replay = self._replay(self._begin_plain, heartbeat, Fingerprint())
+        replay = _Replay(self, self._begin_plain, heartbeat, Fingerprint())
         while replay.run_episode():
             pass
         return replay.result()
 
     def recorded(self, watch: EngineWatch, heartbeat: Callable[[], None]) -> Pass:
         """Return a pass that `watch` watches; its times include the watching."""
-        clock_ns = self._clock_ns
 
         def begin_episode() -> contextlib.AbstractContextManager[_TimedStep]:
             step = self._step()
             watch.begin_episode()
+            return self._timed(lambda action: watch.run(lambda: step(action)))
 
-            def run(action: Any) -> tuple[Any, int]:
-                begin = clock_ns()
-                outcome = watch.run(lambda: step(action))
-                return outcome, clock_ns() - begin
-
-            return contextlib.nullcontext(run)
-
-        replay = self._replay(begin_episode, heartbeat, Fingerprint())
+        replay = _Replay(self, begin_episode, heartbeat, Fingerprint())
         with watch.watching():
             while replay.run_episode():
                 pass
@@ -134,9 +126,9 @@ class EnvironmentPasses:
         Args:
           rng: draws which of the two is first in each episode.
         """
-        timer = LayerTimer(self._clock_ns)
-        plain = self._replay(self._begin_plain)
-        layered = self._replay(lambda: self._begin_layered(timer, elsewhere))
+        timer = LayerTimer(self.clock_ns)
+        plain = _Replay(self, self._begin_plain)
+        layered = _Replay(self, lambda: self._begin_layered(timer, elsewhere))
         both = [plain, layered]
         more_follow = True
         while more_follow:
@@ -148,7 +140,10 @@ class EnvironmentPasses:
 
     def _begin_plain(self) -> contextlib.AbstractContextManager[_TimedStep]:
         """Prepare an episode whose steps are timed as a whole."""
-        clock_ns, step = self._clock_ns, self._step()
+        return self._timed(self._step())
+
+    def _timed(self, step: Callable[[Any], Any]) -> contextlib.AbstractContextManager[_TimedStep]:
+        clock_ns = self.clock_ns
 
         def run(action: Any) -> tuple[Any, int]:
             begin = clock_ns()
@@ -162,7 +157,7 @@ class EnvironmentPasses:
         self, timer: LayerTimer, elsewhere: Sequence[Binding]
     ) -> Iterator[_TimedStep]:
         """Prepare an episode whose steps are timed by layer."""
-        adapter = self._adapter
+        adapter = self.adapter
         layer, name = adapter.outermost_layer()
         # a reset may have replaced what the environment holds
         timed = [*adapter.inner_steps(), *callees.find(adapter.core)]
@@ -171,24 +166,8 @@ class EnvironmentPasses:
             yield timer.outermost(step, layer, name)
 
     def _step(self) -> Callable[[Any], Any]:
-        step: Callable[[Any], Any] = self._adapter.environment.step
+        step: Callable[[Any], Any] = self.adapter.environment.step
         return step
-
-    def _replay(
-        self,
-        begin_episode: _BeginEpisode,
-        heartbeat: Callable[[], None] = lambda: None,
-        returned: Fingerprint | None = None,
-    ) -> "_Replay":
-        return _Replay(
-            self._adapter,
-            self._actions,
-            self._seed,
-            begin_episode,
-            heartbeat,
-            self._clock_ns,
-            returned,
-        )
 
 
 class _Replay:
@@ -196,18 +175,15 @@ class _Replay:
 
     def __init__(
         self,
-        adapter: EnvironmentAdapter,
-        actions: Sequence[Any],
-        seed: int,
+        passes: EnvironmentPasses,
         begin_episode: _BeginEpisode,
-        heartbeat: Callable[[], None],
-        clock_ns: ClockNs,
-        returned: Fingerprint | None,
+        heartbeat: Callable[[], None] = lambda: None,
+        returned: Fingerprint | None = None,
     ):
-        self._adapter, self._actions, self._seed = adapter, actions, seed
-        self._begin_episode, self._heartbeat, self._clock_ns = begin_episode, heartbeat, clock_ns
+        self._passes, self._actions = passes, passes.actions
+        self._begin_episode, self._heartbeat = begin_episode, heartbeat
         self._returned = returned
-        self._step_ns = np.zeros(len(actions), dtype=np.int64)
+        self._step_ns = np.zeros(len(self._actions), dtype=np.int64)
         self._reset_ns: list[int] = []
         self._lengths: list[int] = []
         self._number = 0
@@ -216,14 +192,14 @@ class _Replay:
         """Reset, take the steps of the next episode, and return whether more follow."""
         if self._number == len(self._actions):
             return False
-        adapter, first = self._adapter, self._number
+        first = self._number
         self._reset_ns.append(self._reset())
         with self._begin_episode() as step:
             is_over = False
             while not is_over and self._number < len(self._actions):
                 with as_input_error("its step"):
                     outcome, self._step_ns[self._number] = step(self._actions[self._number])
-                    is_over = adapter.is_over(outcome)
+                    is_over = self._passes.adapter.is_over(outcome)
                     self._note(outcome)
                 self._number += 1
                 self._heartbeat()
@@ -234,16 +210,17 @@ class _Replay:
     def _note(self, outcome: Any) -> None:
         """Add what a step returned to the fingerprint, if there is one."""
         if self._returned is not None:
-            for field, value in self._adapter.fields(outcome).items():
+            for field, value in self._passes.adapter.fields(outcome).items():
                 self._returned.add(field, value)
 
     def _reset(self) -> int:
         """Reset the environment, and return how many nanoseconds it took."""
         with as_input_error("its reset"):
-            reset = self._adapter.resetting(self._seed + len(self._reset_ns))
-            begin = self._clock_ns()
+            passes = self._passes
+            reset = passes.adapter.resetting(passes.seed + len(self._reset_ns))
+            begin = passes.clock_ns()
             reset()
-            return self._clock_ns() - begin
+            return passes.clock_ns() - begin
 
     def result(self) -> Pass:
         """Return the pass, now that it is over."""

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mjbench import paths
-from mjbench.environment.dm_control_release import ReleaseMismatch
+from mjbench.environment.construction import ReleaseMismatch
 from mjbench.environment.layer_shares import (
     LayerSamples,
     LayerShare,

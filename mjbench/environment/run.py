@@ -18,7 +18,6 @@ from mjbench.comparison.plan import Variant
 from mjbench.environment import (
     adapters,
     construction,
-    dm_control_release,
     engine,
     physics_comparison,
     workload,
@@ -49,18 +48,31 @@ _HEARTBEAT_S = 1.0
 
 
 @dataclass(frozen=True)
-class EnvironmentRequest:
-    """An environment to measure.
+class EnvironmentPlan:
+    """What is measured of an environment.
 
     Attributes:
-      variants: paths to compare it with, the plain loop first.
+      nstep: steps of it in a pass; None to choose them.
+      nenv: numbers of environments in vectorised forms; none for no such forms.
+      budget_s: seconds for all rounds of the environment, and again for those of vectorised forms.
+      limit_s: a child that is silent for longer is killed.
     """
 
-    source: EnvironmentSource
-    seed: int
     nstep: int | None
-    variants: tuple[Variant, ...]
+    seed: int
+    threads: tuple[int, ...]
+    nenv: tuple[int, ...]
     budget_s: float
+    limit_s: float
+
+
+@dataclass(frozen=True)
+class EnvironmentRequest:
+    """An environment to measure, and the paths to compare it with, the plain loop first."""
+
+    source: EnvironmentSource
+    plan: EnvironmentPlan
+    variants: tuple[Variant, ...]
 
     @property
     def most_threads(self) -> int:
@@ -112,15 +124,15 @@ def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
     adapter = adapters.adapt(construction.make(request.source))
     channel.doing("stepping the environment")
     heartbeat = _heartbeat(channel)
-    nstep = request.nstep or _affordable_nstep(adapter, request.seed, heartbeat)
-    actions = _actions(adapter, nstep, request.seed)
-    passes = EnvironmentPasses(adapter, actions, request.seed)
+    seed = request.plan.seed
+    nstep = request.plan.nstep or _affordable_nstep(adapter, seed, heartbeat)
+    passes = EnvironmentPasses(adapter, _actions(adapter, nstep, seed), seed)
     channel.doing("recording the steps of the environment")
     times, recording = _recorded(passes, heartbeat)
     _check_steps_engine(recording, nstep)
     unrepeated = _unrepeated(times, recording, *_recorded(passes, heartbeat))
-    physics = _physics_alone(recording, unrepeated, request.seed, request.most_threads)
-    facts = _facts(adapter, recording, times, request.seed, unrepeated)
+    physics = _physics_alone(recording, unrepeated, seed, request.most_threads)
+    facts = _facts(adapter, recording, times, seed, unrepeated)
     check = _check(recording, physics)
     channel.send(EnvironmentReady(facts, check, tuple(recording.changes), measure_cost()))
     comparison = None
@@ -233,7 +245,7 @@ def _facts(
         episode_nstep=float(np.mean(times.lengths)) if times.lengths else None,
         repeats=not unrepeated,
         unrepeated=unrepeated,
-        dm_control_release=dm_control_release.mismatch(),
+        dm_control_release=construction.dm_control_mismatch(),
         frame_skip=counts.pop() if len(counts) == 1 else None,
         calls=_calls(traces[0]),
         entered=sorted({name for trace in traces if trace.follows for name in trace.entered}),
@@ -264,7 +276,7 @@ def _time(
 ) -> None:
     """Time rounds until the budget is used; send each."""
     turns = _Turns(passes, comparison, request, channel)
-    send_rounds(turns.round, request.budget_s, channel)
+    send_rounds(turns.round, request.plan.budget_s, channel)
     if comparison is not None:
         for index, difference in comparison.differences.items():
             detail = f"in a timed block: {difference}"
@@ -285,8 +297,8 @@ class _Turns:
         self._passes, self._comparison = passes, comparison
         self._variants, self._channel = request.variants, channel
         self._elsewhere = engine.bindings()
-        self._random = random.Random(request.seed)
-        self._rng = np.random.default_rng([request.seed, 6])
+        self._random = random.Random(request.plan.seed)
+        self._rng = np.random.default_rng([request.plan.seed, 6])
         cores = min(machine.usable_cores(), request.most_threads)
         self._calibration = machine.Calibration(cores) if cores > 1 and comparison else None
 
@@ -299,29 +311,23 @@ class _Turns:
             lambda: passes.append(self._both_passes()),
             lambda: cores.append(self._cores()),
         ]
-        if self._comparison is not None:
-            self._comparison.reorder(self._rng)
-            turns += [self._path_turn(index, path_ns) for index in self._comparison.prepared]
+        comparison = self._comparison
+        if comparison is not None:
+            comparison.reorder(self._rng)
+            turns += [self._path_turn(comparison, i, path_ns) for i in comparison.prepared]
         self._random.shuffle(turns)
         for turn in turns:
             turn()
-        return self._result(*passes[0], path_ns, cores[0])
-
-    def _result(
-        self, plain: Pass, layered: LayeredPass, path_ns: Mapping[int, float], cores: float
-    ) -> EnvironmentRound:
-        compared = None
-        if self._comparison is not None:
-            compared = float(plain.step_ns[self._comparison.physics.numbers].mean())
+        ((plain, layered),) = passes
         return EnvironmentRound(
             float(plain.step_ns.mean()),
-            compared,
+            float(plain.step_ns[comparison.physics.numbers].mean()) if comparison else None,
             float(np.mean(plain.reset_ns)),
             float(layered.times.step_ns.mean()),
             float(np.median(layered.times.step_ns - plain.step_ns)),
             tuple(layered.layers),
             path_ns,
-            cores,
+            cores[0],
         )
 
     def _both_passes(self) -> tuple[Pass, LayeredPass]:
@@ -337,10 +343,10 @@ class _Turns:
         )
         return self._calibration.cores(single_s, together_s)
 
-    def _path_turn(self, index: int, path_ns: dict[int, float]) -> Callable[[], None]:
+    def _path_turn(
+        self, comparison: PhysicsComparison, index: int, path_ns: dict[int, float]
+    ) -> Callable[[], None]:
         """Return a function that times a path, and stores its time by its index."""
-        comparison = self._comparison
-        assert comparison is not None, "there is a comparison"
 
         def turn() -> None:
             self._channel.doing(f"timing {self._variants[index]}", index)

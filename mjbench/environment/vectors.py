@@ -23,6 +23,7 @@ from mjbench.environment.adapters import EnvironmentAdapter, GymnasiumAdapter
 from mjbench.environment.passes import PATIENCE, send_rounds
 from mjbench.environment.records import EnvironmentRecord, VectorForm, VectorSamples
 from mjbench.environment.repetition import Fingerprint
+from mjbench.environment.run import EnvironmentPlan
 from mjbench.environment.source import EnvironmentSource
 from mjbench.errors import InputError, describe
 from mjbench.instrument import isolate, machine
@@ -36,20 +37,6 @@ _FIELDS = ("observation", "reward", "terminated", "truncated")
 
 
 @dataclass(frozen=True)
-class VectorPlan:
-    """Which vectorised forms to measure; see `EnvironmentPlan`."""
-
-    seed: int
-    nenv: tuple[int, ...]
-    budget_s: float
-    limit_s: float
-
-    def forms(self) -> list[tuple[VectorForm, int]]:
-        """Return the forms with their numbers of environments."""
-        return [(form, nenv) for nenv in self.nenv for form in VectorForm]
-
-
-@dataclass(frozen=True)
 class VectorRequest:
     """What a child is to measure.
 
@@ -59,7 +46,7 @@ class VectorRequest:
     """
 
     source: EnvironmentSource
-    plan: VectorPlan
+    plan: EnvironmentPlan
     step_s: float
     repeats: bool
     exclude: frozenset[int]
@@ -90,7 +77,7 @@ class VectorRound:
 
 
 def added(
-    record: EnvironmentRecord, source: EnvironmentSource, plan: VectorPlan
+    record: EnvironmentRecord, source: EnvironmentSource, plan: EnvironmentPlan
 ) -> EnvironmentRecord:
     """Return a record with the vectorised forms of its environment, measured in child processes."""
     step_s = float(np.median(record.step_ns)) * 1e-9
@@ -124,14 +111,19 @@ def added(
     return dataclasses.replace(record, vectors=samples)
 
 
+def _forms(plan: EnvironmentPlan) -> list[tuple[VectorForm, int]]:
+    """Return the forms with their numbers of environments."""
+    return [(form, nenv) for nenv in plan.nenv for form in VectorForm]
+
+
 def _samples(
-    plan: VectorPlan, messages: Sequence[object], status: Status, detail: str
+    plan: EnvironmentPlan, messages: Sequence[object], status: Status, detail: str
 ) -> list[VectorSamples]:
     """Return the samples of every form; one that nothing is known of ended as given."""
     reports = {each.index: each for each in messages if isinstance(each, FormReport)}
     rounds = [each for each in messages if isinstance(each, VectorRound)]
     samples = []
-    for index, (form, nenv) in enumerate(plan.forms()):
+    for index, (form, nenv) in enumerate(_forms(plan)):
         unknown = FormReport(index, status, detail)
         report = reports.get(index, unknown)
         timed = [each for each in rounds if index in each.ns]
@@ -192,7 +184,7 @@ def measure_in_child(request: VectorRequest, channel: Channel) -> None:
         channel.send(NoForms(f"two of it, reset and stepped alike, return other values{named}"))
         return
     forms: dict[int, _Form] = {}
-    for index, (kind, nenv) in enumerate(plan.forms()):
+    for index, (kind, nenv) in enumerate(_forms(plan)):
         if index in request.exclude:
             continue
         channel.doing(f"making {kind} of {nenv}", index)

@@ -30,18 +30,18 @@ class Command:
       name: of the command, and of its group before it.
       needs_quiet: whether anything else on the machine would spoil the result.
       together: what cells must have in common to be measured by one command line.
-      least: as many are measured at once where there are as many, also if nodes are idle.
       most: more are not measured at once.
+      least: as many are measured at once where there are as many, also if nodes are idle.
       switches: options without a value: `true` is `--name`.
     """
 
     options: tuple[str, ...]
     name: tuple[str, ...]
-    needs_quiet: bool
     together: Callable[[Cell], tuple[str, ...]]
-    least: int
     most: int
     line: Callable[[Sequence[Cell]], CommandLine]
+    needs_quiet: bool = True
+    least: int = 1
     switches: tuple[str, ...] = ()
 
 
@@ -95,9 +95,7 @@ COMMANDS: Mapping[Kind, Command] = {
     Kind.VERSIONS: Command(
         options=("min-effect", "confidence", "precision", "time-limit", "as-shipped", *_SIZES),
         name=("versions",),
-        needs_quiet=True,
         together=lambda c: (c.baseline, c.release, c.path, c.metric or ""),
-        least=1,
         most=10,
         line=_versions,
         switches=("as-shipped",),
@@ -108,9 +106,7 @@ COMMANDS: Mapping[Kind, Command] = {
             *_SIZES,
         ),
         name=("compare",),
-        needs_quiet=True,
         together=lambda c: (c.model,),
-        least=1,
         most=1,
         line=_compare,
     ),
@@ -126,9 +122,7 @@ COMMANDS: Mapping[Kind, Command] = {
     Kind.HISTORY: Command(
         options=(),
         name=("history", "measure"),
-        needs_quiet=True,
         together=lambda c: (c.release,),
-        least=1,
         most=10,  # as many as the shipped models, which fit into the time that a release may take
         line=_history,
     ),

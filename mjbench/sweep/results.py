@@ -174,35 +174,31 @@ def failed(cell: Cell, failure: Failure, machine: Machine) -> CellResult:
 
 
 def _failed_record(cell: Cell, failure: Failure) -> Record:
-    status, detail = failure.status, failure.detail
+    model, release, status, detail = cell.model, cell.release, failure.status, failure.detail
     match cell.kind:
         case Kind.VERSIONS:
-            sides = [
-                TargetRow(release, cell.model, cell.path, {}, {})
-                for release in (cell.baseline, cell.release)
-            ]
+            versions = cell.baseline, release
             return VerdictRecord(
-                model=cell.model,
+                model=model,
                 path=cell.path,
                 old=cell.baseline,
-                new=cell.release,
-                sides=sides,
+                new=release,
+                sides=[TargetRow(version, model, cell.path, {}, {}) for version in versions],
                 metric=cell.metric or Metric.TIME,
                 status=status,
                 detail=detail,
             )
         case Kind.INSTRUCTIONS:
-            return InstructionsRecord(
-                model=cell.model, release=cell.release, status=status, detail=detail
-            )
+            return InstructionsRecord(model=model, release=release, status=status, detail=detail)
         case Kind.HISTORY:
+            reference = release_ratios.REFERENCE
             return StepRatioRecord(
-                model=cell.model,
-                release=cell.release,
+                model=model,
+                release=release,
                 build="",
-                reference=release_ratios.REFERENCE,
+                reference=reference,
                 status=status,
                 detail=detail,
             )
         case Kind.COMPARE:
-            return ModelRecord(model=cell.model, status=status, detail=detail)
+            return ModelRecord(model=model, status=status, detail=detail)

@@ -8,7 +8,6 @@
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -27,7 +26,6 @@ from mjbench.tuning.records import (
     allowed_error,
     log_ratio,
 )
-from mjbench.tuning.reference import TrialPlan
 from mjbench.tuning.search import LEAST_GAIN, Search, too_far
 from mjbench.tuning.settings import Setting, label
 
@@ -40,26 +38,19 @@ FINALISTS, LEAST_PROCESSES, PROCESSES = 2, 4, 8
 class EngineSearch(Search[EngineOnThisMachine]):
     """A search for settings of MJX or Warp; all effects are allowed."""
 
-    @property
-    def _batch(self) -> Batch:
-        assert self._record.batch is not None, "the engine steps batches"
-        return self._record.batch
-
-    @property
-    def _facts(self) -> BatchFacts:
-        assert self._batch.facts is not None, "it was measured"
-        return self._batch.facts
+    _facts: BatchFacts
+    _present: Program | None = None
 
     def _measure_present(self) -> None:
         self._advance(0, "the present settings in C", 0.0)
-        facts = self._measure.baseline(self._plan.trials(0))
-        self._set(batch=replace(self._batch, facts=facts))
+        self._facts = self._measure.baseline(self._plan.trials(0))
+        self._set(batch=Batch(self._plan.nbatch, self._facts))
 
     def _try_settings(self) -> list[Attempt]:
         alone = [(setting,) for setting in self._facts.settings]
         self._try(1, alone, ALONE_SHARE)
         self._set(untried=len(alone) - len(self._record.attempts))
-        limit = self._limit(self._facts, self._batch.present)
+        limit = self._limit(self._facts, self._present)
         together = combinations(_helpful(self._record.attempts, limit))
         if together and self._left_s(TOGETHER_SHARE) > 0:
             self._try(2, together, TOGETHER_SHARE)
@@ -77,7 +68,8 @@ class EngineSearch(Search[EngineOnThisMachine]):
 
         self._advance(part, label(settings[0]) if settings else "", 0.0)
         program = self._measure.launch(settings, note, self._left_s(share))
-        self._set(batch=replace(self._batch, present=self._batch.present or program))
+        self._present = self._present or program
+        self._set(batch=Batch(self._plan.nbatch, self._facts, self._present))
 
     def _limit(self, facts: BatchFacts, present: Program | None) -> float:
         """Return the largest transfer error allowed; what rounding makes is none."""
@@ -89,9 +81,7 @@ class EngineSearch(Search[EngineOnThisMachine]):
         plan, settings = self._plan, [each.settings for each in attempts]
         self._advance(3, "C from new starts", 0.0)
         ncontrol = self._facts.horizon_ncontrol
-        new = self._measure.baseline(
-            TrialPlan(plan.seed + 1, plan.starts, plan.hold, ncontrol, ncontrol)
-        )
+        new = self._measure.baseline(plan.trials(1, ncontrol, ncontrol))
         launches: list[list[Attempt]] = []
 
         def launch(has_errors: bool) -> Program:

@@ -126,6 +126,11 @@ class Document:
             values[match[1]] = Value(position(start), position(end), quote)
         return StartTag(position(len(tag)), position(last), values, quote, tag.endswith("/>"))
 
+    def spliced(self, start: int, end: int, text: str) -> bytes:
+        """Return the bytes with a text instead of those from `start` to `end`, without `end`."""
+        new = text.encode(self.codec, "xmlcharrefreplace")
+        return self.text[:start] + new + self.text[end:]
+
     def indentation(self, position: int) -> str | None:
         """Return the spaces and tabs before a position; None unless they begin a line."""
         start = self.behind_last(position, " \t")

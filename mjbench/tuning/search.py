@@ -83,17 +83,16 @@ class SearchPlan:
     engine: str = "c"
     nbatch: int = 1
 
-    def trials(self, look: int, present: Present | None = None) -> TrialPlan:
+    def trials(
+        self, look: int, ncontrol: int | None = None, horizon_ncontrol: int | None = None
+    ) -> TrialPlan:
         """Return the starts and controls of a look.
 
         Args:
-          look: 0 for the search, 1 for the second look, more for further ones.
-          present: of the search, whose runs and horizon a further look has; None for the search.
+          look: 0 for the search, 1 for the second look, more for further ones, which have the
+            lengths that the search had.
         """
-        if present is None:
-            return TrialPlan(self.seed + look, self.starts, self.hold)
-        lengths = present.ncontrol, present.horizon_ncontrol
-        return TrialPlan(self.seed + look, self.starts, self.hold, *lengths)
+        return TrialPlan(self.seed + look, self.starts, self.hold, ncontrol, horizon_ncontrol)
 
 
 class Search(abc.ABC, Generic[Measurements]):
@@ -288,7 +287,8 @@ class CSearch(Search[OnThisMachine]):
         """
         plan, first_present = self._plan, self._present
         self._advance(3, "present settings from new starts", 0.0)
-        present = self._measure.baseline(plan.trials(1, first_present))
+        lengths = first_present.ncontrol, first_present.horizon_ncontrol
+        present = self._measure.baseline(plan.trials(1, *lengths))
         self._set(present=replace(present, error=first_present.error.larger(present.error)))
         looked: set[str] = set()
         while True:

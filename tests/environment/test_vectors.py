@@ -11,11 +11,12 @@ from example_environment_records import record
 
 from mjbench.environment import vectors
 from mjbench.environment.records import EnvironmentRecord, VectorForm
+from mjbench.environment.run import EnvironmentPlan
 from mjbench.environment.source import resolve
-from mjbench.environment.vectors import FormReport, VectorPlan, VectorRound
+from mjbench.environment.vectors import FormReport, VectorRound
 from mjbench.status import Status
 
-PLAN = VectorPlan(seed=0, nenv=(1, 2), budget_s=0.0, limit_s=60.0)
+PLAN = EnvironmentPlan(nstep=None, seed=0, threads=(), nenv=(1, 2), budget_s=0.0, limit_s=60.0)
 needs_gymnasium = pytest.mark.skipif(
     not importlib.util.find_spec("gymnasium"), reason="needs gymnasium"
 )
@@ -97,7 +98,7 @@ def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", PYTHONPATH)
 
 
-def added(folder: Path, name: str, plan: VectorPlan = PLAN) -> EnvironmentRecord:
+def added(folder: Path, name: str, plan: EnvironmentPlan = PLAN) -> EnvironmentRecord:
     (folder / "point_env.py").write_text(POINT)
     source = resolve(f"point_env:{name}", folder)
     return vectors.added(record(vectors=[]), source, plan)
