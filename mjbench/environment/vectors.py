@@ -10,6 +10,7 @@ started again without it.
 """
 
 import dataclasses
+import functools
 import random
 import time
 from collections.abc import Mapping, Sequence
@@ -340,8 +341,8 @@ def _verified(
 
     try:
         vector_class = getattr(gymnasium.vector, kind.value)
-        factories = [_Factory(source) for _ in singles]
-        form = _Form(vector_class(factories), singles)
+        factory = functools.partial(construction.make, source)
+        form = _Form(vector_class([factory] * len(singles)), singles)
         difference = form.difference()
     except Exception as error:
         return FormReport(index, Status.FAILED, describe(error)), None
@@ -349,16 +350,6 @@ def _verified(
         form.close()
         return FormReport(index, Status.DISAGREES, difference), None
     return FormReport(index, Status.OK), form
-
-
-@dataclass(frozen=True)
-class _Factory:
-    """Makes an environment, also in another process."""
-
-    source: EnvironmentSource
-
-    def __call__(self) -> Any:
-        return construction.make(self.source)
 
 
 class _Turns:

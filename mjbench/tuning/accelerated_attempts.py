@@ -45,14 +45,27 @@ TIMED_S, MIN_QUADS, MAX_QUADS = 4.0, 4, 25
 
 
 @dataclass(frozen=True)
-class EngineBaselineRequest:
-    """Asks a child what settings of an engine are to be measured by."""
+class EngineCase:
+    """An engine and a model.
+
+    Attributes:
+      file: of C's runs, which the child of `EngineBaselineRequest` writes.
+      limit_s: seconds of silence after which a child is killed; its compiler gets more.
+    """
 
     source: ModelSource
     engine: str
-    plan: TrialPlan
     nbatch: int
     file: Path
+    limit_s: float
+
+
+@dataclass(frozen=True)
+class EngineBaselineRequest:
+    """Asks a child what settings of an engine are to be measured by."""
+
+    case: EngineCase
+    plan: TrialPlan
 
 
 @dataclass(frozen=True)
@@ -83,18 +96,13 @@ class LaunchRequest:
 
     Attributes:
       has_errors: whether to measure transfer errors, beside times.
-      limit_s: seconds of silence after which the child is killed; its compiler gets more.
     """
 
-    source: ModelSource
-    engine: str
-    baseline_file: Path
+    case: EngineCase
     settings: tuple[Settings, ...]
     first: int
-    nbatch: int
     has_errors: bool
     stop_after_s: float
-    limit_s: float
 
 
 class EngineOnThisMachine:
@@ -103,14 +111,8 @@ class EngineOnThisMachine:
     def __init__(
         self, pool: WorkerPool, source: ModelSource, engine: str, nbatch: int, limit_s: float
     ):
-        """Measure nothing yet.
-
-        Args:
-          limit_s: seconds of silence after which a process is killed; compilers get more.
-        """
-        self._source = ModelSource(source.name, source.path.resolve())
-        self._engine, self._nbatch, self._limit_s = engine, nbatch, limit_s
-        self._file: Path = pool.new_file(".pickle")
+        resolved = ModelSource(source.name, source.path.resolve())
+        self._case = EngineCase(resolved, engine, nbatch, pool.new_file(".pickle"), limit_s)
 
     def baseline(self, plan: TrialPlan) -> BatchFacts:
         """Draw trials and run C; launches use them from then on.
@@ -120,8 +122,7 @@ class EngineOnThisMachine:
           MachineError: its process crashed or hung.
         """
         messages: list[BatchFacts] = []
-        request = EngineBaselineRequest(self._source, self._engine, plan, self._nbatch, self._file)
-        self._run("run_baseline", request, messages.append).check()
+        self._run("run_baseline", EngineBaselineRequest(self._case, plan), messages.append).check()
         return messages[0]
 
     def launch(
@@ -153,17 +154,8 @@ class EngineOnThisMachine:
         end_s = time.monotonic() + (float("inf") if stop_after_s is None else stop_after_s)
         first = 0
         while True:
-            request = LaunchRequest(
-                self._source,
-                self._engine,
-                self._file,
-                tuple(settings),
-                first,
-                self._nbatch,
-                has_errors,
-                end_s - time.monotonic(),
-                self._limit_s,
-            )
+            left_s = end_s - time.monotonic()
+            request = LaunchRequest(self._case, tuple(settings), first, has_errors, left_s)
             ended = self._run("run_launch", request, receive)
             if ended.status == Status.OK:
                 return programs[0]
@@ -187,8 +179,8 @@ class EngineOnThisMachine:
             f"mjbench.tuning.accelerated_attempts:{task}",
             request,
             receive,
-            self._limit_s,
-            environment=accelerated_path(self._engine).environment(),
+            self._case.limit_s,
+            environment=accelerated_path(self._case.engine).environment(),
             memory_bytes=int(CHILD_MEMORY_SHARE * machine.available_memory_bytes()),
         )
 
@@ -198,10 +190,10 @@ class EngineOnThisMachine:
 
 def run_baseline(request: EngineBaselineRequest, channel: Channel) -> None:
     """Run C; runs in a child. Sends `BatchFacts`, or `Unsuited`."""
-    path = accelerated_path(request.engine)
-    channel.doing(f"loading {request.source.name}")
-    model = models.load(request.source)
-    channel.doing(f"running {request.source.name} with its present settings")
+    path = accelerated_path(request.case.engine)
+    channel.doing(f"loading {request.case.source.name}")
+    model = models.load(request.case.source)
+    channel.doing(f"running {request.case.source.name} with its present settings")
     full = reference.baseline(model, request.plan)
     rounded = trajectories.run(model, _rounded(full.trials, path))
     ncontrol = _horizon(model, full, rounded)
@@ -220,7 +212,7 @@ def run_baseline(request: EngineBaselineRequest, channel: Channel) -> None:
         work.observe(repeated).peaks,
         sizes,
     )
-    request.file.write_bytes(pickle.dumps(baseline))
+    request.case.file.write_bytes(pickle.dumps(baseline))
     channel.send(
         BatchFacts(
             path.device_kind(),
@@ -242,9 +234,9 @@ def run_launch(request: LaunchRequest, channel: Channel) -> None:
     `Unsuited`.
     """
     begin = time.perf_counter()
-    model = models.load(request.source)
-    baseline: EngineBaseline = pickle.loads(request.baseline_file.read_bytes())
-    case = _Case(request, model, baseline, accelerated_path(request.engine), channel)
+    model = models.load(request.case.source)
+    baseline: EngineBaseline = pickle.loads(request.case.file.read_bytes())
+    case = _Case(request, model, baseline, accelerated_path(request.case.engine), channel)
     channel.doing("compiling the present settings")
     try:
         present = case.present()
@@ -296,7 +288,7 @@ class _Case:
         """Return how settings did beside the present ones."""
         sizes = {**present.sizes, **buffer_sizes_of(settings)}
         other = self._compiled(settings, sizes)
-        samples = _timed(present.compiled, other.compiled, self.channel, self.request.limit_s)
+        samples = _timed(present.compiled, other.compiled, self.channel, self.request.case.limit_s)
         other.compiled.verified_states()  # fails where a buffer is too small for the timed run
         ratio = math.exp(log_ratio(samples))
         return Attempt(
@@ -305,12 +297,12 @@ class _Case:
 
     def _compiled(self, settings: Settings, sizes: Mapping[str, int]) -> _Compiled:
         """Compile settings, and measure how far their runs are from C's."""
-        trials, limit_s = self.baseline.trials, self.request.limit_s
+        trials, limit_s = self.baseline.trials, self.request.case.limit_s
         changed = copy.copy(self.model)
         for edit in edits_of(settings):
             model_options.set_option(changed, edit.name, edit.value)
         ncontrol = min(BLOCK_NCONTROL, trials.ncontrol)
-        block = _batch(changed, trials, self.request.nbatch, ncontrol)
+        block = _batch(changed, trials, self.request.case.nbatch, ncontrol)
         self.channel.allow_silence(COMPILER_PATIENCE * limit_s)
         compiled = self.path.compile(block, sizes, self.baseline.peaks)
         error = None
