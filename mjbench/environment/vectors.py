@@ -125,25 +125,17 @@ def _samples(
     rounds = [each for each in messages if isinstance(each, VectorRound)]
     samples = []
     for index, (form, nenv) in enumerate(_forms(plan)):
-        unknown = FormReport(index, status, detail)
-        report = reports.get(index, unknown)
+        report = reports.get(index)
         timed = [each for each in rounds if index in each.ns]
-        if report.status == Status.OK and not timed:
-            report = unknown
-        if report.status != Status.OK or not timed:
+        if report is not None and report.status != Status.OK:
             samples.append(VectorSamples(form, nenv, report.status, report.detail))
-            continue
-        samples.append(
-            VectorSamples(
-                form,
-                nenv,
-                report.status,
-                report.detail,
-                [each.ns[index] for each in timed],
-                [each.single_ns[index] for each in timed],
-                1 if form == VectorForm.SYNC else min(nenv, machine.usable_cores()),
-            )
-        )
+        elif report is None or not timed:
+            samples.append(VectorSamples(form, nenv, status, detail))
+        else:
+            ns = [each.ns[index] for each in timed]
+            single_ns = [each.single_ns[index] for each in timed]
+            ncore = 1 if form == VectorForm.SYNC else min(nenv, machine.usable_cores())
+            samples.append(VectorSamples(form, nenv, Status.OK, "", ns, single_ns, ncore))
     return samples
 
 

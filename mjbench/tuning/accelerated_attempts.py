@@ -197,7 +197,7 @@ def run_baseline(request: EngineBaselineRequest, channel: Channel) -> None:
     full = reference.baseline(model, request.plan)
     rounded = trajectories.run(model, _rounded(full.trials, path))
     ncontrol = _horizon(model, full, rounded)
-    trials, runs = full.trials.first(ncontrol), reference.first(full.present, ncontrol)
+    trials, runs = full.trials.first(ncontrol), full.present.first(ncontrol)
     repeated = _batch(model, trials, trials.nrun, trials.ncontrol)
     reason = path.unavailable() or path.unsuited(repeated, {})
     if reason:
@@ -221,7 +221,7 @@ def run_baseline(request: EngineBaselineRequest, channel: Channel) -> None:
             ncontrol * trials.control_s,
             ncontrol,
             full.facts.starts,
-            _error(model, baseline, reference.first(rounded, ncontrol)),
+            _error(model, baseline, rounded.first(ncontrol)),
             knob_values.of_batched_step(model, baseline.peaks, sizes),
         )
     )

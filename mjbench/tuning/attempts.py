@@ -122,8 +122,8 @@ def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Acc
     """Return what settings do to the motion."""
     ncontrol, scale = baseline.facts.horizon_ncontrol, baseline.motion
     within, present = (
-        reference.first(runs, ncontrol),
-        reference.first(baseline.present, ncontrol),
+        runs.first(ncontrol),
+        baseline.present.first(ncontrol),
     )
     apart = distance.distance(model, scale, within, present)
     if runs.is_identical(baseline.present):

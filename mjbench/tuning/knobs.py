@@ -251,7 +251,7 @@ def settings(observed: Observed) -> dict[str, tuple[Setting, ...]]:
 
 
 def known(names: Sequence[str]) -> tuple[str, ...]:
-    """Return names of knobs."""
+    """Return names of knobs; raises InputError for any other."""
     every = [knob.name for knob in KNOBS]
     for name in names:
         if name not in every:

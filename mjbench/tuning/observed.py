@@ -18,7 +18,7 @@ from mjbench.simulation import compat, models, sampling, starts, workload
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.sampling import SampleRequest
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
-from mjbench.tuning.pair_watch import Idle, IdlePair, PairWatch
+from mjbench.tuning.pair_watch import IdlePair, PairWatch
 
 # Simulated seconds to observe, and seconds of computing that they may take.
 OBSERVED_S, MAX_COMPUTING_S = 20.0, 5.0
@@ -212,7 +212,6 @@ class _Run:
     def observed(self, is_mjcf: bool, nusual: int) -> Observed:
         """Return what was seen, with the iterations of the first `nusual` steps."""
         solver, line_search = np.array(self._iterations[:nusual], dtype=int).reshape(-1, 2).T
-        idle: Idle = self._pairs.idle()
         return Observed(
             self._model,
             is_mjcf,
@@ -222,8 +221,7 @@ class _Run:
             _usage(line_search),
             self._max_contacts,
             self._max_constraints,
-            idle.pairs,
-            idle.unnamed,
+            *self._pairs.idle(),
         )
 
 

@@ -158,11 +158,11 @@ def baseline(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
         distance.shares_over_time(model, scale, twin, present),
     )
     ncontrol = min(plan.horizon_ncontrol or max(usable, LEAST_NCONTROL), trials.ncontrol)
-    within = first(reference, ncontrol)
+    within = reference.first(ncontrol)
     scale = distance.motion(model, initial_qpos, within)
 
     def apart(runs: Trajectories, others: Trajectories) -> Distance:
-        return distance.distance(model, scale, first(runs, ncontrol), first(others, ncontrol))
+        return distance.distance(model, scale, runs.first(ncontrol), others.first(ncontrol))
 
     facts = Present(
         nrun=trials.nrun,
@@ -182,7 +182,7 @@ def baseline(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
     )
     unavoidable = equivalent_share(
         *(
-            distance.bounds_over_time(model, scale, first(runs, ncontrol), first(present, ncontrol))
+            distance.bounds_over_time(model, scale, runs.first(ncontrol), present.first(ncontrol))
             for runs in (solver, twin)
         )
     )
@@ -271,13 +271,6 @@ def perturbed(model: mujoco.MjModel, trials: Trials) -> Trials:
         mujoco.mj_integratePos(model, qpos, _ULP * rng.standard_normal(model.nv), 1.0)
         row[columns] = qpos
     return Trials(states, trials.control, trials.control_s)
-
-
-def first(runs: Trajectories, ncontrol: int) -> Trajectories:
-    """Return runs until the end of their first controls; `points` stay those of the whole runs."""
-    return Trajectories(
-        runs.qpos[:, :ncontrol], runs.qvel[:, :ncontrol], runs.points, runs.diverged
-    )
 
 
 def horizon(error: np.ndarray, rounding: np.ndarray) -> int:

@@ -289,18 +289,19 @@ class CSearch(Search[OnThisMachine]):
         self._advance(3, "present settings from new starts", 0.0)
         lengths = first_present.ncontrol, first_present.horizon_ncontrol
         present = self._measure.baseline(plan.trials(1, *lengths))
+        errors = first_present.error.share, present.error.share
         self._set(present=replace(present, error=first_present.error.larger(present.error)))
         looked: set[str] = set()
         while True:
             withdrawn = {label(each.settings) for each in self._record.withdrawn}
             left = [each for each in attempts if label(each.settings) not in withdrawn]
-            front = fronts.pareto_front(left, plan.max_error, first_present.error.share)
+            front = fronts.pareto_front(left, plan.max_error, errors[0])
             new = [each for each in front if label(each.settings) not in looked]
             if not new or (looked and self._spent_s() > plan.budget_s):
                 break
             for number, first in enumerate(new):
                 self._advance(3, label(first.settings), number / len(new))
-                self._look_again(first, first_present.error.share, present.error.share)
+                self._look_again(first, *errors)
                 looked.add(label(first.settings))
         by_effect = sorted(
             self._record.front, key=lambda each: (each.effect.rank, -each.ratio.estimate)

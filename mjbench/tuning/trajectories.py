@@ -73,6 +73,10 @@ class Trajectories:
             self.qpos[runs], self.qvel[runs], self.points[runs], self.diverged[runs]
         )
 
+    def first(self, ncontrol: int) -> "Trajectories":
+        """Return runs until the end of their first controls; `points` are of the whole runs."""
+        return replace(self, qpos=self.qpos[:, :ncontrol], qvel=self.qvel[:, :ncontrol])
+
     def is_identical(self, other: "Trajectories") -> bool:
         """Return whether both have the same states, to the last bit."""
         pairs = (

@@ -116,12 +116,22 @@ def check_target(source: ModelSource, target: Path) -> None:
 
 
 def _file_of(source: ModelSource, target: Path) -> Path:
-    """Return the file that a copy is written to: where `target` is a link, the one it leads to."""
+    """Return the file that a copy is written to: where `target` is a link, the one it leads to.
+
+    Refuse what cannot be the copy: no MJCF by its name, no regular file, or one that is read.
+    """
     if source.path.suffix.lower() == _COMPILED:
         raise InputError(f"{source.name} is compiled: give the MJCF file that it comes from")
     with writing(target):
         file = Path(os.path.realpath(target))
-    _check_target(source, target, file)
+    if file.suffix.lower() != ".xml":
+        raise InputError(f"{shown(str(target))}: the name of a copy ends in .xml")
+    if file.exists() and not file.is_file():
+        raise InputError(f"{shown(str(target))} is not a regular file")
+    if file.exists() and any(file.samefile(path) for path in _inputs(source.path)):
+        raise InputError(
+            f"{shown(str(target))} is a file that {source.name} is read from: choose another"
+        )
     return file
 
 
@@ -226,20 +236,6 @@ def _shown(edit: Edit) -> str:
 
 
 # -- the copy -----------------------------------------------------------------------------------
-
-
-def _check_target(source: ModelSource, target: Path, file: Path) -> None:
-    """Refuse what cannot be the copy."""
-    if file.suffix.lower() != ".xml":
-        raise InputError(f"{shown(str(target))}: the name of a copy ends in .xml")
-    if not file.exists():
-        return
-    if not file.is_file():
-        raise InputError(f"{shown(str(target))} is not a regular file")
-    if any(file.samefile(path) for path in _inputs(source.path)):
-        raise InputError(
-            f"{shown(str(target))} is a file that {source.name} is read from: choose another"
-        )
 
 
 def _inputs(path: Path) -> Iterator[Path]:
