@@ -66,10 +66,6 @@ class PhysicsComparison:
         if self.physics.workload.nbatch > 1:
             self.case.reorder(rng)
 
-    def env_steps(self) -> int:
-        """Return how many steps of the environment a block does."""
-        return len(self.physics.numbers)
-
     def close(self) -> None:
         """Stop workers and pools."""
         self.case.resources.close()

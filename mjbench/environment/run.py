@@ -350,6 +350,6 @@ class _Turns:
 
         def turn() -> None:
             self._channel.doing(f"timing {self._variants[index]}", index)
-            path_ns[index] = 1e9 * comparison.block_s(index) / comparison.env_steps()
+            path_ns[index] = 1e9 * comparison.block_s(index) / len(comparison.physics.numbers)
 
         return turn

@@ -113,7 +113,7 @@ class EngineSearch(Search[EngineOnThisMachine]):
         if failed is not None:
             self._withdraw(settings, failed)
             return
-        assert first.error is not None and second.error is not None, "it was measured"
+        assert second.error is not None, "it was measured"
         samples = [each.samples for each in launches if each.samples]
         ratio = mean_ratio(log_ratios(samples))
         if second.error.share > limit:
@@ -121,8 +121,7 @@ class EngineSearch(Search[EngineOnThisMachine]):
         elif not saves_time(ratio):
             self._withdraw(settings, "not certainly faster in fresh processes")
         else:
-            error = first.error.larger(second.error)
-            self._recommend(Recommendation(settings, ratio, error, samples, program=second.program))
+            self._recommend(first, second, ratio, samples)
 
     def _simplest(self, front: Sequence[Recommendation]) -> Iterator[Recommendation]:
         """Yield recommendations, without those that only add settings of no certain gain.

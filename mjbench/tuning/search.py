@@ -20,7 +20,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Generic, TypeVar
 
 from mjbench.errors import MjbenchError, failure_of
-from mjbench.paired.records import VerdictRecord
+from mjbench.instrument.ratio import Ratio
+from mjbench.paired.records import LaunchRow, VerdictRecord
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
 from mjbench.tuning import fronts
@@ -156,7 +157,27 @@ class Search(abc.ABC, Generic[Measurements]):
     def _note(self, attempt: Attempt) -> None:
         self._set(attempts=[*self._record.attempts, attempt])
 
-    def _recommend(self, recommendation: Recommendation) -> None:
+    def _recommend(
+        self,
+        first: Attempt,
+        second: Attempt,
+        ratio: Ratio,
+        samples: Sequence[LaunchRow],
+        is_allowed: bool = True,
+    ) -> None:
+        """Recommend settings that both looks confirm."""
+        assert first.error is not None and second.error is not None, "it was confirmed"
+        effects = [each.accuracy.effect for each in (first, second) if each.accuracy]
+        recommendation = Recommendation(
+            first.settings,
+            ratio,
+            first.error.larger(second.error),
+            samples,
+            max(effects, key=lambda effect: effect.rank, default=Effect.APPROXIMATE),
+            second.accuracy,
+            second.program,
+            is_allowed,
+        )
         self._set(front=[*self._record.front, recommendation])
 
     def _withdraw(self, settings: Sequence[Setting], reason: str) -> None:
@@ -318,25 +339,14 @@ class CSearch(Search[OnThisMachine]):
         settings = first.settings
         was_allowed = is_allowed(first, self._plan.max_error, first_error)
         second = self._measure.attempt(settings, quads=0)
-        reason = self._why_not(first, second, was_allowed, present_error)
-        if not reason:
-            paired = self._measure.compare(settings, self._plan.seed + 1, FINAL_S)
-            reason = _why_not_faster(paired)
-        if reason:
+        if reason := self._why_not(first, second, was_allowed, present_error):
             self._withdraw(settings, reason)
             return
-        assert first.error and second.error and paired.ratio, "it was confirmed"
-        self._recommend(
-            Recommendation(
-                settings,
-                paired.ratio,
-                first.error.larger(second.error),
-                paired.samples,
-                max(effect_of(first), effect_of(second), key=lambda effect: effect.rank),
-                second.accuracy,
-                is_allowed=was_allowed,
-            )
-        )
+        paired = self._measure.compare(settings, self._plan.seed + 1, FINAL_S)
+        if paired.ratio is None or not saves_time(paired.ratio):
+            self._withdraw(settings, _why_not_faster(paired))
+            return
+        self._recommend(first, second, paired.ratio, paired.samples, was_allowed)
 
     def _why_not(
         self, first: Attempt, second: Attempt, was_allowed: bool, present_error: float
@@ -367,9 +377,7 @@ def too_far(error: float, limit: float) -> str:
 
 
 def _why_not_faster(paired: VerdictRecord) -> str:
-    """Return why fresh processes do not confirm that settings are faster; empty where they do."""
-    if paired.ratio is not None and saves_time(paired.ratio):
-        return ""
+    """Return why fresh processes do not confirm that settings are faster."""
     if paired.status == Status.OK and paired.ratio is None:
         return "its steps are too slow to compare it within the time of a second look"
     return paired.detail or "not certainly faster from new starts"
