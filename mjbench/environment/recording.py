@@ -260,7 +260,9 @@ class _PlainSteps:
     def __init__(self, step: EngineFunction):
         self.checked = 0
         self.difference: tuple[int, Difference] | None = None
-        self._step, self._model, self._data, self._needs_reset = step, None, None, False
+        self._step, self._needs_reset = step, False
+        self._model: Any = None
+        self._data: Any = None
 
     def check(
         self,

@@ -41,11 +41,11 @@ def edited(text: bytes, edits: Sequence[Edit]) -> bytes:
     _check_root(document.root)
     for edit in sorted(edits, key=lambda edit: edit.part == Part.FLAG):  # see `_with_flag`
         if edit.part == Part.FLAG:
-            document = mjcf_sections.parse(_with_flag(document, edit.name, edit.value))
+            document = _with_flag(document, edit.name, edit.value)
         elif edit.part != Part.EXCLUDE:
-            section = edit.part.value
-            document = mjcf_sections.parse(_with_setting(document, section, edit.name, edit.value))
-    return _excluding(document, [(e.name, e.value) for e in edits if e.part == Part.EXCLUDE])
+            document = _with_setting(document, edit.part.value, edit.name, edit.value)
+    pairs = [(edit.name, edit.value) for edit in edits if edit.part == Part.EXCLUDE]
+    return _excluding(document, pairs).encoded()
 
 
 def _check_root(root: Element) -> None:
@@ -76,7 +76,7 @@ class _New:
 # -- where an edit goes ---------------------------------------------------------------------------
 
 
-def _with_setting(document: Document, section: str, name: str, value: str) -> bytes:
+def _with_setting(document: Document, section: str, name: str, value: str) -> Document:
     root = document.root
     element = _owner(_after_last(root.children, section, root.named("include")), name)
     if element:
@@ -84,8 +84,8 @@ def _with_setting(document: Document, section: str, name: str, value: str) -> by
     return _with_children(document, root, [_New(section, {name: value})])
 
 
-def _with_flag(document: Document, name: str, value: str) -> bytes:
-    """Return the bytes with a flag; where it needs an `<option>` of its own, that is the last."""
+def _with_flag(document: Document, name: str, value: str) -> Document:
+    """Return the file with a flag; where it needs an `<option>` of its own, that is the last."""
     root = document.root
     # a file that an <option> includes may hold its <flag>, and no <option> has two
     includes = [option for option in root.named("option") if option.named("include")]
@@ -99,7 +99,7 @@ def _with_flag(document: Document, name: str, value: str) -> bytes:
     return _with_children(document, root, [_New("option", children=[new])])
 
 
-def _excluding(document: Document, pairs: Sequence[tuple[str, str]]) -> bytes:
+def _excluding(document: Document, pairs: Sequence[tuple[str, str]]) -> Document:
     contacts = document.root.named("contact")
     excludes = [exclude.attributes for contact in contacts for exclude in contact.named("exclude")]
     excluded = {frozenset((each.get("body1", ""), each.get("body2", ""))) for each in excludes}
@@ -109,39 +109,39 @@ def _excluding(document: Document, pairs: Sequence[tuple[str, str]]) -> bytes:
             excluded.add(frozenset((body1, body2)))
             new.append(_New("exclude", {"body1": body1, "body2": body2}))
     if not new:
-        return document.text
+        return document
     if contacts:
         return _with_children(document, contacts[-1], new)
     return _with_children(document, document.root, [_New("contact", children=new)])
 
 
-# -- the bytes of an edit -------------------------------------------------------------------------
+# -- the text of an edit --------------------------------------------------------------------------
 
 
-def _with_attribute(document: Document, element: Element, name: str, value: str) -> bytes:
-    """Return the bytes with an attribute of an element; the same ones where it is set."""
+def _with_attribute(document: Document, element: Element, name: str, value: str) -> Document:
+    """Return the file with an attribute of an element; the same ones where it is set."""
     tag = document.tag(element)
     present = tag.values.get(name)
     if present is None:
         attribute = f" {name}={tag.quote}{_escaped(value, tag.quote)}{tag.quote}"
         return document.spliced(tag.last, tag.last, attribute)
     if element.attributes[name] == value:
-        return document.text
+        return document
     return document.spliced(present.start, present.end, _escaped(value, present.quote))
 
 
-def _with_children(document: Document, element: Element, children: Sequence[_New]) -> bytes:
-    """Return the bytes with more children of an element, behind those that it has."""
+def _with_children(document: Document, element: Element, children: Sequence[_New]) -> Document:
+    """Return the file with more children of an element, behind those that it has."""
     unit, tag = _unit(document), document.tag(element)
     own = document.indentation(element.start)
     if tag.is_empty:
         newline = "" if own is None else document.newline
         inside = _markup(children, (own or "") + unit, unit, newline)
         end = f"{newline}{own or ''}" if newline else ""
-        slash = tag.end - len("/>".encode(document.codec))
+        slash = tag.end - len("/>")
         return document.spliced(slash, tag.end, f">{inside}{end}</{element.name}>")
     newline = document.line_end_before(element.end)
-    position = document.behind_last(element.end, " \t\r\n") if newline else element.end
+    position = document.behind_last(element.end, b" \t\r\n") if newline else element.end
     indentations = (document.indentation(child.start) for child in reversed(element.children))
     inner = next((each for each in indentations if each is not None), (own or "") + unit)
     return document.spliced(position, position, _markup(children, inner, unit, newline))
