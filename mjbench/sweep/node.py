@@ -111,7 +111,7 @@ def measure(
     """Measure, and yield the cells of a request in their order, each as soon as it is complete.
 
     When the iterator is closed, or an exception passes through, the command ends with all that it
-    has started.
+    has started. It raises BusyError, or NotMeasuredError if the node has other software, too.
 
     Args:
       label: of this machine, for its results; empty to leave what the environment says.

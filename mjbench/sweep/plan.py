@@ -116,8 +116,11 @@ def _models(file: PlanFile) -> tuple[ModelSource, ...]:
                     f"{shown(name)}: a name that cannot be printed; give the file another one"
                 )
             beside = file.path.parent / Path(name)
-            is_beside = name not in models.shipped() and beside.exists()
-            source = models.resolve(str(beside) if is_beside else name)
+            try:
+                is_beside = name not in models.shipped() and beside.exists()
+                source = models.resolve(str(beside) if is_beside else name)
+            except (OSError, ValueError) as error:  # a name that no file can have
+                raise InputError(str(error)) from None
             if earlier := sources.get(source.path):
                 raise InputError(f"{shown(name)} is the same file as {shown(earlier.name)}")
         sources[source.path] = replace(source, name=name)

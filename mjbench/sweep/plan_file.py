@@ -68,10 +68,10 @@ class PlanFile:
 
     @contextlib.contextmanager
     def at(self, table: str, key: str = "", item: str = "") -> Iterator[None]:
-        """Turn what is raised while the block runs into the error of a place (see `error`)."""
+        """Turn an InputError that the block raises into that of a place (see `error`)."""
         try:
             yield
-        except (InputError, OSError, ValueError) as error:
+        except InputError as error:
             raise self.error(str(error), table, key, item) from None
 
     def error(self, text: str, table: str, key: str = "", item: str = "") -> InputError:

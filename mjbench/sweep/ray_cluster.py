@@ -74,7 +74,7 @@ Event = Measured | Failed | Refused
 
 
 class RayCluster:
-    """A cluster of Ray, used as a context manager."""
+    """A cluster of Ray, as a context manager; nodes that join later are not among its `nodes`."""
 
     def __init__(self, address: str | None = None, tries: int = 3):
         """Connect to nothing yet.

@@ -64,7 +64,8 @@ class Survey:
 class OnThisMachine:
     """Measures a model here.
 
-    Files of models and trials last as long as the pool.
+    Files of models and trials last as long as the pool. A model that cannot be loaded, or diverges,
+    is an InputError; a process that crashes or hangs, but in an attempt, is a MachineError.
     """
 
     def __init__(
