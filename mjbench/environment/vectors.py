@@ -5,8 +5,8 @@ each i does the same, one after the other, and resets in the same steps. What th
 except info, must be equal to the last bit. All are new at first and run equally often, so that an
 environment may remember earlier episodes, as statistics of its observations do.
 
-All of it happens in a child process. A form that ends the child loses its own row; the child is
-started again without it.
+They are measured in a child process. A form that ends it loses its own row; the child is started
+again without it.
 """
 
 import dataclasses
@@ -120,7 +120,7 @@ def _forms(plan: EnvironmentPlan) -> list[tuple[VectorForm, int]]:
 def _samples(
     plan: EnvironmentPlan, messages: Sequence[object], status: Status, detail: str
 ) -> list[VectorSamples]:
-    """Return the samples of every form; one that nothing is known of ended as given."""
+    """Return the samples of every form; one without a report, or without times, ended as given."""
     reports = {each.index: each for each in messages if isinstance(each, FormReport)}
     rounds = [each for each in messages if isinstance(each, VectorRound)]
     samples = []

@@ -119,7 +119,7 @@ def _excluding(document: Document, pairs: Sequence[tuple[str, str]]) -> Document
 
 
 def _with_attribute(document: Document, element: Element, name: str, value: str) -> Document:
-    """Return the file with an attribute of an element; the same ones where it is set."""
+    """Return the file with an attribute of an element; the same file where it is set."""
     tag = document.tag(element)
     present = tag.values.get(name)
     if present is None:

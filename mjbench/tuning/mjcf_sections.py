@@ -32,7 +32,8 @@ _DECLARATION = re.compile(rb"""<\?xml[^>]*\sencoding\s*=\s*["']([^"']*)["']""")
 _TAG = re.compile(rb"""(<[^\s/>]+)(?:[^"'>]|"[^"]*"|'[^']*')*>""")
 _ATTRIBUTE = re.compile(rb"""([^\s=]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
 _LINE_END = re.compile(rb"\r\n|\n|\r")
-_UTF8 = "utf-8"
+# How bytes that are no text, as a comment may have, are read and written again.
+_UTF8, _KEPT = "utf-8", "surrogateescape"
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ class Document:
         """Return the file in its own encoding."""
         if self.codec == _UTF8:
             return self.text
-        return self.text.decode().encode(self.codec, "xmlcharrefreplace")
+        return self.text.decode(errors=_KEPT).encode(self.codec, _KEPT)
 
     def tag(self, element: Element) -> StartTag:
         """Return where the parts of an element's start tag lie."""
@@ -126,7 +127,8 @@ class Document:
 
     def spliced(self, start: int, end: int, text: str) -> "Document":
         """Return the file with a text instead of the bytes from `start` to `end`, without `end`."""
-        return _document(self.text[:start] + text.encode() + self.text[end:], self.codec)
+        new = text.encode(self.codec, "xmlcharrefreplace").decode(self.codec).encode()
+        return _document(self.text[:start] + new + self.text[end:], self.codec)
 
     def indentation(self, position: int) -> str | None:
         """Return the spaces and tabs before a position; None unless they begin a line."""
@@ -155,7 +157,8 @@ def parse(text: bytes) -> Document:
         raise InputError("it is binary, not XML: give the MJCF file that it was compiled from")
     try:
         codec = _codec(text)
-        return _document(text if codec == _UTF8 else text.decode(codec).encode(), codec)
+        utf8 = text if codec == _UTF8 else text.decode(codec, _KEPT).encode(errors=_KEPT)
+        return _document(utf8, codec)
     except (expat.ExpatError, LookupError, ValueError) as error:
         raise InputError(f"it is not well-formed XML: {one_line(error)}") from error
 
