@@ -7,7 +7,7 @@ import contextlib
 import random
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -58,20 +58,14 @@ class Pass:
       step_ns: (nstep,) of each step of the environment.
       lengths: steps of each episode that ended.
       returned: fingerprint of what the steps returned; of nothing where passes took turns.
+      layers: what each function that was called took, with the timer's cost, where it was timed.
     """
 
     step_ns: np.ndarray
     reset_ns: Sequence[int]
     lengths: Sequence[int]
     returned: Fingerprint
-
-
-@dataclass(frozen=True, eq=False)
-class LayeredPass:
-    """A pass in which the functions inside a step were timed, too."""
-
-    times: Pass
-    layers: Sequence[LayerTime]
+    layers: Sequence[LayerTime] = ()
 
 
 # Prepares an episode after its reset, and yields a function that returns the outcome of a step and
@@ -118,9 +112,7 @@ class EnvironmentPasses:
                 pass
         return replay.result()
 
-    def side_by_side(
-        self, elsewhere: Sequence[Binding], rng: random.Random
-    ) -> tuple[Pass, LayeredPass]:
+    def side_by_side(self, elsewhere: Sequence[Binding], rng: random.Random) -> tuple[Pass, Pass]:
         """Return a plain pass and a layered one, which take turns from episode to episode.
 
         Args:
@@ -136,7 +128,7 @@ class EnvironmentPasses:
             remaining = [replay.run_episode() for replay in both]
             more_follow = any(remaining)
         called = [layer for layer in timer.layers() if layer.calls]
-        return plain.result(), LayeredPass(layered.result(), called)
+        return plain.result(), replace(layered.result(), layers=called)
 
     def _begin_plain(self) -> contextlib.AbstractContextManager[_TimedStep]:
         """Prepare an episode whose steps are timed as a whole."""

@@ -24,7 +24,7 @@ from mjbench.environment import (
 )
 from mjbench.environment.adapters import EnvironmentAdapter
 from mjbench.environment.model_changes import ModelChange
-from mjbench.environment.passes import EnvironmentPasses, LayeredPass, Pass, send_rounds
+from mjbench.environment.passes import EnvironmentPasses, Pass, send_rounds
 from mjbench.environment.physics_comparison import PhysicsComparison
 from mjbench.environment.recording import EngineWatch, Recording, StepTrace
 from mjbench.environment.records import EnvironmentFacts, PhysicsCheck
@@ -304,7 +304,7 @@ class _Turns:
 
     def round(self) -> EnvironmentRound:
         """Time both passes and every path once, in random order."""
-        passes: list[tuple[Pass, LayeredPass]] = []
+        passes: list[tuple[Pass, Pass]] = []
         path_ns: dict[int, float] = {}
         cores: list[float] = []
         turns: list[Callable[[], None]] = [
@@ -323,14 +323,14 @@ class _Turns:
             float(plain.step_ns.mean()),
             float(plain.step_ns[comparison.physics.numbers].mean()) if comparison else None,
             float(np.mean(plain.reset_ns)),
-            float(layered.times.step_ns.mean()),
-            float(np.median(layered.times.step_ns - plain.step_ns)),
+            float(layered.step_ns.mean()),
+            float(np.median(layered.step_ns - plain.step_ns)),
             tuple(layered.layers),
             path_ns,
             cores[0],
         )
 
-    def _both_passes(self) -> tuple[Pass, LayeredPass]:
+    def _both_passes(self) -> tuple[Pass, Pass]:
         self._channel.doing("timing the environment")
         return self._passes.side_by_side(self._elsewhere, self._random)
 

@@ -201,13 +201,15 @@ def is_damped_euler(observed: Observed) -> bool:
 def unused_features(observed: Observed) -> list[Setting]:
     """Return one setting that disables every feature that the model does not have."""
     model = observed.model
-    absent = [
-        feature for feature in features.absent(model) if compat.flag_enabled(model, feature.flag)
-    ]
+    absent = {
+        flag: plural
+        for flag, plural in features.absent(model).items()
+        if compat.flag_enabled(model, flag)
+    }
     if not absent:
         return []
-    edits = tuple(Edit(Part.FLAG, feature.flag, "disable") for feature in absent)
-    evidence = f"the model has no {', no '.join(feature.plural for feature in absent)}"
+    edits = tuple(Edit(Part.FLAG, flag, "disable") for flag in absent)
+    evidence = f"the model has no {', no '.join(absent.values())}"
     return [Setting("unused features", "unused features off", edits, evidence=evidence)]
 
 
