@@ -2,9 +2,8 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 from mjbench.errors import InputError, MachineError, suggestion
 from mjbench.instrument.machine import Machine
@@ -12,23 +11,9 @@ from mjbench.sweep import commands, results, software
 from mjbench.sweep.cells import Cell
 from mjbench.sweep.commands import COMMANDS
 from mjbench.sweep.matrix import Matrix
-from mjbench.sweep.model_files import CarriedModel
 from mjbench.sweep.node import Measured, Request
-from mjbench.sweep.ray_cluster import Event, Failed, LeftOut, Node, Refused
+from mjbench.sweep.ray_cluster import Event, Failed, LeftOut, RayCluster, Refused
 from mjbench.sweep.results import CellResult, Outcome
-
-
-class Cluster(Protocol):
-    """What a sweep needs of a cluster; see `RayCluster`."""
-
-    nodes: tuple[Node, ...]
-    left_out: tuple[LeftOut, ...]
-
-    def submit(self, request: Request, carried: Sequence[CarriedModel] = ()) -> None:
-        """Have a node measure, as soon as one is free."""
-
-    def events(self, patience_s: float) -> Iterator[Event]:
-        """Yield what happens until nothing runs, or there is no node for what is left."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +53,7 @@ class Sweep:
         self,
         matrix: Matrix,
         done: Sequence[Cell],
-        cluster: Cluster,
+        cluster: RayCluster,
         store: Callable[[CellResult], None],
         record_types: Mapping[str, type],
         *,

@@ -32,8 +32,8 @@ _DECLARATION = re.compile(rb"""<\?xml[^>]*\sencoding\s*=\s*["']([^"']*)["']""")
 _TAG = re.compile(rb"""(<[^\s/>]+)(?:[^"'>]|"[^"]*"|'[^']*')*>""")
 _ATTRIBUTE = re.compile(rb"""([^\s=]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
 _LINE_END = re.compile(rb"\r\n|\n|\r")
-# How bytes that are no text, as a comment may have, are read and written again.
-_UTF8, _KEPT = "utf-8", "surrogateescape"
+# The codec of what is edited, and how bytes that are no text, as in comments, are read and written.
+_UTF8, _ERRORS = "utf-8", "surrogateescape"
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class Document:
         """Return the file in its own encoding."""
         if self.codec == _UTF8:
             return self.text
-        return self.text.decode(errors=_KEPT).encode(self.codec, _KEPT)
+        return self.text.decode(errors=_ERRORS).encode(self.codec, _ERRORS)
 
     def tag(self, element: Element) -> StartTag:
         """Return where the parts of an element's start tag lie."""
@@ -157,7 +157,7 @@ def parse(text: bytes) -> Document:
         raise InputError("it is binary, not XML: give the MJCF file that it was compiled from")
     try:
         codec = _codec(text)
-        utf8 = text if codec == _UTF8 else text.decode(codec, _KEPT).encode(errors=_KEPT)
+        utf8 = text if codec == _UTF8 else text.decode(codec, _ERRORS).encode(errors=_ERRORS)
         return _document(utf8, codec)
     except (expat.ExpatError, LookupError, ValueError) as error:
         raise InputError(f"it is not well-formed XML: {one_line(error)}") from error
