@@ -63,6 +63,7 @@ class LayerShare:
 
     Attributes:
       share: of the step; the shares of all layers add up to 1.
+      functions: that belong to it, the one with the largest share first.
     """
 
     layer: Layer
@@ -76,6 +77,7 @@ class TimerEffect:
     """What timing the layers cost.
 
     Attributes:
+      calls: timed, per step of the environment.
       call_ns: what each costs.
       share: what all of them add to a step, of the step.
       sum: of the layers without that, over steps that were timed as a whole.

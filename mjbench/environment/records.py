@@ -45,12 +45,17 @@ class EnvironmentFacts:
 
     Attributes:
       framework: whose it is, such as `Gymnasium`.
+      core: class of the innermost environment.
       wrappers: classes of the environments around it, the outermost first.
+      versions: of the packages that these classes come from, by name.
+      seed: of the actions and of the first reset.
+      nepisode: episodes that were begun.
       episode_nstep: steps of an episode, the mean of those that ended; None where none did.
       repeats: whether it did the same in another pass with the same seeds and actions.
       frame_skip: steps of the engine in a step of the environment; None where they vary.
       calls: functions by which it steps the engine, such as `mj_step ×5`, in their order.
       entered: fields of the state, other than ctrl, that it writes before a step of the engine.
+      model: facts about its model.
       unrepeated: what was not the same in another pass; empty where all was, and in older files.
       dm_control_release: how that which dm_control was built for differs from the installed one;
         None where it does not, or dm_control was not used.
@@ -80,6 +85,7 @@ class PhysicsCheck:
     Attributes:
       status: `ok`; `disagrees` where a plain `mj_step` did not reach the same state; `unavailable`
         where the environment does what no plain loop does.
+      detail: why it is not ok, in one line.
       checked: calls of the engine that a plain `mj_step` repeated, each from the same state.
       covered: steps of the environment that the comparison covers.
       run: of these, consecutive ones in each simulation; None without a comparison.
@@ -100,6 +106,8 @@ class PathSamples:
     """How long the same physics took by one path, in each round.
 
     Attributes:
+      closed_loop: whether a policy can choose each control.
+      status: `ok`, or why it has no speed.
       ns: per step of the environment.
     """
 
@@ -126,6 +134,7 @@ class PhysicsPath(PathSamples):
 
     Attributes:
       steps_per_s: of the engine.
+      speedup: over steps of the environment, round by round.
       over_loop: speed-up over the plain loop, round by round.
     """
 
@@ -150,6 +159,7 @@ class VectorSamples:
     """How long steps of several environments took together, in each round.
 
     Attributes:
+      status: `ok`, or why it has no speed.
       ns: per step of one environment.
       single_ns: of the same steps in one environment after the other, resets included as well.
       ncore: cores that it can use: 1, or one for each process as far as there are; None where it
@@ -224,12 +234,18 @@ class EnvironmentRecord:
     """What was measured of an environment; nanoseconds are per step of it, one entry per round.
 
     Attributes:
+      environment: its name, as the user typed it.
+      status: `ok`, or why it was not measured to the end.
       facts: None where it could not be stepped.
       check: of its physics; None likewise.
       step_ns: of plain passes.
+      compared_ns: of plain passes, over the steps that the comparison covers alone.
       reset_ns: of a reset, in plain passes.
       layered_ns: of passes in which functions were timed, with the timer's cost.
       timer_ns: by which a step took longer because functions were timed, the median of all steps.
+      timer_cost: what a call of a timed function costs at least.
+      layers: what each function took.
+      paths: the same physics by other paths.
       cores: that threads got, in each round (see `machine.Calibration`).
       no_vectors: why there are none; empty where there are.
     """

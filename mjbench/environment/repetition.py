@@ -33,7 +33,10 @@ class FieldDifference:
 
     Attributes:
       field: such as `observation`, `observation['arm']`, `reward` or `qpos`.
+      is_physics: whether it belongs to the state of the simulation.
       entries: the first of its entries that differ, in the order of a flat array.
+      count: of entries that differ.
+      size: entries that it has.
     """
 
     field: str

@@ -44,6 +44,8 @@ class Distance:
 
     Attributes:
       share: of positions, as a share of the motion; the larger of the two units.
+      position: in m and rad.
+      velocity: in m/s and rad/s.
     """
 
     share: float

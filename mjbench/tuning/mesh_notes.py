@@ -35,6 +35,7 @@ class MeshNote:
 
     Attributes:
       geom: its name, or `geom 3` by its index where it has none.
+      primitive: that contains the convex hull.
       share: the hull's share of the primitive's volume, from MIN_SHARE to 1.
     """
 

@@ -22,6 +22,7 @@ class Physics:
       violation: the largest violation of an equality or a limit of a state, in m or rad.
       energy_drift_j: the magnitude of the change of potential and kinetic energy since the start,
         in J.
+      contact_force_n: sum of the normal forces of a state's contacts, in N.
     """
 
     penetration_m: float

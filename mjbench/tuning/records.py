@@ -50,6 +50,7 @@ class Accuracy:
     Attributes:
       error: distance from the reference, within the horizon.
       distance: from the runs with present settings.
+      physics: of the states along the runs.
       run_errors: of each run from the reference, as a share of the motion.
     """
 
@@ -82,9 +83,11 @@ class Attempt:
     """How settings did in the search; None is what was not measured, or failed.
 
     Attributes:
+      accuracy: what they do to the motion, in C.
       time_ratio: their time over that of the present settings, within one process: of a simulated
         second in C, of a batched step in MJX and Warp.
       ratio: the same in fresh processes, with its 95 % interval.
+      program: what they compile to, in MJX and Warp.
       samples: raw times of its blocks; A is the present settings.
     """
 
@@ -111,6 +114,8 @@ class Recommendation:
     Attributes:
       ratio: their time over that of the present settings, in fresh processes from further starts,
         with its 95 % interval.
+      error: as of an attempt; the larger of both looks.
+      effect: on the motion; the larger of both looks.
       is_allowed: whether the error is no larger than allowed, in both looks; if not, the user may
         still choose them.
     """
@@ -140,6 +145,7 @@ class BatchFacts:
     Attributes:
       horizon_s: simulated seconds of each run over which errors are compared.
       rounding: distance of C's runs whose starts and controls are rounded to that precision.
+      settings: there are to try.
     """
 
     device: str
@@ -170,13 +176,18 @@ class TuneRecord:
     """A search for settings of one model; None is what was not reached.
 
     Attributes:
+      engine: `c`, or the path that steps the model in batches, such as `mjx`.
+      seed: of starts and controls; the second look has the next one.
       max_error: the largest error allowed, as a share of the motion; None for that of the present
         settings, as `allowed_error` has it.
       present: what the present settings do in C, on the starts of the second look; its error is the
         larger of both looks.
+      batch: what MJX and Warp are measured by; None for C.
       untried: settings for which there was no time.
       front: recommendations, the smallest effect first and the slowest first within it; of MJX and
         Warp, the fastest first.
+      meshes: that collide, and that nearly fill a primitive.
+      stages: share of a step by stage.
     """
 
     record_type: ClassVar[str] = "tune"

@@ -79,9 +79,14 @@ class Present:
 
     Attributes:
       horizon_s: simulated seconds of each over which errors are compared.
+      horizon_ncontrol: controls of each within the horizon.
+      run_s: simulated seconds of each.
       is_comparable: whether errors mean something over the horizon; if not, it is the shortest one.
+      error: of the present settings, from the reference.
       rounding: distance of runs from starts that differ in the last place.
       solver: distance of runs with the same timestep and a converged solver.
+      motion_m: how far the model moves, in m; None without such degrees of freedom.
+      motion_rad: in rad.
     """
 
     nrun: int

@@ -10,6 +10,7 @@ class LoopChange:
     """What a setting changes in the loop that steps a model; one of the two, as no path has both.
 
     Attributes:
+      is_clock_off: whether the timer of MuJoCo's Python package is off (see `engine_clock`).
       engine_threads: of the engine's own pool within one simulation; 0 for none.
     """
 
@@ -64,6 +65,7 @@ class Setting:
     """One value of a knob.
 
     Attributes:
+      loop: what it changes in the loop.
       loses: what else the user gives up, in a few words, such as `sensor data`; empty for nothing.
       evidence: what was observed that makes it possible, in one sentence; empty for nothing.
       buffer_sizes: `nconmax` or `njmax` of the make_data of MJX and Warp, for each simulation.
