@@ -39,6 +39,7 @@ class StepTrace:
     Attributes:
       start: (nstate,) mjSTATE_INTEGRATION at the first call that ends a step, controls included.
       end: (nstate,) the state after the last such call.
+      control: (nstep, nu) of every step of the engine.
       calls: functions of the engine in their order, such as `mj_step2`, with the steps that each
         takes.
       written: fields other than ctrl that were written between two calls.
@@ -71,6 +72,8 @@ class Recording:
       checked: calls that a plain `mj_step` repeated.
       difference: the first call that it did not repeat to the last bit, and in which step of the
         environment; None without any.
+      model: a copy of the one that most steps were taken with, which has this version; None where
+        the engine was never stepped.
       obstacle: why no plain loop can do the same, in one line; empty where one can.
     """
 

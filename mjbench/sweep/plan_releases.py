@@ -36,10 +36,8 @@ def releases(file: PlanFile, known: Callable[[], Collection[str]]) -> tuple[Rele
         with file.at("", "releases", name):
             if name not in (INSTALLED, NEWEST, PREVIOUS) and versions is None:
                 versions = known()
-            named = _range(name, versions or ()) if ".." in name else [_release(name)]
-            for spec in named:
+            for spec in _range(name, versions or ()) if ".." in name else [_release(name)]:
                 _check_exists(spec, versions or ())
-            for spec in named:
                 if spec.version in specs:
                     raise InputError(f"{shown(name)}: MuJoCo {spec.version} is given twice")
                 specs[spec.version] = spec

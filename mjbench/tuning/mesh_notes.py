@@ -69,6 +69,7 @@ class _Hull:
 
     Attributes:
       vertices: (nvertex, 3) of the hull, in m.
+      triangles: (ntriangle, 3, 3) their corners.
     """
 
     vertices: np.ndarray

@@ -26,6 +26,7 @@ class Trials:
 
     Attributes:
       initial_state: (nrun, nstate) rows of mjSTATE_INTEGRATION.
+      control: (nrun, ncontrol, nu); each is held for `control_s` of simulated time.
     """
 
     initial_state: np.ndarray
