@@ -3,8 +3,8 @@
 import html
 from collections.abc import Iterator, Sequence
 
-from mjbench.pages.content import Conclusion, DataTable, Report, Tone
 from mjbench.report import markdown
+from mjbench.report.content import Conclusion, DataTable, Report, Tone
 from mjbench.report.markdown import code, escaped
 
 _MARKS = {
@@ -26,7 +26,8 @@ def render(report: Report) -> Iterator[str]:
         yield f"<details><summary>{html.escape(section.heading, quote=False)}</summary>"
         yield ""
         yield from _conclusions(section.conclusions)
-        for table in section.tables or [figure.data for figure in section.figures]:
+        yield from (f"- {escaped(fact)}" for fact in section.facts)
+        for table in section.shown_tables:
             yield ""
             yield from _table(table)
         yield ""
@@ -50,6 +51,7 @@ def _conclusions(conclusions: Sequence[Conclusion]) -> Iterator[str]:
 
 
 def _table(table: DataTable) -> Iterator[str]:
+    table = table.without_empty_columns()
     headings = [escaped(column.title) or " " for column in table.columns]
     right = {escaped(column.title) for column in table.columns if column.is_number}
     rows = (
