@@ -1,7 +1,7 @@
 """How many cores threads get, measured in a process of its own."""
 
 from mjbench.instrument import machine
-from mjbench.paired import requests
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
@@ -33,7 +33,7 @@ class Calibrator:
         if self._process is None:
             self._process = self._pool.start(self._release)
             self._process.wait()
-        return self._process.call(requests.CountCores(self._nthread))
+        return self._process.call(Worker.count_cores, self._nthread)
 
     def close(self) -> None:
         """End the process."""

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from mjbench.errors import InputError
-from mjbench.paired import requests
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError, WorkerProcess
 from mjbench.releases import movable
@@ -78,10 +78,10 @@ def _as_shipped(
     source = models.resolve(_MODEL)
     pool.wait_for(process, release)
     try:
-        process.call(requests.LoadModel(source.name, source.path, {}))
-        request = requests.MakeWorkload(SampleRequest(_NBATCH, _NSTEP, starts=KEYFRAME_STARTS))
-        workload = pool.save(process.call(request).workload)
-        return workload, process.call(requests.Observe(workload)).final_state
+        process.call(Worker.load_model, source.name, source.path, {})
+        request = SampleRequest(_NBATCH, _NSTEP, starts=KEYFRAME_STARTS)
+        workload = pool.save(process.call(Worker.make_workload, request).workload)
+        return workload, process.call(Worker.observe, workload).final_state
     except InputError as error:
         raise ImmovableError(f"it cannot be checked: {error}") from error
 
@@ -97,8 +97,8 @@ def _compare(
     source = models.resolve(_MODEL)
     try:
         pool.wait_for(process, release)
-        process.call(requests.LoadModel(source.name, source.path, {}))
-        states = process.call(requests.Observe(workload)).final_state
+        process.call(Worker.load_model, source.name, source.path, {})
+        states = process.call(Worker.observe, workload).final_state
     except (InputError, TargetError) as error:
         raise ImmovableError(f"with moved libraries it fails: {error}") from error
     if not np.array_equal(states, expected):

@@ -15,11 +15,12 @@ import numpy as np
 from mjbench import paths
 from mjbench.comparison import step_costs
 from mjbench.errors import InputError
-from mjbench.paired import requests
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.run_sizes import DRAWN_PER_RUN, RunSize, Sizes, run_size
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit, launch_s
+from mjbench.paired.worker import Worker
+from mjbench.paired.worker_answers import DrawnWorkload, Observed
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.simulation import agreement, starts, work_check
@@ -121,7 +122,7 @@ class _ChosenSizes:
     sizes: Sizes
     run: RunSize
     faster_step_s: float | None
-    request: requests.MakeWorkload
+    request: SampleRequest
     sleep_alike: bool
 
     def nsection(self, nbatch: int) -> int:
@@ -183,8 +184,8 @@ def _load(
     models = (pool.new_file(".mjb"), pool.new_file(".mjb"))
     for process, target, file in zip(processes, targets, models, strict=True):
         source, options = target.model, dict(target.model_options)
-        process.call(requests.LoadModel(source.name, source.path, options))
-        process.call(requests.SaveModel(file))
+        process.call(Worker.load_model, source.name, source.path, options)
+        process.call(Worker.save_model, file)
     return models
 
 
@@ -206,9 +207,9 @@ def _choose_sizes(
     step_s, costs_s, settling_nstep = 0.0, list[float](), 0
     sleeps, is_plain_loop = list[bool](), _is_plain_loop(targets, sizes)
     for process in processes:
-        request = requests.MeasureStepCost(sizes.starts, sizes.nbatch or NSTART, sizes.hold)
-        now = process.call(request)
-        settled = functools.partial(process.call, requests.MeasureSettledCost())
+        nstart = sizes.nbatch or NSTART
+        now = process.call(Worker.measure_step_cost, sizes.starts, nstart, sizes.hold)
+        settled = functools.partial(process.call, Worker.measure_settled_cost)
         step_s = max(step_s, now.step_s)
         costs_s.append(step_costs.step_cost_s(now.digest, settled))
         cost_s = max(costs_s)
@@ -242,8 +243,7 @@ def _choose_sizes(
         lead_in=whole_holds(LEAD_IN, sizes.hold) if any(sleeps) and is_plain_loop else 0,
         perturbs=sizes.perturbs,
     )
-    making = requests.MakeWorkload(sample)
-    return _ChosenSizes(sizes, run, faster_step_s, making, len(set(sleeps)) == 1)
+    return _ChosenSizes(sizes, run, faster_step_s, sample, len(set(sleeps)) == 1)
 
 
 def _is_plain_loop(targets: Sequence[Target], sizes: Sizes) -> bool:
@@ -267,7 +267,7 @@ def _prepared(
     targets: tuple[Target, Target],
     processes: Sequence[WorkerProcess],
     models: tuple[Path, Path],
-    drawn: tuple[requests.DrawnWorkload, requests.DrawnWorkload],
+    drawn: tuple[DrawnWorkload, DrawnWorkload],
     chosen: _ChosenSizes,
 ) -> Preparation:
     """See what each target does with its workload; save what is to be timed.
@@ -287,7 +287,7 @@ def _prepared(
     observed = []
     for process, workload in zip(processes, workloads, strict=True):
         with pool.saved(workload) as file:
-            observed.append(process.call(requests.Observe(file, drawn_nsection)))
+            observed.append(process.call(Worker.observe, file, drawn_nsection))
     baseline, candidate = observed
     rows = _rows_to_time(targets, (baseline, candidate), shared)
     nsim = len(rows[0])
@@ -314,17 +314,17 @@ def _prepared(
 
 def _draw(
     targets: Sequence[Target], processes: Sequence[WorkerProcess], chosen: _ChosenSizes
-) -> tuple[requests.DrawnWorkload, requests.DrawnWorkload]:
+) -> tuple[DrawnWorkload, DrawnWorkload]:
     """Return the workload of each target: the same one for one model, in whatever releases.
 
     Two models each settle by themselves: what one comes to is no typical state of the other. Where
     their states have the same fields, the candidate steps from the baseline's probe nevertheless,
     so that results are compared.
     """
-    drawn = processes[0].call(chosen.request)
+    drawn = processes[0].call(Worker.make_workload, chosen.request)
     if targets[0].model == targets[1].model and chosen.sleep_alike:
         return drawn, drawn
-    own = processes[1].call(chosen.request)
+    own = processes[1].call(Worker.make_workload, chosen.request)
     probe = drawn.workload.probe
     if _widths(drawn.workload.fields) != _widths(own.workload.fields):
         return drawn, own
@@ -336,7 +336,7 @@ def _widths(fields: Mapping[str, np.ndarray]) -> dict[str, int]:
 
 
 def _rows_to_time(
-    targets: Sequence[Target], observed: tuple[requests.Observed, requests.Observed], shared: bool
+    targets: Sequence[Target], observed: tuple[Observed, Observed], shared: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the simulations that each target is timed with: as many, and none that diverges.
 
@@ -364,9 +364,7 @@ def _rows_to_time(
     return baseline[:count], candidate[:count]
 
 
-def _drift(
-    baseline: requests.Observed, candidate: requests.Observed, shared: bool
-) -> StateDrift | None:
+def _drift(baseline: Observed, candidate: Observed, shared: bool) -> StateDrift | None:
     """Return how far the states of two targets differ; None where the sizes differ."""
     is_compared = baseline.healthy & candidate.healthy if shared else baseline.healthy
     return work_check.drift(baseline.followed, candidate.followed, is_compared, shared)

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from mjbench.instrument import stats, timing
-from mjbench.paired import cores, preparation, requests
+from mjbench.paired import cores, preparation
 from mjbench.paired.balanced_draws import BalancedDraws
 from mjbench.paired.calibrator import Calibrator
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
@@ -32,6 +32,7 @@ from mjbench.paired.time_limit import (
     layout_count,
     quad_count,
 )
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.placement import PlacementPair
@@ -213,7 +214,7 @@ class TargetPair:
         for process, target, model, workload in zip(
             processes, self._targets, self._prepared.models, self._prepared.workloads, strict=True
         ):
-            process.ask(requests.Equip(model, workload, target.path))
+            process.ask(Worker.equip, model, workload, target.path)
 
     def _lay_out(
         self, processes: Sequence[WorkerProcess], core: int | None, rows: Sequence[int]
@@ -223,17 +224,16 @@ class TargetPair:
         for i in random.sample((0, 1), 2):
             target = self._targets[i]
             ns += processes[i].call(
-                requests.Prepare(
-                    path=target.path,
-                    options=dict(target.options),
-                    cores=cores.usable(core),
-                    simulations=rows,
-                    callback=target.callback,
-                    slowdown=target.slowdown,
-                    returns=self._returns,
-                    metric=self._metric,
-                    nsection=self._prepared.nsection,
-                )
+                Worker.prepare,
+                target.path,
+                dict(target.options),
+                cores.usable(core),
+                rows,
+                callback=target.callback,
+                slowdown=target.slowdown,
+                returns=self._returns,
+                metric=self._metric,
+                nsection=self._prepared.nsection,
             )
         return 1e-9 * ns
 
@@ -244,7 +244,7 @@ def time_quads(
     """Time `count` quads; return their orders and (count, 4) nanoseconds."""
     processes = {"A": baseline, "B": candidate}
     for process in processes.values():
-        process.ask(requests.TimeBlocks())
+        process.ask(Worker.time_blocks)
     orders = timing.draw_orders(count)
     ns = np.array([[processes[letter].time_block() for letter in order] for order in orders])
     for process in processes.values():

@@ -1,7 +1,8 @@
 """The launches of a race: a fresh process each, in which paths are timed in turns (see `race`)."""
 
+import functools
 import random
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -9,10 +10,10 @@ from typing import TypeVar
 from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.errors import InputError
 from mjbench.instrument import machine
-from mjbench.paired import cores, launch_seeds, requests
+from mjbench.paired import cores, launch_seeds
 from mjbench.paired.race import UnableError
 from mjbench.paired.race_record import RaceLaunch, UnableVariant
-from mjbench.paired.requests import Request
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError, WorkerProcess
 from mjbench.paths.parallelism import nthread
@@ -77,21 +78,22 @@ class RaceLaunches:
         process = self._pool.start(self._release, f"{self._name} in a fresh process", seeds=seeds)
         try:
             process.ask(
-                requests.EquipRace(
-                    self._work.model_file,
-                    self._work.workload_file,
-                    self._plan.returns,
-                    sorted(cores.USABLE),
-                    self._plan.import_from,
-                )
+                Worker.equip_race,
+                self._work.model_file,
+                self._work.workload_file,
+                self._plan.returns,
+                sorted(cores.USABLE),
+                self._plan.import_from,
             )
             self._pool.wait_for(process, self._release)
             had = self._cores_had(process, positions)
             prepared = random.sample(list(positions), len(positions))
             for position in prepared:
-                variant = self._variants[position]
-                request = requests.PrepareEntrant(variant.path, dict(variant.options))
-                self._attempt(process, position, request, "preparing")
+                path, options = self._variants[position].path, self._variants[position].options
+                prepare = functools.partial(
+                    process.call, Worker.prepare_entrant, path, dict(options)
+                )
+                self._attempt(process, position, prepare, "preparing")
             rows = [self._time_round(process, prepared, o) for o in _orders(len(prepared))]
         finally:
             self._pool.end([process])
@@ -106,8 +108,8 @@ class RaceLaunches:
         row = [0] * len(order)
         for place, number in enumerate(order):
             position = prepared[number]
-            request = requests.TimeEntrant(number, reorders=place == 0)
-            timed = self._attempt(process, position, request, "timing")
+            time = functools.partial(process.call, Worker.time_entrant, number, reorders=place == 0)
+            timed = self._attempt(process, position, time, "timing")
             if timed.difference:
                 raise UnableError(UnableVariant(position, Status.DISAGREES, timed.difference))
             row[number] = timed.ns
@@ -117,18 +119,18 @@ class RaceLaunches:
         """Return how many cores threads get now; None where no variant has any."""
         threads = max(nthread(self._variants[i].options) for i in positions)
         count = min(machine.usable_cores(), threads)
-        return process.call(requests.CountCores(count)) if count > 1 else None
+        return process.call(Worker.count_cores, count) if count > 1 else None
 
     def _attempt(
-        self, process: WorkerProcess, position: int, request: Request[_T], activity: str
+        self, process: WorkerProcess, position: int, call: Callable[[], _T], activity: str
     ) -> _T:
-        """Return the answer to a request about one variant.
+        """Return the answer to a call about one variant.
 
         Raises:
           UnableError: the variant cannot run; the plain loop's is a TargetError.
         """
         try:
-            return process.call(request)
+            return call()
         except InputError as error:
             status, cause = Status.FAILED, str(error).removeprefix(f"{process.name}: ")
         except TargetError as error:

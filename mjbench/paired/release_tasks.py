@@ -15,13 +15,14 @@ from typing import ClassVar
 import numpy as np
 
 from mjbench.errors import Failure, InputError, UnavailableError
-from mjbench.paired import cores, preparation, requests
+from mjbench.paired import cores, preparation
 from mjbench.paired.balanced_draws import BalancedDraws
 from mjbench.paired.operations import Operation
 from mjbench.paired.preparation import Preparation
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
@@ -196,7 +197,7 @@ class StepTask(ReleaseTask):
         for process, target, model, workload in zip(
             processes, self._targets, prepared.models, prepared.workloads, strict=True
         ):
-            process.call(requests.Equip(model, workload, target.path))
+            process.call(Worker.equip, model, workload, target.path)
 
     def ready(self, processes: Processes, core: int | None) -> tuple[int, int]:
         """See `ReleaseTask.ready`."""
@@ -206,14 +207,14 @@ class StepTask(ReleaseTask):
         rows = draws.draw(prepared.work_check.nbatch)
         ns = {}
         for i in random.sample((0, 1), 2):
-            request = requests.Prepare(
-                path=self._targets[i].path,
-                options={},
-                cores=cores.usable(core),
-                simulations=rows,
+            ns[i] = processes[i].call(
+                Worker.prepare,
+                self._targets[i].path,
+                {},
+                cores.usable(core),
+                rows,
                 nsection=prepared.nsection,
             )
-            ns[i] = processes[i].call(request)
         return ns[0], ns[1]
 
     def record(self, problem: str, seconds: float) -> StepRatioRecord:
@@ -265,8 +266,11 @@ class OperationTask(ReleaseTask):
 
     def ready(self, processes: Processes, core: int | None) -> tuple[int, int]:
         """See `ReleaseTask.ready`."""
-        request = requests.PrepareOperation(self.operation.name, self._file, cores.usable(core))
-        ready = {i: processes[i].call(request) for i in random.sample((0, 1), 2)}
+        name, allowed = self.operation.name, cores.usable(core)
+        ready = {
+            i: processes[i].call(Worker.prepare_operation, name, self._file, allowed)
+            for i in random.sample((0, 1), 2)
+        }
         reference, release = ready[0], ready[1]
         self._drift = None
         if reference.result.shape == release.result.shape:

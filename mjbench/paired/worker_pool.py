@@ -1,4 +1,4 @@
-"""Processes in the environment of any release, each answering requests (see `requests`)."""
+"""Processes in the environment of any release, each doing tasks (see `worker`)."""
 
 import contextlib
 import pickle
@@ -9,8 +9,10 @@ from typing import Any
 
 from mjbench.errors import writing
 from mjbench.instrument import platforms, scratch
-from mjbench.paired import launch_seeds, release_python, requests
+from mjbench.paired import launch_seeds, release_python
 from mjbench.paired.launch_seeds import LaunchSeeds
+from mjbench.paired.worker import Worker
+from mjbench.paired.worker_answers import Move
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.paired.worker_programs import WorkerProgram, WorkerPrograms
 from mjbench.releases import installs, movable
@@ -118,7 +120,7 @@ class WorkerPool:
         move = None
         if placement is not None:
             movable_file, others = self._movable_files(release)
-            move = requests.Move(movable_file, others, self.new_file(".moved"), placement)
+            move = Move(movable_file, others, self.new_file(".moved"), placement)
         self._seeds = seeds or self._seeds
         program = WorkerProgram(release.key, install, side, self._seeds.program)
         connection, process = self._programs.start(program, output_file, cores)
@@ -127,7 +129,7 @@ class WorkerPool:
         worker = WorkerProcess(connection, name, self.limit_s, process, output_file, moved_install)
         self._processes.append(worker)
         check_files = release.key not in self._checked
-        worker.ask(requests.StartRelease(release.version, check_files, self._seeds.memory, move))
+        worker.ask(Worker.start_release, release.version, check_files, self._seeds.memory, move)
         return worker
 
     def seeds(

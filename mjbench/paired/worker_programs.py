@@ -2,18 +2,17 @@
 
 import os
 import socket
-import struct
 import subprocess
 from collections.abc import Collection
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from mjbench.errors import MachineError, one_line, writing
-from mjbench.instrument import child, platforms
+from mjbench.errors import writing
+from mjbench.instrument import child, child_connection, platforms
+from mjbench.instrument.child_connection import Process
 from mjbench.paired import cores, release_python
 from mjbench.paired.fork_server_process import ForkServerProcess
-from mjbench.paired.worker_process import Process
 
 # Programs that wait for requests, at most: those of two sides, for the releases used last.
 _MAX_SERVERS = 4
@@ -75,10 +74,7 @@ class WorkerPrograms:
         Raises:
           MachineError: no process can be started.
         """
-        ours, theirs = _socket_pair(socket.SOCK_STREAM)
-        # of an answer that has begun; `poll` waits for its beginning
-        ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _timeval(self._limit_s))
-        connection = Connection(ours.detach())
+        connection, theirs = child_connection.pair(self._limit_s)
         try:
             with theirs:
                 return connection, self._start_worker(program, theirs, output_file, allowed)
@@ -149,7 +145,7 @@ class WorkerPrograms:
         """Start a program that forks workers."""
         self._server_count += 1
         output_file = self._folder / f"server{self._server_count}.output"
-        ours, theirs = _socket_pair(socket.SOCK_SEQPACKET)
+        ours, theirs = child_connection.sockets(socket.SOCK_SEQPACKET)
         with theirs:
             process = self._start("mjbench.paired.fork_server", program, theirs, output_file)
         return ForkServerProcess(process, ours, self._limit_s, output_file)
@@ -186,21 +182,3 @@ class WorkerPrograms:
 def _stack_bytes(seed: int) -> int:
     """Return how much further down the stack begins: a multiple of 16 within a page."""
     return 16 * (seed % 256)
-
-
-def _socket_pair(kind: int) -> tuple[socket.socket, socket.socket]:
-    """Return a connected pair of sockets.
-
-    Raises:
-      MachineError: the system has none left.
-    """
-    try:
-        return socket.socketpair(type=kind)
-    except OSError as error:
-        raise MachineError(f"cannot start a process: {one_line(error)}") from error
-
-
-def _timeval(seconds: float) -> bytes:
-    """Return a time as the `struct timeval` of C."""
-    whole = int(seconds)
-    return struct.pack("@ll", whole, int(1e6 * (seconds - whole)))

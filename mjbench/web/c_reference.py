@@ -15,8 +15,8 @@ from mjbench import paths
 from mjbench.comparison import step_costs
 from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError
-from mjbench.paired import requests
 from mjbench.paired.run_sizes import RunSize
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
@@ -108,21 +108,21 @@ def prepare(
     try:
         pool.wait_for(process, release)
         begin = clock()
-        process.call(requests.LoadModel(source.name, source.path, {}))
+        process.call(Worker.load_model, source.name, source.path, {})
         compile_ms = 1e3 * (clock() - begin)
-        files = process.call(requests.ListFiles(source.path))
+        files = process.call(Worker.list_files, source.path)
         model_file = pool.new_file(".mjb")
-        process.call(requests.SaveModel(model_file))
+        process.call(Worker.save_model, model_file)
         sample, step_s = _sample(process, sizes)
-        drawn = process.call(requests.MakeWorkload(sample))
+        drawn = process.call(Worker.make_workload, sample)
         with pool.saved(drawn.workload) as file:
-            observed = process.call(requests.Observe(file))
+            observed = process.call(Worker.observe, file)
         healthy = np.flatnonzero(observed.healthy)
         if not len(healthy):
             raise InputError(f"every simulation diverges ({observed.diagnosis})")
         workload = drawn.workload.only(healthy, observed.final_state)
         with pool.saved(workload) as file:
-            traced = process.call(requests.Trace(file, sizes.seed)).reference
+            traced = process.call(Worker.trace, file, sizes.seed)
         block = block_size(traced.run, step_s)
         return CReference(
             files,
@@ -155,9 +155,9 @@ def _first(workload: PortableWorkload, run: ReferenceRun, block: RunSize) -> Por
 
 def _sample(process: WorkerProcess, sizes: WebSizes) -> tuple[SampleRequest, float]:
     """Return the workload to draw, and about how many seconds a step of it takes."""
-    request = requests.MeasureStepCost(sizes.starts, sizes.nbatch or NBATCH, sizes.hold)
-    now = process.call(request)
-    step_s = step_costs.step_cost_s(now.digest, lambda: process.call(requests.MeasureSettledCost()))
+    nstart = sizes.nbatch or NBATCH
+    now = process.call(Worker.measure_step_cost, sizes.starts, nstart, sizes.hold)
+    step_s = step_costs.step_cost_s(now.digest, lambda: process.call(Worker.measure_settled_cost))
     nstep = sizes.nstep or whole_holds(NSTEP, sizes.hold)
     affordable = max(_MIN_NBATCH, int(_PASS_S / (nstep * step_s)))
     sample = SampleRequest(
@@ -196,20 +196,19 @@ def timed_paths(
         for i, variant in enumerate(variants):
             process = pool.start(release, f"{variant} of MuJoCo {release.version}", side=i)
             processes.append(process)
-            process.ask(requests.Equip(reference.model_file, reference.block_file, variant.path))
+            process.ask(Worker.equip, reference.model_file, reference.block_file, variant.path)
         for process, variant in zip(processes, variants, strict=True):
             pool.wait_for(process, release)
             process.call(
-                requests.Prepare(
-                    path=variant.path,
-                    options=dict(variant.options),
-                    cores=[] if core is None else [core],
-                    simulations=range(reference.block.nbatch),
-                    has_timer=False,
-                )
+                Worker.prepare,
+                variant.path,
+                dict(variant.options),
+                [] if core is None else [core],
+                range(reference.block.nbatch),
+                has_timer=False,
             )
         for process in processes:
-            process.ask(requests.TimeBlocks())
+            process.ask(Worker.time_blocks)
         yield processes
         for process in processes:
             process.end_blocks()

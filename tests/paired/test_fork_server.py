@@ -15,9 +15,10 @@ from commands import ROOT
 from paired_examples import INSTALLED
 
 from mjbench.instrument import child, platforms
-from mjbench.paired import fork_server, release_python, requests
+from mjbench.paired import fork_server, release_python
 from mjbench.paired.fork_server_process import ForkServerProcess
 from mjbench.paired.launch_seeds import LaunchSeeds
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError, WorkerProcess
 
@@ -183,7 +184,7 @@ def test_workers_outlive_a_server_that_is_killed() -> None:
         os.waitid(os.P_PID, server, os.WEXITED | os.WNOWAIT)  # it has ended
         other = pool.start(INSTALLED)
         pool.wait_for(other, INSTALLED)
-        assert worker.call(requests.CountCores(1)) > 0
+        assert worker.call(Worker.count_cores, 1) > 0
 
 
 def test_a_server_that_hangs_is_killed_once_the_limit_has_passed(tmp_path: Path) -> None:
@@ -247,7 +248,7 @@ def test_a_worker_that_dies_is_named_with_the_signal() -> None:
         pool.wait_for(worker, INSTALLED)
         os.kill(worker.pid, signal.SIGSEGV)
         with pytest.raises(TargetError, match=r"worker: killed by signal 11 \(SIGSEGV\)"):
-            worker.call(requests.CountCores(1))
+            worker.call(Worker.count_cores, 1)
 
 
 def test_a_worker_that_raises_ends_and_does_not_go_on_as_its_server() -> None:

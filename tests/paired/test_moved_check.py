@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from paired_examples import INSTALLED
 
-from mjbench.paired import moved_check, requests
+from mjbench.paired import moved_check
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError
 from mjbench.releases import movable
@@ -25,8 +26,8 @@ class Process:
     def __init__(self, states: np.ndarray | Exception):
         self._states, self.has_ended = states, False
 
-    def call(self, request: requests.Request[Any]) -> Any:
-        if isinstance(request, requests.Observe):
+    def call(self, task: Any, *arguments: Any) -> Any:
+        if task == Worker.observe:
             if isinstance(self._states, Exception):
                 raise self._states
             return SimpleNamespace(final_state=self._states)

@@ -13,9 +13,10 @@ from paired_examples import CARTPOLE
 
 from mjbench.errors import MachineError
 from mjbench.instrument import machine, platforms
-from mjbench.paired import cores, launch_seeds, protocol, requests, time_limit
+from mjbench.paired import cores, launch_seeds, protocol, time_limit
 from mjbench.paired.process_pairs import ProcessPairs
 from mjbench.paired.protocol import Launch, TargetPair
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError, WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
@@ -106,7 +107,7 @@ def test_an_interrupt_ends_what_is_measured(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupt(baseline: Any, candidate: Any, count: int) -> Any:
-        baseline.ask(requests.TimeBlocks())  # it waits for a block to run, and is asked for none
+        baseline.ask(Worker.time_blocks)  # it waits for a block to run, and is asked for none
         raise KeyboardInterrupt
 
     monkeypatch.setattr(protocol, "time_quads", interrupt)

@@ -9,7 +9,7 @@ import pretending_node
 import pytest
 
 from mjbench.comparison.plan import Variant
-from mjbench.paired import requests
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases import installs
@@ -77,10 +77,10 @@ def test_c_is_timed_without_the_timer_of_the_python_package(
     """No build has such a timer."""
     prepared, call = [], WorkerProcess.call
 
-    def noting(process: WorkerProcess, request: Any) -> Any:
-        if isinstance(request, requests.Prepare):
-            prepared.append(request.has_timer)
-        return call(process, request)
+    def noting(process: WorkerProcess, task: Any, *arguments: Any, **named: Any) -> Any:
+        if task == Worker.prepare:
+            prepared.append(named["has_timer"])
+        return call(process, task, *arguments, **named)
 
     monkeypatch.setattr(WorkerProcess, "call", noting)
     wasm(measured())
