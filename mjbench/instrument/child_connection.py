@@ -8,12 +8,12 @@ import pickle
 import socket
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Protocol
 
-from mjbench.errors import MachineError, one_line
+from mjbench.errors import MachineError, one_line, writing
 from mjbench.instrument import child
 from mjbench.status import Status
 
@@ -116,6 +116,11 @@ class ChildConnection:
         doing = f" while {activity}" if activity else ""
         return ChildError(ending, cause, doing + child.last_line(self._output_file))
 
+    def end(self) -> None:
+        """End the child, whatever it is doing."""
+        self.process.end()
+        self.connection.close()
+
     def _poll(self, limit_s: float, watch: Callable[[], None] | None) -> bool:
         """Wait until the child has sent something, or ended; return whether it has."""
         if watch is None:
@@ -128,6 +133,36 @@ class ChildConnection:
                 return True
             if left_s == 0.0:
                 return False
+
+
+def start(
+    command: Callable[[int], Sequence[str]], output_file: Path, limit_s: float, **arguments: Any
+) -> ChildConnection:
+    """Start a child with a connection.
+
+    Args:
+      command: program and arguments, for the descriptor of the child's end.
+      output_file: for what it prints.
+      limit_s: see `pair`.
+      arguments: further ones of `child.Child`.
+
+    Raises:
+      MachineError: no process can be started, or the file cannot be written.
+    """
+    ours, theirs = pair(limit_s)
+    try:
+        with theirs, writing(output_file), output_file.open("wb") as output:
+            process = child.Child(
+                command(theirs.fileno()),
+                stdout=output,
+                stderr=output,
+                pass_fds=[theirs.fileno()],
+                **arguments,
+            )
+    except BaseException:
+        ours.close()
+        raise
+    return ChildConnection(ours, process, output_file)
 
 
 def pair(limit_s: float) -> tuple[Connection, socket.socket]:

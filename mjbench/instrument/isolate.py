@@ -20,7 +20,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from mjbench.errors import InputError, MachineError, failure_of, writing
+from mjbench.errors import InputError, MachineError, failure_of
 from mjbench.instrument import child, child_connection, scratch
 from mjbench.instrument.child_connection import ChildConnection, ChildError
 from mjbench.status import Status
@@ -138,35 +138,21 @@ def run(
       MachineError: no process can be started, or its files cannot be written.
     """
     with scratch.folder() as folder:
-        connection = _start(task, folder, _environment(import_from, environment or {}), limit_s)
+        connection = child_connection.start(
+            lambda descriptor: [
+                *(sys.executable, "-c", _CHILD, task, str(descriptor), str(os.getpid()))
+            ],
+            folder / _LOG,
+            limit_s,
+            stdin=subprocess.DEVNULL,
+            cwd=folder,
+            env=_environment(import_from, environment or {}),
+        )
         try:
             end = _converse(connection, request, on_message, limit_s, memory_bytes)
         finally:
-            connection.process.end()
-            connection.connection.close()
+            connection.end()
         return end if end.status in (Status.OK, Status.INPUT) else _located(end, folder)
-
-
-def _start(
-    task: str, folder: Path, environment: Mapping[str, str], limit_s: float
-) -> ChildConnection:
-    """Start the child in a folder."""
-    ours, theirs = child_connection.pair(limit_s)
-    try:
-        with theirs, writing(folder / _LOG), (folder / _LOG).open("wb") as log:
-            process = child.Child(
-                [sys.executable, "-c", _CHILD, task, str(theirs.fileno()), str(os.getpid())],
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                cwd=folder,
-                env=environment,
-                pass_fds=[theirs.fileno()],
-            )
-    except BaseException:
-        ours.close()
-        raise
-    return ChildConnection(ours, process, folder / _LOG)
 
 
 def _converse(

@@ -14,10 +14,10 @@ import numpy as np
 from mjbench.comparison.plan import Variant
 from mjbench.errors import MachineError, UnavailableError, writing
 from mjbench.status import Status
-from mjbench.web import messages, rounding_check
+from mjbench.web import rounding_check
 from mjbench.web.c_reference import CReference
 from mjbench.web.node import Node
-from mjbench.web.node_process import NodeProcess
+from mjbench.web.node_process import Instantiated, NodeProcess
 from mjbench.web.npm_package import Build, NpmPackage
 from mjbench.web.records import StartUp
 from mjbench.web.rounding_check import RoundingCheck
@@ -56,7 +56,7 @@ class Engine:
             folder.mkdir()
         return NodeProcess(self.node, f"{build} ({name})", folder, self.limit_s)
 
-    def instantiate(self, process: NodeProcess, build: Build) -> messages.Instantiated:
+    def instantiate(self, process: NodeProcess, build: Build) -> Instantiated:
         """Have a process instantiate a build.
 
         Raises:
@@ -64,7 +64,9 @@ class Engine:
           MachineError: the engine is another release than its package says.
         """
         script = str(self.package.script(build))
-        instantiated = process.call(messages.Instantiate(script, self.nthread))
+        instantiated = process.call(
+            Instantiated, "instantiate", script=script, nthread=self.nthread
+        )
         if instantiated.version != self.package.version:
             raise MachineError(
                 f"{self.package.folder} says that it is {self.package.version}, and its engine that"
@@ -136,8 +138,8 @@ class BuildRun:
         """The process that is timed."""
         return self._processes[0]
 
-    def load(self) -> tuple[messages.Instantiated, messages.LoadedModel]:
-        """Start the process, and compile the model in it.
+    def load(self) -> tuple[Instantiated, float]:
+        """Start the process, compile the model in it; return how many milliseconds that took.
 
         Raises:
           UnavailableError: the build cannot have the threads that the variant asks for.
@@ -173,7 +175,7 @@ class BuildRun:
         run, block = self._reference.traced.run, self._reference.block
         control = run.control[: block.nbatch, : block.nstep // run.hold]
         arguments = self._steps(run.states[0, : block.nbatch], control, run.hold)
-        self.process.call(messages.Prepare(**arguments))
+        self.process.call(type(None), "prepare", **arguments)
 
     def check_blocks(self) -> None:
         """Refuse blocks that do not end where the run did that was checked.
@@ -184,7 +186,7 @@ class BuildRun:
         """
         assert self._states is not None, "the build was checked"
         file = self._folder / "block.f64"
-        self.process.call(messages.SaveStates(str(file)))
+        self.process.call(type(None), "save", states_file=str(file))
         block = self._reference.block
         final = _read(file, (block.nbatch, self._states.shape[2]))
         if not np.array_equal(final, self._states[block.nstep, : block.nbatch]):
@@ -202,8 +204,8 @@ class BuildRun:
 
     def start_up(
         self,
-        instantiated: messages.Instantiated,
-        loaded: messages.LoadedModel,
+        instantiated: Instantiated,
+        compile_ms: float,
         warmed: WarmUp,
     ) -> StartUp:
         """Return what the build took before it was steady."""
@@ -211,13 +213,13 @@ class BuildRun:
         return StartUp(
             import_ms=instantiated.import_ms,
             instantiate_ms=instantiated.instantiate_ms,
-            compile_ms=loaded.compile_ms,
+            compile_ms=compile_ms,
             first_ns=warmed.first_ns / (block.nbatch * block.nstep),
             warm_up_s=warmed.seconds,
             heap_bytes=instantiated.heap_bytes,
         )
 
-    def _load(self, files: tuple[str, ...]) -> tuple[messages.Instantiated, messages.LoadedModel]:
+    def _load(self, files: tuple[str, ...]) -> tuple[Instantiated, float]:
         """Compile a model in a new process."""
         build = Build(self.variant.path)
         folder = self._folder / f"process{len(self._processes)}"
@@ -228,8 +230,9 @@ class BuildRun:
         if threads and not instantiated.has_threadpool:
             raise UnavailableError(f"MuJoCo {instantiated.version} has no mju_threadpool")
         pairs = [(_path_there(file), file) for file in files]
-        loaded = process.call(messages.LoadModel(pairs, pairs[0][0], threads))
-        return instantiated, loaded
+        model = pairs[0][0]
+        compile_ms = process.call(float, "load", files=pairs, model=model, engine_threads=threads)
+        return instantiated, compile_ms
 
     def _run(self, process: NodeProcess) -> np.ndarray:
         """Return (nstep + 1, nbatch, nstate) states of the workload."""
@@ -247,8 +250,8 @@ class BuildRun:
     ) -> np.ndarray:
         """Step in a process, and return (npoint, nbatch, nstate) states."""
         file = self._folder / "states.f64"
-        arguments = self._steps(starts, control, hold)
-        process.call(messages.Record(**arguments, points=list(points), states_file=str(file)))
+        arguments = self._steps(starts, control, hold) | {"points": list(points)}
+        process.call(type(None), "record", **arguments, states_file=str(file))
         states = _read(file, (len(points), *starts.shape))
         file.unlink()
         return states

@@ -22,10 +22,10 @@ from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
-from mjbench.web import c_reference, messages, rounding_check
+from mjbench.web import c_reference, rounding_check
 from mjbench.web.build_run import ENGINE_THREADS, MIN_WARM_UP_S, BuildRun, Engine
 from mjbench.web.c_reference import CReference, WebSizes
-from mjbench.web.node_process import NodeError
+from mjbench.web.node_process import Memory, NodeError
 from mjbench.web.npm_package import Build
 from mjbench.web.records import WebPathRecord, WebRecord
 
@@ -128,7 +128,7 @@ class _Measurement:
         """Check a build; keep it for timing where it agrees."""
         record = WebPathRecord(path=run.variant.path, options=run.variant.options)
         try:
-            instantiated, loaded = run.load()
+            instantiated, compile_ms = run.load()
             check = run.check()
             record = replace(record, check=check)
             if failed := rounding_check.failures(check):
@@ -139,7 +139,7 @@ class _Measurement:
         except MjbenchError as error:
             return _failed(record, error)
         self._runs[position] = run
-        return replace(record, start_up=run.start_up(instantiated, loaded, warmed))
+        return replace(record, start_up=run.start_up(instantiated, compile_ms, warmed))
 
     def _time(self, processes: Sequence[WorkerProcess], core: int | None) -> None:
         """Time the paths of C, and the builds that agree, in turns."""
@@ -169,7 +169,7 @@ class _Measurement:
         path = self._paths[position]
         try:
             run.check_blocks()
-            memory = run.process.call(messages.MeasureMemory())
+            memory = run.process.call(Memory, "memory")
         except MjbenchError as error:
             self._paths[position] = _failed(path, error)
             return
