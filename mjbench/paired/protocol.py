@@ -12,15 +12,14 @@ the programs of the next start on the other cores.
 import math
 import random
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from mjbench.instrument import stats, timing
+from mjbench.instrument import machine, timing
 from mjbench.paired import cores, preparation
 from mjbench.paired.balanced_draws import BalancedDraws
-from mjbench.paired.calibrator import Calibrator
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
@@ -35,76 +34,8 @@ from mjbench.paired.time_limit import (
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
+from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.placement import PlacementPair
-
-
-@dataclass(frozen=True, eq=False)
-class Launch:
-    """What one launch measured.
-
-    Attributes:
-      core: that both targets ran on; None where they may use all.
-      cores: that as many threads as the targets have got just before; None for one thread.
-      orders: of each quad, `ABBA` or `BAAB`, layout by layout; A is the baseline.
-      ns: (quads, 4) nanoseconds of each block, in the order they ran.
-      placements: of the targets' libraries.
-      layouts: how many quads each layout of memory has, in the order they ran.
-      runs: which run each layout did: numbers that are equal where the simulations are.
-      nsection: sections of a run, which the quads of a layout take in turn.
-    """
-
-    core: int | None
-    cores: float | None
-    orders: Sequence[str]
-    ns: np.ndarray
-    placements: PlacementPair
-    layouts: Sequence[int]
-    runs: Sequence[int]
-    nsection: int = 1
-
-    def pair_log_ratios(self) -> np.ndarray:
-        """Return (quads, 2) log ratios of pairs (see `stats.pair_log_ratios`)."""
-        return stats.pair_log_ratios(self.orders, self.ns)
-
-    @property
-    def log_ratio(self) -> float:
-        """The log ratio of all that was timed (see `stats.total_log_ratio`).
-
-        Its parts are the sections of each run.
-        """
-        return stats.total_log_ratio(self.orders, self.ns, self._parts())
-
-    @property
-    def baseline_run_ns(self) -> float:
-        """How long a run of the baseline takes, in nanoseconds.
-
-        It is the sum of the medians of its sections; of several runs, it is the median.
-        """
-        blocks, _ = stats.blocks_by_target(self.orders, self.ns)
-        parts = self._parts()
-        medians = [np.median(blocks[parts == part]) for part in np.unique(parts)]
-        return float(np.median(np.reshape(medians, (-1, self.nsection)).sum(axis=1)))
-
-    def _parts(self) -> np.ndarray:
-        """Return (quads,) numbers that are equal where quads timed the same section of a run."""
-        return np.concatenate(
-            [
-                run * self.nsection + np.arange(count) % self.nsection
-                for run, count in zip(self.runs, self.layouts, strict=True)
-            ]
-        )
-
-    def row(self) -> LaunchRow:
-        """Return the launch as a run file stores it."""
-        return LaunchRow(
-            self.core,
-            self.cores,
-            list(self.orders),
-            self.ns.tolist(),
-            self.placements,
-            list(self.layouts),
-            self.nsection,
-        )
 
 
 class TargetPair:
@@ -128,9 +59,6 @@ class TargetPair:
         """Load the models, and make sure that both targets can do the same work.
 
         Args:
-          pool: starts the processes.
-          baseline: the one target.
-          candidate: the other.
           sizes: of a run; None for the usual ones.
           time_limit: starts when the models are loaded; None for no limit.
           placements: of the targets' libraries, launch by launch, as `placement.schedule` yields
@@ -145,7 +73,7 @@ class TargetPair:
         sizes = sizes or Sizes()
         self._returns, self._metric = sizes.returns, sizes.metric
         self._nthread = max(baseline.nthread, candidate.nthread)
-        self._calibrator = Calibrator(pool, baseline.release, self._nthread)
+        self._calibrator = _Calibrator(pool, baseline.release, self._nthread)
         self._time_limit, self._has_timed = time_limit or TimeLimit(), False
         releases = baseline.release, candidate.release
         names = preparation.describe(self._targets)
@@ -162,7 +90,7 @@ class TargetPair:
         self._draws = BalancedDraws(self._prepared.nsim, random.Random())
         self.baseline_workload: Path = self._prepared.workloads[0]
 
-    def launch(self) -> Launch:
+    def launch(self) -> LaunchRow:
         """Measure once, in fresh processes, on a free core.
 
         Raises:
@@ -180,7 +108,7 @@ class TargetPair:
         self._has_timed = True
         return replace(launch, cores=calibrated)
 
-    def _measure(self, pair: ProcessPair, core: int | None) -> Launch:
+    def _measure(self, pair: ProcessPair, core: int | None) -> LaunchRow:
         """Measure a launch on a core, or on all; the first one only if it fits the time limit."""
         layouts: list[tuple[list[str], np.ndarray]] = []
         all_blocks_s, nsection = math.inf, self._prepared.nsection
@@ -196,11 +124,9 @@ class TargetPair:
             all_blocks_s = min(all_blocks_s, now_s)
             layouts.append(time_quads(*pair.processes, quad_count(now_s, nsection)))
         orders = [order for layout_orders, _ in layouts for order in layout_orders]
-        ns = np.concatenate([ns for _, ns in layouts])
+        ns = np.concatenate([ns for _, ns in layouts]).tolist()
         sizes = [len(layout_orders) for layout_orders, _ in layouts]
-        # sections need many pairs each, so all layouts of a launch do the same run
-        runs = range(len(layouts)) if nsection == 1 else [0] * len(layouts)
-        return Launch(core, None, orders, ns, pair.placements, sizes, runs, nsection)
+        return LaunchRow(core, None, orders, ns, pair.placements, sizes, nsection)
 
     def close(self) -> None:
         """End the processes that were started ahead; remove all files but the baseline workload."""
@@ -236,6 +162,38 @@ class TargetPair:
                 nsection=self._prepared.nsection,
             )
         return 1e-9 * ns
+
+
+class _Calibrator:
+    """Counts how many cores threads get, in a process that starts with the first count.
+
+    Calibrating takes memory.
+    """
+
+    def __init__(self, pool: WorkerPool, release: ReleaseSpec, nthread: int):
+        """Start nothing yet."""
+        self._pool, self._release = pool, release
+        self._nthread = min(machine.usable_cores(), nthread)
+        self._process: WorkerProcess | None = None
+
+    def count(self) -> float:
+        """Return how many cores as many threads get now.
+
+        Raises:
+          TargetError: the process failed, crashed or did not answer in time.
+        """
+        if self._nthread == 1:
+            return 1.0
+        if self._process is None:
+            self._process = self._pool.start(self._release)
+            self._process.wait()
+        return self._process.call(Worker.count_cores, self._nthread)
+
+    def close(self) -> None:
+        """End the process."""
+        if self._process is not None:
+            self._pool.end([self._process])
+            self._process = None
 
 
 def time_quads(

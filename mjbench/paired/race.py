@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from mjbench.errors import InputError
-from mjbench.paired.ending import ENDING_ERRORS, ending_of
 from mjbench.paired.race_record import MIN_FINAL_LAUNCHES, RaceLaunch, RaceRecord, UnableVariant
+from mjbench.paired.time_limit import ENDING_ERRORS, ending_of
 
 # Launches of a race at least, and those after it at most.
 MIN_LAUNCHES, FINAL_LAUNCHES = 3, 8

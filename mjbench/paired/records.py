@@ -6,8 +6,12 @@ candidate `new`, as on the command line.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
+from functools import cached_property
 from typing import Any, ClassVar, Generic, TypeVar
 
+import numpy as np
+
+from mjbench.instrument import stats
 from mjbench.instrument.bounds import (
     NonNegativeFloat,
     NonNegativeInt,
@@ -151,6 +155,8 @@ class VerdictRow:
 class LaunchRow:
     """Raw times of one launch.
 
+    Where the run is divided into sections, all layouts do the same run; otherwise each draws anew.
+
     Attributes:
       core: that both targets ran on; None where they used all.
       cores: that as many threads as the targets have got just before; None for one thread.
@@ -179,6 +185,31 @@ class LaunchRow:
             raise ValueError("ns has four times for each order")
         if not set(self.orders) <= {"ABBA", "BAAB"}:
             raise ValueError("an order is ABBA or BAAB")
+
+    @cached_property
+    def log_ratio(self) -> float:
+        """The log ratio of all that was timed (see `stats.total_log_ratio`).
+
+        Its parts are the sections of each run.
+        """
+        runs = range(len(self.layouts)) if self.nsection == 1 else [0] * len(self.layouts)
+        parts = section_numbers(self.layouts, runs, self.nsection)
+        return stats.total_log_ratio(self.orders, np.asarray(self.ns, dtype=float), parts)
+
+
+def section_numbers(layouts: Sequence[int], runs: Sequence[int], nsection: int) -> np.ndarray:
+    """Return (quads,) numbers that are equal where quads timed the same section of a run.
+
+    Args:
+      layouts: quads of each layout, which take the sections in turn.
+      runs: which run each layout did: numbers that are equal where the simulations are.
+    """
+    return np.concatenate(
+        [
+            run * nsection + np.arange(count) % nsection
+            for run, count in zip(runs, layouts, strict=True)
+        ]
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

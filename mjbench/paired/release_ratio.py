@@ -13,13 +13,14 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from mjbench.errors import Failure, InputError, MachineError, failure_of
+from mjbench.instrument import stats
 from mjbench.paired import averaging, cores
 from mjbench.paired.averaging import Averaging
-from mjbench.paired.ending import ENDING_ERRORS, ending_of
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
-from mjbench.paired.protocol import Launch, time_quads
+from mjbench.paired.protocol import time_quads
+from mjbench.paired.records import section_numbers
 from mjbench.paired.release_tasks import ReleaseTask
-from mjbench.paired.time_limit import quad_count
+from mjbench.paired.time_limit import ENDING_ERRORS, ending_of, quad_count
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import release_ratios
 from mjbench.releases.release_ratios import LaunchRatio, RatioRecord
@@ -216,19 +217,24 @@ def _time_all(
     is_enough = is_next_ready if len(tasks) == 1 else lambda: True
     for task in tasks:
         try:
-            launch = _time(task, pair, core, is_enough)
+            log_ratio, reference_ns = _time(task, pair, core, is_enough)
         except (InputError, MachineError) as error:
             task.failure = failure_of(error)
             if isinstance(error, MachineError):
                 return
         else:
-            task.add(LaunchRatio(launch.log_ratio, pair.placements.new), launch.baseline_run_ns)
+            task.add(LaunchRatio(log_ratio, pair.placements.new), reference_ns)
 
 
 def _time(
     task: ReleaseTask, pair: ProcessPair, core: int | None, is_enough: Callable[[], bool]
-) -> Launch:
-    """Time a task in a few layouts of memory, each with fewer quads than a verdict's."""
+) -> tuple[float, float]:
+    """Time a task in a few layouts of memory, each with fewer quads than a verdict's.
+
+    Returns:
+      The log ratio of all that was timed, and the nanoseconds that the reference takes for all
+      sections of a run: the sum of their medians; of several runs, the median.
+    """
     orders: list[str] = []
     ns: list[np.ndarray] = []
     processes = pair.processes
@@ -240,13 +246,16 @@ def _time(
         layout_orders, layout_ns = time_quads(*processes, count + 1)
         orders += layout_orders[1:]
         ns.append(layout_ns[1:])
-    return Launch(
-        core=core,
-        cores=None,
-        orders=orders,
-        ns=np.concatenate(ns),
-        placements=pair.placements,
-        layouts=[len(each) for each in ns],
-        runs=range(len(ns)),  # each layout draws simulations anew
-        nsection=task.nsection,
+    # each layout draws simulations anew
+    parts = section_numbers([len(each) for each in ns], range(len(ns)), task.nsection)
+    blocks = np.concatenate(ns)
+    return stats.total_log_ratio(orders, blocks, parts), run_ns(
+        orders, blocks, parts, task.nsection
     )
+
+
+def run_ns(orders: Sequence[str], ns: np.ndarray, parts: np.ndarray, nsection: int) -> float:
+    """Return the nanoseconds of a run of the baseline; see `records.section_numbers`."""
+    blocks, _ = stats.blocks_by_target(orders, ns)
+    medians = [np.median(blocks[parts == part]) for part in np.unique(parts)]
+    return float(np.median(np.reshape(medians, (-1, nsection)).sum(axis=1)))

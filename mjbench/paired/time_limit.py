@@ -9,6 +9,9 @@ import math
 import time
 from collections.abc import Callable
 
+from mjbench.errors import Failure, InputError, MachineError, failure_of
+from mjbench.status import Status
+
 # How often a launch lays out its memory anew. Layouts of one program differ about as much as
 # programs do, and take less time.
 LAYOUTS = 5
@@ -29,6 +32,19 @@ _MARGIN = 1.25
 
 class OutOfTimeError(Exception):
     """The limit does not allow what a verdict needs; the message is a sentence for people."""
+
+
+# What ends a measurement whose launches so far are worth keeping.
+ENDING_ERRORS = (OutOfTimeError, InputError, MachineError, KeyboardInterrupt)
+
+
+def ending_of(error: BaseException) -> Failure:
+    """Return how a measurement ended; running out of time is no failure, but has a line."""
+    if isinstance(error, OutOfTimeError):
+        return Failure(Status.OK, str(error))
+    if isinstance(error, KeyboardInterrupt):
+        return Failure(Status.INTERRUPTED, "interrupted")
+    return failure_of(error)
 
 
 def quad_count(all_blocks_s: float, nsection: int = 1, layout_s: float = LAYOUT_S) -> int:

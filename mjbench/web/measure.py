@@ -16,7 +16,7 @@ from mjbench.comparison.plan import Variant
 from mjbench.errors import Failure, MjbenchError, failure_of
 from mjbench.instrument import child, machine, scratch
 from mjbench.paired import cores
-from mjbench.paired.ending import ENDING_ERRORS, ending_of
+from mjbench.paired.time_limit import ENDING_ERRORS, ending_of
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec

@@ -110,7 +110,9 @@ def test_what_is_no_run_file_cannot_be_continued(tmp_path: Path, name: str) -> N
 def decided(baseline: Target, candidate: Target, status: Status) -> verdict.PairedResult:
     """Return an invented verdict on two targets."""
     judgement = Judgement(Verdict.SAME, 1.0, 0.999, 1.001, 8, True)
-    return verdict.PairedResult(baseline, candidate, status, judgement=judgement)
+    return verdict.PairedResult(
+        baseline=baseline, candidate=candidate, status=status, judgement=judgement
+    )
 
 
 def run_versions(

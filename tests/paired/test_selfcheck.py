@@ -15,8 +15,7 @@ from mjbench.paired import selfcheck, selfcheck_cases
 from mjbench.paired.averaging import Averaging
 from mjbench.paired.judgement import Judgement
 from mjbench.paired.outcomes import Arm, Cause, Verdict
-from mjbench.paired.protocol import Launch
-from mjbench.paired.records import PlacementEffect
+from mjbench.paired.records import LaunchRow, PlacementEffect
 from mjbench.paired.selfcheck_cases import Case
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.paired.verdict import PairedResult, VerdictPlan
@@ -47,19 +46,19 @@ def trial(verdict: Verdict, estimate: float, half_width: float = 0.005, **others
     )
 
 
-def launch(log_ratio: float, placements: PlacementPair) -> Launch:
+def launch(log_ratio: float, placements: PlacementPair) -> LaunchRow:
     candidate_ns = 1e6 * np.exp(log_ratio)
     ns = np.array([[1e6, candidate_ns, candidate_ns, 1e6]])
-    return Launch(0, None, ["ABBA"], ns, placements, [1], [0])
+    return LaunchRow(0, None, ["ABBA"], ns.tolist(), placements, [1])
 
 
 def result(
-    case: Case, averaging: Averaging, launches: Sequence[Launch], **others: Any
+    case: Case, averaging: Averaging, launches: Sequence[LaunchRow], **others: Any
 ) -> PairedResult:
     judgement = Judgement(Verdict.SAME, 1.0, 0.999, 1.001, len(launches), True)
     return PairedResult(
-        case.baseline,
-        case.candidate,
+        baseline=case.baseline,
+        candidate=case.candidate,
         **{
             "status": Status.OK,
             "launches": launches,

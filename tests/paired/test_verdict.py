@@ -16,7 +16,7 @@ from mjbench.paired.averaging import Averaging
 from mjbench.paired.judgement import Judgement, judge
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.preparation import WorkCheck
-from mjbench.paired.protocol import Launch
+from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import PairedResult
@@ -103,7 +103,10 @@ def test_a_model_that_does_not_load_is_bad_input(pool: WorkerPool, tmp_path: Pat
 
 
 def test_a_comparison_that_measured_nothing_says_so_with_none() -> None:
-    row = PairedResult(CARTPOLE, CARTPOLE, Status.FAILED, "killed").row()
+    failed = PairedResult(
+        baseline=CARTPOLE, candidate=CARTPOLE, status=Status.FAILED, detail="killed"
+    )
+    row = failed.row()
     assert (row.status, row.detail, row.model) == (Status.FAILED, "killed", "cartpole")
     assert (row.verdict, row.ratio, row.changed_work, row.work) == (None, None, None, None)
     assert (row.drift, row.diverged, row.nbatch, row.nstep) == (None, None, None, None)
@@ -219,7 +222,8 @@ def judgement(outcome: Verdict, ratio: float = 1.02, half_width: float = 0.003) 
 def builds(**fields: Any) -> PairedResult:
     """Return how a comparison of two builds ended; same work, averaged, unless said otherwise."""
     defaults = {"work_check": SAME_WORK, "averaging": MOVED}
-    return PairedResult(OTHER_BUILD, CARTPOLE, Status.OK, **{**defaults, **fields})
+    targets = {"baseline": OTHER_BUILD, "candidate": CARTPOLE}
+    return PairedResult(status=Status.OK, **{**targets, **defaults, **fields})
 
 
 SLOWER, SAME = judgement(Verdict.SLOWER), judgement(Verdict.SAME, 1.001)
@@ -287,11 +291,11 @@ def test_builds_that_cannot_be_moved_are_compared_as_shipped_and_the_row_says_wh
     assert sentence.endswith("; compared as shipped: MuJoCo 3.5.0: no reason")
 
 
-def launch(log_ratio: float, placements: PlacementPair) -> Launch:
+def launch(log_ratio: float, placements: PlacementPair) -> LaunchRow:
     """Return a launch of one quad with a log ratio."""
     slower = round(1e9 * math.exp(log_ratio))
     ns = np.array([[10**9, slower, slower, 10**9]])
-    return Launch(0, None, ["ABBA"], ns, placements, [1], [0])
+    return LaunchRow(0, None, ["ABBA"], ns.tolist(), placements, [1])
 
 
 def test_launches_as_shipped_have_a_judgement_of_their_own() -> None:
