@@ -19,7 +19,6 @@ import numpy as np
 
 from mjbench.instrument import machine, timing
 from mjbench.paired import cores, preparation
-from mjbench.paired.balanced_draws import BalancedDraws
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
@@ -36,6 +35,66 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.placement import PlacementPair
+
+
+class StepWork:
+    """The simulations that two targets step, as often as it takes.
+
+    Attributes:
+      work_check: whether both do the same work.
+      workloads: files of the `PortableWorkload`s, final states included.
+    """
+
+    def __init__(
+        self,
+        pool: WorkerPool,
+        targets: tuple[Target, Target],
+        sizes: Sizes,
+        time_limit: TimeLimit,
+        roles: tuple[str, str] = preparation.ROLES,
+    ):
+        """Load the models, and make sure that both targets can do it; see `preparation.prepare`."""
+        self._targets, self._sizes = targets, sizes
+        prepared = preparation.prepare(pool, targets, sizes, time_limit, roles)
+        self.nsection, self.work_check = prepared.nsection, prepared.work_check
+        self.workloads, self._models = prepared.workloads, prepared.models
+        # Simulations may differ in how much slower they are, so they are timed equally often.
+        self._times_drawn = [0] * prepared.nsim
+
+    def draw(self) -> list[int]:
+        """Return simulations of a run."""
+        return draw_least(self._times_drawn, self.work_check.nbatch)
+
+    def equip(self, processes: Sequence[WorkerProcess]) -> None:
+        """Have the processes of a launch read model and workload, without waiting."""
+        for process, target, model, workload in zip(
+            processes, self._targets, self._models, self.workloads, strict=True
+        ):
+            process.ask(Worker.equip, model, workload, target.path)
+
+    def lay_out(self, pair: ProcessPair, simulations: Sequence[int]) -> tuple[int, int]:
+        """Lay out memory anew; return the nanoseconds of one block of each section, of both."""
+        ns = {}
+        for i in random.sample((0, 1), 2):
+            target = self._targets[i]
+            ns[i] = pair.processes[i].call(
+                Worker.prepare,
+                target.path,
+                dict(target.options),
+                cores.usable(pair.core),
+                simulations,
+                callback=target.callback,
+                slowdown=target.slowdown,
+                returns=self._sizes.returns,
+                metric=self._sizes.metric,
+                nsection=self.nsection,
+            )
+        return ns[0], ns[1]
+
+    def close(self) -> None:
+        """Remove all files but the baseline's workload."""
+        for file in (*self._models, self.workloads[1]):
+            file.unlink(missing_ok=True)
 
 
 class TargetPair:
@@ -69,26 +128,21 @@ class TargetPair:
           TargetError: a target crashed, hung or failed.
           OutOfTimeError: the limit does not allow a launch.
         """
-        self._pool, self._targets = pool, (baseline, candidate)
-        sizes = sizes or Sizes()
-        self._returns, self._metric = sizes.returns, sizes.metric
+        targets = baseline, candidate
         self._nthread = max(baseline.nthread, candidate.nthread)
         self._calibrator = _Calibrator(pool, baseline.release, self._nthread)
         self._time_limit, self._has_timed = time_limit or TimeLimit(), False
-        releases = baseline.release, candidate.release
-        names = preparation.describe(self._targets)
+        names = preparation.describe(targets)
         # those of the first launch import MuJoCo while the work is prepared
-        self._pairs = ProcessPairs(pool, releases, names, placements)
+        self._pairs = ProcessPairs(pool, (baseline.release, candidate.release), names, placements)
         try:
-            self._prepared = preparation.prepare(pool, self._targets, sizes, self._time_limit)
+            self._work = StepWork(pool, targets, sizes or Sizes(), self._time_limit)
         except BaseException:
             self._pairs.close()
             raise
-        self._pairs.equip(self._equip)
-        self.work_check = self._prepared.work_check
-        # Simulations may differ in how much slower they are, so they are timed equally often.
-        self._draws = BalancedDraws(self._prepared.nsim, random.Random())
-        self.baseline_workload: Path = self._prepared.workloads[0]
+        self._pairs.equip(self._work.equip)
+        self.work_check = self._work.work_check
+        self.baseline_workload: Path = self._work.workloads[0]
 
     def launch(self) -> LaunchRow:
         """Measure once, in fresh processes, on a free core.
@@ -102,23 +156,22 @@ class TargetPair:
         # targets with threads get all cores, so nothing may start on one of them meanwhile
         threaded = self._nthread > 1
         calibrated = self._calibrator.count() if threaded else None
-        core = None if threaded else cores.freest_core()
-        with self._pairs.launch(core) as pair, cores.pinned(core):
-            launch = self._measure(pair, core)
+        with self._pairs.launch(None if threaded else cores.freest_core()) as pair:
+            launch = self._measure(pair)
         self._has_timed = True
         return replace(launch, cores=calibrated)
 
-    def _measure(self, pair: ProcessPair, core: int | None) -> LaunchRow:
-        """Measure a launch on a core, or on all; the first one only if it fits the time limit."""
+    def _measure(self, pair: ProcessPair) -> LaunchRow:
+        """Measure a launch; the first one only if it fits the time limit."""
         layouts: list[tuple[list[str], np.ndarray]] = []
-        all_blocks_s, nsection = math.inf, self._prepared.nsection
+        all_blocks_s, nsection = math.inf, self._work.nsection
         rows: list[int] = []
         while len(layouts) < layout_count(all_blocks_s, nsection) or (
             len(layouts) < MAX_LAYOUTS and not self._pairs.is_next_ready()
         ):
             if not rows or nsection == 1:
-                rows = self._draws.draw(self.work_check.nbatch)
-            now_s = self._lay_out(pair.processes, core, rows)
+                rows = self._work.draw()
+            now_s = 1e-9 * sum(self._work.lay_out(pair, rows))
             if not self._has_timed and not layouts:  # steps may be heavier than those at the start
                 self._time_limit.check_first_launch(launch_s(now_s, nsection))
             all_blocks_s = min(all_blocks_s, now_s)
@@ -126,42 +179,13 @@ class TargetPair:
         orders = [order for layout_orders, _ in layouts for order in layout_orders]
         ns = np.concatenate([ns for _, ns in layouts]).tolist()
         sizes = [len(layout_orders) for layout_orders, _ in layouts]
-        return LaunchRow(core, None, orders, ns, pair.placements, sizes, nsection)
+        return LaunchRow(pair.core, None, orders, ns, pair.placements, sizes, nsection)
 
     def close(self) -> None:
         """End the processes that were started ahead; remove all files but the baseline workload."""
         self._pairs.close()
         self._calibrator.close()
-        for file in (*self._prepared.models, self._prepared.workloads[1]):
-            file.unlink(missing_ok=True)
-
-    def _equip(self, processes: Sequence[WorkerProcess]) -> None:
-        """Have the processes of a launch read model and workload, without waiting."""
-        for process, target, model, workload in zip(
-            processes, self._targets, self._prepared.models, self._prepared.workloads, strict=True
-        ):
-            process.ask(Worker.equip, model, workload, target.path)
-
-    def _lay_out(
-        self, processes: Sequence[WorkerProcess], core: int | None, rows: Sequence[int]
-    ) -> float:
-        """Lay out memory anew; return the seconds that `quad_count` takes."""
-        ns = 0
-        for i in random.sample((0, 1), 2):
-            target = self._targets[i]
-            ns += processes[i].call(
-                Worker.prepare,
-                target.path,
-                dict(target.options),
-                cores.usable(core),
-                rows,
-                callback=target.callback,
-                slowdown=target.slowdown,
-                returns=self._returns,
-                metric=self._metric,
-                nsection=self._prepared.nsection,
-            )
-        return 1e-9 * ns
+        self._work.close()
 
 
 class _Calibrator:
@@ -194,6 +218,14 @@ class _Calibrator:
         if self._process is not None:
             self._pool.end([self._process])
             self._process = None
+
+
+def draw_least(times_drawn: list[int], count: int) -> list[int]:
+    """Return indices that were drawn least often, ties at random; count them as drawn."""
+    order = sorted(range(len(times_drawn)), key=lambda i: (times_drawn[i], random.random()))
+    for i in order[:count]:
+        times_drawn[i] += 1
+    return order[:count]
 
 
 def time_quads(

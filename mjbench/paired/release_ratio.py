@@ -200,34 +200,23 @@ class _Measurement:
 
 
 def _launch_once(tasks: Sequence[ReleaseTask], pairs: ProcessPairs) -> None:
-    """Time all tasks in one launch."""
+    """Time all tasks once; one that fails says how, and ends the launch if its process may have."""
     pairs.wait()
-    core = cores.freest_core()
-    with pairs.launch(core) as pair, cores.pinned(core):
-        _time_all(random.sample(tasks, len(tasks)), pair, core, pairs.is_next_ready)
-
-
-def _time_all(
-    tasks: Sequence[ReleaseTask],
-    pair: ProcessPair,
-    core: int | None,
-    is_next_ready: Callable[[], bool],
-) -> None:
-    """Time each task once; one that fails says how, and ends the launch if its process may have."""
-    is_enough = is_next_ready if len(tasks) == 1 else lambda: True
-    for task in tasks:
-        try:
-            log_ratio, reference_ns = _time(task, pair, core, is_enough)
-        except (InputError, MachineError) as error:
-            task.failure = failure_of(error)
-            if isinstance(error, MachineError):
-                return
-        else:
-            task.add(LaunchRatio(log_ratio, pair.placements.new), reference_ns)
+    is_enough = pairs.is_next_ready if len(tasks) == 1 else lambda: True
+    with pairs.launch(cores.freest_core()) as pair:
+        for task in random.sample(tasks, len(tasks)):
+            try:
+                log_ratio, reference_ns = _time(task, pair, is_enough)
+            except (InputError, MachineError) as error:
+                task.failure = failure_of(error)
+                if isinstance(error, MachineError):
+                    return
+            else:
+                task.add(LaunchRatio(log_ratio, pair.placements.new), reference_ns)
 
 
 def _time(
-    task: ReleaseTask, pair: ProcessPair, core: int | None, is_enough: Callable[[], bool]
+    task: ReleaseTask, pair: ProcessPair, is_enough: Callable[[], bool]
 ) -> tuple[float, float]:
     """Time a task in a few layouts of memory, each with fewer quads than a verdict's.
 
@@ -237,21 +226,19 @@ def _time(
     """
     orders: list[str] = []
     ns: list[np.ndarray] = []
-    processes = pair.processes
-    task.equip(processes)
+    task.equip(pair.processes)
     while len(ns) < _LAYOUTS or (len(ns) < _MAX_LAYOUTS and not is_enough()):
-        task.all_blocks_s = min(task.all_blocks_s, 1e-9 * sum(task.ready(processes, core)))
+        task.all_blocks_s = min(task.all_blocks_s, 1e-9 * sum(task.lay_out(pair)))
         count = quad_count(task.all_blocks_s, task.nsection, _LAYOUT_S)
         # the first quad warms up both: what was prepared last would have the advantage in it
-        layout_orders, layout_ns = time_quads(*processes, count + 1)
+        layout_orders, layout_ns = time_quads(*pair.processes, count + 1)
         orders += layout_orders[1:]
         ns.append(layout_ns[1:])
     # each layout draws simulations anew
     parts = section_numbers([len(each) for each in ns], range(len(ns)), task.nsection)
     blocks = np.concatenate(ns)
-    return stats.total_log_ratio(orders, blocks, parts), run_ns(
-        orders, blocks, parts, task.nsection
-    )
+    log_ratio = stats.total_log_ratio(orders, blocks, parts)
+    return log_ratio, run_ns(orders, blocks, parts, task.nsection)
 
 
 def run_ns(orders: Sequence[str], ns: np.ndarray, parts: np.ndarray, nsection: int) -> float:

@@ -16,9 +16,9 @@ import numpy as np
 
 from mjbench.errors import Failure, InputError, UnavailableError
 from mjbench.paired import cores, preparation
-from mjbench.paired.balanced_draws import BalancedDraws
 from mjbench.paired.operations import Operation
-from mjbench.paired.preparation import Preparation
+from mjbench.paired.process_pairs import ProcessPair
+from mjbench.paired.protocol import StepWork
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
@@ -90,15 +90,10 @@ class ReleaseTask(ABC):
         """
 
     def equip(self, processes: Processes) -> None:  # noqa: B027 (most tasks need nothing)
-        """Have both processes of a launch read what they need.
-
-        Raises:
-          InputError: a release cannot read it.
-          TargetError: a release crashed, hung or failed.
-        """
+        """Have both processes of a launch read what they need; raises what `lay_out` does."""
 
     @abstractmethod
-    def ready(self, processes: Processes, core: int | None) -> tuple[int, int]:
+    def lay_out(self, pair: ProcessPair) -> tuple[int, int]:
         """Have both processes ready to time blocks, with their memory laid out anew.
 
         Returns:
@@ -162,9 +157,7 @@ class StepTask(ReleaseTask):
         super().__init__(releases)
         self.model = model
         self._targets = Target(releases[0], model), Target(releases[1], model)
-        self._prepared: Preparation | None = None
-        # Simulations differ in how much slower they are. So all of them are timed equally often.
-        self._draws: BalancedDraws | None = None
+        self._work: StepWork | None = None
         self._digest = ""
 
     @property
@@ -175,55 +168,39 @@ class StepTask(ReleaseTask):
     @property
     def nsection(self) -> int:
         """See `ReleaseTask.nsection`."""
-        return self._prepared.nsection if self._prepared else 1
+        return self._work.nsection if self._work else 1
 
     def prepare(self, pool: WorkerPool) -> None:
         """See `ReleaseTask.prepare`."""
         try:
-            self._prepared = preparation.prepare(pool, self._targets, SIZES, TimeLimit(), ROLES)
+            self._work = StepWork(pool, self._targets, SIZES, TimeLimit(), ROLES)
         except InputError as error:
             # if the reference can do it, the release lacks something; if not, the model is wrong
             reference = self._targets[0]
             preparation.prepare(pool, (reference, reference), SIZES, TimeLimit(), ROLES)
             raise UnavailableError(str(error)) from error
-        workload: PortableWorkload = pickle.loads(self._prepared.workloads[0].read_bytes())
+        workload: PortableWorkload = pickle.loads(self._work.workloads[0].read_bytes())
         self._digest = workload.digest()
-        self._draws = BalancedDraws(self._prepared.nsim, random.Random())
 
     def equip(self, processes: Processes) -> None:
         """See `ReleaseTask.equip`."""
-        prepared = self._prepared
-        assert prepared is not None, "a task is prepared before it is timed"
-        for process, target, model, workload in zip(
-            processes, self._targets, prepared.models, prepared.workloads, strict=True
-        ):
-            process.call(Worker.equip, model, workload, target.path)
+        assert self._work is not None, "a task is prepared before it is timed"
+        self._work.equip(processes)
+        for process in processes:
+            process.wait()
 
-    def ready(self, processes: Processes, core: int | None) -> tuple[int, int]:
-        """See `ReleaseTask.ready`."""
-        prepared, draws = self._prepared, self._draws
-        assert prepared is not None, "a task is prepared before it is timed"
-        assert draws is not None, "a task is prepared before it is timed"
-        rows = draws.draw(prepared.work_check.nbatch)
-        ns = {}
-        for i in random.sample((0, 1), 2):
-            ns[i] = processes[i].call(
-                Worker.prepare,
-                self._targets[i].path,
-                {},
-                cores.usable(core),
-                rows,
-                nsection=prepared.nsection,
-            )
-        return ns[0], ns[1]
+    def lay_out(self, pair: ProcessPair) -> tuple[int, int]:
+        """See `ReleaseTask.lay_out`."""
+        assert self._work is not None, "a task is prepared before it is timed"
+        return self._work.lay_out(pair, self._work.draw())
 
     def record(self, problem: str, seconds: float) -> StepRatioRecord:
         """See `ReleaseTask.record`."""
         common = self._common(self.model.name, problem, seconds)
         record = StepRatioRecord(**vars(common), workload=self._digest)
-        if self._prepared is None:
+        if self._work is None:
             return record
-        check = self._prepared.work_check
+        check = self._work.work_check
         return replace(
             record,
             work=check.candidate,
@@ -240,9 +217,9 @@ class StepTask(ReleaseTask):
 
     def close(self) -> None:
         """See `ReleaseTask.close`."""
-        if self._prepared is not None:
-            for file in (*self._prepared.models, *self._prepared.workloads):
-                file.unlink(missing_ok=True)
+        if self._work is not None:
+            self._work.close()
+            self._work.workloads[0].unlink(missing_ok=True)
 
 
 class OperationTask(ReleaseTask):
@@ -264,11 +241,11 @@ class OperationTask(ReleaseTask):
     def prepare(self, pool: WorkerPool) -> None:
         """See `ReleaseTask.prepare`: there is nothing to prepare."""
 
-    def ready(self, processes: Processes, core: int | None) -> tuple[int, int]:
-        """See `ReleaseTask.ready`."""
-        name, allowed = self.operation.name, cores.usable(core)
+    def lay_out(self, pair: ProcessPair) -> tuple[int, int]:
+        """See `ReleaseTask.lay_out`."""
+        name, allowed = self.operation.name, cores.usable(pair.core)
         ready = {
-            i: processes[i].call(Worker.prepare_operation, name, self._file, allowed)
+            i: pair.processes[i].call(Worker.prepare_operation, name, self._file, allowed)
             for i in random.sample((0, 1), 2)
         }
         reference, release = ready[0], ready[1]

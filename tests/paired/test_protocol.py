@@ -235,3 +235,20 @@ def test_targets_with_threads_are_not_pinned_and_their_cores_are_counted(pool: W
     assert launch.core is None
     assert launch.cores is not None
     assert launch.cores > 0
+
+
+@pytest.mark.parametrize(("size", "count"), [(8, 1), (16, 2), (7, 3), (5, 5), (1, 1)])
+def test_all_simulations_are_drawn_equally_often_and_none_twice_at_once(
+    size: int, count: int
+) -> None:
+    counts = [0] * size
+    for _ in range(40):
+        before = list(counts)
+        drawn = protocol.draw_least(counts, count)
+        assert len(set(drawn)) == count
+        assert [n + (i in drawn) for i, n in enumerate(before)] == counts
+        assert max(counts) - min(counts) <= 1
+
+
+def test_simulations_are_drawn_in_random_order() -> None:
+    assert len({tuple(protocol.draw_least([0] * 8, 8)) for _ in range(20)}) > 15

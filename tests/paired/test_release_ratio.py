@@ -11,9 +11,9 @@ from mjbench.errors import InputError
 from mjbench.instrument import stats
 from mjbench.paired import averaging, operations, preparation, release_ratio
 from mjbench.paired.averaging import Averaging
-from mjbench.paired.process_pairs import ProcessPairs
+from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.records import section_numbers
-from mjbench.paired.release_tasks import OperationTask, Processes, ReleaseTask, StepTask
+from mjbench.paired.release_tasks import OperationTask, ReleaseTask, StepTask
 from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError
@@ -87,7 +87,7 @@ class InventedTask(ReleaseTask):
         if self.name == "impossible":
             raise InputError("there is no such thing")
 
-    def ready(self, processes: Processes, core: int | None) -> Sequence[int]:
+    def lay_out(self, pair: ProcessPair) -> Sequence[int]:
         return self._ready(len(self.launches))
 
     def record(self, problem: str, seconds: float) -> RatioRecord:
