@@ -52,10 +52,6 @@ class CodeComparer:
         Functions of other libraries than the engine's, such as memcpy of the C library, are
         identical where both releases execute the same file, and otherwise unknown.
 
-        Args:
-          baseline: where the functions lie that the old release executes.
-          candidate: the same in the new one.
-
         Raises:
           MachineError: a library cannot be read, or has no symbol table.
         """
@@ -174,8 +170,6 @@ def _change(
     """Return how the code of a function changed: that of the part that changed most.
 
     Args:
-      old: what the baseline executes.
-      new: what the candidate executes.
       renamed: symbols that were renamed, by their names in the baseline.
     """
     old_parts, new_parts = old.functions.get(old_name, ()), new.functions.get(new_name, ())
@@ -202,12 +196,7 @@ def _change(
 def _file_changes(
     names: Iterable[str], baseline: Places, candidate: Places
 ) -> dict[str, CodeChange]:
-    """Return how functions of other libraries than the engine's changed, by the files they are in.
-
-    Args:
-      baseline: where functions lie in the old release.
-      candidate: the same in the new one.
-    """
+    """Return how functions of libraries beside the engine's changed, by the files they are in."""
     old_files, new_files = (
         {place.library for in_files in places.values() for place in in_files if place.library}
         for places in (baseline, candidate)

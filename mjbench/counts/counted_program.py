@@ -56,7 +56,6 @@ class OperationRequest:
     """An operation around the step to count.
 
     Attributes:
-      operation: its name (see `paired.operations`).
       source: of the model that it is done with; None where it builds its own.
     """
 

@@ -45,13 +45,7 @@ def stage_pairs(baseline: ModelCount, candidate: ModelCount) -> dict[str, tuple[
 
 
 def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRecord) -> list[str]:
-    """Return lines that say what changed: the instructions, the work, the code, or the time alone.
-
-    Args:
-      baseline: a model in the old release, counted.
-      candidate: the same in the new one.
-      row: what `Explainer.row` returned for them.
-    """
+    """Return lines that say what changed: instructions, work, code, or the time alone."""
     assert baseline.instructions_per_step
     assert candidate.instructions_per_step
     ratio = candidate.instructions_per_step / baseline.instructions_per_step
@@ -139,8 +133,6 @@ class Explainer:
         """Return one model's row of `mjbench explain --json`.
 
         Args:
-          baseline: a model in the old release.
-          candidate: the same in the new one.
           time: the paired comparison of time; None where time was not compared.
         """
         failed = next((c for c in (baseline, candidate) if c.status != Status.OK), None)
@@ -190,11 +182,6 @@ def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) 
 
     Instructions are exact, so there is no inconclusive verdict; the interval is how far two counts
     of the same work may differ.
-
-    Args:
-      baseline: a model in the old release.
-      candidate: the same in the new one.
-      min_effect: smallest change of instructions that matters, such as 0.01.
     """
     failed = next((c for c in (baseline, candidate) if c.status != Status.OK), None)
     ratio = None if failed else _ratio(baseline, candidate)

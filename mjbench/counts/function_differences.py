@@ -41,8 +41,6 @@ def function_differences(
     together by their library, because their addresses differ between releases.
 
     Args:
-      baseline: a model in the old release, counted.
-      candidate: the same in the new one.
       code: how the code changed; None where it was not compared.
     """
     names = {old: new for new, old in code.old_names.items()} if code else {}
@@ -123,11 +121,7 @@ def largest_differences(functions: Sequence[FunctionDifference], count: int) -> 
 
 
 def _self_costs(count: ModelCount, names: Mapping[str, str]) -> dict[str, float]:
-    """Return what each function executes itself, by name; unnamed ones by library.
-
-    Args:
-      names: to use instead of others.
-    """
+    """Return what each function executes itself, by name; unnamed ones by library."""
     costs: dict[str, float] = defaultdict(float)
     for function in count.functions:
         name = function.name

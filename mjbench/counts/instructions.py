@@ -141,7 +141,6 @@ class InstructionCounter:
         """Count the instructions of models in one release.
 
         Args:
-          release: of MuJoCo; installed if it is missing.
           limit_s: kill the process when it finishes no model for this long.
 
         Returns:
@@ -162,7 +161,6 @@ class InstructionCounter:
         """Count the instructions of operations around the step in one release.
 
         Args:
-          release: of MuJoCo; installed if it is missing.
           limit_s: kill the process when it finishes no operation for this long.
 
         Returns:

@@ -13,11 +13,7 @@ from mjbench.simulation.models import ModelSource
 
 @dataclass(frozen=True)
 class InstructionComparison:
-    """What is counted: models in an old release, and in new ones.
-
-    Attributes:
-      min_effect: smallest change of instructions that matters, such as 0.01.
-    """
+    """What is counted: models in an old release, and in new ones."""
 
     baseline: ReleaseSpec
     candidates: Sequence[ReleaseSpec]

@@ -72,7 +72,6 @@ class ChildConnection:
         Args:
           limit_s: the child is killed where it sends nothing for so long.
           activity: what it is doing, such as `stepping the model`.
-          max_bytes: of the message.
           watch: called every now and then; what it raises is passed on.
 
         Raises:
@@ -142,8 +141,6 @@ def start(
 
     Args:
       command: program and arguments, for the descriptor of the child's end.
-      output_file: for what it prints.
-      limit_s: see `pair`.
       arguments: further ones of `child.Child`.
 
     Raises:

@@ -39,11 +39,6 @@ class Averaging:
 def averaging(pool: WorkerPool, baseline: ReleaseSpec, candidate: ReleaseSpec) -> Averaging:
     """Return that placements are averaged, if the libraries of both releases can be moved.
 
-    Args:
-      pool: starts the processes.
-      baseline: the one release.
-      candidate: the other.
-
     Raises:
       InputError: a release does not exist.
       MachineError: a release cannot be installed.

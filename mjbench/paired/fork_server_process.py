@@ -55,7 +55,6 @@ class ForkServerProcess:
     """A program that forks workers of one release.
 
     Attributes:
-      process: the program itself.
       has_forked: whether it was asked for a worker.
     """
 
@@ -72,7 +71,6 @@ class ForkServerProcess:
         Args:
           control: to the program; it keeps messages apart.
           limit_s: seconds without an answer after which the program is killed.
-          output_file: of the program.
         """
         self.process, self.has_forked = process, False
         self._control, self._output_file = control, output_file
@@ -91,7 +89,6 @@ class ForkServerProcess:
 
         Args:
           connection: descriptor of the worker's end of its connection.
-          output_file: for what it prints.
 
         Raises:
           MachineError: the server has ended, or the file cannot be written.

@@ -22,14 +22,9 @@ class Judgement:
     """What launches show about the ratio of candidate time to baseline time.
 
     Attributes:
-      verdict: the outcome.
       ratio: estimate of candidate time over baseline time.
-      low: lower end of its interval.
-      high: upper end of its interval.
-      launches: number of launches.
       enough: whether more launches are unnecessary for the verdict and precision asked for.
       e_slower: e-value against "not slower" (see `anytime.Fit.e_values`); 1 or less is no evidence.
-      e_faster: e-value against "not faster".
     """
 
     verdict: Verdict
@@ -63,12 +58,8 @@ def judge(
     suffices for any number of changes in the family (see `anytime.e_benjamini_hochberg`).
 
     Args:
-      log_ratios: one per launch.
-      min_effect: smallest effect that matters, such as 0.01.
       confidence: such as 0.99; of the whole procedure, however often it is called.
-      precision: such as 0.005.
       residues: of the launches' placements; None if libraries stay where they are.
-      family: number of comparisons that are decided together.
     """
     evidence = anytime.evidence(log_ratios, confidence, residues)
     return conclude(evidence, min_effect, confidence, precision, family)
@@ -77,15 +68,7 @@ def judge(
 def conclude(
     evidence: Evidence, min_effect: float, confidence: float, precision: float, family: int = 1
 ) -> Judgement:
-    """Judge what launches show; see `judge` for the rule and the other arguments.
-
-    Args:
-      evidence: interval and e-values of the log ratios.
-      min_effect: smallest effect that matters.
-      confidence: of the interval.
-      precision: half-width at which to stop.
-      family: number of comparisons that are decided together.
-    """
+    """Judge what launches show; see `judge` for the rule and the other arguments."""
     interval = evidence.interval
     log_effect = float(np.log1p(min_effect))
     has_launches = interval.count >= MIN_LAUNCHES

@@ -45,7 +45,6 @@ def schedule(rng: random.Random, launches: int) -> Iterator[LaunchSeeds]:
     """Yield the seeds of one launch after the other, endlessly.
 
     Args:
-      rng: draws them.
       launches: after how many other programs are to be started.
     """
     while True:

@@ -61,7 +61,6 @@ def can_divide(workload: Workload, count: int) -> bool:
     """Return whether a run can be divided: each section ends in the state that the run has there.
 
     Args:
-      workload: of the run.
       count: of sections; fewer where the run has fewer controls.
     """
     count = min(count, workload.nbatch * workload.ncontrol)

@@ -28,10 +28,6 @@ def check(pool: WorkerPool, release: ReleaseSpec) -> None:
     states to the last bit. A release that passed is not checked again, and one that did not is not
     as long as the pool lasts.
 
-    Args:
-      pool: starts the processes.
-      release: of MuJoCo; installed first if it is missing.
-
     Raises:
       ImmovableError: it cannot.
       InputError: there is no such release.

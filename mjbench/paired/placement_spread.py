@@ -43,7 +43,6 @@ class SpreadPlan:
       launches: of each residue.
       time_limit_s: seconds from when the model is loaded, after which no launch begins; see
         `time_limit`.
-      sizes: of a run.
     """
 
     launches: int = 14
@@ -63,7 +62,6 @@ class ResidueRow:
     Attributes:
       residue: bytes modulo 64 by which the code was moved.
       ratio: time of a step at such placements over that of the release as shipped.
-      launches: how many.
     """
 
     residue: NonNegativeInt
@@ -76,10 +74,8 @@ class Spread:
     """By how much the slowest residue is slower than the fastest, as a share.
 
     Attributes:
-      estimate: of the residues' estimates.
       low: by how much it is slower at least, if all their intervals hold the truth; 0 where the
         intervals overlap, so that no dependence was seen; None without intervals.
-      high: by how much at most.
     """
 
     estimate: NonNegativeFloat
@@ -93,18 +89,9 @@ class SpreadRecord:
     """How far the time of a model's step depends on where the code lies; None is not known.
 
     Attributes:
-      model: its name.
-      release: of MuJoCo.
       build: tells builds of one version apart.
-      status: how the measurement ended.
       detail: one line; empty when ok, unless time ran out.
       spread: of the residues; None where one of them has no launch.
-      residues: those that have launches.
-      nbatch: simulations of a run.
-      nstep: steps of each.
-      launches: in all.
-      seconds: from start to end.
-      samples: raw times of every launch.
     """
 
     record_type: ClassVar[str] = "placement"

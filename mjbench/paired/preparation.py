@@ -45,18 +45,12 @@ class WorkCheck:
     """Whether both targets do the same work.
 
     Attributes:
-      baseline: work per step of the baseline.
-      candidate: work per step of the candidate.
       drift: how far qpos, qvel and act differ; None where the models differ in size.
       diverged: simulations that diverged in the baseline, and in the candidate; none of those is
         timed.
       warnings: how many other simulations raised each warning, in the baseline, and in the
         candidate.
-      nbatch: simulations of a run.
-      nstep: steps of each that are timed.
-      starts: where the start states of the baseline came from.
       candidate_starts: where those of the candidate came from; None where both start alike.
-      timesteps_s: of the baseline's model, and of the candidate's.
     """
 
     baseline: Work
@@ -96,7 +90,6 @@ class Preparation:
       workloads: files of the `PortableWorkload`s, final states included.
       nsim: simulations in each workload file.
       nsection: sections that the run is divided into (see `loop_sections`); 1 for no division.
-      work_check: whether the two do the same work.
     """
 
     models: tuple[Path, Path]
@@ -111,11 +104,8 @@ class _ChosenSizes:
     """What is drawn and timed.
 
     Attributes:
-      sizes: as the user asked.
-      run: what follows from them.
       faster_step_s: seconds of a step of the target that is faster, as tables have it; None where
         no run is divided into sections.
-      request: draws the workload.
       sleep_alike: whether both models enable sleeping, or neither does.
     """
 
@@ -151,9 +141,6 @@ def prepare(
     The files of the result last as long as the pool.
 
     Args:
-      pool: starts the processes.
-      targets: baseline and candidate.
-      sizes: of a run.
       time_limit: starts when the models are loaded.
       roles: what error messages call the two.
 
@@ -270,16 +257,7 @@ def _prepared(
     drawn: tuple[DrawnWorkload, DrawnWorkload],
     chosen: _ChosenSizes,
 ) -> Preparation:
-    """See what each target does with its workload; save what is to be timed.
-
-    Args:
-      pool: holds the files.
-      targets: baseline and candidate.
-      processes: of the targets.
-      models: files of the models.
-      drawn: workloads of the targets.
-      chosen: sizes of what is timed.
-    """
+    """See what each target does with its workload; save what is to be timed."""
     shared = drawn[0] is drawn[1]
     workloads = [each.workload for each in drawn]
     nbatch, nsection = chosen.run.nbatch, chosen.nsection(chosen.run.nbatch)

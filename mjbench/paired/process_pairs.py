@@ -24,7 +24,6 @@ class ProcessPair:
 
     Attributes:
       processes: of the baseline and of the candidate.
-      placements: of their libraries.
       core: that they are measured on; None for all, and before they are.
     """
 

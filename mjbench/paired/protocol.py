@@ -41,7 +41,6 @@ class StepWork:
     """The simulations that two targets step, as often as it takes.
 
     Attributes:
-      work_check: whether both do the same work.
       workloads: files of the `PortableWorkload`s, final states included.
     """
 
@@ -101,7 +100,6 @@ class TargetPair:
     """Two targets, ready to be launched as often as it takes.
 
     Attributes:
-      work_check: whether they do the same work.
       baseline_workload: file of the baseline's `PortableWorkload`, final states included; it lasts
         as long as the pool.
     """

@@ -37,12 +37,8 @@ class TargetRow:
     """One of the two targets.
 
     Attributes:
-      release: of MuJoCo.
-      model: its name.
-      path: way of stepping.
-      options: of the path.
       model_options: fields of `model.opt` that were set, by name.
-      slowdown: injected, as a share of the work; 0 in a real comparison.
+      slowdown: share of its time by which each block lasts longer; 0 in a real comparison.
       build: tells builds of one version apart; empty where it is unknown.
       callback: function of the engine called inside each step; empty in a real comparison.
     """
@@ -88,31 +84,21 @@ class VerdictRow:
     """One paired comparison, as people and programs read it; None is what cannot be said.
 
     Attributes:
-      model: of the candidate.
-      path: of the candidate.
-      old: MuJoCo release of the baseline.
-      new: MuJoCo release of the candidate.
-      sides: baseline and candidate.
       metric: what `ratio` compares.
-      status: how the comparison ended.
       detail: one line; empty when ok.
       verdict: None where nothing was measured.
       ratio: of time, or of instructions; of the time of a simulated second where timesteps differ.
       e_slower: evidence that it is slower, as an e-value (see `anytime.Fit.e_values`), and at
         most MAX_E_VALUE; None for instructions.
-      e_faster: the same that it is faster.
       cause: why the times of two builds differ; None where they do not, or the targets differ in
         more than the build.
       placement: of machine code; None for instructions.
-      changed_work: whether the two do other work.
       work: contacts, constraints, solver iterations per step.
       drift: largest difference of qpos, qvel and act one step after the same states, at several
         points of the run, relative to each field (see `work_check.StateDrift`).
       run_drift: the same for runs from the same starts, at several points.
       diverged: simulations that diverged; none of them is timed.
       warnings: how many of the others raised each warning of MuJoCo.
-      nbatch: simulations of a run.
-      nstep: steps of each.
       starts: where start states came from; those of the baseline where `candidate_starts` is given.
       candidate_starts: where those of the candidate came from, where each model settled by itself.
       timesteps_s: where the two differ; None elsewhere.
@@ -162,7 +148,6 @@ class LaunchRow:
       cores: that as many threads as the targets have got just before; None for one thread.
       orders: of each quad, `ABBA` or `BAAB`; A is the baseline.
       ns: (quads, 4) nanoseconds of each block, in the order they ran.
-      placements: of the targets' libraries.
       layouts: how many quads each layout of memory has, in the order they ran.
       nsection: sections of a run, which the quads of a layout take in turn; a block is one section.
     """

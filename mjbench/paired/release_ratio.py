@@ -58,11 +58,9 @@ def measure_each(
     what was measured until then.
 
     Args:
-      pool: starts the processes.
       releases: the tasks of each, one or more, which are of the same two releases.
       on_launch: called after each launch, with the index of the release and the share of its
         launches that is done, at least.
-      clock: returns seconds.
 
     Yields:
       The records of a release once it is complete, one for each of its tasks, in their order. After

@@ -47,13 +47,7 @@ Releases = tuple[ReleaseSpec, ReleaseSpec]
 class ReleaseTask(ABC):
     """Something that is timed in two releases, the reference and another.
 
-    Class attributes:
-      record_type: of its record.
-
     Attributes:
-      releases: the reference, and the other.
-      launches: so far.
-      is_complete: whether they are enough.
       failure: why there are no more before they are; None while there may be.
       all_blocks_s: see `time_limit.quad_count`: the shortest so far. The number of blocks of a
         layout follows from it, so that a disturbed block does not decide it.
@@ -110,14 +104,12 @@ class ReleaseTask(ABC):
 
         Args:
           problem: why the libraries were not moved; empty where they were.
-          seconds: that it took.
         """
 
     def add(self, launch: LaunchRatio, reference_ns: float) -> None:
         """Store a launch.
 
         Args:
-          launch: its ratio.
           reference_ns: nanoseconds that the reference takes for all its sections.
         """
         self.launches.append(launch)

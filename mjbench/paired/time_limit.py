@@ -53,8 +53,6 @@ def quad_count(all_blocks_s: float, nsection: int = 1, layout_s: float = LAYOUT_
     Args:
       all_blocks_s: seconds that both targets together take for one block of each section, untimed
         warm-ups included.
-      nsection: sections of the run.
-      layout_s: seconds of the blocks of the layout.
     """
     fewest = _fewest_rounds(nsection)
     most = max(fewest, MAX_QUADS // nsection)
@@ -91,10 +89,7 @@ class TimeLimit:
         """Set the limit; it begins to count with `start`.
 
         Args:
-          seconds: of the verdict.
           min_launches: that it needs.
-          clock: returns seconds.
-          purpose: what it is, for messages.
         """
         self._purpose = purpose
         self._seconds, self._min_launches, self._clock = seconds, min_launches, clock
@@ -112,7 +107,6 @@ class TimeLimit:
         """Refuse to go on where the first launch would exceed the limit and is not brief.
 
         Args:
-          launch_s: about how long a launch takes.
           preparation_s: what comes before the launch.
 
         Raises:
@@ -129,7 +123,6 @@ class TimeLimit:
         """Return whether another launch fits, if it takes as long as the average one.
 
         Args:
-          launches: so far.
           before_s: what was spent before the first of them.
           can_judge: whether they are enough for a verdict.
 

@@ -46,7 +46,6 @@ class VerdictPlan:
       precision: half-width of the interval at which to stop in any case.
       time_limit_s: seconds from when the models are loaded, after which no launch begins; see
         `time_limit`.
-      sizes: of a run.
       as_shipped: whether code stays where each build has it, instead of being moved from launch to
         launch, so that its placement averages out.
       family: number of comparisons that are decided together; a change needs more evidence.
@@ -168,7 +167,6 @@ def record_of(row: VerdictRow, samples: Sequence[LaunchRow] = ()) -> VerdictReco
     """Return a verdict as a run file stores it.
 
     Args:
-      row: the verdict.
       samples: raw times of every launch; none where instructions were compared.
     """
     return VerdictRecord(**vars(row), samples=samples)

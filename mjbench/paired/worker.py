@@ -77,7 +77,6 @@ class Worker:
 
     Attributes:
       final_state: (nbatch, nstate) where each simulation of `workload` must end; None if unknown.
-      sections: of the run, which blocks time one after the other.
       single_steps: what blocks run where their slowest steps are compared; None elsewhere.
       slowdown: share of its time by which a block lasts longer.
       padding: memory that moves whatever is allocated after it.
@@ -172,7 +171,6 @@ class Worker:
 
         Args:
           nstart: different starts wanted.
-          hold: steps per control.
         """
         from mjbench.simulation import compat, sampling, starts, work
         from mjbench.simulation.model_digest import model_digest

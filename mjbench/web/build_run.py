@@ -113,8 +113,6 @@ class BuildRun:
         """Start nothing yet.
 
         Args:
-          model: name of the model, for error messages.
-          reference: the model, its workload, and what C does.
           folder: for files of this run; it is removed at its end.
         """
         self.variant = variant

@@ -45,7 +45,6 @@ class WebSizes:
     Attributes:
       nbatch: simulations; None to choose.
       nstep: steps of each; None to choose.
-      hold: steps for which each control is held.
     """
 
     nbatch: int | None = None
@@ -64,7 +63,6 @@ class CReference:
       model_file: holds what C compiled.
       block_file: holds the workload of a timed block, final states included.
       digest: of all start states and controls.
-      traced: what C does.
       compile_ms: to compile the model, with loading its files.
     """
 

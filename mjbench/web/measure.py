@@ -35,11 +35,7 @@ _LEAST_ROUNDS, _MOST_ROUNDS = 8, 1000
 
 @dataclass(frozen=True)
 class WebPlan:
-    """What is compared on each model.
-
-    Attributes:
-      release: of MuJoCo, for C.
-    """
+    """What is compared on each model."""
 
     release: ReleaseSpec
     engine: Engine

@@ -37,9 +37,6 @@ def oldest() -> int:
 def find(command: str = COMMAND, limit_s: float = _LIMIT_S) -> Node:
     """Return the Node of a command, which may be a path.
 
-    Args:
-      limit_s: seconds in which it must say its version.
-
     Raises:
       InputError: there is no such program, and it is not `node`.
       MachineError: Node is missing, too old, or does not work.

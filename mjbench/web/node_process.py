@@ -43,7 +43,6 @@ class Instantiated:
     """A build that is ready.
 
     Attributes:
-      version: of the engine.
       instantiate_ms: to compile and instantiate its WebAssembly, workers included.
       has_threadpool: whether the engine can have a thread pool of its own.
     """
@@ -108,10 +107,6 @@ class NodeProcess:
 
     def call(self, kind: type[_T], action: str, **arguments: object) -> _T:
         """Have an action done, and return its answer.
-
-        Args:
-          kind: of the answer.
-          action: one of the runner's.
 
         Raises:
           NodeError: the action failed, or the process crashed or did not answer in time.
