@@ -7,6 +7,7 @@ import numpy as np
 
 from mjbench.instrument import anytime
 from mjbench.instrument.anytime import Evidence, Interval
+from mjbench.instrument.ratio import Ratio
 from mjbench.paired.outcomes import Verdict
 
 # A verdict of faster or slower is final when its interval's half-width is at most this share of the
@@ -28,9 +29,7 @@ class Judgement:
     """
 
     verdict: Verdict
-    ratio: float
-    low: float
-    high: float
+    ratio: Ratio
     launches: int
     enough: bool
     e_slower: float = 1.0
@@ -81,9 +80,7 @@ def conclude(
     is_sure = not is_change or e_value * (1 - confidence) >= family
     return Judgement(
         verdict,
-        float(np.exp(interval.mean)),
-        float(np.exp(interval.low)),
-        float(np.exp(interval.high)),
+        Ratio.of_log(interval.mean, interval.half_width),
         interval.count,
         has_launches and (verdict == Verdict.SAME or (is_narrow and is_sure)),
         evidence.e_positive,

@@ -1,6 +1,12 @@
-"""Check, once for each release, that moved libraries do what the installed ones do."""
+"""Whether libraries can be moved: checked once for each release, by what moved ones do.
 
+A comparison averages over placements of machine code where those of both releases can.
+"""
+
+import itertools
 import random
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +15,10 @@ from mjbench.errors import InputError
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError, WorkerProcess
-from mjbench.releases import movable
+from mjbench.releases import movable, placement
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.moved_image import ImmovableError
-from mjbench.releases.placement import RESIDUES, Placement
+from mjbench.releases.placement import AS_SHIPPED, RESIDUES, Placement, PlacementPair
 from mjbench.simulation import models
 from mjbench.simulation.sampling import SampleRequest
 from mjbench.simulation.starts import KEYFRAME_STARTS
@@ -99,3 +105,42 @@ def _compare(
         raise ImmovableError(f"with moved libraries it fails: {error}") from error
     if not np.array_equal(states, expected):
         raise ImmovableError("with moved libraries it steps to other states")
+
+
+@dataclass(frozen=True)
+class Averaging:
+    """How the launches of a comparison place the libraries of both targets.
+
+    Attributes:
+      is_on: whether they are moved from launch to launch.
+      problem: why they cannot be; empty where they are, or were not to be.
+    """
+
+    is_on: bool
+    problem: str = ""
+
+    def placements(self) -> Iterator[PlacementPair]:
+        """Return the placements of one launch after the other."""
+        if self.is_on:
+            return placement.schedule(random.Random())
+        return itertools.repeat(AS_SHIPPED)
+
+    def launches_with(self, judged: int) -> int:
+        """Return the number of launches that hold at least `judged` ones for a verdict."""
+        return placement.launches_with(judged) if self.is_on else judged
+
+
+def averaging(pool: WorkerPool, baseline: ReleaseSpec, candidate: ReleaseSpec) -> Averaging:
+    """Return that placements are averaged, if the libraries of both releases can be moved.
+
+    Raises:
+      InputError: a release does not exist.
+      MachineError: a release cannot be installed.
+    """
+    for release in (baseline, candidate):
+        try:
+            check(pool, release)
+        except ImmovableError as error:
+            problem = f"the code of MuJoCo {release.version} cannot be moved: {error}"
+            return Averaging(False, problem)
+    return Averaging(True)

@@ -17,8 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mjbench.instrument import machine, timing
+from mjbench.instrument import timing
 from mjbench.paired import cores, preparation
+from mjbench.paired.calibrator import Calibrator
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
@@ -33,7 +34,6 @@ from mjbench.paired.time_limit import (
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
-from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.placement import PlacementPair
 
 
@@ -128,7 +128,7 @@ class TargetPair:
         """
         targets = baseline, candidate
         self._nthread = max(baseline.nthread, candidate.nthread)
-        self._calibrator = _Calibrator(pool, baseline.release, self._nthread)
+        self._calibrator = Calibrator(pool, baseline.release, self._nthread)
         self._time_limit, self._has_timed = time_limit or TimeLimit(), False
         names = preparation.describe(targets)
         # those of the first launch import MuJoCo while the work is prepared
@@ -184,38 +184,6 @@ class TargetPair:
         self._pairs.close()
         self._calibrator.close()
         self._work.close()
-
-
-class _Calibrator:
-    """Counts how many cores threads get, in a process that starts with the first count.
-
-    Calibrating takes memory.
-    """
-
-    def __init__(self, pool: WorkerPool, release: ReleaseSpec, nthread: int):
-        """Start nothing yet."""
-        self._pool, self._release = pool, release
-        self._nthread = min(machine.usable_cores(), nthread)
-        self._process: WorkerProcess | None = None
-
-    def count(self) -> float:
-        """Return how many cores as many threads get now.
-
-        Raises:
-          TargetError: the process failed, crashed or did not answer in time.
-        """
-        if self._nthread == 1:
-            return 1.0
-        if self._process is None:
-            self._process = self._pool.start(self._release)
-            self._process.wait()
-        return self._process.call(Worker.count_cores, self._nthread)
-
-    def close(self) -> None:
-        """End the process."""
-        if self._process is not None:
-            self._pool.end([self._process])
-            self._process = None
 
 
 def draw_least(times_drawn: list[int], count: int) -> list[int]:

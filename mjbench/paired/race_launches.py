@@ -9,8 +9,8 @@ from typing import TypeVar
 
 from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.errors import InputError
-from mjbench.instrument import machine
 from mjbench.paired import cores, launch_seeds
+from mjbench.paired.calibrator import count_cores
 from mjbench.paired.race import UnableError
 from mjbench.paired.race_record import RaceLaunch, UnableVariant
 from mjbench.paired.worker import Worker
@@ -86,7 +86,8 @@ class RaceLaunches:
                 self._plan.import_from,
             )
             self._pool.wait_for(process, self._release)
-            had = self._cores_had(process, positions)
+            threads = max(nthread(self._variants[i].options) for i in positions)
+            had = count_cores(process, threads)
             prepared = random.sample(list(positions), len(positions))
             for position in prepared:
                 path, options = self._variants[position].path, self._variants[position].options
@@ -114,12 +115,6 @@ class RaceLaunches:
                 raise UnableError(UnableVariant(position, Status.DISAGREES, timed.difference))
             row[number] = timed.ns
         return row
-
-    def _cores_had(self, process: WorkerProcess, positions: Sequence[int]) -> float | None:
-        """Return how many cores threads get now; None where no variant has any."""
-        threads = max(nthread(self._variants[i].options) for i in positions)
-        count = min(machine.usable_cores(), threads)
-        return process.call(Worker.count_cores, count) if count > 1 else None
 
     def _attempt(
         self, process: WorkerProcess, position: int, call: Callable[[], _T], activity: str

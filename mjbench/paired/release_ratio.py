@@ -14,8 +14,8 @@ import numpy as np
 
 from mjbench.errors import Failure, InputError, MachineError, failure_of
 from mjbench.instrument import stats
-from mjbench.paired import averaging, cores
-from mjbench.paired.averaging import Averaging
+from mjbench.paired import cores, moved_check
+from mjbench.paired.moved_check import Averaging
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.protocol import time_quads
 from mjbench.paired.records import section_numbers
@@ -169,7 +169,7 @@ class _Measurement:
         reference, release = self._tasks[0].releases
         is_first = self._averaging is None
         if self._averaging is None:
-            self._averaging = averaging.averaging(self._pool, reference, release)
+            self._averaging = moved_check.averaging(self._pool, reference, release)
         names = f"reference (MuJoCo {reference.version})", f"release (MuJoCo {release.version})"
         placements = self._averaging.placements()
         pairs = ProcessPairs(self._pool, (reference, release), names, placements)

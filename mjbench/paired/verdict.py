@@ -3,7 +3,6 @@
 `judge` decides from the launches so far; `decide` launches until it has enough.
 """
 
-import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,9 +11,9 @@ from mjbench.instrument import anytime
 from mjbench.instrument.anytime import Evidence
 from mjbench.instrument.ratio import Ratio
 from mjbench.paired import launches, outcomes
-from mjbench.paired.averaging import Averaging, averaging
 from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, conclude, judge
 from mjbench.paired.launches import Launched, StopRule, Sufficiency
+from mjbench.paired.moved_check import Averaging, averaging
 from mjbench.paired.outcomes import Cause, Metric, Verdict
 from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.records import (
@@ -90,7 +89,7 @@ class PairedResult(Launched):
             status=self.status,
             detail=self.detail,
             verdict=self._verdict(),
-            ratio=ratio_of(judgement) if judgement else None,
+            ratio=judgement.ratio if judgement else None,
             e_slower=min(judgement.e_slower, MAX_E_VALUE) if judgement else None,
             e_faster=min(judgement.e_faster, MAX_E_VALUE) if judgement else None,
             cause=self._cause(),
@@ -149,14 +148,14 @@ class PairedResult(Launched):
         if self.as_shipped is None:
             return PlacementEffect(True)
         return PlacementEffect(
-            True, as_shipped=ratio_of(self.as_shipped), effect=self._placement_effect()
+            True, as_shipped=self.as_shipped.ratio, effect=self._placement_effect()
         )
 
     def _placement_effect(self) -> Ratio | None:
         """Return the ratio as shipped over the averaged one; None where one was not measured."""
         if self.judgement is None or self.as_shipped is None:
             return None
-        return _quotient(ratio_of(self.as_shipped), ratio_of(self.judgement))
+        return _quotient(self.as_shipped.ratio, self.judgement.ratio)
 
     def record(self) -> VerdictRecord:
         """Return the comparison as a run file stores it, with every launch's raw times."""
@@ -170,13 +169,6 @@ def record_of(row: VerdictRow, samples: Sequence[LaunchRow] = ()) -> VerdictReco
       samples: raw times of every launch; none where instructions were compared.
     """
     return VerdictRecord(**vars(row), samples=samples)
-
-
-def ratio_of(judgement: Judgement) -> Ratio:
-    """Return estimate and interval; both ends are None where launches are too few for one."""
-    if not math.isfinite(judgement.high):
-        return Ratio(judgement.ratio, None, None)
-    return Ratio(judgement.ratio, judgement.low, judgement.high)
 
 
 def _quotient(numerator: Ratio, denominator: Ratio) -> Ratio:

@@ -46,34 +46,6 @@ class Engine:
     limit_s: float
     nthread: int
 
-    def start(self, build: Build, name: str, folder: Path) -> NodeProcess:
-        """Return a new process; its build is not instantiated yet.
-
-        Raises:
-          MachineError: no process can be started.
-        """
-        with writing(folder):
-            folder.mkdir()
-        return NodeProcess(self.node, f"{build} ({name})", folder, self.limit_s)
-
-    def instantiate(self, process: NodeProcess, build: Build) -> Instantiated:
-        """Have a process instantiate a build.
-
-        Raises:
-          NodeError: it failed.
-          MachineError: the engine is another release than its package says.
-        """
-        script = str(self.package.script(build))
-        instantiated = process.call(
-            Instantiated, "instantiate", script=script, nthread=self.nthread
-        )
-        if instantiated.version != self.package.version:
-            raise MachineError(
-                f"{self.package.folder} says that it is {self.package.version}, and its engine that"
-                f" it is {instantiated.version}; install the package anew"
-            )
-        return instantiated
-
 
 @dataclass(frozen=True)
 class WarmUp:
@@ -102,6 +74,9 @@ class BlocksDisagreeError(MachineError):
 
 class BuildRun:
     """One variant of a build on one model; a context manager that ends its processes.
+
+    Its methods raise NodeError where a process fails, crashes or hangs, and MachineError where none
+    can be started or files cannot be written.
 
     Attributes:
       variant: the build's path, and its options.
@@ -141,18 +116,12 @@ class BuildRun:
 
         Raises:
           UnavailableError: the build cannot have the threads that the variant asks for.
-          NodeError: the process failed, crashed or hung.
-          MachineError: the engine is another release, or no process can be started.
+          MachineError: the engine is another release.
         """
         return self._load(self._reference.files)
 
     def check(self) -> RoundingCheck:
-        """Step the workload, and single steps along it; return how far the build is from C.
-
-        Raises:
-          NodeError: the process failed, crashed or hung.
-          MachineError: files cannot be written.
-        """
+        """Step the workload, and single steps along it; return how far the build is from C."""
         traced = self._reference.traced
         self._states = self._run(self.process)
         steps = traced.steps
@@ -165,11 +134,7 @@ class BuildRun:
         return rounding_check.check(traced.run, steps, self._states, after, of_same_model)
 
     def prepare(self) -> None:
-        """Prepare blocks, each of which steps the first simulations.
-
-        Raises:
-          NodeError: the process failed, crashed or hung.
-        """
+        """Prepare blocks, each of which steps the first simulations."""
         run, block = self._reference.traced.run, self._reference.block
         control = run.control[: block.nbatch, : block.nstep // run.hold]
         arguments = self._steps(run.states[0, : block.nbatch], control, run.hold)
@@ -180,7 +145,6 @@ class BuildRun:
 
         Raises:
           BlocksDisagreeError: they do not.
-          NodeError: the process failed, crashed or hung.
         """
         assert self._states is not None, "the build was checked"
         file = self._folder / "block.f64"
@@ -192,22 +156,13 @@ class BuildRun:
                 "timed blocks do not end where the run ended that was checked"
             )
 
-    def warm_up(self, least_s: float) -> WarmUp:
-        """Run blocks until they are steady, for `least_s` seconds or more.
+    def warm_up(self, instantiated: Instantiated, compile_ms: float, least_s: float) -> StartUp:
+        """Run blocks until they are steady; return what the build took before that.
 
-        Raises:
-          NodeError: the process failed, crashed or hung.
+        Args:
+          least_s: seconds of blocks, at least.
         """
-        return warm_up(self.process.time_block, least_s)
-
-    def start_up(
-        self,
-        instantiated: Instantiated,
-        compile_ms: float,
-        warmed: WarmUp,
-    ) -> StartUp:
-        """Return what the build took before it was steady."""
-        block = self._reference.block
+        warmed, block = warm_up(self.process.time_block, least_s), self._reference.block
         return StartUp(
             import_ms=instantiated.import_ms,
             instantiate_ms=instantiated.instantiate_ms,
@@ -219,11 +174,21 @@ class BuildRun:
 
     def _load(self, files: tuple[str, ...]) -> tuple[Instantiated, float]:
         """Compile a model in a new process."""
-        build = Build(self.variant.path)
+        build, engine = Build(self.variant.path), self._engine
         folder = self._folder / f"process{len(self._processes)}"
-        process = self._engine.start(build, self._model, folder)
+        with writing(folder):
+            folder.mkdir()
+        process = NodeProcess(engine.node, f"{build} ({self._model})", folder, engine.limit_s)
         self._processes.append(process)
-        instantiated = self._engine.instantiate(process, build)
+        script = str(engine.package.script(build))
+        instantiated = process.call(
+            Instantiated, "instantiate", script=script, nthread=engine.nthread
+        )
+        if instantiated.version != engine.package.version:
+            raise MachineError(
+                f"{engine.package.folder} says that it is {engine.package.version}, and its engine"
+                f" that it is {instantiated.version}; install the package anew"
+            )
         threads = self.variant.options.get(ENGINE_THREADS, 0)
         if threads and not instantiated.has_threadpool:
             raise UnavailableError(f"MuJoCo {instantiated.version} has no mju_threadpool")

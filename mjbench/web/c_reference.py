@@ -15,7 +15,7 @@ from mjbench import paths
 from mjbench.comparison import step_costs
 from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError
-from mjbench.paired.run_sizes import RunSize
+from mjbench.paired.run_sizes import RunSize, Sizes
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
@@ -24,7 +24,7 @@ from mjbench.simulation import starts
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.rounding_reference import ReferenceRun, RoundingReference
 from mjbench.simulation.sampling import SampleRequest
-from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
+from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.simulation.workload import PortableWorkload, whole_holds
 from mjbench.web.records import C_PATH
@@ -36,22 +36,6 @@ _PASS_S, _MIN_NBATCH = 1.0, 2
 # Seconds of a timed block of C: the first steps of the first simulations, as many as fit, but at
 # least so many steps of one.
 _BLOCK_S, _MIN_BLOCK_NSTEP = 0.01, 10
-
-
-@dataclass(frozen=True)
-class WebSizes:
-    """The work that is compared, as the user asked for it.
-
-    Attributes:
-      nbatch: simulations; None to choose.
-      nstep: steps of each; None to choose.
-    """
-
-    nbatch: int | None = None
-    nstep: int | None = None
-    hold: int = 1
-    seed: int = 0
-    starts: StartPlan = DEFAULT_STARTS
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +75,7 @@ def prepare(
     pool: WorkerPool,
     release: ReleaseSpec,
     source: ModelSource,
-    sizes: WebSizes,
+    sizes: Sizes,
     clock: Callable[[], float] = time.perf_counter,
 ) -> CReference:
     """Load a model, draw its workload, and see what C does with it.
@@ -151,7 +135,7 @@ def _first(workload: PortableWorkload, run: ReferenceRun, block: RunSize) -> Por
     return replace(first, control=first.control[:, : block.nstep // run.hold])
 
 
-def _sample(process: WorkerProcess, sizes: WebSizes) -> tuple[SampleRequest, float]:
+def _sample(process: WorkerProcess, sizes: Sizes) -> tuple[SampleRequest, float]:
     """Return the workload to draw, and about how many seconds a step of it takes."""
     nstart = sizes.nbatch or NBATCH
     now = process.call(Worker.measure_step_cost, sizes.starts, nstart, sizes.hold)

@@ -16,6 +16,7 @@ from mjbench.comparison.plan import Variant
 from mjbench.errors import Failure, MjbenchError, failure_of
 from mjbench.instrument import child, machine, scratch
 from mjbench.paired import cores
+from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.time_limit import ENDING_ERRORS, ending_of
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
@@ -24,7 +25,7 @@ from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 from mjbench.web import c_reference, rounding_check
 from mjbench.web.build_run import ENGINE_THREADS, MIN_WARM_UP_S, BuildRun, Engine
-from mjbench.web.c_reference import CReference, WebSizes
+from mjbench.web.c_reference import CReference
 from mjbench.web.node_process import Memory, NodeError
 from mjbench.web.npm_package import Build
 from mjbench.web.records import WebPathRecord, WebRecord
@@ -39,7 +40,7 @@ class WebPlan:
 
     release: ReleaseSpec
     engine: Engine
-    sizes: WebSizes
+    sizes: Sizes
     budget_s: float
 
 
@@ -130,12 +131,13 @@ class _Measurement:
             if failed := rounding_check.failures(check):
                 return replace(record, status=Status.DISAGREES, detail="; ".join(failed))
             run.prepare()
-            warmed = run.warm_up(min(MIN_WARM_UP_S, self._plan.budget_s))
+            least_s = min(MIN_WARM_UP_S, self._plan.budget_s)
+            start_up = run.warm_up(instantiated, compile_ms, least_s)
             run.check_blocks()
         except MjbenchError as error:
             return _failed(record, error)
         self._runs[position] = run
-        return replace(record, start_up=run.start_up(instantiated, compile_ms, warmed))
+        return replace(record, start_up=start_up)
 
     def _time(self, processes: Sequence[WorkerProcess], core: int | None) -> None:
         """Time the paths of C, and the builds that agree, in turns."""

@@ -9,8 +9,8 @@ from paired_examples import CARTPOLE, INSTALLED
 
 from mjbench.errors import InputError
 from mjbench.instrument import stats
-from mjbench.paired import averaging, operations, preparation, release_ratio
-from mjbench.paired.averaging import Averaging
+from mjbench.paired import moved_check, operations, preparation, release_ratio
+from mjbench.paired.moved_check import Averaging
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.records import section_numbers
 from mjbench.paired.release_tasks import OperationTask, ReleaseTask, StepTask
@@ -105,7 +105,7 @@ def no_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
         "time_quads",
         lambda old, new, count: (["ABBA"] * count, np.full((count, 4), 1e6)),
     )
-    monkeypatch.setattr(averaging, "averaging", lambda *releases: Averaging(False))
+    monkeypatch.setattr(moved_check, "averaging", lambda *releases: Averaging(False))
 
 
 def fine(count: int) -> Sequence[int]:
