@@ -164,7 +164,6 @@ class _SpreadRule(StopRule):
         self._plan, self._release, self._on_launch = plan, release, on_launch
 
     def placements(self, pool: WorkerPool) -> Iterator[PlacementPair]:
-        """See `StopRule.placements`."""
         try:
             moved_check.check(pool, self._release)
         except ImmovableError as error:
@@ -172,11 +171,10 @@ class _SpreadRule(StopRule):
         return schedule(random.Random())
 
     def min_launches(self) -> int:
-        """See `StopRule.min_launches`."""
         return min(MIN_LAUNCHES, self._plan.launches) * len(RESIDUES)
 
     def look(self, launches: Sequence[LaunchRow], work_check: WorkCheck) -> Sufficiency:
-        """See `StopRule.look`; with fewer launches for an answer, a residue has no interval."""
+        # with fewer launches for an answer, a residue has no interval
         count = len(launches)
         self._on_launch(count)
         return Sufficiency(count >= self._plan.most_launches, count >= MIN_LAUNCHES * len(RESIDUES))

@@ -199,18 +199,15 @@ class _VerdictRule(StopRule):
         self.averaging: Averaging | None = None
 
     def placements(self, pool: WorkerPool) -> Iterator[PlacementPair]:
-        """See `StopRule.placements`."""
         as_shipped = self._plan.as_shipped
         self.averaging = Averaging(False) if as_shipped else averaging(pool, *self._releases)
         return self.averaging.placements()
 
     def min_launches(self) -> int:
-        """See `StopRule.min_launches`."""
         assert self.averaging is not None, "`placements` is called first"
         return self.averaging.launches_with(MIN_LAUNCHES)
 
     def look(self, launches: Sequence[LaunchRow], work_check: WorkCheck) -> Sufficiency:
-        """See `StopRule.look`."""
         judgement = _judge_launches(launches, self._plan, _log_scale(work_check, self._plan))
         assert judgement is not None, "there is a launch"
         self._on_launch(judgement)
