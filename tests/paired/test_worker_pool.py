@@ -110,7 +110,3 @@ def test_a_worker_that_sends_no_answer_is_ended_in_one_line(
     assert str(caught.value).startswith("baseline: sent an invalid answer, killed while running")
     assert "\n" not in str(caught.value)
     assert process.has_ended
-
-
-def test_the_longest_silence_within_an_answer_is_given_to_the_system_in_its_format() -> None:
-    assert child_connection.timeval(2.5) == struct.pack("@ll", 2, 500_000)
