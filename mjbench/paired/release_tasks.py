@@ -3,6 +3,7 @@
 All tasks of two releases share their launches, so that processes start once for all of them.
 """
 
+import contextlib
 import math
 import pickle
 import random
@@ -178,8 +179,9 @@ class StepTask(ReleaseTask):
         """See `ReleaseTask.equip`."""
         assert self._work is not None, "a task is prepared before it is timed"
         self._work.equip(processes)
-        for process in processes:
-            process.wait()
+        with contextlib.ExitStack() as waiting:  # for both, also where one cannot read it
+            for process in processes:
+                waiting.callback(process.wait)
 
     def lay_out(self, pair: ProcessPair) -> tuple[int, int]:
         """See `ReleaseTask.lay_out`."""

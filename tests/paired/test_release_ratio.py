@@ -15,6 +15,7 @@ from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.records import section_numbers
 from mjbench.paired.release_tasks import OperationTask, ReleaseTask, StepTask
 from mjbench.paired.targets import Target
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError
 from mjbench.releases import release_ratios
@@ -347,3 +348,22 @@ def test_sections_of_different_runs_are_different_work() -> None:
     parts = section_numbers([4, 4], [0, 1], 2)
     assert stats.total_log_ratio(["ABBA"] * 8, ns, parts) == pytest.approx(np.log(4.9 / 4))
     assert release_ratio.run_ns(["ABBA"] * 8, ns, parts, 2) == 200.0
+
+
+def test_a_process_that_cannot_read_its_work_leaves_no_answer_of_the_other_behind(
+    pool: WorkerPool,
+) -> None:
+    task = StepTask(BOTH, CARTPOLE.model)
+    task.prepare(pool)
+    work = task._work
+    assert work is not None
+    missing = work.workloads[0].with_suffix(".missing")
+    processes = pool.start(INSTALLED), pool.start(INSTALLED, side=1)
+    for process in processes:
+        pool.wait_for(process, INSTALLED)
+    work.workloads = missing, work.workloads[1]
+    with pytest.raises(TargetError, match="missing"):
+        task.equip(processes)
+    assert processes[1].call(Worker.count_cores, 1) > 0
+    pool.end(processes)
+    task.close()
