@@ -53,11 +53,7 @@ class ModelRequest:
 
 @dataclass(frozen=True)
 class OperationRequest:
-    """An operation around the step to count.
-
-    Attributes:
-      source: of the model that it is done with; None where it builds its own.
-    """
+    """An operation around the step; `source` is None where it builds its own model."""
 
     operation: str
     source: ModelSource | None

@@ -134,11 +134,7 @@ class Explainer:
     def row(
         self, baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None
     ) -> ExplainRecord:
-        """Return one model's row of `mjbench explain --json`.
-
-        Args:
-          time: the paired comparison of time; None where time was not compared.
-        """
+        """Return one model's row of `mjbench explain --json`; time may not have been compared."""
         failed = next((c for c in (baseline, candidate) if c.status != Status.OK), None)
         code, code_detail = None, "" if failed is None else "a release was not counted"
         if failed is None:

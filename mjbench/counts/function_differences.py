@@ -69,11 +69,7 @@ def is_different(function: FunctionDifference) -> bool:
 
 
 def code_shares(functions: Sequence[FunctionDifference]) -> dict[CodeChange, CodeShare]:
-    """Return how many functions and instructions execute, by how the code changed.
-
-    Args:
-      functions: all that either release executes, with their code compared.
-    """
+    """Return how many functions and instructions execute, by how the code changed."""
     costs: dict[CodeChange, list[float]] = defaultdict(list)
     for function in functions:
         assert function.code
@@ -100,11 +96,7 @@ def moved_groups(functions: Iterable[FunctionDifference]) -> list[list[FunctionD
 
 @dataclass(frozen=True)
 class NetDifference:
-    """By how much the instructions of one function differ, or of some between which cost moved.
-
-    Attributes:
-      difference: candidate minus baseline, instructions per step, together.
-    """
+    """By how much the instructions per step of a function differ, or of some that cost moved in."""
 
     names: Sequence[str]
     difference: float

@@ -107,11 +107,7 @@ class InstructionCounter:
     """
 
     def __init__(self, sizes: Sizes | None = None):
-        """Prepare a counter.
-
-        Args:
-          sizes: of the workloads to create; None stands for the default sizes.
-        """
+        """Prepare a counter; None stands for the usual sizes."""
         self._sizes = sizes or Sizes()
         self._workload_files: dict[ModelSource, Path] = {}
         self._closing = contextlib.ExitStack()

@@ -217,11 +217,7 @@ def _is_valid(instruction: capstone.CsInsn) -> bool:
 def _instruction(
     decoded: capstone.CsInsn, successors: Mapping[int, int], surroundings: Surroundings
 ) -> Instruction:
-    """Return an instruction without its addresses.
-
-    Args:
-      successors: the number of each instruction, by address.
-    """
+    """Return an instruction without its addresses; the numbers of its successors are by address."""
     if _is_nop(decoded):
         return Instruction((), decoded.size)
     if decoded.id == x86.X86_INS_INVALID:

@@ -40,11 +40,7 @@ _CHANGES = (Outcome.SLOWER, Outcome.FASTER)
 
 @dataclass(frozen=True)
 class Conditions:
-    """What the command of a run decided about its comparisons.
-
-    Attributes:
-      as_shipped: whether builds were compared with their code where it lies.
-    """
+    """What the command of a run decided about its comparisons."""
 
     min_effect: float = MIN_EFFECT
     hold: int = 1
@@ -254,11 +250,7 @@ def _by_machine(rows: Sequence[MachineRow]) -> dict[str, list[VerdictRow]]:
 def _certain(
     measurements: Sequence[Sequence[VerdictRow]], confidence: float
 ) -> list[Verdict | None]:
-    """Return the verdict of each machine on each comparison; None where it is not certain.
-
-    Args:
-      confidence: of all changes together (see `AcrossMachines`).
-    """
+    """Return the verdict of each machine on each comparison; None where it is not certain."""
     agreed = [_agreed(rows) for rows in measurements]
     certain: list[Verdict | None] = [v if v == Verdict.SAME else None for v in agreed]
     for change in (Verdict.SLOWER, Verdict.FASTER):

@@ -52,11 +52,7 @@ class ForkedWorker:
 
 
 class ForkServerProcess:
-    """A program that forks workers of one release.
-
-    Attributes:
-      has_forked: whether it was asked for a worker.
-    """
+    """A program that forks workers of one release."""
 
     def __init__(
         self,

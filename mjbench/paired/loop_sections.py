@@ -58,11 +58,7 @@ class _Stretch:
 
 
 def can_divide(workload: Workload, count: int) -> bool:
-    """Return whether a run can be divided: each section ends in the state that the run has there.
-
-    Args:
-      count: of sections; fewer where the run has fewer controls.
-    """
+    """Return whether a run can be divided: each section ends in the state that the run has there."""
     count = min(count, workload.nbatch * workload.ncontrol)
     if count < 2 or needs_reset(workload.model):
         return False

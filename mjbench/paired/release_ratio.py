@@ -104,11 +104,7 @@ def _measure_in_turns(group: Sequence["_Measurement"]) -> Iterator[list[RatioRec
 
 
 class _Measurement:
-    """One release, which is measured in one turn or several.
-
-    Attributes:
-      is_interrupted: whether Ctrl-C was pressed in one of its turns.
-    """
+    """One release, which is measured in one turn or several."""
 
     def __init__(
         self,
@@ -132,11 +128,7 @@ class _Measurement:
         return [task for task in self._tasks if not task.is_complete and task.failure is None]
 
     def take_turn(self, launches: int | None) -> None:
-        """Launch until all tasks are known well enough, or as often as a turn allows.
-
-        Args:
-          launches: of the turn, at most; None for no bound.
-        """
+        """Launch until all tasks are known well enough; `launches` times at most, if it is given."""
         begin_s = self._clock()
         try:
             self._launch(launches)

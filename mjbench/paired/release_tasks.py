@@ -101,18 +101,10 @@ class ReleaseTask(ABC):
 
     @abstractmethod
     def record(self, problem: str, seconds: float) -> RatioRecord:
-        """Return what was measured.
-
-        Args:
-          problem: why the libraries were not moved; empty where they were.
-        """
+        """Return what was measured; `problem` says why the libraries were not moved."""
 
     def add(self, launch: LaunchRatio, reference_ns: float) -> None:
-        """Store a launch.
-
-        Args:
-          reference_ns: nanoseconds that the reference takes for all its sections.
-        """
+        """Store a launch, and the nanoseconds that the reference took for all its sections."""
         self.launches.append(launch)
         self._reference_ns.append(reference_ns)
 

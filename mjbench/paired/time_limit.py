@@ -86,11 +86,7 @@ class TimeLimit:
         clock: Callable[[], float] = time.monotonic,
         purpose: str = "a verdict",
     ):
-        """Set the limit; it begins to count with `start`.
-
-        Args:
-          min_launches: that it needs.
-        """
+        """Set the limit of what needs `min_launches`; it begins to count with `start`."""
         self._purpose = purpose
         self._seconds, self._min_launches, self._clock = seconds, min_launches, clock
         self._begin_s: float | None = None

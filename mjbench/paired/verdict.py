@@ -163,11 +163,7 @@ class PairedResult(Launched):
 
 
 def record_of(row: VerdictRow, samples: Sequence[LaunchRow] = ()) -> VerdictRecord:
-    """Return a verdict as a run file stores it.
-
-    Args:
-      samples: raw times of every launch; none where instructions were compared.
-    """
+    """Return a verdict as a run file stores it, with the raw times of launches, if there are any."""
     return VerdictRecord(**vars(row), samples=samples)
 
 
@@ -181,11 +177,7 @@ def _quotient(numerator: Ratio, denominator: Ratio) -> Ratio:
 
 
 class _VerdictRule(StopRule):
-    """Launch until the verdict is certain.
-
-    Attributes:
-      averaging: whether launches move the libraries; None where that is not known yet.
-    """
+    """Launch until the verdict is certain; `averaging` is None until it is known."""
 
     purpose = "a verdict"
 

@@ -167,11 +167,7 @@ class Worker:
 
     @activity("measuring a step")
     def measure_step_cost(self, plan: "StartPlan", nstart: int, hold: int) -> StepCost:
-        """Return about how long one step takes now, at the start, and the model's digest.
-
-        Args:
-          nstart: different starts wanted.
-        """
+        """Return about how long one step takes now, at the start, and the model's digest."""
         from mjbench.simulation import compat, sampling, starts, work
         from mjbench.simulation.model_digest import model_digest
 

@@ -16,11 +16,7 @@ from mjbench.status import Status
 
 @dataclass(frozen=True)
 class Measured:
-    """A model or an operation in one release.
-
-    Attributes:
-      ratio: its time over that in the reference.
-    """
+    """A model or an operation in one release; its ratio is to the reference."""
 
     release: str
     ratio: LogEstimate

@@ -85,11 +85,7 @@ class BuildRun:
     def __init__(
         self, engine: Engine, variant: Variant, model: str, reference: CReference, folder: Path
     ):
-        """Start nothing yet.
-
-        Args:
-          folder: for files of this run; it is removed at its end.
-        """
+        """Start nothing yet; files of the run go to `folder`, which is removed at its end."""
         self.variant = variant
         self._engine, self._model, self._reference = engine, model, reference
         self._folder = folder
@@ -157,11 +153,7 @@ class BuildRun:
             )
 
     def warm_up(self, instantiated: Instantiated, compile_ms: float, least_s: float) -> StartUp:
-        """Run blocks until they are steady; return what the build took before that.
-
-        Args:
-          least_s: seconds of blocks, at least.
-        """
+        """Run blocks until they are steady, for some seconds at least; return what came before."""
         warmed, block = warm_up(self.process.time_block, least_s), self._reference.block
         return StartUp(
             import_ms=instantiated.import_ms,

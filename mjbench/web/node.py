@@ -18,11 +18,7 @@ _LIMIT_S = 30.0
 
 @dataclass(frozen=True)
 class Node:
-    """An installed Node.
-
-    Attributes:
-      version: such as `20.20.2`.
-    """
+    """An installed Node; its version is such as `20.20.2`."""
 
     file: Path
     version: str

@@ -63,11 +63,7 @@ class Memory:
 
 
 class NodeError(MachineError):
-    """A Node process failed, crashed or hung; the message names it in one line.
-
-    Attributes:
-      failure: how, without that name.
-    """
+    """A Node process failed, crashed or hung; the message names it, `failure` does not."""
 
     def __init__(self, name: str, failure: Failure):
         super().__init__(f"{name}: {failure.detail}")
