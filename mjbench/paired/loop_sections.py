@@ -58,7 +58,7 @@ class _Stretch:
 
 
 def can_divide(workload: Workload, count: int) -> bool:
-    """Return whether a run can be divided: each section ends in the state that the run has there."""
+    """Return whether a run can be divided: sections end in the states that it has there."""
     count = min(count, workload.nbatch * workload.ncontrol)
     if count < 2 or needs_reset(workload.model):
         return False

@@ -128,7 +128,7 @@ class _Measurement:
         return [task for task in self._tasks if not task.is_complete and task.failure is None]
 
     def take_turn(self, launches: int | None) -> None:
-        """Launch until all tasks are known well enough; `launches` times at most, if it is given."""
+        """Launch until all tasks are known well enough; `launches` times at most, if given."""
         begin_s = self._clock()
         try:
             self._launch(launches)

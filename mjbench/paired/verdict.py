@@ -163,7 +163,7 @@ class PairedResult(Launched):
 
 
 def record_of(row: VerdictRow, samples: Sequence[LaunchRow] = ()) -> VerdictRecord:
-    """Return a verdict as a run file stores it, with the raw times of launches, if there are any."""
+    """Return a verdict as a run file stores it, with the raw times of launches, if any."""
     return VerdictRecord(**vars(row), samples=samples)
 
 
