@@ -83,12 +83,12 @@ def read_figures(file: Path, release: str) -> OtherFigures | None:
     import msgspec
 
     from mjbench.instrument.json_form import json_type
-    from mjbench.report.documents import WebDocument
+    from mjbench.report.kinds import WEB
 
     if not file.exists():
         return None
     try:
-        document = msgspec.json.decode(file.read_bytes(), type=json_type(WebDocument))
+        document = msgspec.json.decode(file.read_bytes(), type=json_type(WEB.document_type))
     except (OSError, msgspec.DecodeError) as error:
         raise InputError(f"cannot read {file}: {one_line(error)}") from error
     rows = [row for row in document.results if row.model in MODELS]

@@ -38,7 +38,7 @@ def write_report(run_file: Path, model: str, page: Path) -> None:
     from mjbench.instrument import runs
     from mjbench.pages import html, reports
     from mjbench.pages.reports import NamedRun
-    from mjbench.report.documents import RECORD_TYPES
+    from mjbench.report.kinds import RECORD_TYPES
 
     run = runs.load(run_file, RECORD_TYPES)
     records = tuple(record for record in run.records if getattr(record, "model", "") == model)

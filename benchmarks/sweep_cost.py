@@ -95,7 +95,7 @@ def by_hand(of: "Matrix") -> float:
 def by_sweep(of: "Matrix") -> SweepTimes:
     """Return the seconds of a sweep that does the same."""
     from mjbench.instrument.run_set import RunSetFile
-    from mjbench.report.documents import RECORD_TYPES
+    from mjbench.report.kinds import RECORD_TYPES
     from mjbench.sweep.ray_cluster import RayCluster
     from mjbench.sweep.run import Sweep
 

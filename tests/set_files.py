@@ -10,7 +10,7 @@ from mjbench.instrument.machine import Machine
 from mjbench.instrument.run_file import RunFile
 from mjbench.instrument.run_set import RunSetFile, Section
 from mjbench.instrument.runs import Record, RunHeader
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 
 MACHINE = Machine(
     cpu="AMD EPYC 7763 64-Core Processor",

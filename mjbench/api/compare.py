@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-
 from mjbench import paths as stepping_paths
 from mjbench.api import checks, failures, model_sources, start_states
 from mjbench.api.measured import Measured
@@ -23,7 +21,6 @@ from mjbench.instrument.progress import Progress
 from mjbench.instrument.runs import Record
 from mjbench.paired import path_comparison
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.report import comparison as report
 from mjbench.report.advice import Advice, ClockAdvice
 from mjbench.report.crossovers import Crossover
 from mjbench.report.documents import CompareDocument
@@ -48,35 +45,34 @@ class Comparison(Measured):
         return tuple(derive_all(self.run.records))
 
     @property
+    def document(self) -> CompareDocument:
+        """All that `mjbench compare --json` has."""
+        return CompareDocument.of(self.machine, self.models)
+
+    @property
     def results(self) -> tuple[PathResult, ...]:
         """The results of all variants of paths, on all models."""
-        return tuple(self._document().results)
+        return tuple(result for model in self.models for result in model.results)
 
     @property
     def advice(self) -> tuple[Advice, ...]:
         """Which path to use, for open and for closed loop."""
-        return tuple(self._document().advice)
+        return tuple(self.document.advice)
 
     @property
     def clock(self) -> tuple[ClockAdvice, ...]:
         """What turning MuJoCo's timer off gains, where that is certain."""
-        return tuple(self._document().clock)
+        return tuple(self.document.clock)
 
     @property
     def crossovers(self) -> tuple[Crossover, ...]:
         """From how many simulations on accelerated paths overtake C."""
-        return tuple(self._document().crossovers)
+        return tuple(self.document.crossovers)
 
     @property
     def work_crossovers(self) -> tuple[WorkCrossover, ...]:
         """From how much work per call on Ray overtakes other paths."""
-        return tuple(self._document().work_crossovers)
-
-    def _document(self) -> CompareDocument:
-        return CompareDocument.of(self.machine, self.models)
-
-    def _print(self, out: Console) -> None:
-        report.print_models(out, self.models)
+        return tuple(self.document.work_crossovers)
 
 
 def compare(

@@ -4,8 +4,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-
 from mjbench.api import checks, failures, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.session import Session
@@ -26,8 +24,6 @@ from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths import BASE
 from mjbench.releases import installs
-from mjbench.report import verdicts as report
-from mjbench.report.documents import VerdictDocument
 from mjbench.simulation import models as shipped_models
 from mjbench.status import Status
 
@@ -58,12 +54,6 @@ class ReleaseComparison(Measured):
     def family(self) -> Family:
         """Which are slower, faster or undecided when one allows for their number."""
         return family.decide(self.verdicts, self.confidence)
-
-    def _document(self) -> VerdictDocument:
-        return VerdictDocument(machine=self.machine, results=self.verdicts)
-
-    def _print(self, out: Console) -> None:
-        report.print_table(out, self.verdicts, self.confidence)
 
 
 def versions(

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from mjbench.instrument.neighbours import Neighbour, Presence
     from mjbench.instrument.run_file import RunFile
     from mjbench.instrument.runs import Record
+    from mjbench.report.content import DataTable, Section
 
 
 class ProgressBar:
@@ -106,9 +107,9 @@ class RunContext:
         Raises:
           InputError: the JSON document would replace an input.
         """
-        from mjbench.report import tables
+        from mjbench.pages import terminal
 
-        self.out: Console = tables.console(stderr=to_stderr or json_file == "-")
+        self.out: Console = terminal.console(stderr=to_stderr or json_file == "-")
         self.interrupted = False
         self.resumed_records: Sequence[Record] = ()
         self._command, self._inputs, self._storage = command, inputs, storage
@@ -173,7 +174,7 @@ class RunContext:
         """Begin a run file, or continue one with those of its records that are finished."""
         from mjbench.instrument import resume, runs
         from mjbench.instrument.run_file import RunFile
-        from mjbench.report.documents import RECORD_TYPES
+        from mjbench.report.kinds import RECORD_TYPES
 
         header = runs.RunHeader(
             runs.SCHEMA,
@@ -203,6 +204,18 @@ class RunContext:
         if self._machine is None:
             self._machine = machine.describe()
         return self._machine
+
+    def show(self, sections: Iterable["Section"], code: bool = False) -> None:
+        """Print sections; `code`: with their snippets."""
+        from mjbench.pages import terminal
+
+        terminal.print_sections(self.out, sections, code)
+
+    def table(self, table: "DataTable") -> None:
+        """Print a table alone."""
+        from mjbench.pages import terminal
+
+        self.out.print(terminal.rich_table(table))
 
     def record(self, record: "Record") -> None:
         """Append a record to the run file.

@@ -36,7 +36,7 @@ def merge(files: tuple[Path, ...], output: Path) -> None:
       mjbench report all.jsonl
     """
     from mjbench.instrument.merge import merge as merge_files
-    from mjbench.report.documents import RECORD_TYPES
+    from mjbench.report.kinds import RECORD_TYPES
 
     if str(output) == "-":
         raise InputError("a run set cannot go to standard output: give -o FILE")
@@ -50,7 +50,7 @@ def merge(files: tuple[Path, ...], output: Path) -> None:
 def _summary(merged: "Merged") -> str:
     """Return what a set holds now, what was added and what was skipped, in one line."""
     from mjbench.instrument.machine_identity import identify
-    from mjbench.report import tables
+    from mjbench.instrument.units import count_of
 
     machines = dict.fromkeys(identify([run.header.machine for run in merged.runs]))
     skipped = [
@@ -62,5 +62,5 @@ def _summary(merged: "Merged") -> str:
         if count
     ]
     end = f", skipped {' and '.join(skipped)}" if skipped else ""
-    runs = tables.count_of(len(merged.runs), "run")
-    return f"{runs} of {tables.count_of(len(machines), 'machine')}; added {merged.added}{end}"
+    runs = count_of(len(merged.runs), "run")
+    return f"{runs} of {count_of(len(machines), 'machine')}; added {merged.added}{end}"

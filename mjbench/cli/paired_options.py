@@ -157,12 +157,12 @@ def report(run: RunContext, rows: Sequence["VerdictRow"], confidence: float) -> 
       confidence: of what they show together.
     """
     from mjbench.report import verdicts
-    from mjbench.report.documents import VerdictDocument
+    from mjbench.report.kinds import VERDICT
 
     if any(row.status == Status.INTERRUPTED for row in rows):
         run.interrupt()
-    verdicts.print_table(run.out, rows, confidence)
-    run.write(VerdictDocument(machine=run.machine, results=rows))
+    run.show([verdicts.section(rows, confidence)])
+    run.write(VERDICT.document_type(machine=run.machine, results=rows))
 
 
 def _show_launch(advance: "ProgressBar", number: int, name: str, judgement: "Judgement") -> None:

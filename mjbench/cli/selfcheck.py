@@ -119,7 +119,7 @@ def selfcheck(
         with checks.busy_neighbour_core() if busy else contextlib.nullcontext():
             failures = _run_trials(run, remaining, plan, records, trials * len(cases))
         rows = checks.summary(records)
-        report.print_tables(run.out, rows)
+        run.show([report.section(rows)])
         run.write(SelfcheckDocument(machine=run.machine, busy=busy, results=rows))
     run.exit(failures)
 

@@ -284,6 +284,7 @@ WAIT = click.option(
 CODE = click.option(
     "--code", is_flag=True, help="Print the Python code of the paths that are advised."
 )
+CODE_HINT = "--code prints the Python code of the paths that are advised."
 HOLD = click.option(
     "--hold",
     type=COUNT,

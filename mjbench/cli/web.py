@@ -89,7 +89,7 @@ def web(
       mjbench web --package path/to/your/app --json web.json
     """
     from mjbench.releases import installs
-    from mjbench.report.documents import WebDocument
+    from mjbench.report.kinds import WEB
     from mjbench.simulation import models
     from mjbench.web.measure import WebPlan
 
@@ -108,7 +108,7 @@ def web(
     files = [*(source.path for source in sources), *plan.sizes.starts.files]
     with RunContext("web", json_file, files, Storage(results, arguments), wait) as run:
         records = _measure(run, sources, plan)
-        run.write(WebDocument(machine=run.machine, results=records))
+        run.write(WEB.document_type(machine=run.machine, results=records))
     run.exit([status for record in records for status in record.statuses()])
 
 
@@ -155,7 +155,7 @@ def _measure(
 ) -> list["WebRecord"]:
     """Measure models; print and store what was measured of each."""
     from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.report.web import print_model
+    from mjbench.report.web import sections
     from mjbench.web import measure
 
     records = []
@@ -163,7 +163,7 @@ def _measure(
         for source in sources:
             records.append(record := measure.measure(pool, source, plan))
             run.record(record)
-            print_model(run.out, record)
+            run.show(sections([record]))
             if record.status == Status.INTERRUPTED:
                 run.interrupt()
                 break

@@ -12,7 +12,7 @@ from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
 from mjbench.instrument.machine_identity import Software, software_names
 from mjbench.instrument.runs import InputFile, Run
-from mjbench.report import tables
+from mjbench.report import formats
 from mjbench.report.advice import Advice, Loop, advise
 from mjbench.report.comparison import mark
 from mjbench.report.conclusions import disturbed
@@ -170,7 +170,7 @@ def describe(all_advice: Sequence[AdviceAcross]) -> Iterator[str]:
         names = list(dict.fromkeys(models))
         listed = ", ".join(names[:_MOST_NAMES])
         more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-        machines = tables.all_machines(total)
+        machines = formats.all_machines(total)
         if total == 1:
             machines = f"the only machine that measured {'it' if len(names) == 1 else 'them'}"
         yield f"{loop.capitalize()} loop: {path} on {machines}, for {listed}{more}"
@@ -202,8 +202,8 @@ def _gain(advice: Advice) -> str:
     gain = advice.speedup
     if gain is None:
         return ""
-    ends = tables.ends(gain)
-    return f" {tables.factor(gain.estimate)}×" + (f" ({ends})" if ends else "")
+    ends = formats.ends(gain)
+    return f" {formats.factor(gain.estimate)}×" + (f" ({ends})" if ends else "")
 
 
 def _with_software(runs: Sequence[Run], names: Sequence[str]) -> list[str]:

@@ -19,7 +19,7 @@ from mjbench.comparison.records import ModelRecord
 from mjbench.errors import Failure
 from mjbench.instrument import extras, run_set
 from mjbench.instrument.run_set import RunSetFile, Section
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 from mjbench.sweep import matrix, results, software
 from mjbench.sweep import plan as plans

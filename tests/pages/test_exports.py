@@ -20,7 +20,7 @@ from mjbench.instrument.runs import Record
 from mjbench.pages import exports
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRecord
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 
 COMPARISON = ROOT / "results/runs/reference-mujoco-4.0.0.jsonl"

@@ -13,7 +13,7 @@ from mjbench.errors import Failure, InputError
 from mjbench.instrument import runs
 from mjbench.instrument.run_set import RunSetFile, Section, read
 from mjbench.releases.release_ratios import StepRatioRecord
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 from mjbench.sweep import results
 from mjbench.sweep.cells import Cell, Kind
