@@ -39,7 +39,7 @@ def test_models_of_different_size_do_as_many_simulations_each(
     pair.close()
     assert pair.work_check.nbatch == 3
     assert pair.work_check.drift is None
-    assert (launch.ns > 0).all()
+    assert np.min(launch.ns) > 0
 
 
 def test_simulations_that_diverge_in_one_target_only_are_changed_work(
@@ -53,7 +53,7 @@ def test_simulations_that_diverge_in_one_target_only_are_changed_work(
     assert 0 < pair.work_check.diverged[1] < 8
     assert pair.work_check.nbatch == 8 - pair.work_check.diverged[1]
     assert pair.work_check.changed
-    assert (launch.ns > 0).all()
+    assert np.min(launch.ns) > 0
 
 
 def test_identical_targets_do_the_same_work_from_the_same_start(pool: WorkerPool) -> None:
@@ -171,7 +171,7 @@ def test_what_sleeps_in_its_own_run_sleeps_where_it_is_timed(
     window = pair.work_check.candidate_starts.window  # type: ignore[union-attr]
     assert window is not None and window.asleep == window.asleep_in_run == 1.0
     assert pair.work_check.nstep >= preparation.LEAST_SLEEPING_NSTEP
-    assert (launch.ns > 0).all()
+    assert np.min(launch.ns) > 0
 
 
 def test_a_time_per_step_is_scaled_to_one_per_simulated_second(
