@@ -173,8 +173,7 @@ def pair(limit_s: float) -> tuple[Connection, socket.socket]:
       MachineError: the system has no sockets left.
     """
     ours, theirs = sockets(socket.SOCK_STREAM)
-    for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
-        ours.setsockopt(socket.SOL_SOCKET, option, timeval(limit_s))
+    ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, timeval(limit_s))
     return Connection(ours.detach()), theirs
 
 
