@@ -169,11 +169,11 @@ def record_of(row: VerdictRow, samples: Sequence[LaunchRow] = ()) -> VerdictReco
 
 def _quotient(numerator: Ratio, denominator: Ratio) -> Ratio:
     """Return a ratio over another; its interval holds the truth if both of theirs do."""
-    estimate = numerator.estimate / denominator.estimate
-    if None in (numerator.low, numerator.high, denominator.low, denominator.high):
-        return Ratio(estimate, None, None)
-    assert numerator.low and numerator.high and denominator.low and denominator.high
-    return Ratio(estimate, numerator.low / denominator.high, numerator.high / denominator.low)
+    low, high = (
+        None if end is None or other is None else end / other
+        for end, other in ((numerator.low, denominator.high), (numerator.high, denominator.low))
+    )
+    return Ratio(numerator.estimate / denominator.estimate, low, high)
 
 
 class _VerdictRule(StopRule):
