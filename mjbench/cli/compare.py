@@ -241,7 +241,7 @@ def _compare(
                     for known in (
                         [stored_earlier]
                         if stored_earlier
-                        else compare_model(pool, source, plan, on_progress)
+                        else compare_model(pool, source, plan, on_progress, bar.begin)
                     ):
                         bar.show(functools.partial(_shown_so_far, sizes, known))
                     sizes.append(derive(known.model, known.measurements, known.race))

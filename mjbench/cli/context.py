@@ -10,6 +10,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+import click
+
 from mjbench.cli import interrupts
 from mjbench.cli.group import command_line, report_line
 from mjbench.cli.output_file import OutputFile
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class ProgressBar:
-    """A progress bar that shows nothing; `terminal_progress` has the one of terminals.
+    """A progress bar that shows phases alone; `terminal_progress` has the one of terminals.
 
     Calling it with the number of an item, what is done now, and the share of the item that is done,
     moves it.
@@ -35,6 +37,10 @@ class ProgressBar:
 
     def __call__(self, number: int, name: str, share: float) -> None:
         """Show how far the work is."""
+
+    def begin(self, phase: str) -> None:
+        """Say in a line on standard error what begins now, for who has no terminal."""
+        click.echo(printable(phase), err=True)
 
     def show(self, results: "Callable[[], RenderableType | None] | None") -> None:
         """Show what a function returns above the bar until others replace it; None removes it."""

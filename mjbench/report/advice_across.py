@@ -12,8 +12,9 @@ from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
 from mjbench.instrument.machine_identity import Software, software_names
 from mjbench.instrument.runs import InputFile, Run
+from mjbench.paired.race_record import Loop
 from mjbench.report import formats
-from mjbench.report.advice import Advice, Loop, advise
+from mjbench.report.advice import Advice, advise
 from mjbench.report.comparison import mark
 from mjbench.report.conclusions import disturbed
 from mjbench.report.results import ModelResults, derive_all

@@ -1,15 +1,17 @@
 """What `mjbench compare` comes to: what follows for each model, its table, and notes."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
 from mjbench.instrument.ratio import Ratio
 from mjbench.instrument.units import count_of, plain
+from mjbench.paired.race_record import Loop, RaceRecord
 from mjbench.paths import BASE
 from mjbench.paths.accelerated import keyword_arguments
 from mjbench.report import comparison_figures, formats
-from mjbench.report.advice import Advice, Loop, advise, advise_clock
+from mjbench.report.advice import Advice, advise, advise_clock
 from mjbench.report.conclusions import (
     FORMER,
     cautions,
@@ -35,6 +37,9 @@ from mjbench.simulation import accelerated_limits, package_timer
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
+
+# A race that was not decided needs this many times the time, and seconds at least.
+_LONGER, _LONGER_BUDGET_S = 5, 120
 
 
 def sections(models: Sequence[ModelResults]) -> Iterator[Section]:
@@ -385,6 +390,11 @@ def notes(model_results: ModelResults) -> list[str]:
     ]
     lines += _unavailable_lines(results)
     lines += [f"{r.path}: {r.agreement}" for r in results if r.check and r.agrees]
+    lines += [
+        f"{r.path}: timed in one process, so its speed-up has no interval"
+        for r in results
+        if r.is_accelerated and r.is_timed
+    ]
     lines += _buffer_lines(results)
     lines += _error_causes(results)
     return [*_race_notes(model_results), *lines, *_cores_note(model_results)]
@@ -404,9 +414,15 @@ def _race_notes(model_results: ModelResults) -> list[str]:
         count = len(race.launches)
         lines.append(
             f"The budget ended the race after {count} {'launch' if count == 1 else 'launches'}:"
-            " a longer --budget makes it more certain."
+            f" --budget {_longer_budget_s(race)} makes it more certain."
         )
     return lines
+
+
+def _longer_budget_s(race: RaceRecord) -> int:
+    """Return a budget, in whole minutes, in which a race can have several times the launches."""
+    timed_s = 1e-9 * sum(sum(row) for launch in race.launches for row in launch.ns)
+    return max(_LONGER_BUDGET_S, 60 * math.ceil(_LONGER * timed_s / 60))
 
 
 def _buffer_lines(results: Sequence[PathResult]) -> list[str]:
@@ -421,11 +437,9 @@ def _buffer_lines(results: Sequence[PathResult]) -> list[str]:
 
 def _cores_note(model_results: ModelResults) -> list[str]:
     """Return how many cores threads had; where they had too few, the heading says so."""
-    cores = model_results.cores_had
-    if cores is None or model_results.disturbances:
+    if model_results.cores is None or model_results.disturbances:
         return []
-    usable = model_results.model.usable_cores
-    return [f"Threads had {cores:.2f} of {usable} usable cores (calibration)."]
+    return [f"Threads had {model_results.cores} (calibration)."]
 
 
 def _error_causes(results: Sequence[PathResult]) -> list[str]:

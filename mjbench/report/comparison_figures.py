@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Sequence
 
 from mjbench.comparison.plan import Variant
+from mjbench.paired.race_record import Loop
 from mjbench.paths import BASE
 from mjbench.report import charts, formats
-from mjbench.report.advice import Loop
 from mjbench.report.content import Column, DataTable, Figure
 from mjbench.report.results import ModelResults, PathResult
 
