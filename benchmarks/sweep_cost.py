@@ -39,7 +39,7 @@ class SweepTimes:
     Attributes:
       start_s: until Ray ran, and the node had said what it is.
       command_s: in which commands ran, until their last result.
-      other_s: for starting workers, calibrating, and ending commands.
+      other_s: starting workers, calibrating, and ending commands.
       stop_s: until Ray had ended.
     """
 

@@ -114,7 +114,7 @@ def compare(
       returns: what every path returns: `final`, `trajectory` or `sensors`.
       seed: of start states and controls.
       settle_s: simulated seconds for which the model moves before the first start state; 0 starts
-        at keyframe 0, None stands for 0.1 with a keyframe, and for 1 without.
+        at keyframe 0, None stands for 0.1 with a keyframe, and for 5 without.
       states: a file of start states, or arrays by MjData field, as `mjbench.record` returns and
         `mjbench.capture` stores them.
       actions: a file of controls, or an array (ncontrol, nu) or (nsequence, ncontrol, nu), in place
@@ -173,11 +173,7 @@ def compare(
 def _measure(
     turns: Sequence[tuple[ModelSource, ComparisonPlan]], on_progress: Progress
 ) -> list[Record]:
-    """Return the records of models at their sizes.
-
-    Raises:
-      KeyboardInterrupt: the user stopped it.
-    """
+    """Return the records of models at their sizes."""
     records: list[Record] = []
     with WorkerPool(turns[0][1].limit_s) as pool:
         for number, (source, plan) in enumerate(turns):
@@ -203,11 +199,7 @@ def _option_texts(options: Mapping[str, Any]) -> list[str]:
 
 
 def _own_path_folder(path_names: Sequence[str]) -> str | None:
-    """Return the folder from which child processes import paths of the user's own; None for none.
-
-    Raises:
-      InputError: there is no such path, or they do not lie in one folder.
-    """
+    """Return the folder of the user's own paths, for child processes; None without such paths."""
     folders = set()
     for name in path_names:
         module_name, colon, _ = name.partition(":")

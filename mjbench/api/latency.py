@@ -62,7 +62,7 @@ def latency(
       hold: steps for which each control is held.
       seed: of start states and controls.
       settle_s: simulated seconds for which the model moves before the first start state; 0 starts
-        at keyframe 0, None stands for 0.1 with a keyframe, and for 1 without.
+        at keyframe 0, None stands for 0.1 with a keyframe, and for 5 without.
       states: a file of start states, or arrays by MjData field, as `mjbench.record` returns and
         `mjbench.capture` stores them.
       actions: a file of controls, or an array (ncontrol, nu) or (nsequence, ncontrol, nu), in place

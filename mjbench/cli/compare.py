@@ -193,11 +193,7 @@ def _plan(options: _Options, import_from: str | None) -> "ComparisonPlan":
 
 
 def _budget_s(options: _Options) -> float:
-    """Return the seconds that a model may take.
-
-    Raises:
-      InputError: --quick and --budget are both given.
-    """
+    """Return the seconds that a model may take."""
     from mjbench.comparison.plan import BUDGET_S, QUICK_BUDGET_S
 
     if options.quick and options.budget is not None:

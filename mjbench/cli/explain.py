@@ -97,11 +97,7 @@ def _compare_times(
     targets: Sequence["Target"],
     plan: "VerdictPlan",
 ) -> "VerdictRow":
-    """Compare the times of one model; have the counter count the same simulations.
-
-    Raises:
-      KeyboardInterrupt: the user stopped the comparison.
-    """
+    """Compare the times of one model; have the counter count the same simulations."""
     from mjbench.paired import verdict
 
     baseline, candidate = targets

@@ -10,7 +10,7 @@ from mjbench.cli.group import cli, report_line
 from mjbench.errors import InputError
 
 if TYPE_CHECKING:
-    from mjbench.instrument.merge import Merged
+    from mjbench.instrument.run_set import Merged
 
 
 @cli.command()
@@ -35,13 +35,13 @@ def merge(files: tuple[Path, ...], output: Path) -> None:
       mjbench merge runs-*/*.jsonl -o all.jsonl
       mjbench report all.jsonl
     """
-    from mjbench.instrument.merge import merge as merge_files
+    from mjbench.instrument import run_set
     from mjbench.report.kinds import RECORD_TYPES
 
     if str(output) == "-":
         raise InputError("a run set cannot go to standard output: give -o FILE")
     with RunContext("merge", inputs=files) as run:
-        merged = merge_files(files, output, RECORD_TYPES)
+        merged = run_set.merge(files, output, RECORD_TYPES)
         for path in merged.torn:
             report_line(f"{path}: its end was cut short; the incomplete part is left out")
         run.out.print(f"{output}: {_summary(merged)}", soft_wrap=True)

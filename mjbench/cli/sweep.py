@@ -94,11 +94,7 @@ def sweep(plan: Path, output: Path | None, **options: object) -> None:
 
 
 def check_command(arguments: Sequence[str]) -> None:
-    """Parse a command line of mjbench without running it.
-
-    Raises:
-      InputError: an option has a value that its command does not take.
-    """
+    """Parse a command line of mjbench without running it."""
     command: click.Command = cli
     rest = list(arguments)
     while isinstance(command, click.Group):
@@ -178,10 +174,6 @@ def _open(target: Path, on_error: contextlib.ExitStack) -> "RunSetFile":
 
     Args:
       on_error: removes the file again if it was created here and has no result.
-
-    Raises:
-      InputError: there is another file of this name.
-      MachineError: it cannot be written.
     """
     from mjbench.errors import writing
     from mjbench.instrument.run_set import RunSetFile
@@ -206,11 +198,7 @@ def _remove_empty(target: Path) -> None:
 
 
 def _stored(target: Path, matrix: "Matrix") -> "dict[Cell, Outcome]":
-    """Return how the cells in a run set ended; the last result of each counts.
-
-    Raises:
-      InputError: it is no run set.
-    """
+    """Return how the cells in a run set ended; the last result of each counts."""
     from mjbench.instrument import run_set
     from mjbench.report.kinds import RECORD_TYPES
     from mjbench.sweep import results

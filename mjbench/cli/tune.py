@@ -170,11 +170,7 @@ def tune(
 def _check_engine(
     engine: str, nbatch: int | None, only: str | None, skip: list[str] | None
 ) -> None:
-    """Refuse options that another engine has.
-
-    Raises:
-      InputError: there is one.
-    """
+    """Refuse options that another engine has."""
     if engine == "c" and nbatch is not None:
         raise InputError("--nbatch needs --engine mjx or warp")
     if engine != "c" and only is not None:
@@ -184,11 +180,7 @@ def _check_engine(
 
 
 def _see_whether_writable(output: OutputFile) -> None:
-    """Fail now, rather than after the search, where a file cannot be written.
-
-    Raises:
-      MachineError: it cannot.
-    """
+    """Fail now, rather than after the search, where a file cannot be written."""
     try:
         output.open()
     finally:
@@ -196,12 +188,7 @@ def _see_whether_writable(output: OutputFile) -> None:
 
 
 def _write(run: RunContext, record: "TuneRecord", source: "ModelSource", target: Path) -> None:
-    """Write the MJCF file with the fastest settings that are recommended.
-
-    Raises:
-      InputError: the file cannot have them.
-      MachineError: it cannot be written.
-    """
+    """Write the MJCF file with the fastest settings that are recommended."""
     from mjbench.tuning import model_copy
     from mjbench.tuning.settings import edits_of
 

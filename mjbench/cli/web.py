@@ -115,12 +115,7 @@ def web(
 def _engine(
     release: "ReleaseSpec | None", package_folder: Path | None, node_command: str, limit_s: float
 ) -> "Engine":
-    """Return the builds of a release, and the Node that runs them.
-
-    Raises:
-      InputError: the folder has no package, or that of another release.
-      MachineError: the package or Node is missing.
-    """
+    """Return the builds of a release, and the Node that runs them."""
     from mjbench.instrument import machine
     from mjbench.web import node, npm_package
     from mjbench.web.build_run import Engine
@@ -138,11 +133,7 @@ def _sizes(
     states_file: Path | None,
     actions_file: Path | None,
 ) -> "Sizes":
-    """Return what the options SIZES ask for.
-
-    Raises:
-      InputError: they contradict each other, or a file cannot be read.
-    """
+    """Return what the options SIZES ask for."""
     from mjbench.paired.run_sizes import Sizes
 
     check_sizes(nstep, hold)

@@ -24,7 +24,7 @@ class Target:
 
     Attributes:
       slowdown: share of its time by which each block lasts longer, a slowdown of known size.
-      callback: function of the engine that every timed step calls (see `engine_callback`), a
+      callback: function of the engine that every timed step calls (see `engine_library`), a
         slowdown of unknown size; empty for none.
     """
 

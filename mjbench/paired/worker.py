@@ -328,7 +328,7 @@ class Worker:
 
         Args:
           simulations: rows of the workload to do.
-          callback: function of the engine that steps call (see `engine_callback`).
+          callback: function of the engine that steps call (see `engine_library`).
           slowdown: share of its time by which each block lasts longer: the process spins meanwhile.
           returns: what the run returns; None for final states.
           metric: whether blocks give their time, or that of their slowest steps.
@@ -342,7 +342,7 @@ class Worker:
         from mjbench import paths
         from mjbench.paired import loop_sections
         from mjbench.paths import States
-        from mjbench.simulation import engine_callback
+        from mjbench.simulation import engine_library
         from mjbench.simulation.engine_clock import engine_clock
         from mjbench.simulation.workload import Product, Workload
 
@@ -364,7 +364,7 @@ class Worker:
         if reason:
             raise InputError(reason)
         if callback:
-            engine_callback.install(model, callback)
+            engine_library.install_callback(model, callback)
         if not has_timer:
             engine_clock(False)
         self.slowdown = slowdown

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
-from mjbench.instrument.machine_identity import Software, software_names
+from mjbench.instrument.machine_identity import RunSoftware, software_names
 from mjbench.instrument.runs import InputFile, Run
 from mjbench.paired.race_record import Loop
 from mjbench.report import formats
@@ -209,13 +209,13 @@ def _gain(advice: Advice) -> str:
 
 def _with_software(runs: Sequence[Run], names: Sequence[str]) -> list[str]:
     """Return the names of machines, each with its software where it has several."""
-    softwares: dict[str, list[Software]] = defaultdict(list)
+    softwares: dict[str, list[RunSoftware]] = defaultdict(list)
     for run, name in zip(runs, names, strict=True):
         if run.of_type(ModelRecord):
-            softwares[name].append(Software.of(run.header.machine))
+            softwares[name].append(RunSoftware.of(run.header.machine))
     details = {name: software_names(of_machine) for name, of_machine in softwares.items()}
     named = []
     for run, name in zip(runs, names, strict=True):
-        detail = details.get(name, {}).get(Software.of(run.header.machine))
+        detail = details.get(name, {}).get(RunSoftware.of(run.header.machine))
         named.append(f"{name} ({detail})" if detail else name)
     return named
