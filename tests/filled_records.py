@@ -34,14 +34,14 @@ _VALUES: Mapping[str, Any] = {
 _EXACT = ("orders", "histogram", "schema")
 # The records that runs of each command have.
 KINDS: Mapping[str, Sequence[str]] = {
-    "compare": ("model", "measurement", "race", "confirmation", "contest"),
-    "scaling": ("scaling", "confirmation"),
+    "compare": ("model", "measurement", "race"),
+    "scaling": ("scaling",),
     "history": ("step_ratio", "operation_ratio", "explain"),
     "versions": ("verdict",),
     **{
         name: (name,)
         for name in RECORD_TYPES
-        if name not in ("model", "measurement", "race", "confirmation", "contest", "scaling")
+        if name not in ("model", "measurement", "race", "scaling")
     },
 }
 
