@@ -8,7 +8,7 @@ from msgspec import inspect
 from mjbench.instrument import runs
 from mjbench.instrument.runs import RunHeader
 from mjbench.paired.records import LaunchRow
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 
 # Returns the text of a field by its key.
 Text = Callable[[str], str]

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from mjbench import paths
 from mjbench.comparison.plan import Variant, describe_options
 from mjbench.instrument.ratio import Ratio
+from mjbench.instrument.units import count_of
 from mjbench.paired.race_record import Loop
-from mjbench.report import tables
+from mjbench.report import formats
 from mjbench.report.advice import Advice, ClockAdvice, Reason
 from mjbench.report.results import ModelResults
 from mjbench.report.thread_advice import ThreadAdvice
@@ -43,7 +44,7 @@ def conclusion(advice: Advice, names_size: bool = False) -> tuple[str, str]:
 
 def _size(nbatch: int | None, names_size: bool) -> str:
     """Return how many simulations a sentence is about, to follow its first words."""
-    return f", {tables.count_of(nbatch, 'simulation')}" if names_size and nbatch else ""
+    return f", {count_of(nbatch, 'simulation')}" if names_size and nbatch else ""
 
 
 def described(variant: Variant) -> str:
@@ -57,7 +58,7 @@ def described(variant: Variant) -> str:
         if option.name not in options:
             continue
         if option.name == "threads":
-            text += f" on {tables.count_of(options.pop(option.name), 'thread')}"
+            text += f" on {count_of(options.pop(option.name), 'thread')}"
         elif option.is_parallel:
             text = f"{options.pop(option.name)} {text}"
         elif option.values and options[option.name] == option.values[0]:
@@ -93,8 +94,8 @@ def _doubt(advice: Advice) -> str:
 def _times(speedup: Ratio, baseline: str) -> str:
     low_high = ""
     if speedup.low is not None and speedup.high is not None:
-        low_high = f" ({tables.factor(speedup.low)} to {tables.factor(speedup.high)})"
-    return f"{tables.factor(speedup.estimate)} times {baseline}{low_high}"
+        low_high = f" ({formats.factor(speedup.low)} to {formats.factor(speedup.high)})"
+    return f"{formats.factor(speedup.estimate)} times {baseline}{low_high}"
 
 
 def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> tuple[str, str]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from mjbench.comparison.plan import Variant
 from mjbench.instrument.stats import CONFIDENCE
-from mjbench.report import tables
+from mjbench.instrument.units import plain
 from mjbench.report.results import PathResult
 
 # The speeds of fewer sizes show no scatter about their curve.
@@ -158,7 +158,7 @@ def describe_crossover(row: Crossover) -> str:
     else:
         text = (
             f"does not overtake the best C path ({row.rival}) up to {row.largest:,} simulations,"
-            f" where it has {tables.plain(row.share, 2)} of its speed"
+            f" where it has {plain(row.share, 2)} of its speed"
         )
     return f"{row.model}: {variant} {text}"
 

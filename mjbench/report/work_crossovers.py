@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from mjbench.comparison.plan import Variant
+from mjbench.instrument.units import plain
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import WORKER_OPTIONS, nthread
-from mjbench.report import tables
+from mjbench.report import formats
 from mjbench.report.results import PathResult
 
 # The path, and those that it is compared with.
@@ -132,7 +133,7 @@ def describe_work_crossover(row: WorkCrossover) -> str:
         return f"{begin} overtakes {row.rival} at {_call_work(row.least)}, of those tried"
     text = (
         f"{begin} does not overtake {row.rival} up to {_call_work(row.largest)}, where it has"
-        f" {tables.factor(row.share)} of its speed"
+        f" {formats.factor(row.share)} of its speed"
     )
     if row.rival.path == "rollout" and nthread(row.rival.options) > 1:
         text += "; on one machine, rollout needs no Ray to use all cores"
@@ -140,4 +141,4 @@ def describe_work_crossover(row: WorkCrossover) -> str:
 
 
 def _call_work(work: CallWork) -> str:
-    return f"{work.steps:,} steps per call ({tables.plain(work.loop_ms, 2)} ms of the plain loop)"
+    return f"{work.steps:,} steps per call ({plain(work.loop_ms, 2)} ms of the plain loop)"

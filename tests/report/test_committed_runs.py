@@ -23,7 +23,7 @@ from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS
 from mjbench.releases.release_ratios import RatioRecord
 from mjbench.report import history_files, speed_page
 from mjbench.report.advice import advise
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.report.results import derive_all
 from mjbench.simulation import models
 from mjbench.status import ExitCode, Status

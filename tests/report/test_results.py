@@ -12,7 +12,8 @@ from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.instrument import machine
 from mjbench.instrument.ratio import Ratio
-from mjbench.report import comparison, results, tables
+from mjbench.pages import terminal
+from mjbench.report import comparison, formats, results
 from mjbench.report.results import Cores, ModelResults
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.work import Work
@@ -28,7 +29,7 @@ def former(**rows: dict[str, Any]) -> ModelResults:
 
 
 def printed(model_results: ModelResults) -> str:
-    return tables.text_of(lambda out: comparison.print_model(out, [model_results]))
+    return terminal.text_of([comparison.model_section([model_results])])
 
 
 def test_speeds_are_those_of_the_plain_loop_times_the_speed_up() -> None:
@@ -97,7 +98,7 @@ def test_a_model_in_free_fall_gets_a_warning(
 
 def test_a_summary_names_models_by_their_files_where_that_is_clear() -> None:
     names = ["a/ant.xml", "b/ant.xml", "b/dog.xml", "cartpole"]
-    assert list(tables.short_names(names).values()) == [*names[:2], "dog.xml", "cartpole"]
+    assert list(formats.short_names(names).values()) == [*names[:2], "dog.xml", "cartpole"]
 
 
 def test_break_even_counts_the_steps_that_pay_for_compiling() -> None:
