@@ -15,13 +15,16 @@ from mjbench.program.loop_time import (
     large,
     shares_of,
 )
-from mjbench.program.samples import Frame, ThreadSamples
+from mjbench.program.samples import Frame, Thread, ThreadSamples
 from mjbench.program.source_loops import SourceLoop, outermost_loop, source_line
 
 # Loops with a smaller share of the time of all loops that step are left out.
 LEAST_LOOP_SHARE = 0.05
-# Share of a line's samples that may show a step that it does not make.
-_MOST_TORN_SHARE = 0.05
+# Share of a line's samples that may show a step that it does not make; of a few, one sample may.
+_MOST_TORN_SHARE, _FEW_TORN_SHARE = 0.05, 0.25
+# Average gaps between samples of timed calls that may lie beyond the first and last one by chance:
+# more do in 4 % of the cases, if the gaps are exponentially distributed.
+_MOST_CHANCE_GAPS = 5
 # The `_bootstrap` of this module begins a process, which may be a fork.
 _PROCESS_MODULE = "multiprocessing/process.py"
 
@@ -70,11 +73,13 @@ def loop_times(
                 by_loop[loop].append(_Sample(thread, stack, position, activity))
     loading = _loading_lines(calls)
     sampled = [_loop_time(loop, samples, main_pid, loading) for loop, samples in by_loop.items()]
+    timed = {(call.place.file, call.place.line) for call in calls}
+    stretches = [_stretch(samples, timed) for samples in by_loop.values()]
     times = [
         timed_loops.with_collections(
             time, sum((collections_s or {}).get(pid, 0.0) for pid in time.pids)
         )
-        for time in timed_loops.with_calls(sampled, calls, main_pid)
+        for time in timed_loops.with_calls(sampled, calls, main_pid, stretches)
     ]
     return sorted(
         _stepping(times, stepping_pids), key=lambda time: (not time.in_main, -time.seconds)
@@ -131,6 +136,33 @@ def _own_begin(stack: Sequence[Frame]) -> int:
         and frame.function.endswith("_bootstrap")
     ]
     return begins[-1] if begins else 0
+
+
+def _stretch(samples: Sequence[_Sample], timed: Collection[tuple[str, int]]) -> float:
+    """Return the time of a loop over the time from its first timed call to its last, by samples.
+
+    Only the order of samples counts: how long each stands for is uncertain in a short program. It
+    is 1 where those before the first call and after the last may be there by chance.
+
+    Args:
+      samples: of the loop, by thread, in the order in which they were taken.
+      timed: files and lines of timed calls.
+    """
+    by_thread: dict[Thread, list[tuple[float, bool]]] = defaultdict(list)
+    for sample in samples:
+        is_timed = any((each.file, each.line) in timed for each in _own_places(sample))
+        by_thread[sample.thread.thread].append((sample.seconds, is_timed))
+    beyond_s = between_s = 0.0
+    for of_thread in by_thread.values():
+        hits = [i for i, (_, is_timed) in enumerate(of_thread) if is_timed]
+        if not hits:
+            continue
+        within_s = sum(seconds for seconds, _ in of_thread[hits[0] : hits[-1] + 1])
+        rest_s = sum(seconds for seconds, _ in of_thread) - within_s
+        between_s += within_s
+        if rest_s > _MOST_CHANCE_GAPS * within_s / len(hits):
+            beyond_s += rest_s
+    return 1 + beyond_s / between_s if between_s else 1.0
 
 
 def _loading_lines(calls: Sequence[CallTime]) -> set[tuple[str, int]]:
@@ -248,15 +280,17 @@ def _building_line(
     steps_s: dict[Place, float] = defaultdict(float)
     for sample, activity in resolved:
         is_slow_call = sample.stack[-1].file.endswith(activities.CALL_CLOCK)
-        for place in _own_places(sample):
-            by_line[place].append((activity, sample.seconds))
+        places = _own_places(sample)
+        loads = bool(places) and (places[-1].file, places[-1].line) in loading
+        for place in places:
+            by_line[place].append((Activity.LOADING if loads else activity, sample.seconds))
             if activity == Activity.PHYSICS and not is_slow_call:
                 steps_s[place] += sample.seconds
     # a torn stack may show a step under another line
     without_steps = {
         place
         for place, parts in by_line.items()
-        if steps_s[place] < _MOST_TORN_SHARE * sum(seconds for _, seconds in parts)
+        if steps_s[place] < _most_torn_s([seconds for _, seconds in parts])
     }
     built_s: dict[Place, float] = defaultdict(float)
     for sample, activity in resolved:
@@ -272,6 +306,12 @@ def _building_line(
     place = max(built_s, key=lambda each: built_s[each])
     shares = shares_of(by_line[place], total_s)
     return LineTime(place, sum(shares.values()), shares)
+
+
+def _most_torn_s(seconds: Sequence[float]) -> float:
+    """Return the time of a line's samples that may show a step that it does not make."""
+    one_s = min(1.5 * max(seconds), _FEW_TORN_SHARE * sum(seconds))
+    return max(one_s, _MOST_TORN_SHARE * sum(seconds))
 
 
 def _own_places(sample: _Sample) -> list[Place]:

@@ -16,7 +16,7 @@ from mjbench.loop.lint_rules import NAMED_ACCESS
 from mjbench.program.activities import Activity, Place
 from mjbench.program.calls import CallTime, Incident
 from mjbench.program.hook import call_clock
-from mjbench.program.loop_time import LEAST_REPEATS, LoopTime
+from mjbench.program.loop_time import FEW_SAMPLES, LEAST_REPEATS, LoopTime
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.program.replacements import Measured, Question, Trial
 from mjbench.simulation import package_timer
@@ -314,7 +314,8 @@ def _gain_of_objects(loop: LoopTime, context: _Context, measured: Measured) -> f
     """Return what it saves to create an object once.
 
     The pair that was measured holds more than the call: what is done with the new object, whose
-    memory is used for the first time, and the time in which it is freed.
+    memory is used for the first time, and the time in which it is freed. In the program, that is
+    all that samples do not see on other lines, but for the steps that the pair leaves out.
     """
     question = _question(context)
     ratio = measured.ratios[question]
@@ -324,8 +325,12 @@ def _gain_of_objects(loop: LoopTime, context: _Context, measured: Measured) -> f
         for call in loop.calls
         if (call.activity == Activity.RENDERING if is_frame else call.is_step)
     ]
-    at_most = _stands_for(loop, [*context.calls, *beside])
-    return min(at_most, ratio.saved * _share(loop, context.calls) / ratio.created_share)
+    stands_for = _stands_for(loop, [*context.calls, *beside])
+    if loop.samples < FEW_SAMPLES:
+        return min(stands_for, ratio.saved * _share(loop, context.calls) / ratio.created_share)
+    created = sum(call.calls for call in context.calls)
+    left_out = 0.0 if is_frame else 1 - min(1.0, question.steps * created / max(1.0, context.nstep))
+    return ratio.saved * (stands_for - left_out * _share(loop, beside))
 
 
 def _stands_for(loop: LoopTime, calls: Sequence[CallTime]) -> float:
@@ -335,9 +340,11 @@ def _stands_for(loop: LoopTime, calls: Sequence[CallTime]) -> float:
     own = {(call.place.file, call.place.line) for call in calls}
     timed = _share(loop, calls)
     elsewhere = sum(
-        sum(part for activity, part in line.activities.items() if not loop.is_timed(activity))
+        part
         for line in loop.lines
-        if (line.place.file, line.place.line) not in own
+        for activity, part in line.activities.items()
+        if not loop.is_timed(activity)
+        and (activity != Activity.BINDINGS or (line.place.file, line.place.line) not in own)
     )
     elsewhere += loop.activities.get(Activity.COLLECTION, 0.0)
     others = [call for call in loop.calls if (call.place.file, call.place.line) not in own]

@@ -243,8 +243,10 @@ def _of_line(
 ) -> Iterator[Remedy]:
     """Yield what to do about a line: what lint says of it, and about what that leaves."""
     activity, share = _main_cost([line]), _avoidable(line)
-    if _ENGINE_CALL.match(line.place.text) and any(c.place == line.place for c in loop.calls):
-        return  # what samples saw there beside the call is what Python does to make it
+    of_line = [call for call in loop.calls if call.place == line.place]
+    is_engine_call = bool(of_line) and _ENGINE_CALL.match(line.place.text)
+    if is_engine_call or any(call.activity == Activity.COPYING for call in of_line):
+        return  # what samples saw beside the call makes it, or frees its result
     if finding is not None:
         remedy = _remedy(loop, RemedyKind.LINE, activity, line.place, finding.message, share)
         remedy = replace(remedy, code=finding.code, effect="nothing")

@@ -1,7 +1,7 @@
 """Loops with the calls that were timed in them; samples divide what these leave."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 from mjbench.program.activities import Activity, Place
@@ -12,22 +12,29 @@ from mjbench.program.source_loops import SourceLoop
 
 # Where samples saw less than this beside the calls that are timed, they do not divide the rest.
 _LEAST_REST = 0.02
-# Where samples saw a loop for this many times as long as its calls span, they say how long it runs.
-_LEAST_BEYOND = 1.1
 
 
 def with_calls(
-    sampled: Sequence[LoopTime], calls: Sequence[CallTime], main_pid: int
+    sampled: Sequence[LoopTime],
+    calls: Sequence[CallTime],
+    main_pid: int,
+    stretches: Sequence[float],
 ) -> list[LoopTime]:
-    """Return loops with the calls that were timed in them, and loops that only calls show."""
+    """Return loops with the calls that were timed in them, and loops that only calls show.
+
+    Args:
+      sampled: loops of which there are samples.
+      stretches: of each, its time over that from its first timed call to its last.
+    """
     by_loop: dict[SourceLoop, list[CallTime]] = defaultdict(list)
     for call in calls:
         if call.loop is not None:
             by_loop[call.loop].append(call)
     times = {time.loop: time for time in sampled}
+    stretch = dict(zip(times, stretches, strict=True))
     for loop, of_loop in by_loop.items():
         if loop in times:
-            times[loop] = _timed(times[loop], of_loop)
+            times[loop] = _timed(times[loop], of_loop, stretch[loop])
         elif any(call.is_step or call.callee in (COMPILE, DISPATCH) for call in of_loop):
             times[loop] = _timed(_unsampled(loop, of_loop, main_pid), of_loop)
     return list(times.values())
@@ -91,23 +98,22 @@ def _span_s(calls: Sequence[CallTime]) -> float:
     return max(1e-9, loop_s, sum(call.seconds for call in calls))
 
 
-def _timed(time: LoopTime, calls: Sequence[CallTime]) -> LoopTime:
+def _timed(time: LoopTime, calls: Sequence[CallTime], stretch: float = 1.0) -> LoopTime:
     """Return a loop with its calls: what they take is known, and samples divide the rest."""
     has_samples = time.samples >= FEW_SAMPLES
-    seconds = _span_s(calls)
-    if has_samples and time.seconds > _LEAST_BEYOND * seconds:
-        seconds = time.seconds  # it also runs without these calls
+    seconds = _span_s(calls) * (stretch if has_samples else 1.0)
     timed = shares_of((call.activity, call.seconds) for call in calls)
     timed_s = sum(call.seconds for call in calls)
     share = min(1.0, timed_s / seconds)
     exact = {activity: part * share for activity, part in timed.items()}
-    slow = {_place_key(c.place) for c in calls if c.activity != Activity.PHYSICS}
+    slow: dict[tuple[str, int], float] = defaultdict(float)
+    for call in calls:
+        if call.activity != Activity.PHYSICS:
+            slow[_place_key(call.place)] += call.seconds / seconds
     rest = {
-        _place_key(line.place): {
-            activity: part
-            for activity, part in line.activities.items()
-            if activity not in exact and _place_key(line.place) not in slow
-        }
+        _place_key(line.place): _beside_slow(time, line, slow[_place_key(line.place)], exact)
+        if _place_key(line.place) in slow
+        else {each: part for each, part in line.activities.items() if each not in exact}
         for line in time.lines
     }
     on_slow_lines = [line for line in time.lines if _place_key(line.place) in slow]
@@ -116,6 +122,8 @@ def _timed(time: LoopTime, calls: Sequence[CallTime]) -> LoopTime:
         for activity, part in time.activities.items()
         if activity not in exact
     }
+    beside = sum(sum(rest[_place_key(line.place)].values()) for line in on_slow_lines)
+    rest_by_activity[Activity.BINDINGS] = rest_by_activity.get(Activity.BINDINGS, 0.0) + beside
     total_rest = sum(rest_by_activity.values())
     if has_samples and total_rest > _LEAST_REST:
         factor = (1 - share) / total_rest
@@ -145,7 +153,36 @@ def _timed(time: LoopTime, calls: Sequence[CallTime]) -> LoopTime:
             if factor and line.main_activity not in exact
         ],
         calls=calls,
+        building=None if time.building is None else _timed_building(time.building, exact, factor),
     )
+
+
+def _timed_building(line: LineTime, exact: Mapping[Activity, float], factor: float) -> LineTime:
+    """Return the line under which models are built, with the timed calls that load them."""
+    parts = {each: part * factor for each, part in line.activities.items() if each not in exact}
+    parts[Activity.LOADING] = exact.get(Activity.LOADING, 0.0)
+    return replace(line, share=min(1.0, sum(parts.values())), activities=parts)
+
+
+def _beside_slow(
+    time: LoopTime, line: LineTime, share: float, exact: Collection[Activity]
+) -> Mapping[Activity, float]:
+    """Return what samples saw on the line of a slow call beside the call, such as its result freed.
+
+    Args:
+      time: of the loop, by samples.
+      line: of it.
+      share: of the loop's time that the call takes.
+      exact: activities of timed calls.
+    """
+    others = {
+        activity: part
+        for activity, part in line.activities.items()
+        if activity not in {Activity.PHYSICS, Activity.PYTHON, Activity.BINDINGS, *exact}
+    }
+    beside = line.share - share - sum(others.values())
+    is_certain = beside > 2 * time.error(line.share)
+    return {**others, Activity.BINDINGS: beside} if is_certain else others
 
 
 def _timed_lines(

@@ -162,7 +162,7 @@ STEP = {"steps": 10, "all_steps": 10}
 def test_what_calls_take_is_known_and_samples_divide_the_rest(file):
     """20 of 40 samples are physics; the calls took 0.6 of the 4 seconds."""
     of = stacks(file)
-    seen = [of["step"]] * 20 + [of["observe"]] * 20
+    seen = [of["step"], of["observe"]] * 20
     timed = [call("mj_step", 8, 0.6, 0, 4, **STEP)]
     (time,) = attribution.loop_times([samples(seen)], 1, calls=timed)
     assert time.activities == pytest.approx({Activity.PHYSICS: 0.15, Activity.PYTHON: 0.85})
@@ -212,7 +212,7 @@ def test_calls_on_several_threads_add_up(file):
 
 def test_garbage_collections_are_an_activity_of_their_own(file):
     of = stacks(file)
-    seen = [of["step"]] * 20 + [of["observe"]] * 20
+    seen = [of["step"], of["observe"]] * 20
     timed = [call("mj_step", 8, 2.0, 0, 4, **STEP)]
     (time,) = attribution.loop_times([samples(seen)], 1, (), timed, {1: 1.0})
     assert time.activities == pytest.approx(
