@@ -125,12 +125,12 @@ def _timed(time: LoopTime, calls: Sequence[CallTime], stretch: float = 1.0) -> L
     beside = sum(sum(rest[_place_key(line.place)].values()) for line in on_slow_lines)
     rest_by_activity[Activity.BINDINGS] = rest_by_activity.get(Activity.BINDINGS, 0.0) + beside
     total_rest = sum(rest_by_activity.values())
+    rest_is = Activity.BINDINGS if has_samples else Activity.REST
     if has_samples and total_rest > _LEAST_REST:
         factor = (1 - share) / total_rest
         others = {activity: part * factor for activity, part in rest_by_activity.items()}
     else:
         # samples that are all on the lines of these calls saw the calls themselves
-        rest_is = Activity.BINDINGS if has_samples else Activity.REST
         factor, others = 0.0, {rest_is: 1 - share}
     parts = {**exact, **{activity: part for activity, part in others.items() if part > 1e-6}}
     return replace(
@@ -153,14 +153,28 @@ def _timed(time: LoopTime, calls: Sequence[CallTime], stretch: float = 1.0) -> L
             if factor and line.main_activity not in exact
         ],
         calls=calls,
-        building=None if time.building is None else _timed_building(time.building, exact, factor),
+        building=None
+        if time.building is None
+        else _timed_building(
+            time.building, exact, factor, beside * factor if factor else others[rest_is]
+        ),
     )
 
 
-def _timed_building(line: LineTime, exact: Mapping[Activity, float], factor: float) -> LineTime:
-    """Return the line under which models are built, with the timed calls that load them."""
+def _timed_building(
+    line: LineTime, exact: Mapping[Activity, float], factor: float, beside: float
+) -> LineTime:
+    """Return the line under which models are built, with the timed calls that load them.
+
+    Args:
+      line: by samples.
+      exact: shares of timed calls, by activity.
+      factor: by which samples of what is not timed are scaled.
+      beside: share of what no other line shows, at most.
+    """
     parts = {each: part * factor for each, part in line.activities.items() if each not in exact}
     parts[Activity.LOADING] = exact.get(Activity.LOADING, 0.0)
+    parts[Activity.BINDINGS] = parts.get(Activity.BINDINGS, 0.0) + beside
     return replace(line, share=min(1.0, sum(parts.values())), activities=parts)
 
 
