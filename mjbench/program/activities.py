@@ -237,7 +237,7 @@ def _by_caller(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | 
             return Activity.LOGGING
         if _THREADED_ENGINE.search(file):
             return Activity.PHYSICS
-        if _IMPORTS.match(file):
+        if imports(frame):
             return Activity.IMPORT
     return None
 
@@ -323,6 +323,11 @@ def is_own(frame: Frame) -> bool:
     """Return whether a frame is a line of the user's own code."""
     is_source = frame.is_python and not frame.file.startswith("<")
     return is_source and not package_of(frame.file) and "/program/hook/" not in frame.file
+
+
+def imports(frame: Frame) -> bool:
+    """Return whether a frame finds or executes a module."""
+    return _IMPORTS.match(frame.file) is not None
 
 
 def steps_on_threads(stack: Sequence[Frame]) -> bool:

@@ -2,7 +2,7 @@
 
 from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mjbench.program import activities, timed_loops
 from mjbench.program.activities import Activity, Place, is_own
@@ -86,6 +86,52 @@ def loop_times(
     )
 
 
+def outside_loops(
+    threads: Sequence[ThreadSamples], main_pid: int, loops: Sequence[LoopTime], wall_s: float
+) -> list[LineTime]:
+    """Return the lines of the main thread that take time outside loops, as shares of `wall_s`.
+
+    Each is the outermost line on its stacks that is on none of a loop: it stands for all that it
+    calls, such as `main_model = build()`. What a line imports is an activity of its own.
+
+    Args:
+      threads: samples of all threads of all processes.
+      main_pid: the program's first process.
+      loops: that are reported.
+      wall_s: seconds for which the program ran.
+    """
+    of_loops = {time.loop for time in loops}
+    on_loops: set[Place] = set()
+    rest: list[tuple[Sequence[Place], Activity, float]] = []
+    for thread in threads:
+        if not thread.thread.pid == main_pid == thread.thread.tid:
+            continue
+        for stack in thread.stacks:
+            places = _shown_places(stack)
+            if not loops:  # what the module calls is the program itself
+                on_loops.update(places[:-1][:1])
+            position = _loop_frame(stack)
+            loop = None if position is None else _shown_loop(stack[position])
+            if loop in of_loops:
+                on_loops.update(places)
+            else:
+                rest.append((places, _outside_activity(stack, thread), thread.interval_s))
+    seconds: dict[Place, list[tuple[Activity, float]]] = defaultdict(list)
+    for places, activity, interval_s in rest:
+        place = next((each for each in places if each not in on_loops), None)
+        if place is not None:
+            seconds[place].append((activity, interval_s))
+    shares = {place: shares_of(parts, wall_s) for place, parts in seconds.items()}
+    return large(LineTime(place, sum(parts.values()), parts) for place, parts in shares.items())
+
+
+def _outside_activity(stack: Sequence[Frame], thread: ThreadSamples) -> Activity:
+    """Return what a stack outside loops shows; all that a module does when imported is imports."""
+    if any(activities.imports(frame) for frame in stack):
+        return Activity.IMPORT
+    return activities.activity(stack, thread.has_native) or Activity.PYTHON
+
+
 def _stepping(times: Sequence[LoopTime], pids: Collection[int]) -> list[LoopTime]:
     """Return the loops that step, but short ones; with those that wait while other processes do."""
     stepping = [time for time in times if time.has_physics or time.runs_jax]
@@ -125,6 +171,12 @@ def _loop_frame(stack: Sequence[Frame]) -> int | None:
         if outermost_loop(frame.file, frame.line) is not None:
             return i
     return None
+
+
+def _shown_loop(frame: Frame) -> SourceLoop | None:
+    """Return the outermost loop of a frame's line, as results name it."""
+    loop = outermost_loop(frame.file, frame.line)
+    return None if loop is None else replace(loop, file=activities.shown_path(loop.file))
 
 
 def _own_begin(stack: Sequence[Frame]) -> int:
@@ -198,7 +250,7 @@ def _loop_time(
     )
     threads = {sample.thread.thread: sample.thread.thread.name for sample in samples}
     return LoopTime(
-        loop=SourceLoop(activities.shown_path(loop.file), loop.first, loop.last),
+        loop=replace(loop, file=activities.shown_path(loop.file)),
         own_files=sorted(
             {
                 activities.shown_path(frame.file)
@@ -316,7 +368,12 @@ def _most_torn_s(seconds: Sequence[float]) -> float:
 
 def _own_places(sample: _Sample) -> list[Place]:
     """Return the lines of the user's code on a stack, from the loop inward, each once."""
-    own = [frame for frame in _inner(sample) if is_own(frame)]
+    return _shown_places(_inner(sample))
+
+
+def _shown_places(stack: Sequence[Frame]) -> list[Place]:
+    """Return the lines of the user's code on a stack, outermost first, each once."""
+    own = [frame for frame in stack if is_own(frame)]
     return list(dict.fromkeys(_shown_place(each.file, each.line, each.function) for each in own))
 
 

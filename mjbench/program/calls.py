@@ -31,7 +31,12 @@ _ACTIVITIES: Mapping[str, Activity] = {
     call_clock.PROCESS_START: Activity.STARTING,
 }
 # What the clock notes that is no call.
-_FACTS = (call_clock.SHARED_DATA, call_clock.HALVES, call_clock.SOFTWARE_GL)
+_FACTS = (
+    call_clock.SHARED_DATA,
+    call_clock.HALVES,
+    call_clock.SOFTWARE_GL,
+    call_clock.COPIED_ENVIRONMENT,
+)
 
 
 @dataclass(frozen=True)
@@ -100,7 +105,7 @@ class Incident:
 
     Attributes:
       name: of the engine's warning, such as BADQACC, or one of `call_clock`: SHARED_DATA, HALVES,
-        IN_TURN, SOFTWARE_GL.
+        IN_TURN, SOFTWARE_GL, COPIED_ENVIRONMENT.
       place: the line at which it was seen.
       count: how often it was seen; of IN_TURN, how many simulations.
     """

@@ -44,7 +44,7 @@ TRACE, COMPILE, DISPATCH = "jax trace", "jax compile", "jax dispatch"
 DEVICE_WAIT, TRANSFER = "jax wait", "jax transfer"
 IN_TURN, CALLBACK, SOFTWARE_GL = "simulations in turn", "callback", "software rendering"
 PROCESS_START, THREADED_ROLLOUT = "start of a process", "rollout on threads"
-EAGER_MJX = "mjx.step"
+EAGER_MJX, COPIED_ENVIRONMENT = "mjx.step", "copy of an environment"
 COPY_OF_DATA, DEEP_COPY_OF_DATA = COPIES_OF_DATA = "copy of MjData", "deep copy of MjData"
 # Functions of the engine that are timed with steps; each is called with a model and its data.
 STEPS = ("mj_step", "mj_step1", "mj_step2")

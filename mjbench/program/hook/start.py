@@ -60,6 +60,7 @@ def start(folder: str, change: str = "") -> None:
         "mujoco.rollout": slow.install_rollout,
         "mujoco.batch": slow.install_batch,
         "mujoco.mjx": slow.install_mjx,
+        "gymnasium.utils.ezpickle": watch.install_copies,
         "jax": of_jax.install,
         "multiprocessing.process": slow.install_processes,
     }
