@@ -47,7 +47,7 @@ class Activity(enum.StrEnum):
     LOADING = "loading models"
     """MuJoCo reads or compiles a model."""
     BUILDING = "building models"
-    """Python writes the elements of a model, such as those of `dm_control.mjcf`."""
+    """Python adds the elements of a model, such as those of `MjSpec` or `dm_control.mjcf`."""
     COPYING = "creating and copying MjData"
     """`MjData(model)`, copies of one, and states that are read or set as a whole."""
     COMPILING = "compiling by JAX"
@@ -141,6 +141,13 @@ _LINES = (
     (re.compile(r"\bprint\(|\.(write|flush|savez?|tofile)\("), Activity.LOGGING),
     (re.compile(r"\b(np|numpy|scipy)\.|\.(copy|mean|sum|dot|clip)\(| @ "), Activity.NUMPY),
     (re.compile(r"\.(joint|body|geom|site|sensor|actuator)\("), Activity.BINDINGS),
+    (
+        re.compile(
+            r"\.(add_(body|frame|geom|site|(free)?joint|camera|light|mesh|hfield|texture|material"
+            r"|tendon|actuator|sensor|equality|pair|exclude|key|flex)|attach_(body|frame))\("
+        ),
+        Activity.BUILDING,
+    ),
 )
 # Lines of multiprocessing between its functions and the call that waits.
 _NEAR = 4

@@ -326,7 +326,10 @@ def _own_lines(resolved: Sequence[tuple[_Sample, Activity]]) -> list[LineTime]:
 def _building_line(
     resolved: Sequence[tuple[_Sample, Activity]], loading: Collection[tuple[str, int]]
 ) -> LineTime | None:
-    """Return the outermost line under which models are built or loaded, and nothing steps."""
+    """Return the outermost line under which models are built or loaded, and nothing steps.
+
+    Where there are several, it is that with most of their time, and has the time of all.
+    """
     total_s = sum(sample.seconds for sample, _ in resolved)
     by_line: dict[Place, list[tuple[Activity, float]]] = defaultdict(list)
     steps_s: dict[Place, float] = defaultdict(float)
@@ -356,7 +359,13 @@ def _building_line(
     if not built_s:
         return None
     place = max(built_s, key=lambda each: built_s[each])
-    shares = shares_of(by_line[place], total_s)
+    of_places = [
+        part
+        for each, seconds in built_s.items()
+        if each == place or 2 * seconds >= sum(part_s for _, part_s in by_line[each])
+        for part in by_line[each]
+    ]
+    shares = shares_of(of_places, total_s)
     return LineTime(place, sum(shares.values()), shares)
 
 

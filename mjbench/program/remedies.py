@@ -6,7 +6,7 @@ samples, and their share is an upper bound.
 
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from mjbench.errors import InputError
@@ -17,7 +17,7 @@ from mjbench.program import call_remedies
 from mjbench.program.activities import STANDARD_LIBRARY, Activity, Place
 from mjbench.program.calls import Incident
 from mjbench.program.hook import call_clock
-from mjbench.program.loop_time import FEW_SAMPLES, LineTime, LoopTime
+from mjbench.program.loop_time import FEW_SAMPLES, LEAST_REPEATS, LineTime, LoopTime
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.program.replacements import Measured
 from mjbench.program.step_times import StepTimes
@@ -122,7 +122,7 @@ def first(listed: Sequence[Remedy]) -> Remedy | None:
 
 def _savings(loop: LoopTime, findings: Sequence[Finding], measured: Measured) -> Iterator[Remedy]:
     """Yield what saves time, in any order."""
-    of_calls = list(call_remedies.of_calls(loop, findings, measured))
+    of_calls = _applicable(loop, call_remedies.of_calls(loop, findings, measured))
     whole = loop.activities.keys() - _OF_LINES - _OF_CALLS
     if _has_building(loop):
         # a model that is built is compiled, too, and has an MjData of its own
@@ -157,6 +157,14 @@ def _savings(loop: LoopTime, findings: Sequence[Finding], measured: Measured) ->
             yield _remedy(loop, RemedyKind.ACTIVITY, activity, None, _ADVICE[activity], share)
 
 
+def _applicable(loop: LoopTime, of_calls: Iterable[Remedy]) -> list[Remedy]:
+    """Return remedies of calls, but for MjData of models that the loop creates as often."""
+    loaded = sum(call.calls for call in loop.calls if call.activity == Activity.LOADING)
+    created = sum(call.calls for call in loop.calls if call.callee == "MjData")
+    follows = loaded >= LEAST_REPEATS and 2 * loaded >= created
+    return [each for each in of_calls if not (follows and each.activity == Activity.COPYING)]
+
+
 def _finding_at(place: Place, findings: Sequence[Finding]) -> Finding | None:
     """Return the finding of a line that is about time."""
     at_line = (each for each in findings if (each.file, each.line) == (place.file, place.line))
@@ -175,17 +183,11 @@ def _of_activity(loop: LoopTime, activity: Activity) -> Remedy:
 
 def _has_building(loop: LoopTime) -> bool:
     """Return whether samples show more of the models that are built than the calls that load."""
-    loading = {
-        (call.place.file, call.place.line)
-        for call in loop.calls
-        if call.activity == Activity.LOADING
-    }
-    line = loop.building
-    return (
-        line is not None
-        and loop.samples >= FEW_SAMPLES
-        and (line.place.file, line.place.line) not in loading
-    )
+    if loop.building is None or loop.samples < FEW_SAMPLES:
+        return False
+    loading = [call for call in loop.calls if call.activity == Activity.LOADING]
+    is_call = any(call.place == loop.building.place for call in loading)
+    return not is_call or loop.building.activities.get(Activity.BUILDING, 0.0) >= LEAST_GAIN
 
 
 def _of_building(loop: LoopTime) -> Remedy:

@@ -44,6 +44,8 @@ def print_program(out: Console, row: ProgramRow) -> None:
     out.print(tables.headed(f"\n{row.program}", f": {conclusion(row)}"), soft_wrap=True)
     for remedy in row.wrong if row.crash is not None else row.wrong[1:]:
         out.print(f"Then, {_wrong(remedy)}", soft_wrap=True)
+    if (row.wrong or row.crash is not None) and (outside := _outside(row)):
+        out.print(f"Outside the loops that step, {outside}.", soft_wrap=True)
     _print_memory(out, row)
     for report in row.loops:
         _print_loop(out, report, row.wall_s)
