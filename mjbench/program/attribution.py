@@ -1,5 +1,6 @@
 """Where the time of a program's stepping loops goes, from samples of its stacks."""
 
+import itertools
 from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,9 +23,9 @@ from mjbench.program.source_loops import SourceLoop, outermost_loop, source_line
 LEAST_LOOP_SHARE = 0.05
 # Share of a line's samples that may show a step that it does not make; of a few, one sample may.
 _MOST_TORN_SHARE, _FEW_TORN_SHARE = 0.05, 0.25
-# Average gaps between samples of timed calls that may lie beyond the first and last one by chance:
-# more do in 4 % of the cases, if the gaps are exponentially distributed.
-_MOST_CHANCE_GAPS = 5
+# Average gaps between timed calls that may lie beyond the first and the last by chance: more do in
+# 4 % of the cases, if the gaps are exponentially distributed. Times that samples must see calls.
+_MOST_CHANCE_GAPS, _LEAST_RUNS = 5, 10
 # The `_bootstrap` of this module begins a process, which may be a fork.
 _PROCESS_MODULE = "multiprocessing/process.py"
 
@@ -190,11 +191,12 @@ def _own_begin(stack: Sequence[Frame]) -> int:
     return begins[-1] if begins else 0
 
 
-def _stretch(samples: Sequence[_Sample], timed: Collection[tuple[str, int]]) -> float:
+def _stretch(samples: Sequence[_Sample], timed: Collection[tuple[str, int]]) -> float | None:
     """Return the time of a loop over the time from its first timed call to its last, by samples.
 
     Only the order of samples counts: how long each stands for is uncertain in a short program. It
-    is 1 where those before the first call and after the last may be there by chance.
+    is 1 where those before the first call and after the last may be there by chance, and None where
+    samples saw too few calls.
 
     Args:
       samples: of the loop, by thread, in the order in which they were taken.
@@ -207,14 +209,16 @@ def _stretch(samples: Sequence[_Sample], timed: Collection[tuple[str, int]]) -> 
     beyond_s = between_s = 0.0
     for of_thread in by_thread.values():
         hits = [i for i, (_, is_timed) in enumerate(of_thread) if is_timed]
-        if not hits:
-            continue
-        within_s = sum(seconds for seconds, _ in of_thread[hits[0] : hits[-1] + 1])
-        rest_s = sum(seconds for seconds, _ in of_thread) - within_s
+        runs = sum(before + 1 < i for before, i in itertools.pairwise(hits)) + len(hits[:1])
+        total_s = sum(seconds for seconds, _ in of_thread)
+        within_s = sum(seconds for seconds, _ in of_thread[hits[0] : hits[-1] + 1]) if hits else 0.0
+        is_always = len(hits) == len(of_thread)
+        if runs < _LEAST_RUNS and not is_always:
+            return None
         between_s += within_s
-        if rest_s > _MOST_CHANCE_GAPS * within_s / len(hits):
-            beyond_s += rest_s
-    return 1 + beyond_s / between_s if between_s else 1.0
+        if total_s - within_s > _MOST_CHANCE_GAPS / runs * total_s:
+            beyond_s += total_s - within_s
+    return 1 + beyond_s / between_s
 
 
 def _loading_lines(calls: Sequence[CallTime]) -> set[tuple[str, int]]:

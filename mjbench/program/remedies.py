@@ -44,6 +44,9 @@ _BUILDING_ADVICE = (
 )
 # A line that is a call of the engine.
 _ENGINE_CALL = re.compile(r"(mujoco\.)?mj_\w+\([\w\s.,=]*\)$")
+# The rule about arrays that a loop creates, and lines that compute more than that takes.
+_NEW_ARRAY = "MJB003"
+_COMPUTES = re.compile(r"\blinalg\.|\bscipy\.|\bpinv\(|\beinsum\(| @ ")
 # A line that looks up names, or takes views of the engine's arrays.
 _READS_VIEWS = re.compile(
     r"\b(data|d)\.(q|x|c|act|sensor|site|geom|body|joint|ten|subtree|mocap)\w*|\.(joint|body|geom|site)\("
@@ -148,7 +151,7 @@ def _savings(loop: LoopTime, findings: Sequence[Finding], measured: Measured) ->
         else:
             for line in lines:
                 if _avoidable(line) >= LEAST_GAIN:
-                    yield from _of_line(loop, line, _finding_at(line.place, findings), measured)
+                    yield from _of_line(loop, line, _findings_at(line.place, findings), measured)
         for line in lines:
             for activity in line.activities.keys() & _OF_LINES:
                 unexplained[activity] -= line.activities[activity]
@@ -165,10 +168,13 @@ def _applicable(loop: LoopTime, of_calls: Iterable[Remedy]) -> list[Remedy]:
     return [each for each in of_calls if not (follows and each.activity == Activity.COPYING)]
 
 
-def _finding_at(place: Place, findings: Sequence[Finding]) -> Finding | None:
-    """Return the finding of a line that is about time."""
-    at_line = (each for each in findings if (each.file, each.line) == (place.file, place.line))
-    return next((each for each in at_line if each.ns_per_step is not None), None)
+def _findings_at(place: Place, findings: Sequence[Finding]) -> list[Finding]:
+    """Return the findings of a line that are about time."""
+    return [
+        each
+        for each in findings
+        if (each.file, each.line) == (place.file, place.line) and each.ns_per_step is not None
+    ]
 
 
 def _of_activity(loop: LoopTime, activity: Activity) -> Remedy:
@@ -241,7 +247,7 @@ def _main_cost(lines: Sequence[LineTime]) -> Activity:
 
 
 def _of_line(
-    loop: LoopTime, line: LineTime, finding: Finding | None, measured: Measured
+    loop: LoopTime, line: LineTime, findings: Sequence[Finding], measured: Measured
 ) -> Iterator[Remedy]:
     """Yield what to do about a line: what lint says of it, and about what that leaves."""
     activity, share = _main_cost([line]), _avoidable(line)
@@ -249,7 +255,10 @@ def _of_line(
     is_engine_call = bool(of_line) and _ENGINE_CALL.match(line.place.text)
     if is_engine_call or any(call.activity == Activity.COPYING for call in of_line):
         return  # what samples saw beside the call makes it, or frees its result
-    if finding is not None:
+    is_computed = _COMPUTES.search(line.place.text) is not None
+    if findings and not (is_computed and findings[0].code == _NEW_ARRAY):
+        finding = findings[0]
+        of_names = [each for each in findings if each.code == NAMED_ACCESS]
         remedy = _remedy(loop, RemedyKind.LINE, activity, line.place, finding.message, share)
         remedy = replace(remedy, code=finding.code, effect="nothing")
         ratio = measured.ratios.get(call_remedies.ACCESS_BY_NAME)
@@ -257,7 +266,7 @@ def _of_line(
         if finding.code != NAMED_ACCESS or ratio is None or not nstep:
             yield remedy
             return
-        gain = min(share, max(0.0, ratio.saved_s * nstep / loop.seconds))
+        gain = min(share, max(0.0, len(of_names) * ratio.saved_s * nstep / loop.seconds))
         yield replace(remedy, gain=gain, gain_error=None, basis=Basis.PAIRED, share=share)
         share -= gain
     text = _ADVICE[activity]

@@ -240,7 +240,7 @@ def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -
         return timing.Contender(block, before)
 
     # other processes on the same core lengthen the wall time alone
-    clock = time.perf_counter if question.trial in _ON_THREADS else time.thread_time
+    clock = time.perf_counter if question.trial in _BY_WALL_TIME else time.thread_time
     one_s = min(timing.block_s(contender(present, 1), clock) for _ in range(3))
     calls = max(1, min(MOST_CALLS, round(BLOCK_S / max(one_s, 1e-9))))
     contenders = [contender(present, calls), contender(suggested, calls)]
@@ -374,8 +374,8 @@ _COPIERS: Mapping[Trial, Callable[[mujoco.MjData], mujoco.MjData]] = {
     Trial.COPY_OR_COPY: copy.copy,
     Trial.DEEP_COPY_OR_COPY: copy.deepcopy,
 }
-# Trials of which other threads compute a part.
-_ON_THREADS = {Trial.POOL, Trial.BATCH, Trial.RENDERER}
+# Trials of which other threads compute a part, or whose seconds are compared with wall time.
+_BY_WALL_TIME = {Trial.POOL, Trial.BATCH, Trial.RENDERER, Trial.NAMED_ACCESS}
 # What is raised where a release, a model or a machine lacks something; OpenGL raises its own kinds.
 _LACKING = (AttributeError, ImportError, ValueError, RuntimeError)
 _BUILDERS: Mapping[Trial, Callable[[mujoco.MjModel, Question], tuple[_Way, _Way]]] = {

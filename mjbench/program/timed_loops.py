@@ -10,6 +10,10 @@ from mjbench.program.hook.call_clock import COMPILE, DISPATCH
 from mjbench.program.loop_time import FEW_SAMPLES, LineTime, LoopTime, large, shares_of
 from mjbench.program.source_loops import SourceLoop
 
+# Where samples saw a loop for this many times as long as its calls span, they say how long it runs.
+_LEAST_BEYOND = 1.1
+# What samples show of a line that calls what is timed: its own text may tell it.
+_TOLD_BY_LINE = {Activity.PHYSICS, Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY}
 # Where samples saw less than this beside the calls that are timed, they do not divide the rest.
 _LEAST_REST = 0.02
 
@@ -18,13 +22,14 @@ def with_calls(
     sampled: Sequence[LoopTime],
     calls: Sequence[CallTime],
     main_pid: int,
-    stretches: Sequence[float],
+    stretches: Sequence[float | None],
 ) -> list[LoopTime]:
     """Return loops with the calls that were timed in them, and loops that only calls show.
 
     Args:
       sampled: loops of which there are samples.
-      stretches: of each, its time over that from its first timed call to its last.
+      stretches: of each, its time over that from its first timed call to its last; None where
+        samples saw too few calls.
     """
     by_loop: dict[SourceLoop, list[CallTime]] = defaultdict(list)
     for call in calls:
@@ -98,10 +103,14 @@ def _span_s(calls: Sequence[CallTime]) -> float:
     return max(1e-9, loop_s, sum(call.seconds for call in calls))
 
 
-def _timed(time: LoopTime, calls: Sequence[CallTime], stretch: float = 1.0) -> LoopTime:
+def _timed(time: LoopTime, calls: Sequence[CallTime], stretch: float | None = 1.0) -> LoopTime:
     """Return a loop with its calls: what they take is known, and samples divide the rest."""
     has_samples = time.samples >= FEW_SAMPLES
-    seconds = _span_s(calls) * (stretch if has_samples else 1.0)
+    seconds = _span_s(calls)
+    if has_samples and stretch is not None:
+        seconds *= stretch
+    elif has_samples and time.seconds > _LEAST_BEYOND * seconds:
+        seconds = time.seconds  # it also runs without these calls
     timed = shares_of((call.activity, call.seconds) for call in calls)
     timed_s = sum(call.seconds for call in calls)
     share = min(1.0, timed_s / seconds)
@@ -192,7 +201,7 @@ def _beside_slow(
     others = {
         activity: part
         for activity, part in line.activities.items()
-        if activity not in {Activity.PHYSICS, Activity.PYTHON, Activity.BINDINGS, *exact}
+        if activity not in {*_TOLD_BY_LINE, *exact}
     }
     beside = line.share - share - sum(others.values())
     is_certain = beside > 2 * time.error(line.share)
