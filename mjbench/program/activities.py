@@ -157,7 +157,6 @@ def activity(stack: Sequence[Frame], has_native: bool = True) -> Activity | None
     """Return what a stack shows; None where only the line's other samples can tell.
 
     Args:
-      stack: outermost frame first.
       has_native: whether stacks of libraries were read. Where they were not, a line of Python that
         steps counts as physics.
     """

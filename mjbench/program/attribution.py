@@ -55,8 +55,6 @@ def loop_times(
     """Return the loops that step, or wait for processes that do; the program's own first.
 
     Args:
-      threads: samples of all threads of all processes.
-      main_pid: the program's first process.
       stepping_pids: processes that are known to step; samples may miss a small share of physics.
       calls: that were timed one by one; they also show loops of which there are no samples.
       collections_s: seconds of garbage collections by process, which samples of Python alone do
@@ -94,12 +92,6 @@ def outside_loops(
 
     Each is the outermost line on its stacks that is on none of a loop: it stands for all that it
     calls, such as `main_model = build()`. What a line imports is an activity of its own.
-
-    Args:
-      threads: samples of all threads of all processes.
-      main_pid: the program's first process.
-      loops: that are reported.
-      wall_s: seconds for which the program ran.
     """
     of_loops = {time.loop for time in loops}
     on_loops: set[Place] = set()
@@ -200,7 +192,6 @@ def _stretch(samples: Sequence[_Sample], timed: Collection[tuple[str, int]]) -> 
 
     Args:
       samples: of the loop, by thread, in the order in which they were taken.
-      timed: files and lines of timed calls.
     """
     by_thread: dict[Thread, list[tuple[float, bool]]] = defaultdict(list)
     for sample in samples:

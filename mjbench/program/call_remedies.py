@@ -32,11 +32,9 @@ class CallRemedy:
     Attributes:
       callees: the functions, as the call clock names them.
       text: what to do; `{count}` stands for the number of calls.
-      effect: what that changes in results.
       trial: that measures what replaces the call; None where nothing does.
       codes: of lint's rules for the same; a finding's own message is shown instead of `text`.
       needs_finding: whether only lint's finding shows the context, such as what is read afterwards.
-      keeps_first: whether one call remains.
       is_bound: whether the same has to be computed elsewhere, so that less is saved.
       overlaps: whether the rest of the loop could run meanwhile: no more than that rest is saved.
       is_of_loop: whether it is about all these calls in a loop together.
@@ -189,11 +187,7 @@ class _Context:
     """Calls that a remedy is for.
 
     Attributes:
-      remedy: what to do about them.
-      calls: from one line.
-      place: where to change the program.
       finding: of lint for the same; None without one.
-      nstep: steps of the loop, all together.
     """
 
     remedy: CallRemedy

@@ -73,14 +73,7 @@ def remedies(
     measured: Measured | None = None,
     incidents: Sequence[Incident] = (),
 ) -> list[Remedy]:
-    """Return what to do about a loop, by gain.
-
-    Args:
-      loop: where its time goes.
-      findings: of lint, in the program's own files.
-      measured: on the program's model.
-      incidents: that the program showed when it ran.
-    """
+    """Return what to do about a loop, by gain."""
     known = measured or Measured({})
     listed = [*_savings(loop, findings, known), *call_remedies.of_turns(loop, known, incidents)]
     if any(incident.name == call_clock.SOFTWARE_GL for incident in incidents):
@@ -101,12 +94,7 @@ def findings_of(files: Sequence[str]) -> list[Finding]:
 
 
 def copies(steps: Sequence[StepTimes], cores: int) -> Remedy | None:
-    """Return what to do with cores that the program leaves idle; None where it uses several.
-
-    Args:
-      steps: of all processes.
-      cores: that the program may use.
-    """
+    """Return what to do with cores that the program leaves idle; None where it uses several."""
     if cores < 2 or sum(each.step is not None for each in steps) != 1:
         return None
     text = f"run {cores} processes at once, such as environments of a vectorised one"

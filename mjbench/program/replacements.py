@@ -60,9 +60,6 @@ class Question:
     """What to measure.
 
     Attributes:
-      trial: the two ways.
-      functions: that are enough, for `Trial.FUNCTIONS`.
-      simulations: for `Trial.POOL` and `Trial.BATCH`.
       steps: of each simulation, for `Trial.POOL`; after each new MjData; of each call, for
         `Trial.NO_TIMER`.
       frame: height and width in pixels, for `Trial.RENDERER`.
@@ -82,9 +79,6 @@ class TimeRatio:
     """The time of what mjbench suggests, over that of what the program does.
 
     Attributes:
-      estimate: median of the rounds.
-      low: lower end of its 95 % interval.
-      high: upper end.
       saved_s: seconds that are saved each time, by the medians.
       created_share: share of the time of what the program does in which it creates an object:
         calls that are timed in the program hold that alone.
@@ -107,7 +101,6 @@ class Measured:
     """What was measured on the program's own model.
 
     Attributes:
-      ratios: of what mjbench suggests to what the program does.
       computes_forces: whether a step of the model computes `cfrc_ext`, `cfrc_int` and `cacc`; None
         where that is not known.
     """
@@ -157,7 +150,6 @@ def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> M
 
     Args:
       models: of the program; the first that this process's MuJoCo can load is used.
-      questions: what to measure.
     """
     model = loadable(models)
     if model is None:
@@ -205,7 +197,6 @@ class _Way:
     """One way of doing something.
 
     Attributes:
-      run: does it once.
       create: creates an object for `use`, which together do what `run` does; None if it needs none.
       use: does the rest with the object, which the caller frees.
       has_timer: whether steps read the timer of MuJoCo's Python package.

@@ -27,7 +27,6 @@ def with_calls(
     """Return loops with the calls that were timed in them, and loops that only calls show.
 
     Args:
-      sampled: loops of which there are samples.
       stretches: of each, its time over that from its first timed call to its last; None where
         samples saw too few calls.
     """
@@ -176,7 +175,6 @@ def _timed_building(
     """Return the line under which models are built, with the timed calls that load them.
 
     Args:
-      line: by samples.
       exact: shares of timed calls, by activity.
       factor: by which samples of what is not timed are scaled.
       beside: share of what no other line shows, at most.
@@ -190,14 +188,7 @@ def _timed_building(
 def _beside_slow(
     time: LoopTime, line: LineTime, share: float, exact: Collection[Activity]
 ) -> Mapping[Activity, float]:
-    """Return what samples saw on the line of a slow call beside the call, such as its result freed.
-
-    Args:
-      time: of the loop, by samples.
-      line: of it.
-      share: of the loop's time that the call takes.
-      exact: activities of timed calls.
-    """
+    """Return what samples saw on the line of a slow call beside the call, such as what frees it."""
     others = {
         activity: part
         for activity, part in line.activities.items()

@@ -44,9 +44,6 @@ def wrong_results(
     """Return what makes a program's results wrong, whatever it costs.
 
     Args:
-      findings: of lint, in the program's own files.
-      calls: of the program, with what it showed when it ran.
-      files: the program's own.
       computes_forces: whether a step of its model computes what `_FORCES` names; None if unknown.
     """
     listed = list(_unfilled(calls, files) if computes_forces is False else ())

@@ -59,15 +59,7 @@ def print_program(out: Console, row: ProgramRow) -> None:
 
 @dataclass(frozen=True)
 class ActivityRow:
-    """An activity in a loop, for tables of a whole run.
-
-    Attributes:
-      loop: file and lines of the loop.
-      activity: what took the time.
-      share: of the loop's time.
-      share_error: its standard error.
-      seconds: in the loop.
-    """
+    """An activity in a loop, for tables of a whole run."""
 
     program: str
     loop: str

@@ -33,7 +33,6 @@ def start(folder: str, change: str = "") -> None:
     """Start the clocks.
 
     Args:
-      folder: for their files.
       change: that the step clock applies; "" for none.
     """
     calls = CallClock(folder)

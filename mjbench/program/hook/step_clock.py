@@ -56,12 +56,7 @@ class StepClock:
         """Begin the process's file.
 
         Args:
-          folder: for the file.
-          calls: the clock of calls of this process.
-          watch: of its simulations.
           change: to apply, `NO_ENGINE_CLOCK` or `NO_COLLECTION`; "" for none.
-          now_ns: the clock.
-          processor_ns: the clock of the processor time of this process.
         """
         self._folder, self._change = folder, change
         self._now_ns, self._pacer = now_ns, Pacer(now_ns, processor_ns)
@@ -237,8 +232,6 @@ class StepClock:
         """Let calls since the last burst count as those in it.
 
         Args:
-          passed: calls that were passed through.
-          since_ns: time since the last burst.
           until_ns: when the last of them ended; 0 where that is not known.
         """
         if self._was_left and self._burst_period_ns:  # nothing counted them

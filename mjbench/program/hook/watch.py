@@ -26,13 +26,7 @@ class Watch:
     def __init__(
         self, folder: str, calls: CallClock, now_ns: Callable[[], int] = time.perf_counter_ns
     ) -> None:
-        """Begin to watch.
-
-        Args:
-          folder: for models and states.
-          calls: that count what is seen.
-          now_ns: the clock.
-        """
+        """Begin to watch."""
         self._folder, self._calls, self._now_ns = folder, calls, now_ns
         self.begin_process()
 
