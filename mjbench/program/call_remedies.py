@@ -356,10 +356,16 @@ def _gain_of_functions(
     if saved is None:
         return share, Basis.TIMED if not question.functions else Basis.BOUND
     count = sum(call.calls for call in calls)
-    step_s = sum(call.seconds for call in steps_of(loop))
     nstep = sum(call.all_steps for call in steps_of(loop))
-    pair_s = count * (step_s / nstep if nstep else 0.0) + sum(call.seconds for call in calls)
-    return saved * pair_s / loop.seconds, Basis.PAIRED
+    calls_s, steps_s = sum(call.seconds for call in calls), _steps_s(loop)
+    pair_s = calls_s + count * (steps_s / nstep if nstep else 0.0)
+    both = _share_with_python(loop, [*calls, *steps_of(loop)])
+    return saved * both * pair_s / (calls_s + steps_s), Basis.PAIRED
+
+
+def _share_with_python(loop: LoopTime, calls: Sequence[CallTime]) -> float:
+    """Return the share of calls with what Python does to make them, as pairs have it, too."""
+    return _share(loop, calls) if loop.samples < FEW_SAMPLES else _stands_for(loop, calls)
 
 
 def _no_timer(loop: LoopTime) -> Question:
@@ -371,7 +377,7 @@ def _no_timer(loop: LoopTime) -> Question:
 
 def of_steps(loop: LoopTime, measured: Measured) -> Iterator[Remedy]:
     """Yield what to do about the steps themselves."""
-    share = _steps_s(loop) / loop.seconds
+    share = _share_with_python(loop, steps_of(loop))
     saved = measured.saved(_no_timer(loop)) if share else None
     gain = loop.engine_clock if saved is None else saved * share
     if gain >= package_timer.MIN_GAIN:
