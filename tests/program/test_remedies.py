@@ -156,7 +156,7 @@ def test_a_call_that_leaves_the_loop_saves_its_time_but_for_one():
     time = loop_of(step(), call("compile", calls=4, seconds=4.0))
     (remedy,) = remedies.remedies(time)
     assert remedy.basis == Basis.TIMED
-    assert remedy.gain == pytest.approx(0.99 / 3)  # with what Python does to make the calls
+    assert remedy.gain == pytest.approx(0.3)
 
 
 def test_what_replaces_a_call_is_subtracted_from_all_that_it_costs():
@@ -295,7 +295,7 @@ def test_simulations_in_turn_are_advised_where_a_batch_is_faster():
     question = Question(Trial.BATCH, simulations=8)
     assert question in call_remedies.questions([time], [], [incident])
     (remedy,) = remedies.remedies(time, [], Measured({question: ratio(0.4)}), [incident])
-    assert remedy.gain == pytest.approx(0.99 / 3)  # with what Python does to make the calls
+    assert remedy.gain == pytest.approx(0.3)
     assert remedies.remedies(time, [], Measured({question: ratio(1.2)}), [incident]) == []
 
 
