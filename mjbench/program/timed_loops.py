@@ -130,8 +130,9 @@ def _timed(time: LoopTime, calls: Sequence[CallTime], stretch: float | None = 1.
         for activity, part in time.activities.items()
         if activity not in exact
     }
-    beside = sum(sum(rest[_place_key(line.place)].values()) for line in on_slow_lines)
-    rest_by_activity[Activity.BINDINGS] = rest_by_activity.get(Activity.BINDINGS, 0.0) + beside
+    for line in on_slow_lines:
+        for activity, part in rest[_place_key(line.place)].items():
+            rest_by_activity[activity] = rest_by_activity.get(activity, 0.0) + part
     total_rest = sum(rest_by_activity.values())
     rest_is = Activity.BINDINGS if has_samples else Activity.REST
     if has_samples and total_rest > _LEAST_REST:
@@ -140,6 +141,12 @@ def _timed(time: LoopTime, calls: Sequence[CallTime], stretch: float | None = 1.
     else:
         # samples that are all on the lines of these calls saw the calls themselves
         factor, others = 0.0, {rest_is: 1 - share}
+    loading = {_place_key(call.place) for call in calls if call.activity == Activity.LOADING}
+    beside_loading = (
+        factor * sum(rest[key].get(Activity.BINDINGS, 0.0) for key in loading & rest.keys())
+        if factor
+        else others[rest_is] * exact.get(Activity.LOADING, 0.0) / max(1e-9, sum(slow.values()))
+    )
     parts = {**exact, **{activity: part for activity, part in others.items() if part > 1e-6}}
     return replace(
         time,
@@ -163,9 +170,7 @@ def _timed(time: LoopTime, calls: Sequence[CallTime], stretch: float | None = 1.
         calls=calls,
         building=None
         if time.building is None
-        else _timed_building(
-            time.building, exact, factor, beside * factor if factor else others[rest_is]
-        ),
+        else _timed_building(time.building, exact, factor, beside_loading),
     )
 
 
