@@ -95,7 +95,7 @@ def outside_loops(
     """
     of_loops = {time.loop for time in loops}
     on_loops: set[Place] = set()
-    rest: list[tuple[Sequence[Place], Activity, float]] = []
+    rest: list[tuple[list[Place], Activity, float]] = []
     for thread in threads:
         if not thread.thread.pid == main_pid == thread.thread.tid:
             continue
