@@ -60,7 +60,7 @@ def test_a_target_that_fails_ends_in_exit_code_3(tmp_path: Path) -> None:
     done = mjbench(
         *("versions", "installed", "installed", "cartpole"),
         cwd=tmp_path,
-        env={"PYTHONPATH": broken_worker.python_path(tmp_path, "_load_model", "os._exit(7)")},
+        env={"PYTHONPATH": broken_worker.python_path(tmp_path, "load_model", "os._exit(7)")},
     )
     assert done.returncode == 3
     assert "baseline (MuJoCo" in done.stdout
