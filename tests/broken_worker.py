@@ -25,7 +25,7 @@ def python_path(folder: Path, method: str, code: str) -> str:
         "    def exec_module(self, module):\n"
         "        self.inner.exec_module(module)\n"
         f"        assert hasattr(module.Worker, {method!r})\n"
-        "        if sys.argv[0] != '-c': return  # the parent, which asks for tasks by their methods\n"
+        "        if sys.argv[0] != '-c': return  # it is the parent\n"
         f"        module.Worker.{method} = bad\n"
         "class Finder(importlib.abc.MetaPathFinder):\n"
         "    def find_spec(self, name, path, target=None):\n"
