@@ -1,12 +1,14 @@
 """What the tests share: a small model that starts in contact, and its workload."""
 
 import gc
+import os
 import signal
 from collections.abc import Iterator
 from typing import Any
 
 import mujoco
 import pytest
+from commands import TESTS
 from example_models import CONTACT_XML
 from headless_browser import session
 from hypothesis import settings
@@ -52,6 +54,13 @@ def model() -> Any:
 @pytest.fixture
 def small(model: Any) -> workload.Workload:
     return workload.make(model, nbatch=5, nstep=12, hold=3, seed=1)
+
+
+@pytest.fixture
+def without_warp(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hide Warp from child processes of MJX, which would take seconds to import it."""
+    folders = (str(TESTS / "without_warp"), os.environ.get("PYTHONPATH", ""))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, folders)))
 
 
 @pytest.fixture

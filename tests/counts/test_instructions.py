@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
-from commands import ROOT, mjbench
+from commands import ROOT, mjbench, mjbench_process
 
 from mjbench.counts import instructions
 from mjbench.counts.instructions import InstructionCounter, ModelCount
@@ -169,7 +169,7 @@ def test_a_killed_run_leaves_no_process_and_no_folder(tmp_path: Path) -> None:
         os.close(descriptor)
     assert len(list(tmp_path.iterdir())) > 1, "its folder, beside that of its run file"
     environment = {"TMPDIR": str(tmp_path)}
-    assert mjbench("models", "cartpole", cwd=tmp_path, env=environment).returncode == 0
+    assert mjbench_process("models", "cartpole", cwd=tmp_path, env=environment).returncode == 0
     assert list(tmp_path.iterdir()) == [tmp_path / "r"]
 
 

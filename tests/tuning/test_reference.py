@@ -97,7 +97,7 @@ def test_errors_of_a_model_that_is_off_at_once_are_not_compared(tmp_path):
 
 
 def test_starts_come_from_several_settling_runs():
-    model = models.load(models.resolve("humanoid"))
+    model = models.load(models.resolve("cartpole"))
     trials, _ = reference.draw(model, TrialPlan(0, StartPlan(), ncontrol=4))
     times = trials.initial_state[:, 0]  # mjSTATE_TIME
     assert trials.nrun == reference.NRUN
