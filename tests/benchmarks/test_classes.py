@@ -189,6 +189,7 @@ def test_what_is_tracked_is_a_number_that_was_measured(
     light = stored.light()
     monkeypatch.setattr("benchmarks.instructions.models.shipped", lambda: light)
     monkeypatch.setattr("benchmarks.instructions.NBATCH", 1)
+    monkeypatch.setattr("benchmarks.instructions.stored.nstep_of", lambda name: stored.HEAVY_NSTEP)
     monkeypatch.setattr("benchmarks.mjx.NBATCH", 2)
     monkeypatch.setattr("benchmarks.mjx.HANDWRITTEN_NSTEP", 2)
     monkeypatch.setattr("benchmarks.mjx.ROUNDS", 3)

@@ -131,7 +131,13 @@ def test_operations_are_counted_whole_and_by_function(counter: InstructionCounte
 
 
 @needs_valgrind
-def test_the_command_writes_json_and_a_run_file(tmp_path: Path) -> None:
+def test_the_command_writes_json_and_a_run_file(
+    counts: dict[str, ModelCount], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def count(*arguments: object, **options: object) -> list[ModelCount]:
+        return [counts["cartpole"]]
+
+    monkeypatch.setattr(InstructionCounter, "count", count)
     done = mjbench("instructions", "cartpole", "--json", "out.json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     (row,) = json.loads((tmp_path / "out.json").read_text())["results"]

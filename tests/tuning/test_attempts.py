@@ -120,7 +120,7 @@ def test_settings_that_diverge_are_one_line(tmp_path):
     source = models.ModelSource("stiff", stiff)
     request = BaselineRequest(
         source,
-        TrialPlan(0, StartPlan(), ncontrol=200),
+        TrialPlan(0, StartPlan(), ncontrol=50),
         tmp_path / "baseline",
         tmp_path / "model.mjb",
     )
