@@ -29,7 +29,9 @@ def mjbench(*words: str, cwd: Path = ROOT, env: Mapping[str, str] | None = None)
     def invoke() -> Completed:
         from mjbench.cli import cli
 
-        with contextlib.chdir(cwd), mock.patch.dict(os.environ, env or {}):
+        path = os.pathsep.join(filter(None, (PYTHONPATH, os.environ.get("PYTHONPATH"))))
+        variables = {"PYTHONPATH": path, **(env or {})}
+        with contextlib.chdir(cwd), mock.patch.dict(os.environ, variables):
             result = CliRunner().invoke(cli, words, prog_name="mjbench")
         if not isinstance(result.exception, SystemExit | None):
             raise result.exception
