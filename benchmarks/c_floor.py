@@ -52,15 +52,7 @@ LIMIT_S = 120.0
 
 @dataclass(frozen=True)
 class FloorCase:
-    """A path to compare with the C program.
-
-    Attributes:
-      label: its name in the table.
-      path: name of the path.
-      options: of the path.
-      hold: steps per control.
-      returns: what the path and the C program store.
-    """
+    """A path to compare with the C program."""
 
     label: str
     path: str
@@ -78,14 +70,7 @@ CASES = (
 
 @dataclass(frozen=True)
 class LaunchRequest:
-    """What a launch measures.
-
-    Attributes:
-      program: the compiled C program.
-      source: the model.
-      case: the path.
-      budget_s: seconds of timing.
-    """
+    """What a launch measures."""
 
     program: Path
     source: models.ModelSource
@@ -94,11 +79,7 @@ class LaunchRequest:
 
 
 def build(folder: Path) -> Path:
-    """Compile c_floor.c into `folder`; return the program.
-
-    Raises:
-      MachineError: there is no compiler, or it fails.
-    """
+    """Compile c_floor.c into `folder`; return the program."""
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     if compiler is None:
         raise MachineError("no C compiler found: install gcc or clang")
@@ -117,13 +98,7 @@ class CProgram:
     """The C program on a workload; leave it as a context manager, which ends it."""
 
     def __init__(self, program: Path, work: workload.Workload, folder: Path):
-        """Start the program.
-
-        Args:
-          program: that `build` compiled.
-          work: the workload, which says what is stored.
-          folder: for its files.
-        """
+        """Start the program."""
         model_file, workload_file = folder / "model.mjb", folder / "workload.bin"
         mujoco.mj_saveModel(work.model, str(model_file), None)
         sizes = [work.nbatch, work.ncontrol, work.hold]
@@ -145,11 +120,7 @@ class CProgram:
         self._process.communicate()
 
     def block_ns(self, has_timer: bool) -> int:
-        """Run a block with or without a timer in its steps; return its nanoseconds.
-
-        Raises:
-          MachineError: the program ended.
-        """
+        """Run a block with or without a timer in its steps; return its nanoseconds."""
         stdout = self._ask(b"timer\n" if has_timer else b"plain\n")
         line = stdout.readline()
         if not line:
@@ -172,11 +143,7 @@ class CProgram:
 
 
 def launch(request: LaunchRequest) -> LaunchTimes:
-    """Measure in new processes.
-
-    Raises:
-      MachineError: they failed, or the path disagrees with the C program.
-    """
+    """Measure in new processes."""
     results: list[LaunchTimes] = []
     ended = isolate.run("benchmarks.c_floor:measure_launch", request, results.append, LIMIT_S)
     if not results:
@@ -225,12 +192,8 @@ def measure_launch(request: LaunchRequest, channel: isolate.Channel) -> None:
 
 
 def check(states: paths.States, c_states: np.ndarray, model: mujoco.MjModel) -> None:
-    """Refuse a path whose final states are not those of the C program, to the last bit.
-
-    Raises:
-      MachineError: they are not.
-    """
-    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    """Refuse a path whose final states are not those of the C program, to the last bit."""
+    columns = compat.state_columns(model)
     difference = agreement.first_differing_entry(states.values, c_states, columns, states.mask)
     if difference:
         raise MachineError(f"the path disagrees with the C program: {difference}")

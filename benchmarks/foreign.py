@@ -51,14 +51,7 @@ LIMIT_S = 60.0
 
 @dataclass(frozen=True)
 class Files:
-    """Where a run reads and writes.
-
-    Attributes:
-      cache: folder of the unpacked packages.
-      progress: results of a run that is not complete.
-      tally: the JSON file.
-      page: written from it.
-    """
+    """Where a run reads and writes."""
 
     cache: Path
     progress: Path
@@ -96,11 +89,7 @@ def conditions() -> str:
 
 
 def compare_file(files: PackageFiles, file: str, limit_s: float) -> FileResult:
-    """Compare all variants on one model file.
-
-    Raises:
-      KeyboardInterrupt: the user stopped it.
-    """
+    """Compare all variants on one model file."""
     from mjbench.comparison.compare import verify_model
 
     source = ModelSource(file, files.root / file)
@@ -127,11 +116,7 @@ def tally_of(
 
 
 def save(tally: ForeignTally, files: Files) -> None:
-    """Write the JSON file and the page; each is replaced as a whole.
-
-    Raises:
-      MachineError: one of them cannot be written.
-    """
+    """Write the JSON file and the page; each is replaced as a whole."""
     replace(files.tally, tally_file.dumps(tally))
     replace(files.page, foreign_page.page(tally))
 
@@ -160,10 +145,6 @@ def run_only(
     """Compare the named files again, and replace their results in the tally that is there.
 
     Results of a run that the user stops are stored, too.
-
-    Raises:
-      InputError: a name stands for no file, or the tally is of other versions.
-      KeyboardInterrupt: the user stopped it.
     """
     earlier = foreign_tally.load(files.tally)
     _check_versions(earlier, packages)
@@ -192,11 +173,7 @@ def run_only(
 def select(
     packages: Sequence[PackageFiles], names: Sequence[str]
 ) -> list[tuple[PackageFiles, str]]:
-    """Return the files that names stand for: a package's, or those whose path contains the name.
-
-    Raises:
-      InputError: a name stands for none.
-    """
+    """Return the files that names stand for: a package's, or those whose path contains the name."""
     selected = []
     for name in names:
         matching = [

@@ -20,12 +20,7 @@ _ROOT_ELEMENT = re.compile(r"(?:\s+|<\?.*?\?>|<!--.*?-->|<![^>]*>)*+<([\w:.-]+)"
 
 @dataclass(frozen=True)
 class Package:
-    """A release of a package.
-
-    Attributes:
-      name: on the package index.
-      version: of the release.
-    """
+    """A release of a package."""
 
     name: str
     version: str
@@ -58,7 +53,6 @@ class PackageFiles:
     """The model files of a package.
 
     Attributes:
-      package: that ships them.
       root: folder that the wheel was unpacked into.
       mjcf: paths below `root` of XML files whose first element is `mujoco`, sorted.
       urdf: number of URDF files, which are not compared.
@@ -71,11 +65,7 @@ class PackageFiles:
 
 
 def fetch(package: Package, cache: Path) -> Path:
-    """Return the folder that a package's wheel is unpacked in; download it first if need be.
-
-    Raises:
-      MachineError: it cannot be downloaded, unpacked or stored.
-    """
+    """Return the folder that a package's wheel is unpacked in; download it first if need be."""
     folder = cache / f"{package.name}-{package.version}"
     if folder.is_dir():
         return folder
@@ -95,11 +85,7 @@ def fetch(package: Package, cache: Path) -> Path:
 
 
 def unpack(wheel: Path, target: Path) -> None:
-    """Unpack a wheel into a new folder.
-
-    Raises:
-      MachineError: it is not a wheel, too large, or names a file outside of the folder.
-    """
+    """Unpack a wheel into a new folder."""
     try:
         with zipfile.ZipFile(wheel) as archive:
             members = archive.infolist()

@@ -16,9 +16,7 @@ class ProgressRecord:
     """A line of the file.
 
     Attributes:
-      package: with its version.
       conditions: what the result depends on beside the package.
-      result: of one file.
     """
 
     package: str
@@ -30,11 +28,7 @@ class Progress:
     """The results that earlier runs of the same conditions stored, and those of this one."""
 
     def __init__(self, file: Path, conditions: str):
-        """Read the file; drop records of other conditions, and a line that was cut short.
-
-        Raises:
-          MachineError: it cannot be written.
-        """
+        """Read the file; drop records of other conditions, and a line that was cut short."""
         self._file, self._conditions = file, conditions
         records = [record for record in _read(file) if record.conditions == conditions]
         self._results = {(record.package, record.result.file): record.result for record in records}
@@ -45,11 +39,7 @@ class Progress:
         return self._results.get((str(package), file))
 
     def append(self, package: Package, result: FileResult) -> None:
-        """Store a result.
-
-        Raises:
-          MachineError: it cannot be written.
-        """
+        """Store a result."""
         with writing(self._file), self._file.open("a", encoding="utf-8") as stream:
             stream.write(_line(ProgressRecord(str(package), self._conditions, result)))
 
@@ -60,11 +50,7 @@ class Progress:
 
 
 def replace(file: Path, content: str) -> None:
-    """Write a file so that a reader sees the earlier one or the whole new one.
-
-    Raises:
-      MachineError: it cannot be written.
-    """
+    """Write a file so that a reader sees the earlier one or the whole new one."""
     with writing(file), files.replacing(file) as partial:
         partial.write_text(content, encoding="utf-8")
 

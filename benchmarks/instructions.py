@@ -26,7 +26,6 @@ class CachedCount:
 
     Attributes:
       status: `ok`, `unavailable` where this release or machine cannot count, or `failed`.
-      detail: one line; empty when ok.
       instructions_per_step: of the engine; 0 unless ok.
     """
 

@@ -42,10 +42,9 @@ class Figure:
     """What a program reached on a model.
 
     Attributes:
-      model: its name.
-      where: the program, such as `C`.
+      where: such as `C`.
       steps_per_s: the median.
-      ratio: its time over that of C; None for C.
+      ratio: time over that of C; None for C.
     """
 
     model: str
@@ -59,9 +58,7 @@ class OtherFigures:
     """What other programs than a browser reached.
 
     Attributes:
-      machine: on which they ran.
-      figures: of the models in the page.
-      contacts: of a step, by model.
+      contacts: contacts of a step, by model.
     """
 
     machine: str
@@ -72,10 +69,6 @@ class OtherFigures:
 def read_figures(file: Path, release: str) -> OtherFigures | None:
     """Return what `mjbench web --json` wrote; None where there is no such file.
 
-    Args:
-      file: the document.
-      release: of the engine in the page.
-
     Raises:
       InputError: it is no such document, or of another release.
     """
@@ -83,12 +76,12 @@ def read_figures(file: Path, release: str) -> OtherFigures | None:
     import msgspec
 
     from mjbench.instrument.json_form import json_type
-    from mjbench.report.documents import WebDocument
+    from mjbench.report.kinds import WEB
 
     if not file.exists():
         return None
     try:
-        document = msgspec.json.decode(file.read_bytes(), type=json_type(WebDocument))
+        document = msgspec.json.decode(file.read_bytes(), type=json_type(WEB.document_type))
     except (OSError, msgspec.DecodeError) as error:
         raise InputError(f"cannot read {file}: {one_line(error)}") from error
     rows = [row for row in document.results if row.model in MODELS]
@@ -125,8 +118,7 @@ def bundle(entry: str, folder: Path = SOURCES) -> str:
     """Return a module and all that it imports as one script, whose names share one scope.
 
     Args:
-      entry: name of the module, without `.mjs`.
-      folder: that holds it, and what it imports by `import { … } from "./NAME.mjs";`.
+      folder: holds the module, and what it imports by `import { … } from "./NAME.mjs";`.
 
     Raises:
       InputError: a module imports or exports in another form, or holds the end of a script element.
@@ -154,11 +146,7 @@ def render(package: NpmPackage, others: OtherFigures | None) -> str:
     """Return the page.
 
     Args:
-      package: the engine that runs in it.
-      others: figures beside which those of the browser stand; None where there are none.
-
-    Raises:
-      MachineError: Jinja2 is not installed, or a file of the package cannot be read.
+      others: figures beside those of the browser.
     """
     try:
         import jinja2
@@ -187,11 +175,7 @@ def render(package: NpmPackage, others: OtherFigures | None) -> str:
 
 
 def _packed(file: Path) -> str:
-    """Return a file's content, compressed by gzip, in base64.
-
-    Raises:
-      MachineError: it cannot be read.
-    """
+    """Return a file's content, compressed by gzip, in base64."""
     try:
         content = file.read_bytes()
     except OSError as error:

@@ -171,12 +171,7 @@ class MjxTimes:
 
 @functools.cache
 def _measure(model: str, nbatch: int) -> MjxTimes:
-    """Measure the path `mjx` in a child process, once per process of asv.
-
-    Raises:
-      NotImplementedError: this release of MJX, this JAX and the model do not work together.
-      MachineError: they do, but the child crashed, hung, or disagreed with C.
-    """
+    """Measure the path `mjx` in a child process, once per process of asv."""
     from mjbench.comparison import accelerated_run
     from mjbench.comparison.plan import Variant
 
@@ -192,12 +187,7 @@ def _measure(model: str, nbatch: int) -> MjxTimes:
 
 
 def times_from(messages: Sequence[Any], ended: isolate.Ended) -> MjxTimes:
-    """Return the times that a child of `accelerated_run` sent, and that it agreed with C.
-
-    Raises:
-      NotImplementedError: MJX cannot step the model, or failed before it was compiled.
-      MachineError: it failed later, or disagreed with C.
-    """
+    """Return the times that a child of `accelerated_run` sent, and that it agreed with C."""
     from mjbench.comparison.messages import AgreementReport, BlockTime, CompileReport
 
     compiled = next((m for m in messages if isinstance(m, CompileReport)), None)

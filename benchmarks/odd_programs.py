@@ -45,13 +45,10 @@ class OddProgram:
     """A program.
 
     Attributes:
-      text: of the file `program.py`.
-      arguments: of Python, behind which the program's own stand.
-      stdin: what it reads.
-      signal_number: that it is sent once it has printed a line; None for none.
-      closes_output: whether nobody reads what it prints.
-      environment: more variables.
-      files: more files, by path.
+      text: content of `program.py`.
+      arguments: of Python, before the program's own.
+      signal_number: signal after the first line of output; None for none.
+      closes_output: whether nobody reads the output.
     """
 
     text: str | bytes

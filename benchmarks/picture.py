@@ -28,17 +28,13 @@ WIDTH, HEIGHT = 1100, 1000
 
 
 def write_report(run_file: Path, model: str, page: Path) -> None:
-    """Write the report of one model of a run file.
-
-    Raises:
-      InputError: the file cannot be read, or has no such model.
-    """
+    """Write the report of one model of a run file."""
     import dataclasses
 
     from mjbench.instrument import runs
     from mjbench.pages import html, reports
     from mjbench.pages.reports import NamedRun
-    from mjbench.report.documents import RECORD_TYPES
+    from mjbench.report.kinds import RECORD_TYPES
 
     run = runs.load(run_file, RECORD_TYPES)
     records = tuple(record for record in run.records if getattr(record, "model", "") == model)
@@ -49,11 +45,7 @@ def write_report(run_file: Path, model: str, page: Path) -> None:
 
 
 def photograph(page: Path, picture: Path) -> None:
-    """Save what a browser shows of a page.
-
-    Raises:
-      MachineError: there is no browser.
-    """
+    """Save what a browser shows of a page."""
     chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if not (chromium and driver):
         raise MachineError("a picture needs chromium and chromedriver")

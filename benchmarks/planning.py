@@ -27,9 +27,9 @@ class Planning(Timed):
         """Prepare the path, and the planner at the start."""
         model, self.task = stored.load("cartpole"), SwingUp()
         self.data = self.task.start(model)
-        nstate = compat.state_size(model, compat.state_spec("INTEGRATION"))
+        nstate = compat.state_size(model)
         self.start = np.empty(nstate)
-        compat.get_state(model, self.data, self.start, compat.state_spec("INTEGRATION"))
+        compat.get_state(model, self.data, self.start)
         self.workload = Workload(
             model,
             np.tile(self.start, (samples, 1)),

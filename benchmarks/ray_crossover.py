@@ -58,11 +58,7 @@ IDLE_S = 20.0
 
 
 def measured(case: Case, budget_s: float) -> RayModel:
-    """Compare the paths on one model, from the least work on.
-
-    Raises:
-      InputError: a path does not agree, or failed.
-    """
+    """Compare the paths on one model, from the least work on."""
     from mjbench.report.work_crossovers import PATH, RIVALS, work_crossovers
 
     results: list[PathResult] = []
@@ -147,8 +143,7 @@ def run(names: Sequence[str], budget_s: float) -> RayTally:
     """Measure models, and write the tally and the page after each.
 
     Args:
-      names: of models; empty for all.
-      budget_s: of timing at each size.
+      budget_s: seconds of timing at each size.
     """
     extras.require("this benchmark", "ray", ["ray"])
     cases = [case for case in CASES if not names or case.model in names]

@@ -36,9 +36,7 @@ class Behaviour:
 
     Attributes:
       exit_code: 128 and the number of a signal that ended it, as a shell has it.
-      output: what it printed.
-      error: what it printed to standard error.
-      files: that it left, by path.
+      files: files that it left, by path.
     """
 
     exit_code: int

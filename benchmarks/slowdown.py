@@ -83,13 +83,7 @@ def write_wheel(folder: Path, factor: float) -> None:
 
 
 def write_history(folder: Path, version: str, factor: float) -> None:
-    """Create the scratch history, a Git repository: tags v1 to v6 unchanged, v7 slowed.
-
-    Args:
-      folder: to create.
-      version: of MuJoCo, the same in every commit.
-      factor: of the slowdown.
-    """
+    """Create the scratch history, a Git repository: tags v1 to v6 unchanged, v7 slowed."""
     folder.mkdir()
     _git(folder, "init", "--quiet", "--initial-branch=releases")
     for number in range(1, UNCHANGED + 2):
@@ -181,7 +175,6 @@ class Detection:
     """What one benchmark detected.
 
     Attributes:
-      benchmark: its name in asv.
       missed: models that `asv continuous` did not call slower.
       missed_on_page: models that the regressions page does not show.
       false_alarms: models for which an unchanged release was called slower.

@@ -38,12 +38,9 @@ class Usage:
     """What this process holds after some comparisons.
 
     Attributes:
-      comparisons: so far.
-      descriptors: open files.
-      threads: of this process.
-      processes: below this one.
-      files: temporary ones of this process.
-      memory_bytes: resident.
+      processes: processes below this one.
+      files: temporary files of this process.
+      memory_bytes: resident memory.
     """
 
     comparisons: int
@@ -115,11 +112,7 @@ def compare_once() -> None:
 
 
 def launch_once(pool: "WorkerPool") -> None:
-    """Launch a pair of workers once.
-
-    Raises:
-      MachineError: the workers failed.
-    """
+    """Launch a pair of workers once."""
     from mjbench.paired.protocol import TargetPair
     from mjbench.paired.run_sizes import Sizes
     from mjbench.paired.targets import Target

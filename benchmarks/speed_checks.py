@@ -21,7 +21,7 @@ import mujoco
 import numpy as np
 
 from mjbench.simulation import models, workload
-from mjbench.testing.answer import Answer
+from mjbench.testing.callables import Answer
 
 PROCESSES = 30
 Function = Callable[[], object]
@@ -42,10 +42,6 @@ class Measured:
     """What one process measured of one function.
 
     Attributes:
-      function: its name.
-      load: of the machine.
-      answer: on it and its twin.
-      log_ratio: of the two.
       candidate_s: seconds of a call.
     """
 
@@ -91,14 +87,14 @@ FUNCTIONS: dict[str, Callable[[], Function]] = {
 def measure(load: str) -> list[Measured]:
     """Measure each function and its twin in this process."""
     from mjbench.testing import callables
-    from mjbench.testing.callables import Pair, Question
+    from mjbench.testing.callables import FunctionPair, SpeedQuestion
     from mjbench.testing.fixture import MAX_SLOWDOWN
 
-    question = Question(MAX_SLOWDOWN, CONFIDENCE, TIME_LIMIT_S)
+    question = SpeedQuestion(MAX_SLOWDOWN, CONFIDENCE, TIME_LIMIT_S)
     measured = []
     for name, make in FUNCTIONS.items():
         first, second = make(), make()
-        check = callables.compare(Pair(first, second), question)
+        check = callables.compare(FunctionPair(first, second), question)
         assert check.ratio is not None
         assert check.candidate_s is not None
         log_ratio = math.log(check.ratio)

@@ -63,7 +63,6 @@ def stored_workload(name: str, nbatch: int = NBATCH, nstep: int = NSTEP) -> work
     All simulations have the stored start state; they differ in their controls.
 
     Args:
-      name: of the model.
       nbatch: simulations; those beyond the stored ones repeat them in order.
       nstep: steps per simulation, at most the stored ones.
 
@@ -101,16 +100,7 @@ def prepared_run(
 
     asv calls `setup` before every sample; the run is prepared once per process.
 
-    Args:
-      path: name of the path.
-      model: name of the model.
-      nbatch: simulations.
-      nstep: steps per simulation.
-      returns: what the run returns.
-      options: of the path; the others have their defaults.
-
     Raises:
-      NotImplementedError: the release or the machine lacks what the path needs.
       RuntimeError: the path's final states differ from the reference run's.
     """
     stepping_path = paths.find(path)

@@ -39,7 +39,7 @@ class SweepTimes:
     Attributes:
       start_s: until Ray ran, and the node had said what it is.
       command_s: in which commands ran, until their last result.
-      other_s: for starting workers, calibrating, and ending commands.
+      other_s: starting workers, calibrating, and ending commands.
       stop_s: until Ray had ended.
     """
 
@@ -95,7 +95,7 @@ def by_hand(of: "Matrix") -> float:
 def by_sweep(of: "Matrix") -> SweepTimes:
     """Return the seconds of a sweep that does the same."""
     from mjbench.instrument.run_set import RunSetFile
-    from mjbench.report.documents import RECORD_TYPES
+    from mjbench.report.kinds import RECORD_TYPES
     from mjbench.sweep.ray_cluster import RayCluster
     from mjbench.sweep.run import Sweep
 

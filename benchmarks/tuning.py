@@ -64,13 +64,12 @@ class Promise:
     """A recommendation, and how it did from further starts.
 
     Attributes:
-      settings: what people read.
       effect: on the motion, as promised.
-      time_ratio: of a simulated second, over that of the present settings.
+      time_ratio: of a simulated second, over that with the present settings.
       error: of nine runs in ten, as a share of the motion, as promised.
       later_effects: from further starts.
-      later_nrun: runs from further starts.
-      later_exceeding: how many of them err by more than promised.
+      later_nrun: from further starts, as `later_exceeding`.
+      later_exceeding: runs whose error is larger than promised.
       is_best: whether it is what `mjbench tune` recommends first.
     """
 
@@ -99,14 +98,9 @@ class TunedModel:
     """A model, and what was recommended for it.
 
     Attributes:
-      model: its name.
-      package: that ships it; `mjbench` for ours.
-      status: how the search ended.
-      detail: one line; empty when ok.
+      package: `mjbench` for ours.
       present_error: of nine runs in ten with its present settings, as a share of the motion.
-      promises: what was recommended.
-      withdrawn: recommendations that the second look of the search withdrew.
-      tried: settings and combinations that were tried.
+      withdrawn: recommendations that the search withdrew itself.
       seconds: that the search took.
     """
 
@@ -123,15 +117,7 @@ class TunedModel:
 
 @dataclass(frozen=True)
 class TuningTally:
-    """All models.
-
-    Attributes:
-      date: of the last one.
-      mujoco: its version.
-      processor: of the machine.
-      budget_s: of each search.
-      models: in the order in which they were searched first.
-    """
+    """All models."""
 
     date: str
     mujoco: str
@@ -210,11 +196,7 @@ def sources() -> Iterable[tuple[str, ModelSource]]:
 
 
 def load(file: Path = TALLY) -> TuningTally:
-    """Return the tally of a JSON file.
-
-    Raises:
-      InputError: it is not one.
-    """
+    """Return the tally of a JSON file."""
     return tally_file.load(file, TuningTally, "tuned models")
 
 
@@ -225,12 +207,7 @@ def save(tally: TuningTally) -> None:
 
 
 def run(names: Sequence[str], budget_s: float) -> TuningTally:
-    """Search settings for models, and write the tally after each.
-
-    Args:
-      names: of models; empty for all.
-      budget_s: of each search.
-    """
+    """Search settings for models, and write the tally after each."""
     done = {model.model: model for model in (load().models if names and TALLY.exists() else ())}
     tally = None
     for package, source in sources():

@@ -36,9 +36,7 @@ class Case:
     """A model, and the cost that was planted.
 
     Attributes:
-      name: of the case.
-      xml: of the model.
-      knob: that removes the cost; empty where there is none.
+      knob: knob that removes the cost; empty where there is none.
     """
 
     name: str

@@ -40,11 +40,10 @@ class ModelDifference:
     """How a build differs from C on a model.
 
     Attributes:
-      model: its name.
-      as_it_is: after how many steps a state differs first; None where it is identical to the last
+      as_it_is: steps after which a state differs first; None where all are identical to the last
         bit.
-      with_musl: the same where C has musl's functions.
-      difference: the largest over the run, as it is.
+      with_musl: the same with musl's functions in C.
+      difference: the largest over the run.
     """
 
     model: str
@@ -54,11 +53,7 @@ class ModelDifference:
 
 
 def archive() -> Path:
-    """Return musl's C library.
-
-    Raises:
-      MachineError: it is not installed.
-    """
+    """Return musl's C library."""
     archives = sorted(Path("/").glob(_ARCHIVES.lstrip("/")))
     if not archives:
         raise MachineError("musl's libc.a is missing: apt-get install musl-dev")
@@ -66,11 +61,7 @@ def archive() -> Path:
 
 
 def build(folder: Path) -> Path:
-    """Return a library with musl's mathematical functions, built in a folder.
-
-    Raises:
-      MachineError: there is no compiler or no musl, or it cannot be built.
-    """
+    """Return a library with musl's mathematical functions, built in a folder."""
     if not shutil.which("cc") or not shutil.which("ar"):
         raise MachineError("no C compiler (cc) on this machine")
     objects = [f"{name}.lo" for name in (*_FUNCTIONS, *_PARTS)]
@@ -86,11 +77,7 @@ def build(folder: Path) -> Path:
 
 
 def compared(plain: Mapping[str, Any], with_musl: Mapping[str, Any]) -> list[ModelDifference]:
-    """Return how the first build differs, from two documents of `mjbench web`.
-
-    Raises:
-      MachineError: a model was not compared in both.
-    """
+    """Return how the first build differs, from two documents of `mjbench web`."""
     pairs = zip(plain["results"], with_musl["results"], strict=True)
     return [
         ModelDifference(

@@ -33,14 +33,18 @@ class MachineError(MjbenchError):
     """The machine or an installation failed (exit code 3): a full disk, a crash, a time limit."""
 
 
+def reason(error: OSError | ValueError) -> str:
+    """Return why a file cannot be read or written, without its name, which the caller names."""
+    return (isinstance(error, OSError) and error.strerror) or one_line(error)
+
+
 @contextlib.contextmanager
-def writing(file: Path) -> Iterator[None]:
+def writing(file: Path, remark: str = "") -> Iterator[None]:
     """Turn the refusal to write `file`, or a name that no file can have, into a MachineError."""
     try:
         yield
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise MachineError(f"cannot write {file}: {reason}") from error
+        raise MachineError(f"cannot write {file}: {reason(error)}{remark}") from error
 
 
 @dataclass(frozen=True)
@@ -93,13 +97,7 @@ def shown(name: str) -> str:
     return one_line(name if name.isprintable() and name.strip() else repr(name), 100)
 
 
-def suggestion(word: str, choices: Iterable[str], n: int = 3) -> str:
-    """Return a hint such as ` (did you mean rollout?)`, or nothing where no choice is similar.
-
-    Args:
-      word: that the user typed.
-      choices: the words that are known.
-      n: the most choices to name, the most similar first.
-    """
-    similar = difflib.get_close_matches(word, list(choices), n=n)
+def suggestion(word: str, choices: Iterable[str]) -> str:
+    """Return a hint such as ` (did you mean rollout?)`, or nothing where no choice is similar."""
+    similar = difflib.get_close_matches(word, list(choices))
     return f" (did you mean {', '.join(similar)}?)" if similar else ""

@@ -1,7 +1,7 @@
 """Invented races of paths with known speed-ups, run by the race itself without a process."""
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -127,9 +127,14 @@ def invent_comparisons(monkeypatch: pytest.MonkeyPatch, **fields: Any) -> list[C
     plans: list[ComparisonPlan] = []
 
     def compare_model(
-        pool: object, source: ModelSource, plan: ComparisonPlan, on_progress: Progress
+        pool: object,
+        source: ModelSource,
+        plan: ComparisonPlan,
+        on_progress: Progress,
+        on_phase: Callable[[str], None],
     ) -> Iterator[ModelComparison]:
         plans.append(plan)
+        on_phase(f"{source.name}: racing {len(plan.variants)} paths, about 20 s")
         on_progress(source.name, 0.5)
         entrants = [(each, _SPEEDUPS.get(each.path, 0.9)) for each in plan.variants[1:]]
         record = raced(entrants, model=source.name, nbatch_asked=plan.nbatch)
@@ -138,8 +143,8 @@ def invent_comparisons(monkeypatch: pytest.MonkeyPatch, **fields: Any) -> list[C
         assert isinstance(model, ModelRecord)
         assert isinstance(ended, RaceRecord)
         rows = tuple(row for row in measurements if isinstance(row, MeasurementRecord))
-        for is_over in (False, True):
-            yield ModelComparison(model, rows, ended, is_over)
+        for _ in range(2):
+            yield ModelComparison(model, rows, ended)
 
     monkeypatch.setattr(path_comparison, "compare_model", compare_model)
     return plans

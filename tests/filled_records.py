@@ -8,7 +8,7 @@ from msgspec import inspect
 from mjbench.instrument import runs
 from mjbench.instrument.runs import RunHeader
 from mjbench.paired.records import LaunchRow
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 
 # Returns the text of a field by its key.
 Text = Callable[[str], str]
@@ -34,8 +34,8 @@ _VALUES: Mapping[str, Any] = {
 _EXACT = ("orders", "histogram", "schema")
 # The records that runs of each command have.
 KINDS: Mapping[str, Sequence[str]] = {
-    "compare": ("model", "measurement", "race", "confirmation", "contest"),
-    "scaling": ("scaling", "confirmation"),
+    "compare": ("model", "measurement", "race"),
+    "scaling": ("scaling",),
     "history": ("step_ratio", "operation_ratio", "explain"),
     "versions": ("verdict",),
     **{

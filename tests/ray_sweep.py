@@ -17,7 +17,7 @@ import psutil
 from sweep_examples import count_cell, matrix
 
 from mjbench.instrument.run_set import RunSetFile
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.sweep.ray_cluster import LeftOut, RayCluster
 from mjbench.sweep.ray_session import LABEL, RESOURCE
 from mjbench.sweep.results import CellResult

@@ -8,9 +8,9 @@ from typing import Any
 from mjbench.instrument import run_set, runs
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.run_file import RunFile
-from mjbench.instrument.run_set import RunSetFile, Section
+from mjbench.instrument.run_set import RunSection, RunSetFile
 from mjbench.instrument.runs import Record, RunHeader
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 
 MACHINE = Machine(
     cpu="AMD EPYC 7763 64-Core Processor",
@@ -54,7 +54,7 @@ def run_file(
 
 def section_of(
     path: Path, record_types: Mapping[str, type] = RECORD_TYPES, cell: str = ""
-) -> Section:
+) -> RunSection:
     """Return a run file as a section."""
     (section,) = run_set.read(path, record_types).sections
     return replace(section, cell=cell)

@@ -9,7 +9,7 @@ from mjbench.instrument.runs import Record, RunHeader
 from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.paired.records import TargetRow, VerdictRecord
 from mjbench.releases.installs import ReleaseSpec
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.simulation import models
 from mjbench.status import Status
 from mjbench.sweep.cells import Cell, Kind

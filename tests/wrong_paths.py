@@ -64,7 +64,7 @@ class ColdWarmStart(_Wrong):
     name = "wrong_paths:ColdWarmStart"
 
     def spoiled(self, workload: Workload) -> tuple[np.ndarray, np.ndarray]:
-        columns = compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))
+        columns = compat.state_columns(workload.model)
         cold = workload.initial_state.copy()
         cold[:, columns["qacc_warmstart"]] = 0.0
         return cold, workload.control
@@ -161,7 +161,7 @@ class DropsInputs(_Wrong):
     fields: tuple[str, ...] = ()
 
     def spoiled(self, workload: Workload) -> tuple[np.ndarray, np.ndarray]:
-        columns = compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))
+        columns = compat.state_columns(workload.model)
         start = workload.initial_state.copy()
         for field in self.fields:
             if field in columns:
@@ -187,9 +187,7 @@ class CopiesInput(_Wrong):
     def prepare(
         self, workload: Workload, options: paths.Options, resources: paths.Resources
     ) -> paths.Prepared:
-        place = compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))[
-            options["field"]
-        ]
+        place = compat.state_columns(workload.model)[options["field"]]
         rows = np.arange(workload.nbatch)
         source = {
             "first": np.zeros_like(rows),

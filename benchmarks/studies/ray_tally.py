@@ -21,9 +21,7 @@ class PathTime:
     """How long a call of a path takes.
 
     Attributes:
-      path: its name.
-      nthread: threads, processes or actors.
-      ms: milliseconds of its fastest variant with as many, the median.
+      ms: milliseconds of its fastest variant with that many, the median.
     """
 
     path: str
@@ -38,13 +36,7 @@ class PathTime:
 
 @dataclass(frozen=True)
 class RaySize:
-    """Calls of one size.
-
-    Attributes:
-      nbatch: simulations.
-      nstep: steps of each.
-      times: of all paths.
-    """
+    """Calls of one size."""
 
     nbatch: int
     nstep: int
@@ -74,11 +66,9 @@ class Overtaking:
     """Where `ray` overtakes another path; see `mjbench.report.work_crossovers`.
 
     Attributes:
-      path: the other path.
-      nthread: its threads or processes.
-      least: least work from which on `ray` is faster; None where it is not at the largest.
+      least: work from which on `ray` is faster; None where it never is.
       largest: most work that was tried.
-      share: of the other path's speed, there.
+      share: of the other path's speed at that work.
     """
 
     path: str
@@ -93,9 +83,7 @@ class RayModel:
     """One model.
 
     Attributes:
-      model: its name.
       step_us: microseconds of a step in the plain loop, at the largest size.
-      nstep: steps of each simulation.
       sizes: from the least work on.
       crossovers: where `ray` overtakes each other path.
     """
@@ -131,12 +119,7 @@ class RayTally:
     """All models, on one machine.
 
     Attributes:
-      date: of the measurement.
-      processor: of the machine.
-      usable_cores: of the machine; as many threads, processes and actors are the most.
-      mujoco: its version.
-      ray: its version.
-      cost: of Ray itself.
+      usable_cores: also the most threads, processes and actors.
       models: in the order in which they were measured first.
     """
 
@@ -150,9 +133,5 @@ class RayTally:
 
 
 def load(file: Path) -> RayTally:
-    """Return the tally of a JSON file.
-
-    Raises:
-      InputError: it is not one.
-    """
+    """Return the tally of a JSON file."""
     return tally_file.load(file, RayTally, "calls of Ray")

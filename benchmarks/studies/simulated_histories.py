@@ -21,7 +21,6 @@ class Plan:
     """How the log ratios of a model are drawn.
 
     Attributes:
-      name: for the table.
       changes: number of change points.
       smallest: size of the smallest, as a share.
       largest: size of the largest.
@@ -64,12 +63,9 @@ class Score:
     """What was detected in many histories.
 
     Attributes:
-      planted: number of change points.
-      detected: of these, listed at the very release, in the right direction.
-      wrong: change points that were listed, and are not true.
-      drifts: number of drifts.
-      named: of these, listed as a drift that covers most of it.
-      histories: how many.
+      detected: change points that were listed at the very release, in the right direction.
+      wrong: change points that were listed and are not true.
+      named: drifts that were listed and mostly covered.
     """
 
     planted: int

@@ -54,12 +54,11 @@ class Scenario:
     """How launches of a comparison are drawn.
 
     Attributes:
-      name: for the table.
       deviation: of a launch's log ratio.
       noise: draws launches of deviation 1.
       correlation: of each launch with the one before.
       shared: correlation of launches whose processes are forked from one program.
-      launches_of_program: how many launches in a row those are.
+      launches_of_program: number of launches in a row from one program.
       disturbed: share of the launches that are off by DISTURBANCE deviations, to either side.
       placed: whether launches move the libraries.
       page_deviation: of what the place within a page does to one side, drawn anew for each launch.
@@ -84,7 +83,6 @@ class Outcomes:
 
     Attributes:
       verdicts: a `Verdict` each.
-      launches: number of launches.
       errors: estimated minus true log ratio.
       covered: whether the interval contains the true log ratio.
       e_slower: e-values against "not slower".
@@ -112,12 +110,9 @@ def simulate(
     """Launch until there are enough launches, judging after each, in many comparisons.
 
     Args:
-      scenario: how launches are drawn.
       change: the true change of time, such as 0.01.
-      count: number of comparisons.
       plan: how certain a verdict must be; the defaults, if None.
       family: number of comparisons that are decided together, see `judgement.judge`.
-      seed: of the random numbers.
     """
     plan = plan or VerdictPlan()
     rng = np.random.default_rng([seed, round(1e5 * (1 + change))])

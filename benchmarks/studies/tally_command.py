@@ -11,9 +11,7 @@ def run(name: str, action: Callable[[], ExitCode], stored: str) -> ExitCode:
     """Run the action of a command; return its exit code.
 
     Args:
-      name: of the command, for messages.
-      action: what it does.
-      stored: what an interrupted action has stored, for the message.
+      stored: what an interrupted action has stored.
     """
     try:
         return action()

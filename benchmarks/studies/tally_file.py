@@ -11,7 +11,7 @@ def dumps(tally: Any) -> str:
     """Return the content of a tally's file.
 
     Args:
-      tally: a dataclass; values that are not finite become null.
+      tally: values that are not finite become null.
     """
     from mjbench.instrument.runs import to_json
 
@@ -22,8 +22,6 @@ def load(file: Path, kind: type[_Tally], content: str) -> _Tally:
     """Return the tally that a file holds.
 
     Args:
-      file: to read.
-      kind: class of the tally.
       content: what the tally is of, for the message.
 
     Raises:

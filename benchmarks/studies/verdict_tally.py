@@ -71,12 +71,7 @@ class ScenarioRow:
     """How comparisons of one scenario and change ended; shares are of all comparisons.
 
     Attributes:
-      scenario: its name.
       change: the true change, such as 0.01.
-      slower: share called slower.
-      faster: share called faster.
-      same: share called the same.
-      inconclusive: share without verdict.
       launches: mean number.
       bias: mean of estimated minus true log ratio.
       covered: share whose interval contains the truth.
@@ -111,13 +106,12 @@ class FamilyRow:
     """How often a family of comparisons, of which one is slower, fails the gate.
 
     Attributes:
-      scenario: its name.
       change: of the one that is slower; 0 if none is.
       rule: how certain each comparison must be.
       failed: share of the families in which one or more are called slower.
       wrong: share in which one or more are that do not differ.
-      launches: mean number per comparison that does not differ.
-      launches_changed: mean number per comparison that does.
+      launches: mean number of launches per comparison that does not differ.
+      launches_changed: the same per comparison that does.
     """
 
     scenario: str
@@ -138,11 +132,7 @@ def scenario_rows(scenarios: Sequence[Scenario], comparisons: int) -> Iterator[S
 
 
 def family_rows(comparisons: int) -> Iterator[FamilyRow]:
-    """Simulate families in which none or one of FAMILY comparisons is slower.
-
-    Args:
-      comparisons: number of families.
-    """
+    """Simulate families in which none or one of FAMILY comparisons is slower."""
     level = 1 - VerdictPlan().confidence
     rules = (
         ("each verdict alone", VerdictPlan(), 1),
@@ -187,13 +177,7 @@ def _slower(unchanged: Outcomes, changed: Outcomes, level: float | None) -> np.n
 
 @dataclass(frozen=True)
 class VerdictTally:
-    """How simulated comparisons ended.
-
-    Attributes:
-      comparisons: of each scenario and change.
-      scenarios: one row for each scenario and change.
-      families: one row for each scenario, change and rule.
-    """
+    """How simulated comparisons ended."""
 
     comparisons: int
     scenarios: Sequence[ScenarioRow]

@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-
 from mjbench import paths as stepping_paths
 from mjbench.api import checks, failures, model_sources, start_states
 from mjbench.api.measured import Measured
@@ -23,7 +21,6 @@ from mjbench.instrument.progress import Progress
 from mjbench.instrument.runs import Record
 from mjbench.paired import path_comparison
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.report import comparison as report
 from mjbench.report.advice import Advice, ClockAdvice
 from mjbench.report.crossovers import Crossover
 from mjbench.report.documents import CompareDocument
@@ -48,35 +45,34 @@ class Comparison(Measured):
         return tuple(derive_all(self.run.records))
 
     @property
+    def document(self) -> CompareDocument:
+        """All that `mjbench compare --json` has."""
+        return CompareDocument.of(self.machine, self.models)
+
+    @property
     def results(self) -> tuple[PathResult, ...]:
         """The results of all variants of paths, on all models."""
-        return tuple(self._document().results)
+        return tuple(result for model in self.models for result in model.results)
 
     @property
     def advice(self) -> tuple[Advice, ...]:
         """Which path to use, for open and for closed loop."""
-        return tuple(self._document().advice)
+        return tuple(self.document.advice)
 
     @property
     def clock(self) -> tuple[ClockAdvice, ...]:
         """What turning MuJoCo's timer off gains, where that is certain."""
-        return tuple(self._document().clock)
+        return tuple(self.document.clock)
 
     @property
     def crossovers(self) -> tuple[Crossover, ...]:
         """From how many simulations on accelerated paths overtake C."""
-        return tuple(self._document().crossovers)
+        return tuple(self.document.crossovers)
 
     @property
     def work_crossovers(self) -> tuple[WorkCrossover, ...]:
         """From how much work per call on Ray overtakes other paths."""
-        return tuple(self._document().work_crossovers)
-
-    def _document(self) -> CompareDocument:
-        return CompareDocument.of(self.machine, self.models)
-
-    def _print(self, out: Console) -> None:
-        report.print_models(out, self.models)
+        return tuple(self.document.work_crossovers)
 
 
 def compare(
@@ -118,7 +114,7 @@ def compare(
       returns: what every path returns: `final`, `trajectory` or `sensors`.
       seed: of start states and controls.
       settle_s: simulated seconds for which the model moves before the first start state; 0 starts
-        at keyframe 0, None stands for 0.1 with a keyframe, and for 1 without.
+        at keyframe 0, None stands for 0.1 with a keyframe, and for 5 without.
       states: a file of start states, or arrays by MjData field, as `mjbench.record` returns and
         `mjbench.capture` stores them.
       actions: a file of controls, or an array (ncontrol, nu) or (nsequence, ncontrol, nu), in place
@@ -177,11 +173,7 @@ def compare(
 def _measure(
     turns: Sequence[tuple[ModelSource, ComparisonPlan]], on_progress: Progress
 ) -> list[Record]:
-    """Return the records of models at their sizes.
-
-    Raises:
-      KeyboardInterrupt: the user stopped it.
-    """
+    """Return the records of models at their sizes."""
     records: list[Record] = []
     with WorkerPool(turns[0][1].limit_s) as pool:
         for number, (source, plan) in enumerate(turns):
@@ -207,11 +199,7 @@ def _option_texts(options: Mapping[str, Any]) -> list[str]:
 
 
 def _own_path_folder(path_names: Sequence[str]) -> str | None:
-    """Return the folder from which child processes import paths of the user's own; None for none.
-
-    Raises:
-      InputError: there is no such path, or they do not lie in one folder.
-    """
+    """Return the folder of the user's own paths, for child processes; None without such paths."""
     folders = set()
     for name in path_names:
         module_name, colon, _ = name.partition(":")

@@ -24,7 +24,7 @@ class Outcome(Protocol):
 
 
 def check_any(outcomes: Sequence[Outcome]) -> None:
-    """Refuse outcomes of which none is a success.
+    """Refuse outcomes without any success.
 
     Raises:
       InputError: the first model's cause is its input, or nothing was to be measured.

@@ -3,16 +3,12 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-
 from mjbench.api import checks, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.session import Session
 from mjbench.instrument.limits import MAX_HERTZ, TIME_LIMIT_S
 from mjbench.loop import latency as loop_latency
 from mjbench.loop.latency import LatencyRequest, LatencyRow, Pace
-from mjbench.report.documents import LatencyDocument
-from mjbench.report.latency import print_rows
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model
@@ -37,12 +33,6 @@ class Latency(Measured):
     def paced(self) -> LatencyRow:
         """Steps that are due at a fixed rate."""
         return next(row for row in self.paces if row.pace == Pace.PACED)
-
-    def _document(self) -> LatencyDocument:
-        return LatencyDocument(machine=self.machine, results=self.paces)
-
-    def _print(self, out: Console) -> None:
-        print_rows(out, self.paces)
 
 
 def latency(
@@ -72,7 +62,7 @@ def latency(
       hold: steps for which each control is held.
       seed: of start states and controls.
       settle_s: simulated seconds for which the model moves before the first start state; 0 starts
-        at keyframe 0, None stands for 0.1 with a keyframe, and for 1 without.
+        at keyframe 0, None stands for 0.1 with a keyframe, and for 5 without.
       states: a file of start states, or arrays by MjData field, as `mjbench.record` returns and
         `mjbench.capture` stores them.
       actions: a file of controls, or an array (ncontrol, nu) or (nsequence, ncontrol, nu), in place

@@ -1,21 +1,18 @@
 """What a measurement in a program returns: a value that prints what the command prints."""
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-from rich.console import Console
 
 from mjbench.errors import one_line
 from mjbench.instrument.json_form import json_form
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.run_file import RunFile
 from mjbench.instrument.runs import Run
-from mjbench.pages import fragment, reports
-from mjbench.pages.content import Report
+from mjbench.pages import fragment, reports, terminal
 from mjbench.pages.reports import NamedRun
-from mjbench.report import rows, tables
+from mjbench.report import kinds, rows
+from mjbench.report.content import Report
 from mjbench.report.rows import Cell
 
 # The longest conclusion in the one line of `repr`.
@@ -23,7 +20,7 @@ _REPR_CHARACTERS = 200
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Measured(ABC):
+class Measured:
     """Records of a measurement; all else is derived from them, as the commands do.
 
     `print` shows what the command prints; a notebook shows conclusions and tables.
@@ -65,23 +62,16 @@ class Measured(ABC):
 
     def to_dict(self) -> Any:
         """Return the JSON document of the command, as JSON-ready values."""
-        return json_form(self._document())
+        (kind,) = kinds.kinds_of(self.run)
+        return json_form(kind.document(self.run))
 
     def report(self) -> Report:
         """Return the content of a report: conclusions, tables, and the data of charts."""
         file = Path(f"{self.run.header.command}.jsonl")
         return reports.build([NamedRun(file, self.run)])
 
-    @abstractmethod
-    def _document(self) -> object:
-        """Return the document that the command writes for `--json`."""
-
-    @abstractmethod
-    def _print(self, out: Console) -> None:
-        """Print what the command prints."""
-
     def __str__(self) -> str:
-        return "\n".join([tables.text_of(self._print), *self.notes])
+        return "\n".join([terminal.text_of(kinds.sections(self.run)), *self.notes])
 
     def __repr__(self) -> str:
         conclusions = [conclusion.text for conclusion in self.report().conclusions[:1]]

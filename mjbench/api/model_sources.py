@@ -25,11 +25,7 @@ Model: TypeAlias = "str | os.PathLike[str] | mujoco.MjModel | mujoco.MjSpec"
 
 
 def named(model: "Model") -> ModelSource:
-    """Return the source of a model that has a name or a file.
-
-    Raises:
-      InputError: there is no such model, or it is an object of this process.
-    """
+    """Return the source of a model that has a name or a file."""
     if isinstance(model, str | os.PathLike):
         return models.resolve(os.fspath(model))
     raise InputError(

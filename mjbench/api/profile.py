@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-
 from mjbench.api import checks, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.session import Session
@@ -13,8 +11,6 @@ from mjbench.instrument.limits import TIME_LIMIT_S
 from mjbench.loop import profile as loop_profile
 from mjbench.loop.profile import ProfileRow, StepProfile, StepTimes
 from mjbench.loop.rendering import FrameTime
-from mjbench.report.documents import ProfileDocument
-from mjbench.report.profile import print_profile
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -54,12 +50,6 @@ class Profile(Measured):
     def stages(self) -> Mapping[str, float]:
         """The share of a step by stage of the engine; they sum up to 1."""
         return self.steps.stages
-
-    def _document(self) -> ProfileDocument:
-        return ProfileDocument(machine=self.machine, results=[self.row])
-
-    def _print(self, out: Console) -> None:
-        print_profile(out, self.step_profile)
 
 
 def profile(

@@ -30,7 +30,6 @@ class Session:
         """Prepare to measure.
 
         Args:
-          command: of mjbench that measures the same.
           wait: whether to wait until no other mjbench measures on this machine.
 
         Raises:
@@ -70,11 +69,7 @@ class Session:
         arguments: Mapping[str, Any],
         files: Sequence[Path] = (),
     ) -> Run:
-        """Return what was measured, as a run file would hold it.
-
-        Args:
-          arguments: that say what was asked for.
-        """
+        """Return what was measured, as a run file would hold it."""
         header = runs.RunHeader(
             runs.SCHEMA,
             self._command,

@@ -33,10 +33,9 @@ class Laps:
     """Parts of a block, each from the end of the one before, or from the start of the block.
 
     Attributes:
-      ns: (count,) nanoseconds of each.
-      p50_ns: that half of them do not exceed.
-      p99_ns: that 99 of 100 do not exceed.
-      max_ns: the longest.
+      ns: (count,) nanoseconds.
+      p50_ns: half of them take no longer.
+      p99_ns: 99 of 100 take no longer.
     """
 
     ns: "np.ndarray"
@@ -56,9 +55,8 @@ class Timing:
 
     Attributes:
       elapsed_s: seconds from its start to its end.
-      steps: that it did.
-      simulated_s: simulated seconds that these steps took.
-      laps: its parts; None without any.
+      simulated_s: simulated seconds.
+      laps: None without laps.
     """
 
     elapsed_s: float

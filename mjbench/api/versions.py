@@ -4,8 +4,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-
 from mjbench.api import checks, failures, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.session import Session
@@ -26,8 +24,6 @@ from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths import BASE
 from mjbench.releases import installs
-from mjbench.report import verdicts as report
-from mjbench.report.documents import VerdictDocument
 from mjbench.simulation import models as shipped_models
 from mjbench.status import Status
 
@@ -36,7 +32,7 @@ if TYPE_CHECKING:
 
     from mjbench.api.start_states import Actions, States
 
-# After as many launches, half of the work on a pair is done.
+# Launches after which half of the work on a pair is counted as done.
 _HALFWAY_LAUNCHES = 15
 
 
@@ -58,12 +54,6 @@ class ReleaseComparison(Measured):
     def family(self) -> Family:
         """Which are slower, faster or undecided when one allows for their number."""
         return family.decide(self.verdicts, self.confidence)
-
-    def _document(self) -> VerdictDocument:
-        return VerdictDocument(machine=self.machine, results=self.verdicts)
-
-    def _print(self, out: Console) -> None:
-        report.print_table(out, self.verdicts, self.confidence)
 
 
 def versions(
@@ -113,7 +103,7 @@ def versions(
       hold: steps for which each control is held: an environment's frame_skip.
       seed: of start states and controls.
       settle_s: simulated seconds for which the model moves before the first start state; 0 starts
-        at keyframe 0, None stands for 0.1 with a keyframe, and for 1 without.
+        at keyframe 0, None stands for 0.1 with a keyframe, and for 5 without.
       states: a file of start states, or arrays by MjData field, as `mjbench.record` returns and
         `mjbench.capture` stores them.
       actions: a file of controls, or an array (ncontrol, nu) or (nsequence, ncontrol, nu), in place
@@ -168,11 +158,7 @@ def versions(
 def _time(
     pairs: Sequence[tuple[Target, Target]], plan: VerdictPlan, on_progress: Progress
 ) -> list[VerdictRecord]:
-    """Return the verdicts on pairs of targets.
-
-    Raises:
-      KeyboardInterrupt: the user stopped it.
-    """
+    """Return the verdicts on pairs of targets."""
     records: list[VerdictRecord] = []
     with WorkerPool() as pool:
         for number, (baseline, candidate) in enumerate(pairs):

@@ -11,6 +11,7 @@ from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     CODE,
+    CODE_HINT,
     COUNT,
     HOLD,
     LIMIT,
@@ -192,11 +193,7 @@ def _plan(options: _Options, import_from: str | None) -> "ComparisonPlan":
 
 
 def _budget_s(options: _Options) -> float:
-    """Return the seconds that a model may take.
-
-    Raises:
-      InputError: --quick and --budget are both given.
-    """
+    """Return the seconds that a model may take."""
     from mjbench.comparison.plan import BUDGET_S, QUICK_BUDGET_S
 
     if options.quick and options.budget is not None:
@@ -212,6 +209,7 @@ def _compare(
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.paths import user_module_files
     from mjbench.report import comparison as report
+    from mjbench.report.advice import advise
     from mjbench.report.documents import CompareDocument
     from mjbench.report.results import derive
 
@@ -239,7 +237,7 @@ def _compare(
                     for known in (
                         [stored_earlier]
                         if stored_earlier
-                        else compare_model(pool, source, plan, on_progress)
+                        else compare_model(pool, source, plan, on_progress, bar.begin)
                     ):
                         bar.show(functools.partial(_shown_so_far, sizes, known))
                     sizes.append(derive(known.model, known.measurements, known.race))
@@ -253,13 +251,13 @@ def _compare(
                     if known.is_interrupted or failure:
                         break
                 bar.show(None)
-                report.print_model(run.out, sizes, options.code)
+                run.show([report.model_section(sizes)], options.code)
                 models += sizes
                 if run.interrupted or failure:
                     break
-        report.print_together(run.out, models)
-        if not options.code:
-            report.print_code_hint(run.out, models)
+        run.show(report.sections_together(models))
+        if not options.code and any(advise(results) for results in models):
+            run.out.print(CODE_HINT, soft_wrap=True)
         run.write(CompareDocument.of(run.machine, models))
     if failure:
         raise failure
@@ -270,8 +268,12 @@ def _shown_so_far(
     sizes: "Sequence[ModelResults]", known: "ModelComparison"
 ) -> "RenderableType | None":
     """Return what a terminal shows of a model while one of its sizes is measured."""
+    from rich.console import Group
+
+    from mjbench.pages import terminal
     from mjbench.report import comparison as report
     from mjbench.report.results import derive
 
     results = derive(known.model, known.measurements, known.race)
-    return report.shown_so_far([*sizes, results])
+    section = report.section_so_far([*sizes, results])
+    return None if section is None else Group(*terminal.section_parts(section))

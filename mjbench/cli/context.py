@@ -10,6 +10,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+import click
+
 from mjbench.cli import interrupts
 from mjbench.cli.group import command_line, report_line
 from mjbench.cli.output_file import OutputFile
@@ -23,10 +25,11 @@ if TYPE_CHECKING:
     from mjbench.instrument.neighbours import Neighbour, Presence
     from mjbench.instrument.run_file import RunFile
     from mjbench.instrument.runs import Record
+    from mjbench.report.content import DataTable, Section
 
 
 class ProgressBar:
-    """A progress bar that shows nothing; `terminal_progress` has the one of terminals.
+    """A progress bar that shows phases alone; `terminal_progress` has the one of terminals.
 
     Calling it with the number of an item, what is done now, and the share of the item that is done,
     moves it.
@@ -34,6 +37,10 @@ class ProgressBar:
 
     def __call__(self, number: int, name: str, share: float) -> None:
         """Show how far the work is."""
+
+    def begin(self, phase: str) -> None:
+        """Say in a line on standard error what begins now, for who has no terminal."""
+        click.echo(printable(phase), err=True)
 
     def show(self, results: "Callable[[], RenderableType | None] | None") -> None:
         """Show what a function returns above the bar until others replace it; None removes it."""
@@ -44,9 +51,8 @@ class OutputOptions:
     """Where the results of a command go, as its options say.
 
     Attributes:
-      resume: run file to continue instead; None to begin one.
-      wait: whether to wait for other mjbench that measure on this machine.
-      json_file: file for the JSON document, `-` for standard output, None for none.
+      resume: run file to continue; None to begin one.
+      json_file: file for the JSON document, `-` for standard output.
     """
 
     results: Path
@@ -60,9 +66,8 @@ class Storage:
     """Where a command stores its records.
 
     Attributes:
-      arguments: of the command, stored in the file's header; a dataclass or JSON-ready values.
-      resume: run file to continue instead; None to begin one.
-      select_finished: selects the records of a continued file that need not be measured again.
+      arguments: stored in the file's header; a dataclass or JSON-ready values.
+      select_finished: selects the records of a continued file that are not measured again.
     """
 
     results: Path
@@ -79,8 +84,8 @@ class RunContext:
     through its cleanup (see `interrupts`).
 
     Attributes:
-      out: console for people; standard error while JSON goes to standard output.
-      resumed_records: of the run that is continued; empty for a new one.
+      out: standard error while JSON goes to standard output.
+      resumed_records: empty for a new run.
     """
 
     def __init__(
@@ -95,20 +100,20 @@ class RunContext:
         """Prepare a command.
 
         Args:
-          command: its name, for the run file.
-          json_file: file for the JSON document, `-` for standard output, None for none.
+          json_file: file for the JSON document, `-` for standard output.
           inputs: files that the command reads, and so must not write.
-          storage: where records are stored; None for a command without a run file.
-          wait: whether to wait for another mjbench that measures on this machine, rather than to
-            warn; None for a command that measures no time.
-          to_stderr: whether people read standard error, since standard output is not the command's.
+          storage: None for a command without a run file.
+          wait: whether to wait for another mjbench that measures here, and not to warn; None for a
+            command that measures no time.
+          to_stderr: whether people read standard error, because standard output is another
+            program's.
 
         Raises:
           InputError: the JSON document would replace an input.
         """
-        from mjbench.report import tables
+        from mjbench.pages import terminal
 
-        self.out: Console = tables.console(stderr=to_stderr or json_file == "-")
+        self.out: Console = terminal.console(stderr=to_stderr or json_file == "-")
         self.interrupted = False
         self.resumed_records: Sequence[Record] = ()
         self._command, self._inputs, self._storage = command, inputs, storage
@@ -173,7 +178,7 @@ class RunContext:
         """Begin a run file, or continue one with those of its records that are finished."""
         from mjbench.instrument import resume, runs
         from mjbench.instrument.run_file import RunFile
-        from mjbench.report.documents import RECORD_TYPES
+        from mjbench.report.kinds import RECORD_TYPES
 
         header = runs.RunHeader(
             runs.SCHEMA,
@@ -204,21 +209,25 @@ class RunContext:
             self._machine = machine.describe()
         return self._machine
 
-    def record(self, record: "Record") -> None:
-        """Append a record to the run file.
+    def show(self, sections: Iterable["Section"], code: bool = False) -> None:
+        """Print sections; `code`: with their snippets."""
+        from mjbench.pages import terminal
 
-        Raises:
-          MachineError: it cannot be written.
-        """
+        terminal.print_sections(self.out, sections, code)
+
+    def table(self, table: "DataTable") -> None:
+        """Print a table alone."""
+        from mjbench.pages import terminal
+
+        self.out.print(terminal.rich_table(table))
+
+    def record(self, record: "Record") -> None:
+        """Append a record to the run file."""
         assert self._run_file is not None, "this command has no run file"
         self._run_file.append(record)
 
     def write(self, document: Any) -> None:
-        """Write the command's JSON document, where one was asked for.
-
-        Raises:
-          MachineError: it cannot be written.
-        """
+        """Write the command's JSON document, where one was asked for."""
         from mjbench.instrument.json_form import json_form
 
         if self._json.is_wanted:

@@ -38,7 +38,8 @@ def diff(old: Path, new: Path, across: bool, json_file: str | None) -> None:
     """
     from mjbench.instrument import run_set
     from mjbench.report.differences import difference_cautions, differences_table
-    from mjbench.report.documents import RECORD_TYPES, DiffDocument
+    from mjbench.report.documents import DiffDocument
+    from mjbench.report.kinds import RECORD_TYPES
     from mjbench.report.run_differences import differences
 
     with RunContext("diff", json_file, inputs=[old, new]) as run:
@@ -49,7 +50,7 @@ def diff(old: Path, new: Path, across: bool, json_file: str | None) -> None:
         for caution in difference_cautions(rows):
             run.out.print(caution, soft_wrap=True)
         if rows:
-            run.out.print(differences_table(rows))
+            run.table(differences_table(rows))
         if not any(row.path for row in rows):
             raise InputError(f"{old} and {new} have no timed row of `compare` in common")
         run.write(DiffDocument(results=rows))

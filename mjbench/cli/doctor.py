@@ -33,19 +33,20 @@ def doctor(json_file: str | None) -> None:
     """
     from mjbench.instrument import conditions
     from mjbench.instrument.neighbours import Presence
-    from mjbench.report.doctor import print_conditions, print_noise
+    from mjbench.pages.terminal import print_lines
+    from mjbench.report.doctor import condition_lines, noise_section
     from mjbench.report.documents import DoctorDocument
 
     with Presence("doctor") as presence, RunContext("doctor", json_file) as run:
         others = presence.enter(wait=False)
         rows = [*conditions.all_conditions(others), *_mujoco_conditions()]
-        print_conditions(run.out, rows)
+        print_lines(run.out, [*condition_lines(rows)])
         try:
             noise = _noise()
         except KeyboardInterrupt:
             run.interrupt()
             run.exit([])
-        print_noise(run.out, noise)
+        run.show([noise_section(noise)])
         run.write(DoctorDocument(machine=run.machine, conditions=rows, noise=noise))
     if noise.decidable is None:
         sys.exit(ExitCode.ENVIRONMENT)

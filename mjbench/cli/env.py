@@ -89,8 +89,8 @@ def env(
     from mjbench.environment.records import EnvironmentRecord
     from mjbench.environment.source import resolve
     from mjbench.instrument import machine
-    from mjbench.report.documents import EnvDocument
-    from mjbench.report.environment import print_environment
+    from mjbench.report.environment import sections
+    from mjbench.report.kinds import ENVIRONMENT
 
     if no_vector and nenv:
         raise click.UsageError("give --num-envs or --no-vector, not both")
@@ -112,11 +112,11 @@ def env(
             if record.facts is None and record.status != Status.INTERRUPTED:
                 report_line(f"{source.name}: {record.detail}")
             else:
-                print_environment(run.out, record)
+                run.show(sections([record]))
             if record.status == Status.INTERRUPTED:
                 run.interrupt()
                 break
-        run.write(EnvDocument(machine=run.machine, results=records))
+        run.write(ENVIRONMENT.document_type(machine=run.machine, results=records))
     run.exit(status for record in records for status in record.statuses())
 
 

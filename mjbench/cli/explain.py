@@ -59,7 +59,7 @@ def explain(
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.releases import installs
     from mjbench.report import counts
-    from mjbench.report.documents import ExplainDocument
+    from mjbench.report.kinds import EXPLAIN
 
     release_names, sources = releases_and_models(names)
     if len(release_names) != 2:
@@ -85,9 +85,9 @@ def explain(
         baselines, candidates = (counter.count(spec, sources) for spec in specs)
         for baseline, candidate, time in zip(baselines, candidates, times, strict=True):
             rows.append(explainer.row(baseline, candidate, time))
-            counts.print_explanation(run.out, baseline, candidate, rows[-1], top)
+            run.show([counts.explanation_section(baseline, candidate, rows[-1], top)])
             statuses += [baseline.status, candidate.status, time.status if time else Status.OK]
-        run.write(ExplainDocument(results=rows))
+        run.write(EXPLAIN.document_type(results=rows))
     run.exit(statuses)
 
 
@@ -97,11 +97,7 @@ def _compare_times(
     targets: Sequence["Target"],
     plan: "VerdictPlan",
 ) -> "VerdictRow":
-    """Compare the times of one model; have the counter count the same simulations.
-
-    Raises:
-      KeyboardInterrupt: the user stopped the comparison.
-    """
+    """Compare the times of one model; have the counter count the same simulations."""
     from mjbench.paired import verdict
 
     baseline, candidate = targets

@@ -56,7 +56,7 @@ class FailOn:
     """What the exit code of a command depends on, beside failures.
 
     Attributes:
-      findings: what ends it with exit code 1.
+      findings: what leads to exit code 1.
       allow_inconclusive: whether a verdict on speed may be inconclusive.
     """
 
@@ -67,7 +67,7 @@ class FailOn:
         """Return the exit code that verdicts stand for; a failure outweighs a finding.
 
         Args:
-          confidence: of what they show together (see `family.decide`).
+          confidence: of the whole family (see `family.decide`).
         """
         from mjbench.paired import family
 

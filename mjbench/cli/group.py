@@ -62,12 +62,7 @@ class Cli(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return a command with its arguments; refuse one that does not run here, but not its help.
-
-        Raises:
-          InputError: it is a command of earlier versions.
-          MachineError: it does not run on this operating system.
-        """
+        """Return a command with its arguments; refuse what cannot run here, but not its help."""
         if args and args[0] in _REMOVED:
             raise InputError(_REMOVED[args[0]])
         name, command, rest = super().resolve_command(ctx, args)
@@ -90,11 +85,7 @@ def command_line() -> tuple[str, ...]:
 
 
 def _check_folder() -> None:
-    """Refuse a current folder that was removed: paths and child processes need it.
-
-    Raises:
-      MachineError: it was.
-    """
+    """Refuse a current folder that was removed: paths and child processes need it."""
     try:
         os.getcwd()  # noqa: PTH109 - Path.cwd() is the same call
     except FileNotFoundError:
@@ -198,7 +189,7 @@ def _flush_output(is_failure: bool = False) -> None:
     """Write out what standard output holds; end with exit code 3 where that fails.
 
     Args:
-      is_failure: whether a failure, which may be the same one, was reported before.
+      is_failure: whether a failure, perhaps the same one, was reported before.
     """
     try:
         sys.stdout.flush()

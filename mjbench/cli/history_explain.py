@@ -57,7 +57,7 @@ def explain(
     """
     from mjbench.counts import records
     from mjbench.counts.instructions import InstructionCounter
-    from mjbench.report.counts import print_changes
+    from mjbench.report.counts import change_sections
 
     selection = history_options.select(names, since, models, history, steps, operations)
     if len(selection.releases) < 2:
@@ -69,7 +69,7 @@ def explain(
         InstructionCounter() as counter,
     ):
         stored = _count_all(run, counter, selection)
-        print_changes(run.out, stored)
+        run.show(change_sections(stored))
     run.exit(record.status for record in stored)
 
 

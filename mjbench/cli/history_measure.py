@@ -64,7 +64,7 @@ def measure(
         records = _measure(run, selection)
         if any(record.status == Status.INTERRUPTED for record in records):
             run.interrupt()
-        report.print_table(run.out, records)
+        run.show([report.section(records)])
         run.write(HistoryDocument.of(run.machine, records))
     run.exit(record.status for record in records)
 

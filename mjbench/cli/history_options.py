@@ -52,10 +52,10 @@ class Selection:
     """What a subcommand works on.
 
     Attributes:
-      reference: release that others are compared with, or whose workload they do.
-      releases: in the order of the command line or of the history.
+      reference: release that others are compared with.
+      releases: in the order of the command line, or of the history.
       sources: models whose steps are included.
-      operations: around the step; what they are done with is theirs.
+      operations: operations around the step; their inputs are fixed.
     """
 
     reference: "ReleaseSpec"
@@ -81,12 +81,7 @@ def select(
     steps: bool,
     operations: bool | None,
 ) -> Selection:
-    """Return what the options and arguments of a subcommand select; see `_releases`.
-
-    Raises:
-      InputError: there is no such release or model.
-      UsageError: nothing is selected, or models without their steps.
-    """
+    """Return what the options and arguments of a subcommand select; see `_releases`."""
     from mjbench.paired.operations import registry
     from mjbench.releases import installs, release_ratios
     from mjbench.simulation import models as model_sources
@@ -109,11 +104,8 @@ def _releases(names: Sequence[str], since: str | None, history: Path | None) -> 
     """Return the releases that arguments name, or those of the git history.
 
     Args:
-      since: the first release of the history to return; None for all.
-      history: a git bundle; None for that of the checkout.
-
-    Raises:
-      InputError: there is none, or `since` is not in the history.
+      since: first release of the history to return; None for all.
+      history: a git bundle; None for the checkout's.
     """
     from mjbench.releases import bundle, installs
     from mjbench.releases.release import OLDEST, version_key

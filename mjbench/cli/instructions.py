@@ -71,7 +71,7 @@ def instructions(
     from mjbench.paired.run_sizes import Sizes
     from mjbench.releases import installs
     from mjbench.report import counts
-    from mjbench.report.documents import InstructionsDocument
+    from mjbench.report.kinds import INSTRUCTIONS
     from mjbench.simulation import models
 
     check_sizes(nstep, hold)
@@ -98,6 +98,7 @@ def instructions(
                 for count in counted:
                     run.record(count.record())
                 model_counts += counted
-        counts.print_counts(run.out, model_counts, top)
-        run.write(InstructionsDocument(results=[count.record() for count in model_counts]))
+        records = [count.record() for count in model_counts]
+        run.show(counts.sections(records, top))
+        run.write(INSTRUCTIONS.document_type(results=records))
     run.exit(count.status for count in model_counts)

@@ -69,8 +69,8 @@ def latency(
       mjbench latency robot.xml --rate 1000 --deadline 500us
     """
     from mjbench.loop.latency import LatencyRequest, LatencyRow, measure, row
-    from mjbench.report.documents import LatencyDocument
-    from mjbench.report.latency import print_rows
+    from mjbench.report.kinds import LATENCY
+    from mjbench.report.latency import sections
     from mjbench.simulation import models
 
     sources = [models.resolve(name) for name in names]
@@ -97,9 +97,9 @@ def latency(
                 measured = [LatencyRow.failed(source.name, samples)]
             else:
                 measured = [row(source.name, of_pace, deadline_s) for of_pace in samples]
-                print_rows(run.out, measured)
+                run.show(sections(measured))
             rows += measured
             for each in measured:
                 run.record(each)
-        run.write(LatencyDocument(machine=run.machine, results=rows))
+        run.write(LATENCY.document_type(machine=run.machine, results=rows))
     run.exit(each.status for each in rows)

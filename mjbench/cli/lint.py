@@ -158,7 +158,7 @@ class _Fixes:
     """Changes of files, counted as they are written.
 
     Attributes:
-      count: number of findings that files have no more.
+      count: findings that were fixed.
       unwritten: whether a file could not be written.
     """
 

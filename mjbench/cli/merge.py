@@ -10,7 +10,7 @@ from mjbench.cli.group import cli, report_line
 from mjbench.errors import InputError
 
 if TYPE_CHECKING:
-    from mjbench.instrument.merge import Merged
+    from mjbench.instrument.run_set import Merged
 
 
 @cli.command()
@@ -35,13 +35,13 @@ def merge(files: tuple[Path, ...], output: Path) -> None:
       mjbench merge runs-*/*.jsonl -o all.jsonl
       mjbench report all.jsonl
     """
-    from mjbench.instrument.merge import merge as merge_files
-    from mjbench.report.documents import RECORD_TYPES
+    from mjbench.instrument import run_set
+    from mjbench.report.kinds import RECORD_TYPES
 
     if str(output) == "-":
         raise InputError("a run set cannot go to standard output: give -o FILE")
     with RunContext("merge", inputs=files) as run:
-        merged = merge_files(files, output, RECORD_TYPES)
+        merged = run_set.merge(files, output, RECORD_TYPES)
         for path in merged.torn:
             report_line(f"{path}: its end was cut short; the incomplete part is left out")
         run.out.print(f"{output}: {_summary(merged)}", soft_wrap=True)
@@ -50,7 +50,7 @@ def merge(files: tuple[Path, ...], output: Path) -> None:
 def _summary(merged: "Merged") -> str:
     """Return what a set holds now, what was added and what was skipped, in one line."""
     from mjbench.instrument.machine_identity import identify
-    from mjbench.report import tables
+    from mjbench.instrument.units import count_of
 
     machines = dict.fromkeys(identify([run.header.machine for run in merged.runs]))
     skipped = [
@@ -62,5 +62,5 @@ def _summary(merged: "Merged") -> str:
         if count
     ]
     end = f", skipped {' and '.join(skipped)}" if skipped else ""
-    runs = tables.count_of(len(merged.runs), "run")
-    return f"{runs} of {tables.count_of(len(machines), 'machine')}; added {merged.added}{end}"
+    runs = count_of(len(merged.runs), "run")
+    return f"{runs} of {count_of(len(machines), 'machine')}; added {merged.added}{end}"

@@ -28,6 +28,8 @@ def models(names: tuple[str, ...], time_limit: float, json_file: str | None) -> 
     sources = [resolve(name) for name in names or shipped()]
     with RunContext("models", json_file, inputs=[source.path for source in sources]) as run:
         listed = list_models(sources, time_limit)
-        listings.print_models(run.out, listed)
+        run.table(listings.models_table(listed))
+        for line in listings.failed_models(listed):
+            run.out.print(line, soft_wrap=True)
         run.write(ModelsDocument(models=[ModelRow.of(model) for model in listed]))
     run.exit(model.status for model in listed)

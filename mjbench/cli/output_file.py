@@ -18,9 +18,8 @@ class OutputFile:
         """Take a name that a user gave.
 
         Args:
-          option: that named it, such as `--json`.
-          name: of the file; `-` for standard output, None for nothing at all.
-          inputs: files that the command reads, and so must not write.
+          option: the option, such as `--json`.
+          name: `-` for standard output, None for nothing at all.
 
         Raises:
           InputError: it is one of the inputs.
@@ -41,9 +40,6 @@ class OutputFile:
         """Create the file under a temporary name, to see that it can be written.
 
         A device or a pipe is opened only when the text is complete.
-
-        Raises:
-          MachineError: it cannot be written.
         """
         if self._file is None:
             return
@@ -55,11 +51,7 @@ class OutputFile:
             self._partial = files.create_beside(self._target)
 
     def write(self, text: str) -> None:
-        """Write the whole text.
-
-        Raises:
-          MachineError: it cannot be written.
-        """
+        """Write the whole text."""
         if self._file is None:
             if sys.stdout is None:
                 raise MachineError("cannot write to standard output: it is closed")

@@ -38,8 +38,8 @@ def overhead(
       mjbench overhead robot.mjb --states states.npz
     """
     from mjbench.loop.overhead import OverheadRow, measure
-    from mjbench.report.documents import OverheadDocument
-    from mjbench.report.overhead import print_table
+    from mjbench.report.kinds import OVERHEAD
+    from mjbench.report.overhead import sections
     from mjbench.simulation import models
 
     sources = [models.resolve(name) for name in names or ("cartpole",)]
@@ -57,7 +57,7 @@ def overhead(
                 rows.append(OverheadRow.failed(source.name, table))
             else:
                 rows.append(OverheadRow.measured(table))
-                print_table(run.out, table, code)
+                run.show(sections(rows[-1:]), code)
             run.record(rows[-1])
-        run.write(OverheadDocument(machine=run.machine, results=rows))
+        run.write(OVERHEAD.document_type(machine=run.machine, results=rows))
     run.exit(row.status for row in rows)

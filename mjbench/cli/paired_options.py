@@ -22,16 +22,12 @@ if TYPE_CHECKING:
     from mjbench.paired.verdict import VerdictPlan
     from mjbench.simulation.models import ModelSource
 
-# After as many launches, the progress bar of a comparison is half full.
+# Launches after which the progress bar of a comparison is half full.
 _HALFWAY_LAUNCHES = 15
 
 
 def releases_and_models(names: Sequence[str]) -> tuple[list[str], list["ModelSource"]]:
-    """Return the names of releases, and the models that the other names name, or all shipped ones.
-
-    Raises:
-      InputError: a name is neither a release nor a model.
-    """
+    """Return the releases among names, and the models of the others; without any, all shipped."""
     from mjbench.releases import installs
     from mjbench.simulation import models
 
@@ -41,11 +37,7 @@ def releases_and_models(names: Sequence[str]) -> tuple[list[str], list["ModelSou
 
 
 def _model(name: str) -> "ModelSource":
-    """Return the model that a word names where releases are named too.
-
-    Raises:
-      InputError: it names neither; the message says what each can be.
-    """
+    """Return the model that a word names where releases are named too."""
     from mjbench.releases import installs, wheels
     from mjbench.simulation import models
 
@@ -113,9 +105,7 @@ def compare_targets(
     """Compare pairs of targets, print and store the verdicts; return the exit code.
 
     Args:
-      command: its name, for the run file.
       pairs: baseline and candidate of each comparison.
-      fail_on: what the exit code depends on.
     """
     from mjbench.paired import records, verdict
     from mjbench.paired.worker_pool import WorkerPool
@@ -151,18 +141,14 @@ def input_files(targets: Iterable["Target"]) -> list[Path]:
 
 
 def report(run: RunContext, rows: Sequence["VerdictRow"], confidence: float) -> None:
-    """Print verdicts, and write the JSON document.
-
-    Args:
-      confidence: of what they show together.
-    """
+    """Print verdicts, and write the JSON document."""
     from mjbench.report import verdicts
-    from mjbench.report.documents import VerdictDocument
+    from mjbench.report.kinds import VERDICT
 
     if any(row.status == Status.INTERRUPTED for row in rows):
         run.interrupt()
-    verdicts.print_table(run.out, rows, confidence)
-    run.write(VerdictDocument(machine=run.machine, results=rows))
+    run.show([verdicts.section(rows, confidence)])
+    run.write(VERDICT.document_type(machine=run.machine, results=rows))
 
 
 def _show_launch(advance: "ProgressBar", number: int, name: str, judgement: "Judgement") -> None:

@@ -20,5 +20,5 @@ def paths(json_file: str | None) -> None:
 
     rows = [listings.PathRow.of(path) for path in registry().values()]
     with RunContext("paths", json_file) as run:
-        run.out.print(listings.paths_table(rows))
+        run.table(listings.paths_table(rows))
         run.write(PathsDocument(paths=rows))

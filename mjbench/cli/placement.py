@@ -72,8 +72,8 @@ def placement(
     from mjbench.paired.run_sizes import Sizes
     from mjbench.paired.targets import Target
     from mjbench.releases.installs import parse_release
-    from mjbench.report.documents import PlacementDocument
-    from mjbench.report.placement import print_spreads
+    from mjbench.report.kinds import PLACEMENT
+    from mjbench.report.placement import section
     from mjbench.simulation import models
 
     release = parse_release(release_name)
@@ -89,8 +89,8 @@ def placement(
         rows = _measure(run, targets, plan)
         if any(row.status == Status.INTERRUPTED for row in rows):
             run.interrupt()
-        print_spreads(run.out, rows)
-        run.write(PlacementDocument(machine=run.machine, results=rows))
+        run.show([section(rows)])
+        run.write(PLACEMENT.document_type(machine=run.machine, results=rows))
     run.exit(row.status for row in rows)
 
 

@@ -115,8 +115,8 @@ def plan(names: tuple[str, ...], **options: Any) -> None:
       mjbench plan robot.mjb --states states.npz
     """
     from mjbench.comparison.planning_run import PlanningRow
-    from mjbench.report.documents import PlanDocument
-    from mjbench.report.planning import print_rows, print_sizes
+    from mjbench.report.kinds import PLAN
+    from mjbench.report.planning import section, sizes_sections
     from mjbench.simulation import models
 
     parsed = _Options(**options)
@@ -142,13 +142,13 @@ def plan(names: tuple[str, ...], **options: Any) -> None:
             if isinstance(planned, Failure):
                 statuses.append(planned.status)
                 continue
-            print_rows(run.out, planned)
+            run.show([section(planned)])
             for row in planned:
                 run.record(row)
             rows += planned
             statuses += [row.status for row in planned]
-        print_sizes(run.out, rows)
-        run.write(PlanDocument(machine=run.machine, results=rows))
+        run.show(sizes_sections(rows))
+        run.write(PLAN.document_type(machine=run.machine, results=rows))
     run.exit(statuses)
 
 

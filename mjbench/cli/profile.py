@@ -35,8 +35,8 @@ def profile(
       mjbench profile robot.mjb --states states.npz
     """
     from mjbench.loop.profile import ProfileRow, measure
-    from mjbench.report.documents import ProfileDocument
-    from mjbench.report.profile import print_profile
+    from mjbench.report.kinds import PROFILE
+    from mjbench.report.profile import sections
     from mjbench.simulation import models
 
     sources = [models.resolve(name) for name in names]
@@ -54,7 +54,7 @@ def profile(
                 rows.append(ProfileRow.failed(source.name, step_profile))
             else:
                 rows.append(ProfileRow.measured(step_profile))
-                print_profile(run.out, step_profile)
+                run.show(sections(rows[-1:]))
             run.record(rows[-1])
-        run.write(ProfileDocument(machine=run.machine, results=rows))
+        run.write(PROFILE.document_type(machine=run.machine, results=rows))
     run.exit(row.status for row in rows)

@@ -46,7 +46,7 @@ def list_releases(history: Path | None = None, json_file: str | None = None) -> 
     release_bundle = history or bundle.default_path()
     with RunContext("releases", json_file, [release_bundle]) as run:
         known = catalogue.list_releases(release_bundle)
-        run.out.print(releases_table(known.releases))
+        run.table(releases_table(known.releases))
         if known.problem:
             click.echo(f"The list lacks the package index: {known.problem}", err=True)
         run.write(ReleasesDocument(releases=known.releases))

@@ -82,7 +82,7 @@ def _stored(file: Path) -> "RunSet":
     """Return a run file or set for another tool; say what to know before its numbers."""
     from mjbench.instrument import run_set
     from mjbench.pages import exports
-    from mjbench.report.documents import RECORD_TYPES
+    from mjbench.report.kinds import RECORD_TYPES
 
     stored = run_set.read(file, RECORD_TYPES)
     for caution in exports.cautions(stored):

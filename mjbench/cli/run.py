@@ -140,8 +140,8 @@ def run(
     from mjbench.program.profiling import Sampling
     from mjbench.program.records import ProgramRow
     from mjbench.report import flame
-    from mjbench.report.documents import ProgramDocument
-    from mjbench.report.program import print_program
+    from mjbench.report.kinds import PROGRAM
+    from mjbench.report.program import sections
 
     if output is not None:
         flame.check(output)
@@ -174,11 +174,11 @@ def run(
         row = ProgramRow.of(name, seen)
         if confirm and of_program is not None:
             row = _confirmed(context, of_program, row)
-        print_program(context.out, row)
+        context.show(sections([row]))
         if output is not None:
             flame.write(output, seen.threads)
         context.record(row)
-        context.write(ProgramDocument(machine=context.machine, results=[row]))
+        context.write(PROGRAM.document_type(machine=context.machine, results=[row]))
     if context.interrupted:
         sys.exit(ExitCode.INTERRUPTED)
     sys.exit(ExitCode.OK if row.was_ended else row.exit_code)

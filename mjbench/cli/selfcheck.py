@@ -13,7 +13,7 @@ from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.group import cli, report_line
 from mjbench.cli.shared import COUNT, JUDGING, STARTS, STORING, Shares, start_plan, with_options
 from mjbench.errors import MjbenchError
-from mjbench.simulation import engine_callback
+from mjbench.simulation import engine_library
 from mjbench.status import Status
 
 if TYPE_CHECKING:
@@ -44,11 +44,11 @@ _SLOWDOWNS = (0.0, 0.005, 0.01, 0.02, 0.05)
 @click.option(
     "--inside-step",
     "functions",
-    type=click.Choice(list(engine_callback.FUNCTIONS)),
+    type=click.Choice(list(engine_library.FUNCTIONS)),
     multiple=True,
     metavar="FUNCTION",
     help="Slow the candidate down inside mj_step, by one more call of this C function of MuJoCo:"
-    f" {', '.join(engine_callback.FUNCTIONS)}. Can be given several times.",
+    f" {', '.join(engine_library.FUNCTIONS)}. Can be given several times.",
 )
 @click.option(
     "--between-builds",
@@ -119,7 +119,7 @@ def selfcheck(
         with checks.busy_neighbour_core() if busy else contextlib.nullcontext():
             failures = _run_trials(run, remaining, plan, records, trials * len(cases))
         rows = checks.summary(records)
-        report.print_tables(run.out, rows)
+        run.show([report.section(rows)])
         run.write(SelfcheckDocument(machine=run.machine, busy=busy, results=rows))
     run.exit(failures)
 
@@ -127,11 +127,7 @@ def selfcheck(
 def _cases(
     names: Sequence[str], slowdowns: Sequence[float], functions: Sequence[str], between_builds: bool
 ) -> list["Case"]:
-    """Return the cases of all arms that were asked for.
-
-    Raises:
-      InputError: there is no such model.
-    """
+    """Return the cases of all arms that were asked for."""
     from mjbench.paired import selfcheck_cases
     from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS
     from mjbench.simulation import models
@@ -159,9 +155,7 @@ def _run_trials(
     """Run a trial of each case; store and append its record; return how failed models ended.
 
     Args:
-      plan: of every verdict.
-      records: of all trials so far.
-      total: number of trials, with those that were done before.
+      total: trials, with those that were done before.
     """
     from mjbench.paired import selfcheck as checks
     from mjbench.paired.worker_pool import WorkerPool

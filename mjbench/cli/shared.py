@@ -181,11 +181,7 @@ class Hertz(click.ParamType[float]):
 
 
 def _share(word: str) -> float:
-    """Return a percentage as a share.
-
-    Raises:
-      ValueError: it is not a number.
-    """
+    """Return a percentage as a share."""
     return float(word.strip().removesuffix("%")) / 100
 
 
@@ -196,9 +192,6 @@ def _quoted(value: object) -> str:
 
 def own_path_folder(path_names: Sequence[str] | None) -> str | None:
     """Return the folder that the user's own paths are imported from, and import from it here, too.
-
-    Args:
-      path_names: that the user gave; those of their own are like `module:Class`.
 
     Returns:
       The current folder; None where no path is the user's own.
@@ -222,11 +215,7 @@ def with_options(*options: Any) -> Callable[[Callable[..., None]], Callable[...,
 
 
 def check_sizes(nstep: int | None, hold: int) -> None:
-    """Refuse a number of steps that is not a multiple of hold.
-
-    Raises:
-      InputError: they are not.
-    """
+    """Refuse a number of steps that is not a multiple of hold."""
     if nstep and nstep % hold:
         raise InputError(f"--nstep {nstep} is not a multiple of --hold {hold}")
 
@@ -284,6 +273,7 @@ WAIT = click.option(
 CODE = click.option(
     "--code", is_flag=True, help="Print the Python code of the paths that are advised."
 )
+CODE_HINT = "--code prints the Python code of the paths that are advised."
 HOLD = click.option(
     "--hold",
     type=COUNT,

@@ -60,11 +60,7 @@ def site(output: Path, project: Path) -> None:
 
 
 def _read(folder: Path) -> "Project":
-    """Return what a project holds.
-
-    Raises:
-      InputError: it holds nothing.
-    """
+    """Return what a project holds."""
     from mjbench.pages import reports
     from mjbench.pages import site as pages
     from mjbench.report import history_files

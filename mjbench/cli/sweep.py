@@ -88,17 +88,13 @@ def sweep(plan: Path, output: Path | None, **options: object) -> None:
         cells = matrix.build(plans.load(plan, check_command), software.installed())
         target = output or SWEEPS_FOLDER / f"{plan.stem}.jsonl"
         if chosen.dry_run:
-            report.print_cells(run.out, cells.cells, _stored(target, cells))
+            run.show([report.cells_section(cells.cells, _stored(target, cells))])
             return
         _sweep(run, cells, target, chosen)
 
 
 def check_command(arguments: Sequence[str]) -> None:
-    """Parse a command line of mjbench without running it.
-
-    Raises:
-      InputError: an option has a value that its command does not take.
-    """
+    """Parse a command line of mjbench without running it."""
     command: click.Command = cli
     rest = list(arguments)
     while isinstance(command, click.Group):
@@ -118,19 +114,20 @@ def check_command(arguments: Sequence[str]) -> None:
 def _sweep(run: RunContext, matrix: "Matrix", target: Path, options: _Options) -> None:
     """Measure what is missing, and end with the exit code."""
     from mjbench.report import sweep as report
+    from mjbench.report.content import Conclusion, Section
 
     with contextlib.ExitStack() as on_error, contextlib.closing(_open(target, on_error)) as file:
         stored = _stored(target, matrix)
         done = [cell for cell, how in stored.items() if not options.retry or how.status in FINISHED]
         if len(done) == len(matrix.cells):
-            run.out.print("The run set has all results of the plan; nothing was measured.")
-            report.print_failures(run.out, stored)
+            text = "The run set has all results of the plan; nothing was measured."
+            run.show([Section("Results", [Conclusion(text), *report.failures(stored)])])
             summary = None
         else:
             summary = _measure(run, matrix, done, file, options.address)
             on_error.pop_all()
             stored |= summary.outcomes
-            report.print_summary(run.out, summary, stored)
+            run.show([report.summary_section(summary, stored)])
     run.out.print(f"\nRun set: {target}", soft_wrap=True)
     run.out.print(f"Report: mjbench report {target}", soft_wrap=True)
     if summary and summary.is_interrupted:
@@ -151,7 +148,7 @@ def _measure(
     address: str | None,
 ) -> "Summary":
     """Measure what is missing on a cluster."""
-    from mjbench.report.documents import RECORD_TYPES
+    from mjbench.report.kinds import RECORD_TYPES
     from mjbench.sweep.ray_cluster import RayCluster
     from mjbench.sweep.run import Sweep
 
@@ -177,10 +174,6 @@ def _open(target: Path, on_error: contextlib.ExitStack) -> "RunSetFile":
 
     Args:
       on_error: removes the file again if it was created here and has no result.
-
-    Raises:
-      InputError: there is another file of this name.
-      MachineError: it cannot be written.
     """
     from mjbench.errors import writing
     from mjbench.instrument.run_set import RunSetFile
@@ -205,13 +198,9 @@ def _remove_empty(target: Path) -> None:
 
 
 def _stored(target: Path, matrix: "Matrix") -> "dict[Cell, Outcome]":
-    """Return how the cells in a run set ended; the last result of each counts.
-
-    Raises:
-      InputError: it is no run set.
-    """
+    """Return how the cells in a run set ended; the last result of each counts."""
     from mjbench.instrument import run_set
-    from mjbench.report.documents import RECORD_TYPES
+    from mjbench.report.kinds import RECORD_TYPES
     from mjbench.sweep import results
 
     if not os.path.lexists(target):

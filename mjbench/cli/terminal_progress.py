@@ -30,6 +30,9 @@ class _TerminalBar(ProgressBar):
     def __call__(self, number: int, name: str, share: float) -> None:
         self._progress.update(self._task, completed=number + share, description=name, refresh=True)
 
+    def begin(self, phase: str) -> None:
+        """Say nothing more: the bar names what is done."""
+
     def show(self, results: Callable[[], RenderableType | None] | None) -> None:
         self._progress.results = results() if results else None
         self._progress.refresh()

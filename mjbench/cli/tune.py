@@ -123,9 +123,9 @@ def tune(
       mjbench tune robot.xml --max-error 1% --budget 600s
       mjbench tune robot.xml --engine mjx --nbatch 1024
     """
-    from mjbench.pages import tuning
     from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.report.documents import TuneDocument
+    from mjbench.report.kinds import TUNE
+    from mjbench.report.tuning import sections
     from mjbench.simulation import models
     from mjbench.tuning import knobs, model_copy
     from mjbench.tuning.records import Effect
@@ -157,11 +157,11 @@ def tune(
             with run.progress(PARTS) as advance:
                 records.append(tune_model(pool, source, plan, time_limit, advance))
             run.record(records[-1])
-            tuning.print_record(run.out, records[-1])
+            run.show(sections(records[-1:]))
             if records[-1].status == Status.INTERRUPTED:
                 run.interrupt()
                 break
-        run.write(TuneDocument(machine=run.machine, results=records))
+        run.write(TUNE.document_type(machine=run.machine, results=records))
         if target is not None and not run.interrupted:
             _write(run, records[0], sources[0], Path(target))
     run.exit(record.status for record in records)
@@ -170,11 +170,7 @@ def tune(
 def _check_engine(
     engine: str, nbatch: int | None, only: str | None, skip: list[str] | None
 ) -> None:
-    """Refuse options that another engine has.
-
-    Raises:
-      InputError: there is one.
-    """
+    """Refuse options that another engine has."""
     if engine == "c" and nbatch is not None:
         raise InputError("--nbatch needs --engine mjx or warp")
     if engine != "c" and only is not None:
@@ -184,11 +180,7 @@ def _check_engine(
 
 
 def _see_whether_writable(output: OutputFile) -> None:
-    """Fail now, rather than after the search, where a file cannot be written.
-
-    Raises:
-      MachineError: it cannot.
-    """
+    """Fail now, rather than after the search, where a file cannot be written."""
     try:
         output.open()
     finally:
@@ -196,12 +188,7 @@ def _see_whether_writable(output: OutputFile) -> None:
 
 
 def _write(run: RunContext, record: "TuneRecord", source: "ModelSource", target: Path) -> None:
-    """Write the MJCF file with the fastest settings that are recommended.
-
-    Raises:
-      InputError: the file cannot have them.
-      MachineError: it cannot be written.
-    """
+    """Write the MJCF file with the fastest settings that are recommended."""
     from mjbench.tuning import model_copy
     from mjbench.tuning.settings import edits_of
 

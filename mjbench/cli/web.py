@@ -89,7 +89,7 @@ def web(
       mjbench web --package path/to/your/app --json web.json
     """
     from mjbench.releases import installs
-    from mjbench.report.documents import WebDocument
+    from mjbench.report.kinds import WEB
     from mjbench.simulation import models
     from mjbench.web.measure import WebPlan
 
@@ -108,19 +108,14 @@ def web(
     files = [*(source.path for source in sources), *plan.sizes.starts.files]
     with RunContext("web", json_file, files, Storage(results, arguments), wait) as run:
         records = _measure(run, sources, plan)
-        run.write(WebDocument(machine=run.machine, results=records))
+        run.write(WEB.document_type(machine=run.machine, results=records))
     run.exit([status for record in records for status in record.statuses()])
 
 
 def _engine(
     release: "ReleaseSpec | None", package_folder: Path | None, node_command: str, limit_s: float
 ) -> "Engine":
-    """Return the builds of a release, and the Node that runs them.
-
-    Raises:
-      InputError: the folder has no package, or that of another release.
-      MachineError: the package or Node is missing.
-    """
+    """Return the builds of a release, and the Node that runs them."""
     from mjbench.instrument import machine
     from mjbench.web import node, npm_package
     from mjbench.web.build_run import Engine
@@ -138,11 +133,7 @@ def _sizes(
     states_file: Path | None,
     actions_file: Path | None,
 ) -> "WebSizes":
-    """Return what the options SIZES ask for.
-
-    Raises:
-      InputError: they contradict each other, or a file cannot be read.
-    """
+    """Return what the options SIZES ask for."""
     from mjbench.web.c_reference import WebSizes
 
     check_sizes(nstep, hold)
@@ -155,7 +146,7 @@ def _measure(
 ) -> list["WebRecord"]:
     """Measure models; print and store what was measured of each."""
     from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.report.web import print_model
+    from mjbench.report.web import sections
     from mjbench.web import measure
 
     records = []
@@ -163,7 +154,7 @@ def _measure(
         for source in sources:
             records.append(record := measure.measure(pool, source, plan))
             run.record(record)
-            print_model(run.out, record)
+            run.show(sections([record]))
             if record.status == Status.INTERRUPTED:
                 run.interrupt()
                 break

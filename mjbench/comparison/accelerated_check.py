@@ -60,9 +60,7 @@ def check_run(workload: Workload, advance: Advance, precision: Precision) -> Che
     """Return how far a compiled run is from the reference run.
 
     Args:
-      workload: that was compiled.
       advance: the compiled program, (start fields, control, nstep) → StepOutcome.
-      precision: that it computes in.
     """
     rounded = precision == Precision.FLOAT32
     reference = trajectory.record_trajectory(workload, FOLLOWED)

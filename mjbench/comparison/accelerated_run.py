@@ -67,8 +67,6 @@ def run(
     """Measure one path on one model in a child; whatever becomes of it, this process goes on.
 
     Args:
-      source: the model.
-      variant: the path, which compiles, and its options.
       workload_file: that `paths.accelerated.save_workload` wrote.
       on_message: called with the child's messages (see `measure_in_child`).
       is_named: whether the user asked for this path; others are not tried where they are slow.

@@ -9,7 +9,6 @@ have a child each, alone (see `accelerated_run`).
 import dataclasses
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from mjbench import paths
 from mjbench.comparison import accelerated_run
@@ -19,12 +18,12 @@ from mjbench.comparison.messages import (
     CachedCompile,
     CompileReport,
     MeasureRequest,
-    ModelReady,
+    ModelFiles,
     PeakMemory,
 )
 from mjbench.comparison.plan import ComparisonPlan
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
-from mjbench.errors import failure_of
+from mjbench.errors import Failure, failure_of
 from mjbench.instrument import isolate, machine, scratch
 from mjbench.paths.accelerated import AcceleratedPath
 from mjbench.simulation.models import ModelSource
@@ -47,7 +46,6 @@ class VerifiedModel:
     """Whether paths agree on one model.
 
     Attributes:
-      model: its record.
       measurements: one a variant, without times.
     """
 
@@ -58,16 +56,10 @@ class VerifiedModel:
 def verify_model(source: ModelSource, plan: ComparisonPlan) -> VerifiedModel:
     """Verify the paths of a plan that run C, and time nothing."""
     with scratch.folder() as folder:
-        children = ModelChildren(
-            source,
-            plan,
-            folder / "model.mjb",
-            folder / "workload.pickle",
-            folder / "accelerated.pickle",
-            is_over=True,
-        )
+        children = ModelChildren(source, plan, ModelFiles.in_folder(folder))
         children.verify(lambda: None)
-        return VerifiedModel(children.model_record(), children.measurements(children.agreeing))
+        measurements = children.measurements(children.agreeing, is_over=True)
+        return VerifiedModel(children.model_record(), measurements)
 
 
 @dataclass
@@ -75,34 +67,21 @@ class ModelChildren:
     """The children of one model's comparison, and what they have said so far.
 
     Attributes:
-      source: the model.
-      plan: of the comparison.
-      model_file: that the child writes the compiled model to.
-      workload_file: that it writes the workload to, for the launches of a race.
-      accelerated_file: that it writes the workload to for accelerated paths.
-      ready: what the child said of model and workload; None before.
+      files: that the child writes.
+      reference: what the child said of the model and its reference run; None before.
       ended: how the last child ended that every path needs; None before, and where the user
         interrupted.
-      is_over: whether nothing more is measured.
     """
 
     source: ModelSource
     plan: ComparisonPlan
-    model_file: Path
-    workload_file: Path
-    accelerated_file: Path
-    ready: ModelReady | None = None
+    files: ModelFiles
+    reference: ModelRecord | None = None
     ended: isolate.Ended | None = None
-    is_over: bool = False
     variants: dict[int, _VariantState] = field(init=False)
 
     def __post_init__(self) -> None:
         self.variants = {i: _VariantState() for i in range(len(self.plan.variants))}
-
-    @property
-    def accelerated(self) -> list[int]:
-        """The variants that compile, by their positions in the plan."""
-        return [i for i, each in enumerate(self.plan.variants) if paths.find(each.path).compiles]
 
     @property
     def agreeing(self) -> list[int]:
@@ -110,7 +89,7 @@ class ModelChildren:
         agreeing = []
         for index, state in self.variants.items():
             report = state.report
-            if report and report.status == Status.OK and index not in self.accelerated:
+            if report and report.status == Status.OK and index not in self.plan.accelerated:
                 agreeing.append(index)
         return agreeing
 
@@ -131,7 +110,6 @@ class ModelChildren:
             self._receive(message)
             on_message()
 
-        accelerated = self.accelerated
         # the child works in a folder of its own
         source = ModelSource(self.source.name, self.source.path.resolve())
         fatal: dict[int, AgreementReport] = {}
@@ -139,10 +117,8 @@ class ModelChildren:
             request = MeasureRequest(
                 source,
                 self.plan,
-                frozenset([*fatal, *accelerated]),
-                self.model_file,
-                self.workload_file,
-                self.accelerated_file if accelerated else None,
+                frozenset([*fatal, *self.plan.accelerated]),
+                self.files,
             )
             ended = isolate.run(
                 "mjbench.comparison.measure:measure_in_child",
@@ -173,8 +149,8 @@ class ModelChildren:
     def _receive(self, message: object) -> None:
         """Store one message of the child that verifies the C paths."""
         match message:
-            case ModelReady():
-                self.ready = message
+            case ModelRecord():
+                self.reference = message
             case AgreementReport():
                 self.variants[message.index].report = message
             case _:
@@ -211,7 +187,7 @@ class ModelChildren:
             ended = accelerated_run.run(
                 self.source,
                 variant,
-                self.accelerated_file,
+                self.files.accelerated,
                 lambda message: self._receive_accelerated(index, message),
                 is_named=variant.path in self.plan.named,
                 limit_s=self.plan.limit_s,
@@ -220,8 +196,8 @@ class ModelChildren:
         except Exception as error:  # a path's own `environment` may raise anything
             failure = failure_of(error)
             ended = isolate.Ended(failure.status, failure.detail)
-        assert self.ready is not None
-        digest = self.ready.workload_digest
+        assert self.reference is not None
+        digest = self.reference.workload_digest
         if ended.status != Status.OK:
             self.revise(index, ended.status, ended.detail)
         elif state.compile_report and state.compile_report.workload_digest != digest:
@@ -231,36 +207,39 @@ class ModelChildren:
 
     def model_record(self) -> ModelRecord:
         """Return the record of the model as far as it is known."""
-        return ModelRecord(
-            model=self.source.name,
-            status=self.ended.status if self.ended else Status.INTERRUPTED,
-            detail=self.ended.detail if self.ended else "",
-            **(vars(self.ready) if self.ready else {}),
+        ended = self.ended or Failure(Status.INTERRUPTED, "")
+        return dataclasses.replace(
+            self.reference or ModelRecord(model=self.source.name, status=ended.status),
+            status=ended.status,
+            detail=ended.detail,
             nbatch_asked=self.plan.nbatch,
             usable_cores=machine.usable_cores(),
             total_steps=self.plan.total_steps,
         )
 
-    def measurements(self, timed: Collection[int]) -> tuple[MeasurementRecord, ...]:
+    def measurements(self, timed: Collection[int], is_over: bool) -> tuple[MeasurementRecord, ...]:
         """Return the records of all variants as far as they are known, in the plan's order.
 
         Args:
           timed: variants that a race timed.
+          is_over: whether nothing more is measured.
         """
         model = self.model_record()
-        return tuple(self._measurement(index, model, index in timed) for index in self.variants)
+        return tuple(
+            self._measurement(model, index, self._outcome(state, index in timed, is_over))
+            for index, state in self.variants.items()
+        )
 
-    def _measurement(self, index: int, model: ModelRecord, is_timed: bool) -> MeasurementRecord:
+    def _measurement(self, model: ModelRecord, index: int, outcome: Failure) -> MeasurementRecord:
         variant, state = self.plan.variants[index], self.variants[index]
         path = paths.find(variant.path)
-        status, detail = self._outcome(state, is_timed)
-        report = state.report or AgreementReport(index, status)
+        report = state.report or AgreementReport(index, outcome.status)
         record = MeasurementRecord(
             model=model.model,
             path=variant.path,
             options=variant.options,
-            status=status,
-            detail=detail,
+            status=outcome.status,
+            detail=outcome.detail,
             agrees=report.agrees,
             agreement=report.agreement,
             closed_loop=path.closed_loop,
@@ -294,13 +273,13 @@ class ModelChildren:
             check=report.check,
         )
 
-    def _outcome(self, state: _VariantState, is_timed: bool) -> tuple[Status, str]:
+    def _outcome(self, state: _VariantState, is_timed: bool, is_over: bool) -> Failure:
         """Return status and detail of one variant."""
         report = state.report
         if report is not None and (report.status != Status.OK or is_timed or state.samples_s):
-            return report.status, report.detail
-        if self.ended is None or not self.is_over:
-            return Status.INTERRUPTED, "stopped before it was timed"
+            return Failure(report.status, report.detail)
+        if self.ended is None or not is_over:
+            return Failure(Status.INTERRUPTED, "stopped before it was timed")
         if self.ended.status == Status.OK:
-            return Status.FAILED, "it was not timed"
-        return self.ended.status, self.ended.detail
+            return Failure(Status.FAILED, "it was not timed")
+        return Failure(self.ended.status, self.ended.detail)

@@ -18,9 +18,6 @@ class ListedModel:
     """A model and its facts.
 
     Attributes:
-      model: its name.
-      status: how loading it ended.
-      detail: one line; empty when ok.
       facts: None where it could not be loaded.
     """
 

@@ -11,7 +11,8 @@ import pickle
 import mujoco
 
 from mjbench.comparison import step_costs
-from mjbench.comparison.messages import MeasureRequest, ModelReady
+from mjbench.comparison.messages import MeasureRequest
+from mjbench.comparison.records import ModelRecord
 from mjbench.comparison.sizes import BlockSizes, check_memory, choose_sizes
 from mjbench.comparison.verification import FurtherCases, ReferenceCase, verify
 from mjbench.errors import MachineError
@@ -22,6 +23,7 @@ from mjbench.simulation.model_digest import model_digest
 from mjbench.simulation.model_guard import ModelGuard
 from mjbench.simulation.sampling import Sample, SampleRequest
 from mjbench.simulation.workload import Workload
+from mjbench.status import Status
 
 # A child may be silent for this many times as long as its work should take.
 PATIENCE = 100
@@ -30,13 +32,13 @@ PATIENCE = 100
 def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
     """Verify every variant of the plan that is not excluded.
 
-    Messages: `ModelReady`, and an `AgreementReport` per variant.
+    Messages: a `ModelRecord` of the reference run, and an `AgreementReport` per variant.
     """
     plan, name = request.plan, request.source.name
     channel.doing(f"loading {name}")
     model = models.load(request.source)
     channel.doing(f"stepping {name}")
-    size_request = plan.size_request(request.accelerated_file is not None)
+    size_request = plan.size_request()
     cost_s = step_costs.step_cost_s(
         model_digest(model), functools.partial(sampling.settled_step_s, model)
     )
@@ -60,7 +62,7 @@ def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
     own = sample.workload.returning(plan.returns)
     _save(own, sample, request)
     case = ReferenceCase.create(own, sample.observation)
-    channel.send(_model_ready(own, sizes, sample))
+    channel.send(_model_record(name, own, sizes, sample))
     further = FurtherCases.create(case, cost_s)
     guard = ModelGuard(model)
     for index, variant in enumerate(plan.variants):
@@ -78,17 +80,19 @@ def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
 
 def _save(own: Workload, sample: Sample, request: MeasureRequest) -> None:
     """Write the model and the workload to the files that the request names."""
-    mujoco.mj_saveModel(own.model, str(request.model_file), None)
+    mujoco.mj_saveModel(own.model, str(request.files.model), None)
     final_state = sample.observation.final_state
     portable = dataclasses.replace(workload.portable(own), final_state=final_state.copy())
-    request.workload_file.write_bytes(pickle.dumps(portable))
-    if request.accelerated_file:
-        save_workload(own, sample.observation.peaks, request.accelerated_file)
+    request.files.workload.write_bytes(pickle.dumps(portable))
+    if request.plan.accelerated:
+        save_workload(own, sample.observation.peaks, request.files.accelerated)
 
 
-def _model_ready(own: Workload, sizes: BlockSizes, sample: Sample) -> ModelReady:
+def _model_record(name: str, own: Workload, sizes: BlockSizes, sample: Sample) -> ModelRecord:
     observation = sample.observation
-    return ModelReady(
+    return ModelRecord(
+        model=name,
+        status=Status.OK,
         facts=work.describe(own.model),
         nbatch=own.nbatch,
         nstep=own.nstep,

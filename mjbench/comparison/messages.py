@@ -11,9 +11,6 @@ from pathlib import Path
 from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.simulation.accelerated_limits import AcceleratedCheck
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.starts import Starts
-from mjbench.simulation.work import ModelFacts, Work
-from mjbench.simulation.workload import Product
 from mjbench.status import Status
 
 
@@ -25,24 +22,39 @@ class ListRequest:
 
 
 @dataclass(frozen=True)
+class ModelFiles:
+    """Where a model and its workload are saved, so that other processes do the same work.
+
+    Attributes:
+      model: compiled.
+      workload: a pickled `PortableWorkload`, with its final states, for the launches of a race.
+      accelerated: the workload for paths that compile (see `accelerated.save_workload`).
+    """
+
+    model: Path
+    workload: Path
+    accelerated: Path
+
+    @classmethod
+    def in_folder(cls, folder: Path) -> "ModelFiles":
+        """Return the files of one model in a folder of its own."""
+        names = ("model.mjb", "workload.pickle", "accelerated.pickle")
+        return cls(*(folder / name for name in names))
+
+
+@dataclass(frozen=True)
 class MeasureRequest:
     """One model and the paths to verify on it (see `measure`).
 
     Attributes:
-      source: the model.
-      plan: the comparison.
       exclude: variants not to touch: those that killed a child before, and accelerated ones.
-      model_file: to save the compiled model in, for the launches of a race.
-      workload_file: to save the workload in, with its final states, for the same.
-      accelerated_file: to save the workload in for the children of accelerated paths; None without.
+      files: to write.
     """
 
     source: ModelSource
     plan: ComparisonPlan
     exclude: frozenset[int]
-    model_file: Path
-    workload_file: Path
-    accelerated_file: Path | None
+    files: ModelFiles
 
 
 @dataclass(frozen=True)
@@ -50,8 +62,6 @@ class AcceleratedRequest:
     """One model and one path that compiles, measured alone (see `accelerated_run`).
 
     Attributes:
-      source: the model.
-      variant: the path and its options.
       workload_file: that `save_workload` wrote.
       is_named: whether the user asked for this path by name.
       limit_s: seconds of silence after which the child is killed.
@@ -65,57 +75,14 @@ class AcceleratedRequest:
 
 
 @dataclass(frozen=True)
-class ModelReady:
-    """The model is loaded, the workload exists and the reference run is done.
-
-    Attributes:
-      facts: of the model.
-      nbatch: simulations that did not diverge.
-      nstep: steps per simulation.
-      hold: steps per control.
-      returns: what every run returns.
-      seed: of start states and controls.
-      reduced: whether the sizes were reduced to keep a block short.
-      diverged: simulations left out because they diverged.
-      divergence: why, such as `BADQACC in 3`.
-      warnings: how many of the simulations that did not diverge raised each other warning.
-      spread: factor by which starts and controls were narrowed; 1 unless more would diverge.
-      starts: where start states came from.
-      workload_digest: names start states, controls and hold, bit by bit.
-      state_digest: names the reference run's final states, bit by bit.
-      start_contacts: contacts at the first simulation's start.
-      work: what a step did, on average.
-    """
-
-    facts: ModelFacts
-    nbatch: int
-    nstep: int
-    hold: int
-    returns: Product
-    seed: int
-    reduced: bool
-    diverged: int
-    divergence: str
-    warnings: Mapping[str, int]
-    spread: float
-    starts: Starts
-    workload_digest: str
-    state_digest: str
-    start_contacts: int
-    work: Work
-
-
-@dataclass(frozen=True)
 class AgreementReport:
     """Whether a variant reaches the reference run's final states.
 
     Attributes:
       index: of the variant; 0 from a child that measures one variant alone.
       status: `ok`, or why it is not timed.
-      detail: one line; empty when ok.
       agrees: None where it was not compared.
       agreement: the rule that was held, or the first difference.
-      snippet: Python that does what the path does.
       check: of an accelerated path; None for others.
     """
 
@@ -133,11 +100,8 @@ class CompileReport:
     """What compiling a path took.
 
     Attributes:
-      device: that it runs on.
       trace_s: seconds of tracing; None where there is no such stage.
-      compile_s: seconds of the compiler.
       workload_digest: of the workload that the child received.
-      buffer_sizes: sizes of the engine's buffers, by its names for them.
     """
 
     device: str

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from mjbench import paths
 from mjbench.comparison.sizes import SizeRequest
 from mjbench.instrument.limits import TIME_LIMIT_S
 from mjbench.paths.parallelism import nthread
@@ -18,12 +19,7 @@ LIMIT_S = TIME_LIMIT_S
 
 @dataclass(frozen=True)
 class Variant:
-    """A path with its options set.
-
-    Attributes:
-      path: its name.
-      options: values by option name.
-    """
+    """A path with its options set."""
 
     path: str
     options: Mapping[str, Any]
@@ -51,9 +47,6 @@ class ComparisonPlan:
       nbatch: simulations; None lets each model have as many as its budget allows.
       nstep: steps per simulation; None likewise.
       hold: steps per control.
-      seed: of start states and controls.
-      starts: where start states are to come from.
-      returns: what every run returns.
       budget_s: seconds for a model, agreement included, that paths which run C may take.
       limit_s: a child process that is silent for longer is killed.
       import_from: a folder that the user's own paths may be imported from.
@@ -75,12 +68,17 @@ class ComparisonPlan:
     named: tuple[str, ...] = ()
     total_steps: int | None = None
 
-    def size_request(self, has_accelerated: bool) -> SizeRequest:
-        """Return what the plan asks of the sizes; `has_accelerated`: whether a path compiles."""
+    @property
+    def accelerated(self) -> list[int]:
+        """The variants that compile, by their positions."""
+        return [i for i, each in enumerate(self.variants) if paths.find(each.path).compiles]
+
+    def size_request(self) -> SizeRequest:
+        """Return what the plan asks of the sizes."""
         return SizeRequest(
             nbatch=self.nbatch,
             nstep=self.nstep,
             hold=self.hold,
             nthread=max(nthread(variant.options) for variant in self.variants),
-            has_accelerated=has_accelerated,
+            has_accelerated=bool(self.accelerated),
         )

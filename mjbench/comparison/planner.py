@@ -29,13 +29,11 @@ class PlannerSettings:
     """What a planner does.
 
     Attributes:
-      algorithm: how the nominal controls improve.
       samples: candidates of a plan, the nominal controls among them.
       knots: controls of a candidate.
       noise: standard deviation of the candidates' noise, as a share of half the control range.
       temperature: of MPPI, as a share of the standard deviation of the candidates' costs.
       elites: share of the candidates that CEM keeps.
-      seed: of the noise.
     """
 
     algorithm: Algorithm = Algorithm.MPPI

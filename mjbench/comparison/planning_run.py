@@ -38,9 +38,7 @@ class PlanningRequest:
     """A planner to run.
 
     Attributes:
-      source: the model.
       variants: paths that roll out, the base path first.
-      settings: of the planner.
       hold: steps for which each control is held, in the plan and in the loop.
       duration_s: simulated seconds of the loop.
       states_file: with the states to plan from, one a plan; None to plan from where the loop is.
@@ -59,10 +57,7 @@ class PathPlans:
     """The plans of one path.
 
     Attributes:
-      index: of the variant.
       status: `ok`, or why its plans do not count.
-      detail: one line; empty when ok.
-      plan_s: seconds of each plan.
     """
 
     index: int
@@ -76,10 +71,8 @@ class LoopOutcome:
     """What came of the loop.
 
     Attributes:
-      task: its name.
       is_achieved: whether the last quarter of it was as it should be; None where each plan starts
         from another state.
-      nplan: plans.
       control_s: simulated seconds between two controls.
       state_digest: names all states of the loop, bit by bit.
       starts: where the states to plan from came from; None for the loop itself.
@@ -98,16 +91,9 @@ class PlanningRow:
     """A path's plans, as people and programs read them; None is what was not measured.
 
     Attributes:
-      model: its name.
-      task: what was planned for.
-      algorithm: of the planner.
       samples: candidates of a plan.
       horizon: steps of each.
-      path: that rolled them out.
-      options: of the path.
       status: `ok`, or why its plans do not count.
-      detail: one line; empty when ok.
-      nplan: plans.
       plan_s: seconds of a plan, the median.
       plans_per_s: its inverse.
       speedup: over the plain loop, plan by plan: the median.
@@ -144,7 +130,6 @@ def run(
     """Run a planner in a child process, and return a row for each variant.
 
     Args:
-      request: what to run.
       import_from: a folder that a path of the user's own may be imported from.
       limit_s: seconds of silence after which the child is killed.
 

@@ -4,9 +4,9 @@ Field names are the keys of the format (docs/formats.md). None is what was not r
 apply.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
@@ -32,25 +32,17 @@ class ModelRecord:
     """One model at one size asked for.
 
     Attributes:
-      model: its name.
       status: how the child ended that measured it.
-      detail: one line; empty when ok.
-      facts: sizes, timestep, integrator, solver, cone.
       nbatch: simulations that were measured.
-      nstep: steps of each.
       hold: steps per control.
-      returns: what every run returned.
-      seed: of start states and controls.
       reduced: whether sizes were reduced to keep a block short.
       spread: factor on the spread of starts and controls; below 1 where more diverges.
       diverged: simulations left out because they diverged.
       divergence: the warnings they raised.
       warnings: how many of the simulations that did not diverge raised each other warning.
-      starts: where start states came from.
       workload_digest: names start states, controls and hold.
       state_digest: names the reference run's final states.
       start_contacts: contacts at the first simulation's start.
-      work: contacts, constraints and solver iterations per step.
       nbatch_asked: simulations that the user asked for; None where mjbench chose.
       usable_cores: cores that this process may use.
       cores_had: cores that threads got; only in files of earlier versions, see `RaceLaunch`.
@@ -82,40 +74,22 @@ class ModelRecord:
     cores_had: Sequence[PositiveFloat] = ()
     total_steps: PositiveInt | None = None
 
+    @property
+    def block_steps(self) -> int | None:
+        """The steps of one block, all simulations together; None before its size is known."""
+        return self.nbatch * self.nstep if self.nbatch and self.nstep else None
+
 
 @dataclass(frozen=True, kw_only=True)
 class MeasurementRecord:
-    """One variant on one model.
+    """One variant on one model; fields that `ModelRecord` has too are the same there.
 
     Attributes:
-      model: its name.
-      path: the way of stepping.
-      options: of the path.
-      status: how it ended.
-      detail: one line; empty when ok.
       agrees: whether its final states are the reference's; None where not compared.
       agreement: the rule that was held, or the first difference.
-      closed_loop: whether a policy can choose each control from the state before it.
-      snippet: Python that does what the path does.
-      nbatch: simulations.
-      nstep: steps of each.
-      hold: steps per control.
-      returns: what every run returned.
-      seed: of start states and controls.
-      diverged: simulations left out because they diverged.
-      warnings: how many of the others raised each other warning.
-      workload_digest: names start states, controls and hold.
-      state_digest: names the reference run's final states.
-      work: contacts, constraints and solver iterations per step.
-      nbatch_asked: simulations that the user asked for; None where mjbench chose.
       precision: of an accelerated path; None for paths that run C.
-      device: of an accelerated path.
-      trace_s: seconds of tracing.
-      compile_s: seconds of the compiler.
-      cached_compile_s: the same where its cache holds the program; None where not measured.
-      memory_bytes: most memory of the process.
+      cached_compile_s: seconds of the compiler where its cache holds the program.
       gpu_memory_bytes: most memory of the GPU; None on a CPU.
-      check: how far an accelerated path is from C.
       buffer_sizes: sizes of an accelerated engine's buffers, by its names for them.
       samples_s: seconds of each block of an accelerated path; of one that runs C only in files of
         earlier versions, where the same position is the same round.
@@ -184,24 +158,34 @@ class MeasurementRecord:
         return {**value, "check": check}
 
 
-def of_model(model: ModelRecord, records: Sequence[object]) -> list[MeasurementRecord]:
-    """Return the measurements of a model at one size, from the records of a run."""
+class OfModel(Protocol):
+    """A record of a model at one size."""
+
+    @property
+    def model(self) -> str:
+        """Its name."""
+
+    @property
+    def nbatch_asked(self) -> int | None:
+        """Simulations that the user asked for; None where mjbench chose."""
+
+
+_R = TypeVar("_R", bound=OfModel)
+
+
+def of_model(kind: type[_R], model: OfModel, records: Iterable[object]) -> list[_R]:
+    """Return the records of a type that are of a model at one size, from those of a run."""
     return [
         record
         for record in records
-        if isinstance(record, MeasurementRecord)
+        if isinstance(record, kind)
         and (record.model, record.nbatch_asked) == (model.model, model.nbatch_asked)
     ]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScalingRecord:
-    """A run of a search for the number of threads in a file of an earlier version.
-
-    Attributes:
-      model: what it says of the model.
-      measurements: one a variant.
-    """
+    """A run of a search for the number of threads in a file of an earlier version."""
 
     record_type: ClassVar[str] = "scaling"
     model: ModelRecord

@@ -29,7 +29,6 @@ class SizeRequest:
     Attributes:
       nbatch: simulations; None to choose.
       nstep: steps per simulation; None to choose.
-      hold: steps per control.
       nthread: most threads or processes that any path uses.
       has_accelerated: whether paths that compile take part.
     """
@@ -46,7 +45,6 @@ class BlockSizes:
     """The sizes of a workload, which is one block.
 
     Attributes:
-      nbatch: simulations.
       nstep: steps per simulation, a multiple of hold.
       reduced: whether they are below the usual ones to keep a block short.
     """
@@ -86,11 +84,7 @@ def check_memory(
     """Refuse sizes whose states, controls and outputs would not fit into memory.
 
     Args:
-      model: to step.
-      nbatch: simulations.
-      nstep: steps of each.
       nthread: threads, which have an MjData each.
-      returns: what runs return.
 
     Raises:
       InputError: they would not.

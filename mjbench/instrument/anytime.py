@@ -26,13 +26,7 @@ MOST_LAUNCHES = 1000
 
 @dataclass(frozen=True)
 class Interval:
-    """A mean with an anytime-valid interval (see `anytime_interval`).
-
-    Attributes:
-      mean: of the launches, with equal weight on each residue.
-      low: lower end; minus infinity with too few launches.
-      high: upper end; infinity with too few launches.
-    """
+    """A mean with its anytime-valid interval, which is infinite with too few launches."""
 
     mean: float
     low: float
@@ -64,11 +58,10 @@ class Fit:
     """The means of comparisons, and what their errors follow from; arrays, one entry for each.
 
     Attributes:
-      mean: of the launches that are not left out, with equal weight on each residue.
+      mean: without the launches that are left out, with equal weight on each residue.
       leverage: variance of the mean, in units of the variance of a launch.
-      freedom: degrees of freedom that are left for the variance of a launch.
-      squares: sum of squared differences of launches from the mean of their residue.
-      left_out: number of disturbed launches.
+      freedom: degrees of freedom of the variance of a launch.
+      squares: sum of squared differences of launches from their residue's mean.
     """
 
     mean: np.ndarray
@@ -78,11 +71,7 @@ class Fit:
     left_out: np.ndarray
 
     def half_width(self, confidence: float) -> np.ndarray:
-        """Return half the width of the interval; infinity with too few launches.
-
-        Args:
-          confidence: such as 0.99.
-        """
+        """Return half the width of the interval; infinity with too few launches."""
         growth = self._growth
         # The Bayes factor reaches 1 / (1 - confidence) where (1 + u) / (1 + u / growth) equals
         # `ratio`; u is t² divided by the degrees of freedom.
@@ -154,7 +143,7 @@ def _disturbed(cells: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Return which cells `fit` leaves out.
 
     Args:
-      counts: of launches, of shape (comparisons, residues).
+      counts: number of launches, of shape (comparisons, residues).
     """
     residues = cells.shape[1]
     distances = np.abs(cells - _medians(cells, counts)[:, :, None])
@@ -177,7 +166,7 @@ def _medians(cells: np.ndarray, counts: np.ndarray) -> np.ndarray:
 
 
 def _middle(ordered: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Return the medians along the last axis of ordered values, of which the first ones count."""
+    """Return the medians of the first `counts` ordered values along the last axis."""
     ends = (counts[..., None] - 1) // 2, counts[..., None] // 2
     low, high = (np.take_along_axis(ordered, end, axis=-1)[..., 0] for end in ends)
     medians: np.ndarray = (low + high) / 2
@@ -208,8 +197,8 @@ def mean_and_deviation(
     Disturbed launches are left out (see `fit`).
 
     Args:
-      samples: one of each launch; of one residue at least there are two.
-      residues: of the launches; see `anytime_interval`.
+      samples: one of each launch; at least two of some residue.
+      residues: see `anytime_interval`.
 
     Raises:
       ValueError: too few samples, or residues of other launches.
@@ -227,10 +216,6 @@ def student_interval(samples: Sequence[float], confidence: float) -> tuple[float
 
     It holds for a number of launches that does not depend on what they say. Disturbed launches are
     left out (see `fit`).
-
-    Args:
-      samples: one of each launch.
-      confidence: such as 0.95.
     """
     from scipy.special import stdtrit
 
@@ -269,10 +254,7 @@ def anytime_interval(
     Disturbed launches are left out (see `fit`).
 
     Args:
-      samples: one of each launch.
-      confidence: such as 0.99.
-      residues: of the placements of launches, in the same order; None if libraries stay where they
-        are.
+      residues: residue of each launch's placement; None if libraries stay where they are.
 
     Raises:
       ValueError: no samples, a confidence not between 0 and 1, or residues of other launches.
@@ -292,10 +274,8 @@ def interval_beside(
     three launches have an interval, too.
 
     Args:
-      samples: the few launches.
-      confidence: such as 0.99.
-      others: launches with placements.
-      residues: of the others' placements.
+      others: one of each launch with a placement.
+      residues: residue of each placement of `others`.
 
     Raises:
       ValueError: no samples, a confidence not between 0 and 1, or residues of other launches.
@@ -315,10 +295,6 @@ def e_benjamini_hochberg(e_values: Sequence[float], level: float) -> tuple[bool,
     Ramdas, False discovery rate control with e-values, Journal of the Royal Statistical Society B
     84, 2022). It is the procedure of Benjamini and Hochberg on 1 / e, which also holds for e-values
     that are read when a rule of one's own says stop, because comparisons are independent.
-
-    Args:
-      e_values: one of each hypothesis.
-      level: such as 0.01.
 
     Raises:
       ValueError: the level is not between 0 and 1.

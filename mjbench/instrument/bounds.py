@@ -56,9 +56,6 @@ LogRatio = Annotated[float, Meta(ge=-50, le=50)]
 def check_measured(record: Any, *names: str) -> None:
     """Check that a record whose status is `ok` has what is None in others.
 
-    Args:
-      names: of its fields.
-
     Raises:
       ValueError: one of them is None.
     """

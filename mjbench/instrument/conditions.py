@@ -44,7 +44,7 @@ class Condition:
     """One thing that was looked at.
 
     Attributes:
-      remedy: what to do; empty where nothing need be done.
+      remedy: empty where nothing need be done.
     """
 
     name: str
@@ -54,11 +54,7 @@ class Condition:
 
 
 def all_conditions(others: Sequence[Neighbour]) -> Iterator[Condition]:
-    """Yield every condition that applies to this machine.
-
-    Args:
-      others: other mjbench that measure now.
-    """
+    """Yield every condition that applies to this machine."""
     for condition in (
         cores(),
         governor(),

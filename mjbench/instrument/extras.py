@@ -6,6 +6,7 @@ address of a version-control system.
 
 import importlib.util
 import re
+import sys
 from collections.abc import Iterable, Iterator
 
 from mjbench.errors import MachineError
@@ -27,8 +28,8 @@ def require(what: str, extra: str, packages: Iterable[str]) -> None:
     """Refuse to go on without packages.
 
     Args:
-      what: needs them, such as `a site`.
-      packages: by the names by which they are imported.
+      what: needs the packages, such as `a site`.
+      packages: names by which they are imported.
 
     Raises:
       MachineError: one is missing; the message has the command that installs it.
@@ -38,9 +39,11 @@ def require(what: str, extra: str, packages: Iterable[str]) -> None:
 
 
 def _is_installed(name: str) -> bool:
+    if name in sys.modules:
+        return sys.modules[name] is not None  # None: blocked on purpose
     try:
         return importlib.util.find_spec(name) is not None
-    except ValueError:  # `sys.modules[name]` is None: blocked on purpose
+    except (ImportError, ValueError):
         return False
 
 

@@ -10,11 +10,7 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def replacing(file: Path) -> Iterator[Path]:
-    """Yield an empty file beside `file`, which takes its place when the block ends well.
-
-    Raises:
-      OSError: it cannot be created, or cannot take the place.
-    """
+    """Yield an empty file beside `file`, which takes its place when the block ends well."""
     partial = create_beside(file)
     try:
         yield partial
@@ -24,22 +20,14 @@ def replacing(file: Path) -> Iterator[Path]:
 
 
 def create_beside(file: Path) -> Path:
-    """Return a new, empty file in the folder of another; within one folder, files can be renamed.
-
-    Raises:
-      OSError: it cannot be created.
-    """
+    """Return a new, empty file in the folder of another, whose place it can take."""
     descriptor, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
     os.close(descriptor)
     return Path(name)
 
 
 def put_in_place(partial: Path, file: Path) -> None:
-    """Rename a complete file to `file`, with the permissions of the one that it replaces.
-
-    Raises:
-      OSError: it cannot be renamed.
-    """
+    """Rename a complete file to `file`, with the permissions of the one that it replaces."""
     partial.chmod(_permissions(file))
     partial.replace(file)
 

@@ -23,9 +23,8 @@ def in_json(
     """Declare what the JSON form of a dataclass has.
 
     Args:
-      keys: in their order; all fields if there are none.
-      without: fields that are left out.
-      attributes: field or property that a key gives, where its name is not the key.
+      keys: in their order; without any, all fields.
+      attributes: field or property behind a key of another name.
     """
 
     def declare(kind: Any) -> Any:

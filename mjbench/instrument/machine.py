@@ -118,12 +118,11 @@ def check_memory(bytes_needed: float, work: str, remedy: str) -> None:
     """Refuse work that does not fit into memory.
 
     Args:
-      bytes_needed: by the work.
-      work: for people, such as `64 simulations`.
-      remedy: for people, such as `reduce --nbatch`.
+      work: such as `64 simulations`.
+      remedy: such as `reduce --nbatch`.
 
     Raises:
-      InputError: it does not.
+      InputError: it does not fit.
     """
     available_bytes = available_memory_bytes()
     if bytes_needed > MEMORY_SHARE * available_bytes:
@@ -175,9 +174,9 @@ class ProcessorTime:
     """How long the cores of this machine have run, since it was started.
 
     Attributes:
-      busy_s: in any process, all cores together.
-      stolen_s: while a process was ready, the host gave the core to others; 0 where the system does
-        not say.
+      busy_s: in all processes and on all cores together.
+      stolen_s: time for which a process was ready while the host gave the core to others; 0 where
+        the system does not say.
     """
 
     busy_s: float
@@ -219,17 +218,15 @@ class Machine:
 
     Attributes:
       architecture: such as `x86_64`.
-      system: operating system and kernel.
-      cores: of the machine; None when unknown.
-      usable_cores: that this process may use (see `usable_cores`).
-      cgroup_quota_cores: the control group's CPU quota in cores; None without one.
-      load_1min: load average of the last minute when the run began.
+      cores: None when unknown.
+      usable_cores: see `usable_cores`.
+      cgroup_quota_cores: CPU quota of the control group; None without one.
+      load_1min: when the run began.
       governor: how the processor's clock is chosen; empty when unknown.
       versions: of the packages that a result depends on, by name.
       flags: environment variables that change speed or results, by name.
-      label: the user's name for this machine, from MJBENCH_MACHINE; empty without one.
-      host: a hash that tells machines apart without naming them (see `host_hash`); empty where it
-        is unknown, and in older files.
+      label: the user's name for this machine, from MJBENCH_MACHINE.
+      host: see `host_hash`; empty in older files.
     """
 
     cpu: str
@@ -254,7 +251,10 @@ def describe() -> Machine:
     import psutil
 
     return Machine(
-        cpu=cpu_name(),
+        cpu=_cpuinfo("model name")
+        or _sysctl("machdep.cpu.brand_string")
+        or platform.processor()
+        or platform.machine(),
         architecture=platform.machine(),
         system=platform.platform(terse=True),
         cores=os.cpu_count(),
@@ -308,18 +308,9 @@ class Calibration:
         self._mj_step(self._model, data, _CALIBRATION_STEPS)
 
 
-def cpu_name() -> str:
-    """Return the name of the processor."""
-    name = _cpuinfo("model name") or _sysctl("machdep.cpu.brand_string")
-    return name or platform.processor() or platform.machine()
-
-
 def _label() -> str:
-    """Return the user's name for this machine, on one line; empty without one.
-
-    Raises:
-      InputError: it is too long. Cut short, it could be that of another machine.
-    """
+    """Return the user's name for this machine, on one line; empty without one."""
+    # cut short, it could be that of another machine
     label = one_line(os.environ.get(LABEL_VARIABLE, ""), _LABEL_LENGTH + 1)
     if len(label) > _LABEL_LENGTH:
         raise InputError(f"{LABEL_VARIABLE} is longer than {_LABEL_LENGTH} characters: {label}")

@@ -8,9 +8,10 @@ machine of its own.
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from mjbench.instrument import units
 from mjbench.instrument.machine import Machine
 
 # What names of processors say besides which one it is.
@@ -21,11 +22,7 @@ _NOT_THE_MODEL = re.compile(
 
 @dataclass(frozen=True)
 class MachineKind:
-    """What machines share that may be the same one.
-
-    Attributes:
-      architecture: such as `x86_64`.
-    """
+    """What machines share that may be the same one."""
 
     cpu: str
     architecture: str
@@ -44,9 +41,7 @@ class MachineIdentity:
 
     Attributes:
       name: short, and of no other machine among them.
-      kind: processor, architecture, usable cores, hypervisor.
-      label: the user's name for it; empty without one.
-      host: a hash that tells machines apart; empty where the label does, and where it is unknown.
+      host: see `machine.host_hash`; empty where there is a label.
     """
 
     name: str
@@ -56,20 +51,15 @@ class MachineIdentity:
 
 
 @dataclass(frozen=True)
-class Software:
-    """What must be the same for results of one machine to be of the same software.
-
-    Attributes:
-      versions: of the packages that a result depends on, with their names.
-      flags: environment variables that change speed or results, with their names.
-    """
+class RunSoftware:
+    """What must be the same for results of one machine to be of the same software."""
 
     python: str
     versions: tuple[tuple[str, str], ...]
     flags: tuple[tuple[str, str], ...]
 
     @classmethod
-    def of(cls, machine: Machine) -> "Software":
+    def of(cls, machine: Machine) -> "RunSoftware":
         """Return the software of a machine."""
         versions, flags = (tuple(sorted(d.items())) for d in (machine.versions, machine.flags))
         return cls(machine.python, versions, flags)
@@ -83,8 +73,8 @@ def identify(machines: Sequence[Machine]) -> list[MachineIdentity]:
     """Return the identity of each machine of some runs; equal ones are the same machine.
 
     Args:
-      machines: of all these runs, since names depend on which others there are. Machines that share
-        a name get letters, in this order.
+      machines: all of them, since names depend on which others there are. Machines that share a
+        name get letters in this order.
     """
     unnamed = [_identity(machine) for machine in machines]
     known = list(dict.fromkeys(u for u in unnamed if u.label or u.host))
@@ -94,10 +84,10 @@ def identify(machines: Sequence[Machine]) -> list[MachineIdentity]:
     return [replace(identity, name=names[identity]) for identity in resolved]
 
 
-def software_names(softwares: Iterable[Software]) -> dict[Software, str]:
+def software_names(softwares: Iterable[RunSoftware]) -> dict[RunSoftware, str]:
     """Return what tells each apart, such as `mujoco 3.17.0`; empty where there is only one."""
     distinct = list(dict.fromkeys(softwares))
-    values: dict[str, dict[Software, str]] = defaultdict(dict)
+    values: dict[str, dict[RunSoftware, str]] = defaultdict(dict)
     for software in distinct:
         for name, value in software.items():
             values[name][software] = value
@@ -148,10 +138,10 @@ def _resolved(
 def _names(identities: Sequence[MachineIdentity]) -> dict[MachineIdentity, str]:
     """Return a name for each: as much as tells it apart, and a letter where nothing does."""
     names = {i: i.label or short_cpu_name(i.kind.cpu) for i in identities}
-    for detail in (_short_cpu, _cpu, _cores, _architecture, _virtual):
+    for detail in _DETAILS:
         for group in _same_name(names):
-            if len({detail(i) for i in group}) > 1:
-                names |= {i: f"{names[i]}, {detail(i)}" for i in group}
+            if len({detail(i.kind) for i in group}) > 1:
+                names |= {i: f"{names[i]}, {detail(i.kind)}" for i in group}
     for group in _same_name(names):
         unknown = [i for i in group if not (i.label or i.host)]
         names |= {i: f"{names[i]}, host unknown" for i in unknown}
@@ -173,27 +163,6 @@ def short_cpu_name(cpu: str) -> str:
     return " ".join(_NOT_THE_MODEL.sub(" ", cpu).split()) or cpu or "unknown processor"
 
 
-def _short_cpu(identity: MachineIdentity) -> str:
-    return short_cpu_name(identity.kind.cpu)
-
-
-def _cpu(identity: MachineIdentity) -> str:
-    return identity.kind.cpu
-
-
-def _cores(identity: MachineIdentity) -> str:
-    count = identity.kind.usable_cores
-    return f"{count} cores" if count > 1 else "1 core"
-
-
-def _architecture(identity: MachineIdentity) -> str:
-    return identity.kind.architecture
-
-
-def _virtual(identity: MachineIdentity) -> str:
-    return "virtual" if identity.kind.hypervisor else "not virtual"
-
-
 def _letters(number: int) -> str:
     """Return A, B, …, Z, AA, AB, … for 0, 1, 2 and so on."""
     text = ""
@@ -202,3 +171,13 @@ def _letters(number: int) -> str:
         number, digit = divmod(number - 1, 26)
         text = chr(ord("A") + digit) + text
     return text
+
+
+# What tells machines of one name apart, tried in turn.
+_DETAILS: tuple[Callable[[MachineKind], str], ...] = (
+    lambda kind: short_cpu_name(kind.cpu),
+    lambda kind: kind.cpu,
+    lambda kind: units.count_of(kind.usable_cores, "core"),
+    lambda kind: kind.architecture,
+    lambda kind: "virtual" if kind.hypervisor else "not virtual",
+)

@@ -36,11 +36,7 @@ _MAX_BYTES = 4096
 
 @dataclass(frozen=True)
 class Neighbour:
-    """Another process that measures.
-
-    Attributes:
-      command: of mjbench.
-    """
+    """Another process that measures."""
 
     pid: int
     command: str
@@ -64,20 +60,18 @@ def shared_folder() -> Path:
     return root / _FOLDER
 
 
-def measuring_now(
-    folder: Path | None = None, sleep: Callable[[float], None] = time.sleep
-) -> list[Neighbour]:
+def measuring_now(folder: Path | None = None) -> list[Neighbour]:
     """Return the processes that measure, without taking part; none where nothing is noticed.
 
     Args:
-      folder: shared by all that measure; None for that of this machine.
+      folder: shared by all that measure; None for this machine's.
     """
     if sys.platform == "win32":
         return []
     folder = folder or shared_folder()
     try:
         _create_shared_folder(folder)
-        with _entry_lock(folder / _ENTRY_LOCK, sleep):
+        with _entry_lock(folder / _ENTRY_LOCK, time.sleep):
             return [neighbour for _, neighbour in _others(folder)]
     except OSError:
         return []
@@ -90,8 +84,7 @@ class Presence:
         """Prepare to take part.
 
         Args:
-          command: of mjbench, for the others to name.
-          folder: shared by all that measure; None for that of this machine.
+          folder: shared by all that measure; None for this machine's.
         """
         self._me = Neighbour(os.getpid(), command)
         self._folder = folder or shared_folder()
@@ -115,7 +108,6 @@ class Presence:
         """Begin to measure; return the others that measure now.
 
         Args:
-          wait: whether to begin only when no other measures.
           on_wait: called once with the others that are waited for.
         """
         if sys.platform == "win32":  # it has no such locks, and no command there measures
@@ -161,11 +153,7 @@ class Presence:
 
 
 def _others(folder: Path) -> Iterator[tuple[Path, Neighbour]]:
-    """Yield the files of processes that measure; remove those of processes that are gone.
-
-    Raises:
-      OSError: the folder cannot be read.
-    """
+    """Yield the files of processes that measure; remove those of processes that are gone."""
     for path in sorted(folder.iterdir()):
         if not _NAME.fullmatch(path.name):
             continue
@@ -193,11 +181,7 @@ def _parse(line: str) -> Neighbour | None:
 
 
 def _create_shared_folder(folder: Path) -> None:
-    """Create the shared folder, in which every user may create files, but remove only their own.
-
-    Raises:
-      OSError: it cannot be created, or something else stands in its place.
-    """
+    """Create the shared folder, in which every user may create files, but remove only their own."""
     with contextlib.suppress(FileExistsError):
         folder.mkdir(parents=True)
         folder.chmod(0o1777)
@@ -216,11 +200,7 @@ def _create_file(path: Path) -> None:
 
 @contextlib.contextmanager
 def _entry_lock(path: Path, sleep: Callable[[float], None]) -> Iterator[None]:
-    """Hold the lock of which only one process at a time may begin.
-
-    Raises:
-      OSError: another process holds it for long.
-    """
+    """Hold the lock that lets one process at a time begin."""
     _create_file(path)
     with _opened(path, os.O_RDONLY) as descriptor:
         for _ in range(round(_ENTRY_LIMIT_S / _ENTRY_POLL_S)):
@@ -236,11 +216,7 @@ def _entry_lock(path: Path, sleep: Callable[[float], None]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _opened(path: Path, flags: int) -> Iterator[int]:
-    """Yield the descriptor of a regular file.
-
-    Raises:
-      OSError: it cannot be opened, or is something else.
-    """
+    """Yield the descriptor of a regular file."""
     descriptor = os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK)
     try:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):

@@ -25,11 +25,7 @@ _NO_RANDOM_ADDRESSES, _UNCHANGED = 0x0040000, 0xFFFFFFFF
 
 
 def check_command(command: str) -> None:
-    """Refuse a command that does not run on this operating system.
-
-    Raises:
-      MachineError: it does not.
-    """
+    """Refuse a command that does not run on this operating system."""
     if sys.platform == "win32" and command not in RUN_ON_WINDOWS:
         raise MachineError(
             f"`mjbench {command}` does not run on Windows; use WSL2. Commands that run on Windows:"
@@ -45,11 +41,7 @@ def affinity() -> set[int]:
 
 
 def set_affinity(pid: int, cores: Iterable[int]) -> None:
-    """Keep a process on some cores, where the system can.
-
-    Args:
-      pid: of the process; 0 for this one.
-    """
+    """Keep a process on some cores, where the system can."""
     if sys.platform == "linux":
         os.sched_setaffinity(pid, cores)
 
@@ -149,9 +141,6 @@ def _exit_after(parent: int) -> None:
 
 def lock_file(descriptor: int, *, shared: bool, wait: bool) -> None:
     """Lock an open file by flock; the kernel frees the lock when the process ends.
-
-    Args:
-      shared: whether several processes may hold the lock.
 
     Raises:
       BlockingIOError: another process holds the lock, and `wait` is false.

@@ -13,7 +13,7 @@ def check_continues(path: Path, stored: RunHeader, now: RunHeader) -> None:
     """Refuse to continue a run with another command, other arguments, files, or on another machine.
 
     Args:
-      now: the header that a new run would have.
+      now: the header of a new run.
 
     Raises:
       InputError: they differ; the message names the first difference.
@@ -37,8 +37,7 @@ def _identity(header: RunHeader, other: RunHeader) -> dict[str, Any]:
     """Return what must be the same for records to stand side by side, by a name for people.
 
     Args:
-      header: whose identity it is.
-      other: that it is compared with; a label or a host counts where both have one.
+      other: a label or a host counts where both have one.
     """
     machine = header.machine
     return {

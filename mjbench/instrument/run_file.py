@@ -12,9 +12,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import IO, Any, TextIO
 
-from mjbench.errors import MachineError
+from mjbench.errors import MachineError, reason, writing
 from mjbench.instrument import files, platforms
-from mjbench.instrument.runs import Record, RunHeader, as_stored, reason, to_json
+from mjbench.instrument.runs import Record, RunHeader, as_stored, to_json
+
+# The end of a message about a record that cannot be written.
+EARLIER_IS_THERE = "; what was measured before is there"
 
 
 class RunFile:
@@ -26,11 +29,7 @@ class RunFile:
 
     @classmethod
     def create(cls, folder: Path, header: RunHeader) -> "RunFile":
-        """Create a file, and write its first line.
-
-        Raises:
-          MachineError: the folder cannot be written.
-        """
+        """Create a file, and write its first line."""
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with contextlib.ExitStack() as on_error:
@@ -54,39 +53,29 @@ class RunFile:
         holds more, it stays beside the new one, with `.bak` after its name.
 
         Raises:
-          MachineError: it cannot be written, or another process is writing it.
+          MachineError: it cannot be written, or another process writes it.
         """
         path = path.resolve()
-        try:
-            with (
-                path.open("r+b") as earlier,
-                files.replacing(path) as partial,
-                contextlib.ExitStack() as on_error,
-            ):
-                lock(earlier)
-                file = on_error.enter_context(partial.open("w", encoding="utf-8"))
-                lock(file)
-                for record in (header, *records):
-                    _write_line(file, record)
-                if partial.read_bytes() != path.read_bytes():
-                    _link(path, path.with_name(f"{path.name}.bak"))
-                on_error.pop_all()
-        except OSError as error:
-            raise MachineError(f"cannot write {path}: {reason(error)}") from error
+        with (
+            writing(path),
+            path.open("r+b") as earlier,
+            files.replacing(path) as partial,
+            contextlib.ExitStack() as on_error,
+        ):
+            lock(earlier)
+            file = on_error.enter_context(partial.open("w", encoding="utf-8"))
+            lock(file)
+            for record in (header, *records):
+                _write_line(file, record)
+            if partial.read_bytes() != path.read_bytes():
+                _link(path, path.with_name(f"{path.name}.bak"))
+            on_error.pop_all()
         return cls(path, file)
 
     def append(self, record: Record) -> None:
-        """Write one record, and flush it.
-
-        Raises:
-          MachineError: the disk is full, or the file is gone.
-        """
-        try:
+        """Write one record, and flush it."""
+        with writing(self.path, EARLIER_IS_THERE):
             _write_line(self._file, record)
-        except OSError as error:
-            raise MachineError(
-                f"cannot write {self.path}: {reason(error)}; what was measured before is there"
-            ) from error
 
     def close(self) -> None:
         """Close the file; `append` has already reported any failure to write."""
@@ -117,11 +106,7 @@ def _link(path: Path, name: Path) -> None:
 
 
 def lock(file: IO[Any]) -> None:
-    """Lock a file of runs as long as it is open: it cannot be continued while it is written.
-
-    Raises:
-      OSError: another process writes it.
-    """
+    """Lock a file of runs as long as it is open: it cannot be continued while it is written."""
     try:
         platforms.lock_file(file.fileno(), shared=False, wait=False)
     except BlockingIOError as error:

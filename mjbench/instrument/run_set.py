@@ -1,4 +1,4 @@
-"""The run set: runs of one or several machines in one file, each as its run file has it.
+"""The run set: runs of one or several machines in one file, each once and as its run file has it.
 
 The first line says that it is a set. Then follow sections: a line that says how many lines follow
 and which SHA-256 they have, and those lines, which are a run file's. A section is written at once;
@@ -22,11 +22,11 @@ from typing import ClassVar, TypeVar
 
 import msgspec
 
-from mjbench.errors import InputError, MachineError, one_line, printable
-from mjbench.instrument.run_file import lock
-from mjbench.instrument.runs import SCHEMA, Run, parse, read_lines, reason, split_lines
+from mjbench.errors import InputError, one_line, printable, writing
+from mjbench.instrument.run_file import EARLIER_IS_THERE, lock
+from mjbench.instrument.runs import SCHEMA, Run, parse, read_lines, split_lines
 
-# A line that begins a set or a section: none of a run file's.
+# The first line of a set or of a section; no line of a run file matches.
 _OWN_LINE = re.compile(rb'\s*\{\s*"type"\s*:\s*"(set|section)"')
 
 _Header = TypeVar("_Header", "SetHeader", "SectionHeader")
@@ -45,9 +45,9 @@ class SectionHeader:
     """The line before the lines of a run.
 
     Attributes:
-      lines: how many lines of a run file follow.
+      lines: lines of a run file that follow.
       sha256: of these lines as bytes, with their line breaks, in hexadecimal.
-      cell: what of a sweep they are; empty otherwise.
+      cell: which cell of a sweep they are; empty otherwise.
     """
 
     record_type: ClassVar[str] = "section"
@@ -57,12 +57,12 @@ class SectionHeader:
 
 
 @dataclass(frozen=True)
-class Section:
+class RunSection:
     """A run within a set.
 
     Attributes:
-      cell: what of a sweep it is; empty otherwise.
-      lines: of its run file, as bytes, each with its line break.
+      cell: which cell of a sweep it is; empty otherwise.
+      lines: lines of its run file, each with its line break.
     """
 
     cell: str
@@ -74,7 +74,7 @@ class Section:
         """Of the lines, in hexadecimal; sections with equal ones are the same."""
         return hashlib.sha256(b"".join(self.lines)).hexdigest()
 
-    def continues(self, other: "Section") -> bool:
+    def continues(self, other: "RunSection") -> bool:
         """Return whether this is a later state of the same run file: it begins with the other."""
         count = len(other.lines)
         return len(self.lines) > count and self.lines[:count] == other.lines
@@ -85,12 +85,11 @@ class RunSet:
     """A run set, read back.
 
     Attributes:
-      sections: in the order they were written.
-      is_torn: whether its last section was cut short, and left out; of a run file, its last line.
-      is_run_file: whether it is a run file, read as a set of one section.
+      is_torn: whether the last section, or the last line of a run file, was cut short and left out.
+      is_run_file: whether it was read from a run file, as a set of one section.
     """
 
-    sections: tuple[Section, ...]
+    sections: tuple[RunSection, ...]
     is_torn: bool = False
     is_run_file: bool = False
 
@@ -100,7 +99,7 @@ class RunSet:
 
         Cells of a sweep that one command measured are one run, as they were in its run file.
         """
-        whole: dict[bytes, list[Section]] = {}
+        whole: dict[bytes, list[RunSection]] = {}
         for section in distinct(self.sections):
             # the header of a run file has the second in which it began
             whole.setdefault(
@@ -109,10 +108,10 @@ class RunSet:
         return tuple(_joined(sections) for sections in whole.values())
 
 
-def distinct(sections: Iterable[Section]) -> tuple[Section, ...]:
+def distinct(sections: Iterable[RunSection]) -> tuple[RunSection, ...]:
     """Return the sections without those that an earlier one repeats or another continues."""
     unique = tuple({section.sha256: section for section in sections}.values())
-    of_header: dict[bytes, list[Section]] = defaultdict(list)
+    of_header: dict[bytes, list[RunSection]] = defaultdict(list)
     for section in unique:
         of_header[section.lines[0]].append(section)
     return tuple(
@@ -120,8 +119,8 @@ def distinct(sections: Iterable[Section]) -> tuple[Section, ...]:
     )
 
 
-def _joined(sections: Sequence[Section]) -> Run:
-    """Return the run of which sections are parts."""
+def _joined(sections: Sequence[RunSection]) -> Run:
+    """Return the run that sections are parts of."""
     first, *others = sections
     if not others:
         return first.run
@@ -147,16 +146,14 @@ class RunSetFile:
         Raises:
           MachineError: there is a file of this name, or it cannot be written.
         """
-        try:
+        with writing(path):
             file = _open(path, os.O_CREAT | os.O_EXCL)
-        except (OSError, ValueError) as error:
-            raise MachineError(f"cannot write {path}: {reason(error)}") from error
-        try:
-            _begin_or_repair(path, file)
-        except OSError as error:
-            file.close()
-            path.unlink(missing_ok=True)
-            raise MachineError(f"cannot write {path}: {reason(error)}") from error
+            try:
+                _begin_or_repair(path, file)
+            except OSError:
+                file.close()
+                path.unlink(missing_ok=True)
+                raise
         return cls(path, file)
 
     @classmethod
@@ -164,31 +161,24 @@ class RunSetFile:
         """Open a file for more sections, and cut off what a killed writer left unfinished.
 
         Raises:
-          InputError: it is no run set, or it is damaged; then nothing changes.
-          MachineError: there is none, it cannot be written, or another process is writing it.
+          InputError: it is no run set, or is damaged; then nothing changes.
+          MachineError: there is none, it cannot be written, or another process writes it.
         """
-        try:
-            with contextlib.ExitStack() as on_error:
-                file = on_error.enter_context(_open(path))
-                _begin_or_repair(path, file)
-                on_error.pop_all()
-        except (OSError, ValueError) as error:
-            raise MachineError(f"cannot write {path}: {reason(error)}") from error
+        with writing(path), contextlib.ExitStack() as on_error:
+            file = on_error.enter_context(_open(path))
+            _begin_or_repair(path, file)
+            on_error.pop_all()
         return cls(path, file)
 
-    def append(self, section: Section) -> None:
+    def append(self, section: RunSection) -> None:
         """Write one section at once, so that a reader sees all of it or none.
 
         Raises:
-          MachineError: the disk is full, or the file is gone; earlier sections are untouched.
+          MachineError: the disk is full, or the file is gone; earlier sections stay.
         """
         header = SectionHeader(len(section.lines), section.sha256, printable(section.cell))
-        try:
+        with writing(self.path, EARLIER_IS_THERE):
             _write(self._file, b"".join((_line(header), *section.lines)))
-        except OSError as error:
-            raise MachineError(
-                f"cannot write {self.path}: {reason(error)}; what was measured before is there"
-            ) from error
 
     def close(self) -> None:
         """Close the file; `append` has already reported any failure to write."""
@@ -198,9 +188,6 @@ class RunSetFile:
 
 def read(path: Path, record_types: Mapping[str, type]) -> RunSet:
     """Read a run set, or a run file as a set of one section.
-
-    Args:
-      record_types: the class of each record by its `type`.
 
     Raises:
       InputError: neither of them, one of another format, a section that is not what was written, or
@@ -212,7 +199,7 @@ def read(path: Path, record_types: Mapping[str, type]) -> RunSet:
         return RunSet((section,), section.run.is_torn, is_run_file=True)
     spans, end = _spans(path, lines)
     sections = [
-        Section(
+        RunSection(
             printable(span.header.cell),
             parse(path, lines[span.begin : span.end], record_types, span.begin + 1, False),
             tuple(lines[span.begin : span.end]),
@@ -224,20 +211,64 @@ def read(path: Path, record_types: Mapping[str, type]) -> RunSet:
 
 def load_files(
     paths: Iterable[Path], record_types: Mapping[str, type]
-) -> list[tuple[Path, Section]]:
-    """Read run files and run sets: each run once, with the first file that holds it.
-
-    Args:
-      record_types: the class of each record by its `type`.
-
-    Raises:
-      InputError: as `read` does.
-    """
-    by_digest: dict[str, tuple[Path, Section]] = {}
+) -> list[tuple[Path, RunSection]]:
+    """Read run files and run sets: each run once, with the first file that holds it."""
+    by_digest: dict[str, tuple[Path, RunSection]] = {}
     for path in paths:
         for section in read(path, record_types).sections:
             by_digest.setdefault(section.sha256, (path, section))
     return [by_digest[s.sha256] for s in distinct(s for _, s in by_digest.values())]
+
+
+@dataclass(frozen=True)
+class Merged:
+    """What a merge came to.
+
+    Attributes:
+      runs: of the set afterwards, each once.
+      repeated: sections of the inputs that the set had already.
+      earlier: sections that are an earlier state of a run in the set.
+      torn: inputs whose last section was cut short, and left out.
+    """
+
+    runs: tuple[Run, ...]
+    added: int
+    repeated: int
+    earlier: int
+    torn: tuple[Path, ...]
+
+
+def merge(inputs: Sequence[Path], output: Path, record_types: Mapping[str, type]) -> Merged:
+    """Append the runs of run files and sets to a set, which is created where there is none.
+
+    All inputs are read before anything is written; the output may be one of them.
+
+    Raises:
+      InputError: an input is neither a run file nor a set, or the output is a file but no set.
+      MachineError: the output cannot be written, or another process writes it.
+    """
+    contents = [read(path, record_types) for path in inputs]
+    given = [section for content in contents for section in content.sections]
+    # not Path.exists, which fails where a name is too long; create has a message for that
+    open_set = RunSetFile.open if os.path.lexists(output) else RunSetFile.create
+    file = open_set(output)
+    try:
+        earlier = read(output, record_types).sections
+        known = {section.sha256 for section in earlier}
+        new = {section.sha256: section for section in given if section.sha256 not in known}
+        latest = {section.sha256 for section in distinct((*earlier, *new.values()))}
+        added = [section for sha256, section in new.items() if sha256 in latest]
+        for section in added:
+            file.append(section)
+    finally:
+        file.close()
+    return Merged(
+        RunSet((*earlier, *added)).runs,
+        len(added),
+        repeated=len(given) - len(new),
+        earlier=len(new) - len(added),
+        torn=tuple(path for path, each in zip(inputs, contents, strict=True) if each.is_torn),
+    )
 
 
 @dataclass(frozen=True)
@@ -249,21 +280,16 @@ class _Span:
     end: int
 
 
-def _section(path: Path, lines: Sequence[bytes], record_types: Mapping[str, type]) -> Section:
+def _section(path: Path, lines: Sequence[bytes], record_types: Mapping[str, type]) -> RunSection:
     """Return a run file as a section, without a last line that was cut short."""
     run = parse(path, lines, record_types)
     whole = lines[: 1 + len(run.records)]
     # the last line break may be missing: the writer was killed before it, or an editor left it out
-    return Section("", run, tuple(line.rstrip(b"\n") + b"\n" for line in whole))
+    return RunSection("", run, tuple(line.rstrip(b"\n") + b"\n" for line in whole))
 
 
 def _open(path: Path, flags: int = 0) -> FileIO:
-    """Open a file to read all of it and to append, and lock it.
-
-    Raises:
-      InputError: it is a device, a pipe or a folder.
-      OSError: it cannot be opened, or another process writes it.
-    """
+    """Open a file to read all of it and to append, and lock it."""
     extra = os.O_APPEND | flags
     file = FileIO(path, "r+", opener=lambda name, mode: os.open(name, mode | extra, 0o666))
     with contextlib.ExitStack() as on_error:
@@ -276,12 +302,7 @@ def _open(path: Path, flags: int = 0) -> FileIO:
 
 
 def _begin_or_repair(path: Path, file: FileIO) -> None:
-    """Write the first line where there is none, or cut off a section that is not complete.
-
-    Raises:
-      InputError: no run set, or a damaged one.
-      OSError: it cannot be read or written.
-    """
+    """Write the first line where there is none, or cut off a section that is not complete."""
     lines = split_lines(file.readall())
     first = _line(SetHeader())
     if not lines or (len(lines) == 1 and first.startswith(lines[0]) and lines[0] != first):
@@ -294,11 +315,7 @@ def _begin_or_repair(path: Path, file: FileIO) -> None:
 
 
 def _spans(path: Path, lines: Sequence[bytes]) -> tuple[list[_Span], int]:
-    """Return where the sections of a set are, and how many lines precede an unfinished one.
-
-    Raises:
-      InputError: no run set, another format, or a section that is not what was written.
-    """
+    """Return where the sections of a set are, and how many lines precede an unfinished one."""
     if not lines or not _OWN_LINE.match(lines[0]):
         raise InputError(f'{path}: not a run set (its first line must be {{"type": "set", …}})')
     schema = _decoded(path, lines, 0, SetHeader).schema
@@ -348,11 +365,7 @@ def _line(header: SetHeader | SectionHeader) -> bytes:
 
 
 def _write(file: FileIO, content: bytes) -> None:
-    """Append all bytes, or none where that fails.
-
-    Raises:
-      OSError: it fails.
-    """
+    """Append all bytes, or none where that fails."""
     size = os.fstat(file.fileno()).st_size
     try:
         written = 0

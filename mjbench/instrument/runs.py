@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 
 import msgspec
 
-from mjbench.errors import InputError, one_line, printable
+from mjbench.errors import InputError, one_line, printable, reason
 from mjbench.instrument.machine import Machine
 
 # The version of run files and of every document that `--json` writes.
@@ -72,11 +72,9 @@ class RunHeader:
     """The first line of a run file.
 
     Attributes:
-      command: of mjbench that wrote it.
-      machine: that it ran on.
-      arguments: of the command. Only `resume` looks at them: they must be the same.
-      command_line: the words after `mjbench`, as they were typed; empty in older files.
-      began: when the run began, in UTC, as ISO 8601; empty in older files.
+      arguments: they must be the same for `resume`; nothing else reads them.
+      command_line: the words after `mjbench`; empty in older files.
+      began: in UTC, as ISO 8601; empty in older files.
     """
 
     record_type: ClassVar[str] = "run"
@@ -99,9 +97,7 @@ class Run:
     """A run file, read back.
 
     Attributes:
-      header: its first line.
-      records: in the order they were written.
-      is_torn: whether its last line was cut short, and left out.
+      is_torn: whether the last line was cut short and left out.
     """
 
     header: RunHeader
@@ -111,11 +107,6 @@ class Run:
     def of_type(self, kind: type[_T]) -> list[_T]:
         """Return the records of one type."""
         return [record for record in self.records if isinstance(record, kind)]
-
-
-def reason(error: OSError | ValueError) -> str:
-    """Return why a file cannot be read or written, without its name, which the caller names."""
-    return (isinstance(error, OSError) and error.strerror) or one_line(error)
 
 
 def to_json(value: Any) -> Any:
@@ -149,9 +140,6 @@ def as_stored(value: Any) -> Any:
 
 def load(path: Path, record_types: Mapping[str, type]) -> Run:
     """Read a run file.
-
-    Args:
-      record_types: the class of each record by its `type`.
 
     Raises:
       InputError: not a run file, one of another format, or a record that does not fit its type.
@@ -188,11 +176,9 @@ def parse(
     """Return the run that lines of a file hold.
 
     Args:
-      path: of the file, for messages.
-      lines: with the run's header first.
-      record_types: the class of each record by its `type`.
-      first_number: number of the first of these lines in the file.
-      may_be_torn: whether a last line that is not JSON is left out; else it is refused.
+      lines: the run's header first.
+      first_number: number of the first line in the file.
+      may_be_torn: whether to leave out a last line that is not JSON, and not to refuse it.
 
     Raises:
       InputError: no run, one of another format, or a record that does not fit its type.
@@ -239,11 +225,7 @@ def _values(
 
 
 def _printable_texts(value: Any, key: str = "") -> Any:
-    """Return a JSON value whose texts have no control characters, nor line breaks in a name.
-
-    Raises:
-      ValueError: a number is so large that what is derived from it may overflow.
-    """
+    """Return a JSON value whose texts have no control characters, nor line breaks in a name."""
     if isinstance(value, str):
         lines = value.split("\n") if key in _MULTILINE_KEYS else [value]
         return "\n".join(map(printable, lines))

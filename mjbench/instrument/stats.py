@@ -18,13 +18,7 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class Estimate:
-    """A median with its interval.
-
-    Attributes:
-      median: of the samples.
-      low: lower end of the interval; None with too few samples.
-      high: upper end of the interval; None with too few samples.
-    """
+    """A median with the ends of its interval, which are None with too few samples."""
 
     median: float
     low: float | None
@@ -35,8 +29,7 @@ def speedup(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> Estima
     """Return how many times faster the candidate is than the baseline, round by round.
 
     Args:
-      baseline_s: seconds of the baseline in each round.
-      candidate_s: seconds of the candidate in the same rounds.
+      baseline_s: of each round; `candidate_s` is of the same rounds.
 
     Raises:
       ValueError: the two differ in length, or are empty.
@@ -74,7 +67,7 @@ def pair_log_ratios(orders: Sequence[str], times: np.ndarray) -> np.ndarray:
     began.
 
     Args:
-      orders: of each quad, `ABBA` or `BAAB`; A is the baseline.
+      orders: `ABBA` or `BAAB` of each quad; A is the baseline.
       times: (quads, 4) of each block, in the order they ran.
     """
     logs = np.log(times)
@@ -90,10 +83,6 @@ def paired_log_ratio(orders: Sequence[str], times: np.ndarray) -> float:
 
     The block that comes second is slower, so both orders must weigh the same. A disturbed block
     spoils its pair; a quad has twice as many blocks, and would be spoilt twice as often.
-
-    Args:
-      orders: see `pair_log_ratios`.
-      times: likewise.
     """
     return float(np.median(pair_log_ratios(orders, times), axis=0).mean())
 
@@ -113,8 +102,6 @@ def total_log_ratio(orders: Sequence[str], times: np.ndarray, parts: np.ndarray)
     half of the median difference of the two pairs of a quad.
 
     Args:
-      orders: see `pair_log_ratios`.
-      times: likewise.
       parts: (quads,) number of the part that each quad timed.
     """
     pairs = pair_log_ratios(orders, times)
@@ -140,7 +127,7 @@ class TimedBlocks:
     """Times of blocks of the same work, and the circumstances they were measured in.
 
     Attributes:
-      identity: circumstances, by name, in which results must not differ to be comparable.
+      identity: circumstances, by name, that must be the same for results to be comparable.
     """
 
     seconds: Sequence[float]

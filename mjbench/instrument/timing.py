@@ -19,12 +19,7 @@ def _nothing() -> None:
 
 @dataclass(frozen=True)
 class Contender:
-    """Something to time.
-
-    Attributes:
-      before: called before each block; not timed.
-      after: called after each block; not timed.
-    """
+    """Something to time; `before` and `after` are called around each block, untimed."""
 
     run: Callable[[], None]
     before: Callable[[], object] = _nothing
@@ -52,11 +47,9 @@ def rounds(
     """Time the contenders in turns; yield the seconds of each round, in the contenders' order.
 
     Args:
-      budget_s: seconds for all rounds; no round begins that would exceed them if it took as long as
-        the longest so far.
-      least: number of rounds to time even if they exceed the budget.
-      most: number of rounds after which to stop.
-      seed: of the order within each round.
+      budget_s: for all rounds; no round begins that would exceed it if it took as long as the
+        longest so far.
+      least: rounds to time even if they exceed the budget.
     """
     order, shuffle = list(range(len(contenders))), random.Random(seed).shuffle
     begin, longest_s = clock(), 0.0
@@ -74,12 +67,7 @@ def rounds(
 
 @dataclass(frozen=True)
 class Quad:
-    """Four blocks in the order ABBA or BAAB, in which a linear drift cancels out.
-
-    Attributes:
-      baseline_s: mean of the two blocks of the baseline (A), in seconds.
-      candidate_s: mean of the two blocks of the candidate (B), in seconds.
-    """
+    """Mean times of four blocks in the order ABBA or BAAB, in which a linear drift cancels out."""
 
     baseline_s: float
     candidate_s: float
@@ -104,8 +92,8 @@ def block_times(
     """Time two blocks against each other in this process; return the seconds of each, in order.
 
     Args:
-      orders: of quads, such as `ABBA`; a list of seconds for each.
-      before: called before each block; not timed.
+      orders: such as `ABBA`; the result has a list of seconds for each.
+      before: called before each block, untimed.
     """
     contenders = {"A": Contender(baseline, before), "B": Contender(candidate, before)}
     return [[block_s(contenders[letter], clock) for letter in order] for order in orders]

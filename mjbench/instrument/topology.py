@@ -22,10 +22,10 @@ class Topology:
     """The cores that a process may use.
 
     Attributes:
-      hardware_threads: how many threads can run at once.
-      cores: how many cores these belong to; None where unknown.
-      node_sizes: hardware threads on each NUMA node, the largest first; empty where unknown.
-      quota_cores: the control group's CPU quota in cores; None without one.
+      hardware_threads: threads that can run at once.
+      cores: None where unknown.
+      node_sizes: hardware threads of each NUMA node, the largest first; empty where unknown.
+      quota_cores: CPU quota of the control group; None without one.
     """
 
     hardware_threads: int
@@ -53,8 +53,7 @@ def read(usable: AbstractSet[int] | None = None, system: Path = _SYSTEM) -> Topo
     """Return the cores that this process may use.
 
     Args:
-      usable: hardware threads, by number; None for those of this process.
-      system: the kernel's folder of devices.
+      usable: numbers of hardware threads; None for those of this process.
     """
     usable = platforms.affinity() if usable is None else usable
     quota_cores = cgroup_quota()
@@ -75,10 +74,6 @@ def read(usable: AbstractSet[int] | None = None, system: Path = _SYSTEM) -> Topo
 
 def siblings(thread: int, system: Path = _SYSTEM) -> frozenset[int]:
     """Return the hardware threads of the core that one belongs to, itself included.
-
-    Args:
-      thread: number of a hardware thread.
-      system: the kernel's folder of devices.
 
     Returns:
       Their numbers; none where the kernel does not say.

@@ -8,7 +8,7 @@ def plain(value: float, digits: int) -> str:
     """Return a number as people write it, such as `150` or `0.000012`, never as `1.5e+02`.
 
     Args:
-      digits: how many significant digits to write; those before the point are always written.
+      digits: significant digits; those before the point are always written.
     """
     if abs(value) >= 10**digits:
         return f"{value:.0f}"

@@ -8,8 +8,8 @@ import html
 from collections.abc import Iterator, Sequence
 
 from mjbench.errors import printable
-from mjbench.pages.content import Column, Conclusion, DataTable, Report, Tone
 from mjbench.pages.html import MARKS
+from mjbench.report.content import Column, Conclusion, DataTable, Report, Tone
 
 # Of the marks before conclusions, which are bold; the texts have the colour of the page.
 COLOURS = {
@@ -37,11 +37,11 @@ def _parts(report: Report, notes: Sequence[str]) -> Iterator[str]:
     for note in notes:
         yield f"<p><strong>{_text(note)}</strong></p>"
     for section in report.sections:
-        for table in section.tables or [figure.data for figure in section.figures]:
-            yield from _table(section.heading, table)
-        if section.notes:
+        for table in section.shown_tables:
+            yield from _table(section.heading, table.without_empty_columns())
+        if lines := [*section.facts, *section.notes]:
             yield "<details><summary>Notes</summary>"
-            yield from (f"<div>{_text(note)}</div>" for note in section.notes)
+            yield from (f"<div>{_text(line)}</div>" for line in lines)
             yield "</details>"
     yield "</div>"
 
@@ -55,20 +55,17 @@ def _conclusions(conclusions: Sequence[Conclusion]) -> Iterator[str]:
 
 
 def _table(heading: str, table: DataTable) -> Iterator[str]:
-    """Yield a table without the columns in which every cell is empty."""
-    nonempty = [
-        i
-        for i, column in enumerate(table.columns)
-        if any(column.shown(row[i]) for row in table.rows)
-    ]
     yield '<table style="border-collapse:collapse;margin:.5em 0">'
     yield f'<caption style="text-align:left">{_text(heading)}</caption>'
     yield "<thead><tr>"
-    yield from (_cell("th", table.columns[i], table.columns[i].title) for i in nonempty)
+    yield from (_cell("th", column, column.title) for column in table.columns)
     yield "</tr></thead><tbody>"
     for row in table.rows:
         yield "<tr>"
-        yield from (_cell("td", table.columns[i], table.columns[i].shown(row[i])) for i in nonempty)
+        yield from (
+            _cell("td", column, column.shown(cell))
+            for column, cell in zip(table.columns, row, strict=True)
+        )
         yield "</tr>"
     yield "</tbody></table>"
 

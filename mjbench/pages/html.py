@@ -3,8 +3,8 @@
 import mjbench
 from mjbench.errors import MachineError
 from mjbench.instrument import extras
-from mjbench.pages.content import Figure, Report, Tone
-from mjbench.report import vega
+from mjbench.report import charts
+from mjbench.report.content import Figure, Report, Tone
 
 # What stands before a conclusion, beside its colour.
 MARKS = {
@@ -33,7 +33,7 @@ def render(report: Report) -> str:
         ) from error
 
     def svg(figure: Figure) -> str:
-        return Markup(vega.svg(figure.specification))  # Vega escapes the texts of a chart
+        return Markup(charts.svg(figure.specification))  # Vega escapes the texts of a chart
 
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("mjbench.pages"),

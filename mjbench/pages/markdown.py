@@ -1,10 +1,10 @@
 """A report as GitHub's Markdown: for a job's summary, or a comment on a pull request."""
 
 import html
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
-from mjbench.pages.content import Conclusion, DataTable, Report, Tone
 from mjbench.report import markdown
+from mjbench.report.content import DataTable, Report, Tone
 from mjbench.report.markdown import code, escaped
 
 _MARKS = {
@@ -20,13 +20,14 @@ def render(report: Report) -> Iterator[str]:
     """Yield the lines of a report: conclusions first, tables folded."""
     yield f"## {escaped(report.title)}"
     yield ""
-    yield from _conclusions(report.conclusions)
+    yield from _conclusions((each.text, each.tone) for each in report.conclusions)
     for section in report.sections:
         yield ""
         yield f"<details><summary>{html.escape(section.heading, quote=False)}</summary>"
         yield ""
-        yield from _conclusions(section.conclusions)
-        for table in section.tables or [figure.data for figure in section.figures]:
+        yield from _conclusions((each.below_heading, each.tone) for each in section.conclusions)
+        yield from (f"- {escaped(fact)}" for fact in section.facts)
+        for table in section.shown_tables:
             yield ""
             yield from _table(table)
         yield ""
@@ -44,12 +45,13 @@ def render(report: Report) -> Iterator[str]:
         yield "</details>"
 
 
-def _conclusions(conclusions: Sequence[Conclusion]) -> Iterator[str]:
-    for conclusion in conclusions:
-        yield f"- {_MARKS[conclusion.tone]}{escaped(conclusion.text)}"
+def _conclusions(conclusions: Iterable[tuple[str, Tone]]) -> Iterator[str]:
+    for text, tone in conclusions:
+        yield f"- {_MARKS[tone]}{escaped(text)}"
 
 
 def _table(table: DataTable) -> Iterator[str]:
+    table = table.without_empty_columns()
     headings = [escaped(column.title) or " " for column in table.columns]
     right = {escaped(column.title) for column in table.columns if column.is_number}
     rows = (

@@ -5,44 +5,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mjbench.comparison.planning_run import PlanningRow
-from mjbench.comparison.records import ModelRecord
-from mjbench.counts.records import ExplainRecord, InstructionsRecord
-from mjbench.environment.records import EnvironmentRecord
 from mjbench.errors import printable
 from mjbench.instrument import run_set
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.machine_identity import MachineIdentity
 from mjbench.instrument.runs import Run
-from mjbench.loop.latency import LatencyRow
-from mjbench.loop.overhead import OverheadRow
-from mjbench.loop.profile import ProfileRow
-from mjbench.pages import (
-    comparisons,
-    environments,
-    histories,
-    loops,
-    machines,
-    programs,
-    tuning,
-    verdicts,
-    web,
-)
-from mjbench.pages.content import Column, Conclusion, DataTable, Report, Section, Tone
-from mjbench.paired import family, selfcheck
-from mjbench.paired.placement_spread import SpreadRecord
-from mjbench.paired.records import VerdictRecord
-from mjbench.paired.selfcheck_records import TrialRecord
-from mjbench.paired.verdict import CONFIDENCE
-from mjbench.program.records import ProgramRow
 from mjbench.releases import bundle
 from mjbench.releases.release_ratios import RatioRecord
 from mjbench.report import across_machines as across
-from mjbench.report import history_files
-from mjbench.report.documents import RECORD_TYPES
-from mjbench.report.results import derive_all
-from mjbench.tuning.records import TuneRecord
-from mjbench.web.records import WebRecord
+from mjbench.report import formats, histories, history_files, kinds
+from mjbench.report.content import Column, Conclusion, DataTable, Report, Section, Tone
 
 # Sections of single runs, at most, where there are several runs: a page of more is of no use.
 _MOST_SECTIONS = 100
@@ -89,7 +61,7 @@ def read(files: Sequence[Path]) -> list[NamedRun]:
     Raises:
       InputError: a file is neither.
     """
-    sections = run_set.load_files(files, RECORD_TYPES)
+    sections = run_set.load_files(files, kinds.RECORD_TYPES)
     return [NamedRun(file, section.run) for file, section in sections]
 
 
@@ -111,7 +83,8 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
     main = list(dict.fromkeys(conclusion for part in chosen for conclusion in part.main))
     main.sort(key=lambda conclusion: conclusion.tone != Tone.BAD)
     sections = [part.section for part in chosen]
-    if results.has_several and (first := machines.section(results, _report_command(named_runs))):
+    if results.has_several and (first := across.section(results)):
+        first = replace(first, command=_report_command(named_runs))
         main = [*first.conclusions, *main]
         # they stand right above it, unless there are too many
         are_all_above = len(first.conclusions) <= _MOST_CONCLUSIONS
@@ -180,130 +153,40 @@ def _history_parts(named_runs: Sequence[NamedRun]) -> list[_Part]:
     each = history_files.of_runs(
         [named.run for named in named_runs], causes if causes.exists() else None
     )
-    sections = histories.of_machines(each, timed[0].command)
-    return [_Part(section, section.conclusions) for section in sections]
+    sections = histories.of_machines(each)
+    command = timed[0].command
+    return [_Part(replace(section, command=command), section.conclusions) for section in sections]
 
 
 def _parts(named: NamedRun, machine: str) -> Iterator[_Part]:
     """Yield the sections of a run.
 
     Args:
-      named: the run.
       machine: its name, where there are several: then what machines show side by side stands at the
         head, in place of what one of them shows.
     """
-    run, command = named.run, named.command
-
-    def part(section: Section, is_side_by_side: bool = False) -> _Part:
-        if not machine:
-            return _Part(section, section.conclusions)
-        headed = replace(section, heading=f"{machine}: {section.heading}")
-        return _Part(headed, () if is_side_by_side else section.conclusions)
-
-    if run.of_type(ModelRecord):
-        for section in comparisons.sections(derive_all(run.records), command):
-            first = [replace(c, text=f"{machine}: {c.text}") for c in first_of(section.conclusions)]
-            yield replace(part(section), main=first) if machine else part(section)
-    if rows := [record.row() for record in run.of_type(VerdictRecord)]:
-        confidence = family.confidence_of(run.header)
-        yield part(verdicts.section(rows, confidence, command), is_side_by_side=True)
-    for section in _other_sections(run, command):
-        yield part(section)
+    for kind in kinds.kinds_of(named.run):
+        if kind is kinds.HISTORY:  # of all runs together
+            continue
+        for section in kind.sections(named.run):
+            section = replace(section, command=named.command)
+            if not machine:
+                yield _Part(section, section.conclusions)
+                continue
+            section = replace(section, heading=f"{machine}: {section.heading}")
+            yield _Part(section, _main(kind, section, machine))
 
 
-def _other_sections(run: Run, command: str) -> Iterator[Section]:
-    """Yield the sections of a run of which nothing stands side by side with other machines."""
-    yield from loops.overhead_sections(run.of_type(OverheadRow), command)
-    yield from loops.profile_sections(run.of_type(ProfileRow), command)
-    yield from loops.latency_sections(run.of_type(LatencyRow), command)
-    yield from loops.planning_sections(run.of_type(PlanningRow), command)
-    yield from programs.sections(run.of_type(ProgramRow), command)
-    yield from environments.sections(run.of_type(EnvironmentRecord), command)
-    yield from web.sections(run.of_type(WebRecord), command)
-    yield from tuning.sections(run.of_type(TuneRecord), command)
-    yield from verdicts.explanation_sections(run.of_type(ExplainRecord), command)
-    yield from verdicts.count_sections(run.of_type(InstructionsRecord), command)
-    if trials := run.of_type(TrialRecord):
-        yield _selfcheck_section(trials, command)
-    if spreads := run.of_type(SpreadRecord):
-        yield _spread_section(spreads, command)
-
-
-def _selfcheck_conclusion(trials: Sequence[TrialRecord]) -> Conclusion:
-    rows = selfcheck.summary(trials)
-    wrong = sum(round(row.wrong * row.trials) for row in rows)
-    count = sum(row.trials for row in rows)
-    tone = Tone.GOOD if wrong <= (1 - CONFIDENCE) * count else Tone.BAD
-    return Conclusion(f"{wrong} of {count} verdicts on known truths are wrong", tone)
-
-
-def _selfcheck_section(trials: Sequence[TrialRecord], command: str) -> Section:
-    columns = (
-        Column("model"),
-        Column("builds"),
-        Column("slowdown, %", 3),
-        Column("averaged"),
-        Column("trials", 3),
-        Column("detected, share", 3),
-        Column("wrong, share", 3),
-        Column("bias, %", 2),
-        Column("seconds", 3),
-    )
-    rows = [
-        (
-            row.model,
-            f"{row.old} → {row.new}" if row.old != row.new else row.old,
-            None if row.slowdown is None else 100 * row.slowdown,
-            "yes" if row.averaged else "no",
-            row.trials,
-            row.detected,
-            row.wrong,
-            None if row.error is None else 100 * row.error,
-            row.seconds,
-        )
-        for row in selfcheck.summary(trials)
+def _main(kind: kinds.Kind, section: Section, machine: str) -> Sequence[Conclusion]:
+    """Return what of a section stands at the head of a report of several machines."""
+    if kind is kinds.VERDICT:  # they stand side by side
+        return ()
+    if kind is not kinds.COMPARE:
+        return section.conclusions
+    return [
+        replace(each, text=f"{machine}: {each.text}", subject="")
+        for each in first_of(section.conclusions)
     ]
-    return Section(
-        "How often is a verdict wrong?",
-        command,
-        [_selfcheck_conclusion(trials)],
-        tables=[DataTable("Trials", columns, rows)],
-    )
-
-
-def _spread_section(spreads: Sequence[SpreadRecord], command: str) -> Section:
-    columns = (
-        Column("model"),
-        Column("release"),
-        Column("spread, %", 2),
-        Column("low, %", 2),
-        Column("high, %", 2),
-        Column("launches", 3),
-        Column("why not"),
-    )
-    cells = [
-        (
-            row.model,
-            row.release,
-            *(
-                (None,) * 3
-                if row.spread is None
-                else map(_percent, (row.spread.estimate, row.spread.low, row.spread.high))
-            ),
-            row.launches,
-            row.detail,
-        )
-        for row in spreads
-    ]
-    return Section(
-        "How far does speed depend on where code lies?",
-        command,
-        tables=[DataTable("Spreads", columns, cells)],
-    )
-
-
-def _percent(share: float | None) -> float | None:
-    return None if share is None else 100 * share
 
 
 def _machines(named_runs: Sequence[NamedRun], identities: Sequence[MachineIdentity]) -> DataTable:
@@ -311,7 +194,7 @@ def _machines(named_runs: Sequence[NamedRun], identities: Sequence[MachineIdenti
         Column("machine"),
         Column("run file"),
         Column("processor"),
-        Column("usable cores", 3),
+        Column("usable cores", formats.count),
         Column("system"),
         Column("Python"),
         Column("versions"),

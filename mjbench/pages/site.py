@@ -24,11 +24,11 @@ from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError, MachineError, one_line, writing
 from mjbench.instrument import extras
 from mjbench.pages import html, reports
-from mjbench.pages.content import Tone
 from mjbench.pages.reports import NamedRun
-from mjbench.report import history_plots, markdown, release_page, speed_page, tables
+from mjbench.report import formats, history_plots, markdown, release_page, speed_page
 from mjbench.report.advice import advise
 from mjbench.report.comparison import mark
+from mjbench.report.content import Tone
 from mjbench.report.markdown import code, escaped
 from mjbench.report.results import derive_all
 from mjbench.report.speed_history import SpeedHistory
@@ -371,8 +371,8 @@ def _summary(runs: Sequence[NamedRun]) -> Iterator[str]:
             escaped(f"{row.model}, {row.nbatch:,} simulations" if has_sizes else row.model),
             row.loop.value,
             f"{mark(row.is_certain)} {code(str(Variant(row.path, row.options)))}",
-            f"{tables.factor(row.speedup.estimate)}×" if row.speedup else "",
-            tables.ends(row.speedup),
+            f"{formats.factor(row.speedup.estimate)}×" if row.speedup else "",
+            formats.ends(row.speedup),
         )
         for row in advice
     ]

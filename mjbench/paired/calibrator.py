@@ -7,19 +7,24 @@ from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
 
 
+def count_cores(process: WorkerProcess, nthread: int) -> float | None:
+    """Return how many cores as many threads get now in a process; None where one is all they can.
+
+    Threads beyond the usable cores do not count.
+
+    Raises:
+      TargetError: the process failed, crashed or did not answer in time.
+    """
+    count = min(machine.usable_cores(), nthread)
+    return process.call(requests.CountCores(count)) if count > 1 else None
+
+
 class Calibrator:
     """Counts cores; its process starts with the first count, because calibrating takes memory."""
 
     def __init__(self, pool: WorkerPool, release: ReleaseSpec, nthread: int):
-        """Start nothing yet.
-
-        Args:
-          pool: starts the process.
-          release: that it imports.
-          nthread: threads to count cores for.
-        """
-        self._pool, self._release = pool, release
-        self._nthread = min(machine.usable_cores(), nthread)
+        """Start nothing yet; `release` is what the process imports."""
+        self._pool, self._release, self._nthread = pool, release, nthread
         self._process: WorkerProcess | None = None
 
     def count(self) -> float:
@@ -28,12 +33,10 @@ class Calibrator:
         Raises:
           TargetError: the process failed, crashed or did not answer in time.
         """
-        if self._nthread == 1:
-            return 1.0
         if self._process is None:
             self._process = self._pool.start(self._release)
             self._process.wait()
-        return self._process.call(requests.CountCores(self._nthread))
+        return count_cores(self._process, self._nthread) or 1.0
 
     def close(self) -> None:
         """End the process."""

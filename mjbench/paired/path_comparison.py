@@ -11,14 +11,16 @@ from dataclasses import dataclass, replace
 
 from mjbench import paths
 from mjbench.comparison.compare import ModelChildren
+from mjbench.comparison.messages import ModelFiles
 from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord, of_model
-from mjbench.instrument import neighbours
+from mjbench.instrument import neighbours, progress
 from mjbench.instrument.machine import ProcessorTime
 from mjbench.instrument.progress import Progress
 from mjbench.instrument.runs import Record
+from mjbench.instrument.units import count_of
 from mjbench.paired.race import RaceBudget, race
-from mjbench.paired.race_launches import RaceLaunches, RaceWork
+from mjbench.paired.race_launches import RaceLaunches
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation.models import ModelSource
@@ -33,22 +35,18 @@ class ModelComparison:
     """What is known of one model at one size.
 
     Attributes:
-      model: its record.
       measurements: one a variant, in the plan's order.
-      race: of the paths that run C and agree; None before its first launch, and where it had none.
-      is_over: whether nothing more is measured.
+      race: of the paths that run C and agree; None before it, and where there was none.
     """
 
     model: ModelRecord
     measurements: tuple[MeasurementRecord, ...]
     race: RaceRecord | None = None
-    is_over: bool = False
 
     @property
     def is_interrupted(self) -> bool:
         """Whether the user stopped it."""
-        ended = self.model.status, self.race.status if self.race else Status.OK
-        return self.is_over and Status.INTERRUPTED in ended
+        return self.model.status == Status.INTERRUPTED
 
     @property
     def records(self) -> list[ModelRecord | MeasurementRecord | RaceRecord]:
@@ -64,20 +62,29 @@ def stored(
         if not isinstance(record, ModelRecord):
             continue
         if (record.model, record.nbatch_asked) == (source.name, plan.nbatch):
-            race = race_of(record, records)
-            return ModelComparison(record, tuple(of_model(record, records)), race, is_over=True)
+            measurements = of_model(MeasurementRecord, record, records)
+            return ModelComparison(record, tuple(measurements), race_of(record, records))
     return None
 
 
 def race_of(model: ModelRecord, records: Sequence[object]) -> RaceRecord | None:
     """Return the race of a model at one size, from the records of a run; None without one."""
-    for record in records:
-        if isinstance(record, RaceRecord) and (record.model, record.nbatch_asked) == (
-            model.model,
-            model.nbatch_asked,
-        ):
-            return record
-    return None
+    return next(iter(of_model(RaceRecord, model, records)), None)
+
+
+def enter(model: ModelRecord, variants: Sequence[Variant]) -> RaceRecord:
+    """Return the race of variants, the plain loop first, on a model, before its first launch."""
+    assert model.block_steps is not None, "the paths were verified"
+    slow = [i for i, each in enumerate(variants) if paths.find(each.path).starts_slowly]
+    compete = [i for i, each in enumerate(variants) if each != WITHOUT_TIMER and i not in slow]
+    return RaceRecord(
+        model=model.model,
+        nbatch_asked=model.nbatch_asked,
+        steps=model.block_steps,
+        variants=variants,
+        groups=[compete, [i for i in compete if paths.find(variants[i].path).closed_loop]],
+        slow=slow,
+    )
 
 
 def finished(records: Sequence[Record], nvariant: int) -> list[Record]:
@@ -93,7 +100,8 @@ def finished(records: Sequence[Record], nvariant: int) -> list[Record]:
     for model in records:
         if not isinstance(model, ModelRecord) or model.status not in FINISHED:
             continue
-        measurements, its_race = of_model(model, records), race_of(model, records)
+        measurements = of_model(MeasurementRecord, model, records)
+        its_race = race_of(model, records)
         raced = [m for m in measurements if m.status == Status.OK and not m.samples_s]
         if raced and its_race is None:  # the last line of the file was cut short
             continue
@@ -107,7 +115,8 @@ def compare_model(
     pool: WorkerPool,
     source: ModelSource,
     plan: ComparisonPlan,
-    on_progress: Progress,
+    on_progress: Progress = progress.ignore,
+    on_phase: Callable[[str], None] = lambda text: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> Iterator[ModelComparison]:
     """Compare the paths of a plan; yield what is known after each launch, and at the end.
@@ -119,9 +128,11 @@ def compare_model(
       source: the model.
       plan: of the comparison.
       on_progress: called as it goes on.
+      on_phase: called with a line where a phase begins: agreement, the race, and each path that
+        compiles.
       clock: returns seconds.
     """
-    comparison = _PathComparison(pool, source, plan, on_progress, clock)
+    comparison = _PathComparison(pool, source, plan, on_progress, on_phase, clock)
     try:
         yield from comparison.run()
     except KeyboardInterrupt:
@@ -138,54 +149,52 @@ class _PathComparison:
         source: ModelSource,
         plan: ComparisonPlan,
         on_progress: Progress,
+        on_phase: Callable[[str], None],
         clock: Callable[[], float],
     ):
         self._pool, self._plan, self._name = pool, plan, source.name
-        self._on_progress, self._clock = on_progress, clock
+        self._on_progress, self._on_phase, self._clock = on_progress, on_phase, clock
         self._begin_s, self._processor_time = clock(), ProcessorTime.now()
-        self._work = RaceWork(pool.new_file(".mjb"), pool.new_file(".pickle"))
-        self.children = ModelChildren(
-            source,
-            plan,
-            self._work.model_file,
-            self._work.workload_file,
-            pool.new_file(".pickle"),
-        )
+        self.children = ModelChildren(source, plan, ModelFiles.in_folder(pool.new_folder()))
         self._race: RaceRecord | None = None
 
     def run(self) -> Iterator[ModelComparison]:
         """Verify, race, and measure what compiles; yield what is known in between."""
         children = self.children
+        self._on_phase(f"{self._name}: checking agreement")
         ended = children.verify(self._show_verifying)
         if ended.status != Status.OK:
             return
         yield from self._run_race()
         if self._race is not None and self._race.status == Status.INTERRUPTED:
-            return
-        for index in children.accelerated:
-            self._on_progress(f"{self._name}: {self._plan.variants[index]}", 1.0)
+            raise KeyboardInterrupt
+        for index in self._plan.accelerated:
+            phase = f"{self._name}: {self._plan.variants[index]}"
+            self._on_phase(phase)
+            self._on_progress(phase, 1.0)
             children.run_accelerated(index)
             yield self.snapshot()
 
     def snapshot(self, is_over: bool = False) -> ModelComparison:
         """Return what is known now."""
-        self.children.is_over = is_over
         timed: list[int] = []
         if self._race is not None:
             positions = {i for launch in self._race.launches for i in launch.variants}
             timed = [self._plan.variants.index(self._race.variants[i]) for i in positions]
-        return ModelComparison(
-            self.children.model_record(), self.children.measurements(timed), self._race, is_over
-        )
+        measurements = self.children.measurements(timed, is_over)
+        return ModelComparison(self.children.model_record(), measurements, self._race)
 
     def _run_race(self) -> Iterator[ModelComparison]:
         agreeing = self.children.agreeing
         if 0 not in agreeing:  # the plain loop
             return
         variants = [self._plan.variants[i] for i in agreeing]
-        launches = RaceLaunches(self._pool, self._name, self._plan, variants, self._work)
-        entered = self._entered(variants)
+        launches = RaceLaunches(self._pool, self.children, variants)
+        entered = enter(self.children.model_record(), variants)
         budget = RaceBudget(self._begin_s + self._plan.budget_s, self._clock)
+        left_s = max(1.0, budget.left_s())
+        entrants = count_of(len(variants), "path")
+        self._on_phase(f"{self._name}: racing {entrants}, about {left_s:.0f} s")
         for record in race(entered, launches.launch, budget):
             self._race = self._with_disturbance(record)
             for unable in record.unable:
@@ -193,21 +202,6 @@ class _PathComparison:
                 self.children.revise(index, unable.status, unable.detail)
             self._show_racing(record)
             yield self.snapshot()
-
-    def _entered(self, variants: Sequence[Variant]) -> RaceRecord:
-        ready = self.children.ready
-        assert ready is not None, "the paths were verified"
-        slow = [i for i, each in enumerate(variants) if paths.find(each.path).starts_slowly]
-        compete = [i for i, v in enumerate(variants) if v != WITHOUT_TIMER and i not in slow]
-        closed_loop = [i for i in compete if paths.find(variants[i].path).closed_loop]
-        return RaceRecord(
-            model=self._name,
-            nbatch_asked=self._plan.nbatch,
-            steps=ready.nbatch * ready.nstep,
-            variants=variants,
-            groups=[compete, closed_loop],
-            slow=slow,
-        )
 
     def _with_disturbance(self, record: RaceRecord) -> RaceRecord:
         """Return the record with what disturbed it."""

@@ -4,31 +4,26 @@ A launch is a fresh process in which every path that is still in the race is tim
 loop. Paths leave once they are certainly slower than the fastest of their loop. The race ends when
 no path that is left can be faster than the fastest by `MARGIN`. The winner of a race is flattered
 by it, so launches after the race give the figures of the paths that won, and of the plain loop.
+Where a winner fails in one of these, the race goes on with those that left because of it.
 `race` runs it; `race_record` says what follows from its launches.
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from mjbench.errors import InputError
 from mjbench.paired.ending import ENDING_ERRORS, ending_of
 from mjbench.paired.race_record import MIN_FINAL_LAUNCHES, RaceLaunch, RaceRecord, UnableVariant
 
-# Launches of a race at least, and those after it at most.
-MIN_LAUNCHES, FINAL_LAUNCHES = 3, 8
-# Launches of a race at most.
-MAX_LAUNCHES = 100
+# Launches in all at most before the race is over, and after it.
+MAX_LAUNCHES, FINAL_LAUNCHES = 100, 8
 # A launch of a few paths takes at least this share of the time of one of all: it starts a process.
 _SHARE_OF_START = 0.25
 
 
 class UnableError(InputError):
-    """A variant cannot go on.
-
-    Attributes:
-      unable: which, and why.
-    """
+    """A variant cannot go on; `unable` says which, and why."""
 
     def __init__(self, unable: UnableVariant):
         super().__init__(unable.detail)
@@ -41,7 +36,6 @@ class RaceBudget:
 
     Attributes:
       end_s: when they end, by `clock`. One launch is begun even after that.
-      clock: returns seconds.
     """
 
     end_s: float
@@ -66,9 +60,8 @@ def race(
     """
     course = _Course(entered, launch, budget)
     try:
-        for run in (course.run_race, course.run_final, course.run_slow):
-            for _ in run():
-                yield course.record
+        while course.go_on():
+            yield course.record
     except ENDING_ERRORS as error:
         ending = ending_of(error)
         course.record = replace(
@@ -78,11 +71,7 @@ def race(
 
 
 class _Course:
-    """The course of one race.
-
-    Attributes:
-      record: what is known.
-    """
+    """The course of one race; `record` is what is known."""
 
     def __init__(
         self,
@@ -91,87 +80,94 @@ class _Course:
         budget: RaceBudget,
     ):
         self.record, self._launch, self._budget = entered, launch, budget
-        self._going_on = [i for i in range(len(entered.variants)) if i not in entered.slow]
         self._launch_s = 0.0
 
-    def run_race(self) -> Iterator[None]:
-        """Launch until the race is decided, or only the time for the launches after it is left."""
-        is_decided = False
-        while not is_decided and len(self.record.launches) < MAX_LAUNCHES:
-            if self.record.launches and self._budget.left_s() < self._launch_s + self._reserve_s():
-                break
-            yield from self._attempt(is_final=False)
-            self._going_on, is_decided = remaining(self.record, self._going_on)
-        self.record = replace(self.record, is_cut_short=not is_decided)
-        self._going_on = finalists(self.record, self._going_on)
+    def go_on(self) -> bool:
+        """Launch once, for the race or after it; return False where all launches were made.
 
-    def run_final(self) -> Iterator[None]:
-        """Launch what won, as often as there is time for."""
-        self._launch_s *= self._share_of_final()
-        for count in range(FINAL_LAUNCHES):
-            if self._budget.left_s() < self._launch_s:
-                if count < MIN_FINAL_LAUNCHES:
-                    self.record = replace(self.record, is_cut_short=True)
-                return
-            yield from self._attempt(is_final=True)
+        A variant that is unable is noted instead, and is not in the next launch.
+        """
+        if racing := self._next_of_race():
+            self._launch_once(racing, is_final=False)
+        elif final := self._next_final() or self._next_slow():
+            self._launch_once(final, is_final=True)
+        else:
+            return False
+        return True
 
-    def run_slow(self) -> Iterator[None]:
-        """Launch what starts slowly, beside the plain loop, whatever the budget."""
-        self._going_on = [0, *self.record.slow]
-        for _ in range(MIN_FINAL_LAUNCHES if self.record.slow else 0):
-            if len(self._going_on) > 1:
-                yield from self._attempt(is_final=True)
+    def _next_of_race(self) -> list[int]:
+        """Return the variants of the next launch of the race; none where it is over."""
+        record = self.record
+        if record.is_cut_short or record.is_decided:
+            return []
+        racing = remaining(record)
+        if not record.launches:
+            return racing
+        final_s = FINAL_LAUNCHES * self._expected_s(finalists(record))
+        has_time = self._budget.left_s() >= self._expected_s(racing) + final_s
+        if has_time and len(record.launches) < MAX_LAUNCHES:
+            return racing
+        self.record = replace(record, is_cut_short=True)
+        return []
 
-    def _attempt(self, is_final: bool) -> Iterator[None]:
-        """Launch once, again without each variant that is unable."""
-        while True:
-            begin_s = self._budget.clock()
-            try:
-                launched = self._launch(self._going_on, is_final)
-            except UnableError as error:
-                unable = error.unable
-                if unable.variant == 0:
-                    raise
-                self.record = replace(self.record, unable=[*self.record.unable, unable])
-                self._going_on = [i for i in self._going_on if i != unable.variant]
-                yield
-                continue
-            self._launch_s = self._budget.clock() - begin_s
-            self.record = replace(self.record, launches=[*self.record.launches, launched])
-            yield
+    def _next_final(self) -> list[int]:
+        """Return the variants of the next launch after the race; none without time for it."""
+        final = finalists(self.record)
+        count = self._final_launches_of(final)
+        if count < FINAL_LAUNCHES and self._budget.left_s() >= self._expected_s(final):
+            return final
+        if count < MIN_FINAL_LAUNCHES:
+            self.record = replace(self.record, is_cut_short=True)
+        return []
+
+    def _next_slow(self) -> list[int]:
+        """Return the variants of the next launch of those that start slowly, whatever the budget.
+
+        The plain loop is beside them.
+        """
+        slow = [i for i in self.record.slow if i in self.record.able]
+        has_enough = self._final_launches_of(slow) >= MIN_FINAL_LAUNCHES
+        return [] if not slow or has_enough else [0, *slow]
+
+    def _final_launches_of(self, positions: Collection[int]) -> int:
+        """Return how many launches after the race timed all of these variants."""
+        after = [launch for launch in self.record.launches if launch.is_final]
+        return sum(set(positions) <= set(launch.variants) for launch in after)
+
+    def _launch_once(self, positions: Sequence[int], is_final: bool) -> None:
+        begin_s = self._budget.clock()
+        try:
+            launched = self._launch(positions, is_final)
+        except UnableError as error:
+            if error.unable.variant == 0:
+                raise
+            self.record = replace(self.record, unable=[*self.record.unable, error.unable])
             return
+        self._launch_s = self._budget.clock() - begin_s
+        self.record = replace(self.record, launches=[*self.record.launches, launched])
 
-    def _reserve_s(self) -> float:
-        """Return about how long the launches after the race take."""
-        return FINAL_LAUNCHES * self._launch_s * self._share_of_final()
-
-    def _share_of_final(self) -> float:
-        """Return about which share of the last launch's time one after the race takes."""
-        timed = self.record.launches[-1].variants
-        return max(len(finalists(self.record, self._going_on)) / len(timed), _SHARE_OF_START)
+    def _expected_s(self, positions: Collection[int]) -> float:
+        """Return about how long a launch of these variants takes."""
+        share = len(positions) / len(self.record.launches[-1].variants)
+        return self._launch_s * max(share, _SHARE_OF_START)
 
 
-def remaining(record: RaceRecord, going_on: Sequence[int]) -> tuple[list[int], bool]:
-    """Return the variants that stay in a race, and whether all of its groups are decided.
+def remaining(record: RaceRecord) -> list[int]:
+    """Return the variants that stay in a race: contenders, the plain loop, and those in no group.
 
-    The plain loop stays, and so do variants that are in no group.
+    Before the first launch, those are all but the slow ones.
     """
-    standings = record.standings()
-    grouped = set().union(*record.groups)
-    stay = {i for i in going_on if i == 0 or i not in grouped}
-    is_decided = len(record.launches) >= MIN_LAUNCHES
-    for place in standings:
-        assert place is not None, "there was a launch"
-        is_decided &= place.is_decided
-        stay |= {place.fastest, place.chosen, *place.rivals}
-    return sorted(stay.intersection(going_on)), is_decided
+    if not record.launches:
+        return sorted(record.able.difference(record.slow))
+    contenders = (standing.contenders for standing in record.standings.values())
+    return sorted(_always_timed(record).union(*contenders))
 
 
-def finalists(record: RaceRecord, going_on: Sequence[int]) -> list[int]:
+def finalists(record: RaceRecord) -> list[int]:
     """Return the variants to time after a race: winners, the plain loop, and those in no group."""
-    grouped = set().union(*record.groups)
-    final = {i for i in going_on if i == 0 or i not in grouped}
-    for place in record.standings():
-        assert place is not None, "there was a launch"
-        final |= {place.fastest, place.chosen}
-    return sorted(final.intersection(going_on))
+    winners = ({each.fastest, each.chosen} for each in record.standings.values())
+    return sorted(_always_timed(record).union(*winners))
+
+
+def _always_timed(record: RaceRecord) -> set[int]:
+    return {0} | record.able.difference(record.slow, *record.groups)

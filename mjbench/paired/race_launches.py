@@ -2,14 +2,13 @@
 
 import random
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import TypeVar
 
-from mjbench.comparison.plan import ComparisonPlan, Variant
+from mjbench.comparison.compare import ModelChildren
+from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError
-from mjbench.instrument import machine
 from mjbench.paired import cores, launch_seeds, requests
+from mjbench.paired.calibrator import count_cores
 from mjbench.paired.race import UnableError
 from mjbench.paired.race_record import RaceLaunch, UnableVariant
 from mjbench.paired.requests import Request
@@ -24,74 +23,49 @@ _T = TypeVar("_T")
 ROUNDS = 4
 
 
-@dataclass(frozen=True)
-class RaceWork:
-    """What every launch of a race does, in files of the pool.
-
-    Attributes:
-      model_file: the compiled model.
-      workload_file: a pickled `PortableWorkload`, with its final states.
-    """
-
-    model_file: Path
-    workload_file: Path
-
-
 class RaceLaunches:
     """Makes the launches of a race, one after the other."""
 
-    def __init__(
-        self,
-        pool: WorkerPool,
-        name: str,
-        plan: ComparisonPlan,
-        variants: Sequence[Variant],
-        work: RaceWork,
-    ):
-        """Start nothing yet.
-
-        Args:
-          pool: starts the processes.
-          name: of the model, for error messages.
-          plan: of the comparison.
-          variants: that may be timed.
-          work: that they do.
-        """
-        self._pool, self._name, self._plan, self._work = pool, name, plan, work
-        self._variants = variants
+    def __init__(self, pool: WorkerPool, verified: ModelChildren, variants: Sequence[Variant]):
+        """Start nothing yet; `verified` has saved the work of each launch."""
+        self._pool, self._verified, self._variants = pool, verified, variants
         self._release = installs.parse_release(installs.INSTALLED)
         self._seeds = launch_seeds.schedule(random.Random(), launch_seeds.launches_of_a_program())
 
     def launch(self, positions: Sequence[int], is_final: bool) -> RaceLaunch:
-        """Time some variants in a fresh process.
+        """Time the variants at these positions in a fresh process.
 
         Args:
           positions: of the variants.
           is_final: whether the race is over.
 
         Raises:
-          UnableError: a variant cannot run, or returns something else than the plain loop.
-          TargetError: the plain loop cannot, or the process crashed, hung or failed.
+          UnableError: a variant cannot run, ended the process, or returns something else than the
+            plain loop.
+          TargetError: the process crashed, hung or failed while it did nothing of another variant
+            than the plain loop.
         """
-        seeds = next(self._seeds)
-        process = self._pool.start(self._release, f"{self._name} in a fresh process", seeds=seeds)
+        plan, files = self._verified.plan, self._verified.files
+        name = f"{self._verified.source.name} in a fresh process"
+        process = self._pool.start(self._release, name, seeds=next(self._seeds))
         try:
             process.ask(
                 requests.EquipRace(
-                    self._work.model_file,
-                    self._work.workload_file,
-                    self._plan.returns,
+                    files.model,
+                    files.workload,
+                    plan.returns,
                     sorted(cores.USABLE),
-                    self._plan.import_from,
+                    plan.import_from,
                 )
             )
             self._pool.wait_for(process, self._release)
-            had = self._cores_had(process, positions)
+            threads = max(nthread(self._variants[i].options) for i in positions)
+            had = count_cores(process, threads)
             prepared = random.sample(list(positions), len(positions))
             for position in prepared:
                 variant = self._variants[position]
                 request = requests.PrepareEntrant(variant.path, dict(variant.options))
-                self._attempt(process, position, request, "preparing")
+                self._ask(process, position, request, "preparing")
             rows = [self._time_round(process, prepared, o) for o in _orders(len(prepared))]
         finally:
             self._pool.end([process])
@@ -107,25 +81,20 @@ class RaceLaunches:
         for place, number in enumerate(order):
             position = prepared[number]
             request = requests.TimeEntrant(number, reorders=place == 0)
-            timed = self._attempt(process, position, request, "timing")
+            timed = self._ask(process, position, request, "timing")
             if timed.difference:
                 raise UnableError(UnableVariant(position, Status.DISAGREES, timed.difference))
             row[number] = timed.ns
         return row
 
-    def _cores_had(self, process: WorkerProcess, positions: Sequence[int]) -> float | None:
-        """Return how many cores threads get now; None where no variant has any."""
-        threads = max(nthread(self._variants[i].options) for i in positions)
-        count = min(machine.usable_cores(), threads)
-        return process.call(requests.CountCores(count)) if count > 1 else None
-
-    def _attempt(
+    def _ask(
         self, process: WorkerProcess, position: int, request: Request[_T], activity: str
     ) -> _T:
         """Return the answer to a request about one variant.
 
         Raises:
-          UnableError: the variant cannot run; the plain loop's is a TargetError.
+          UnableError: the variant cannot run, or ended the process.
+          TargetError: it is the plain loop that ended the process.
         """
         try:
             return process.call(request)
@@ -135,8 +104,7 @@ class RaceLaunches:
             if position == 0:
                 raise
             status, cause = error.ending, error.cause
-        detail = f"{cause} while {activity} {self._variants[position]}"
-        raise UnableError(UnableVariant(position, status, detail))
+        raise UnableError(UnableVariant(position, status, f"{cause} while {activity}"))
 
 
 def _orders(count: int) -> list[list[int]]:

@@ -7,8 +7,9 @@ loop (see `race`). All that is shown is computed here, so it can be computed aga
 import functools
 import math
 import statistics
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import ClassVar
 
 import numpy as np
@@ -17,6 +18,7 @@ from mjbench.comparison.plan import Variant
 from mjbench.instrument import anytime
 from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.instrument.ratio import Ratio
+from mjbench.paths.parallelism import nthread
 from mjbench.status import Status
 
 # A path may be this much slower than the fastest and still be as good: the race does not go on to
@@ -27,8 +29,19 @@ ERROR = 0.05
 # Of the interval of a speed-up.
 CONFIDENCE = 0.95
 _LOG_MARGIN = float(np.log1p(MARGIN))
+# Launches of a race at least; fewer decide nothing.
+MIN_LAUNCHES = 3
 # Launches after a race; fewer give no figures of their own.
 MIN_FINAL_LAUNCHES = 4
+
+
+class Loop(StrEnum):
+    """Where controls come from."""
+
+    OPEN = "open"
+    """They are known before the run."""
+    CLOSED = "closed"
+    """A policy chooses each from the state before it."""
 
 
 @dataclass(frozen=True)
@@ -97,21 +110,21 @@ class Standing:
 
     Attributes:
       fastest: by estimate.
-      chosen: the simplest that is as good as the fastest: within `MARGIN` certainly, and within
-        half of it by estimate.
-      rivals: others that may still be the fastest.
-      most_gain: share by which a rival may be faster than the fastest, at most; infinity where
+      chosen: the simplest contender that is as good as the fastest: within `MARGIN` certainly, and
+        within half of it by estimate.
+      contenders: all that are not certainly slower than the fastest, itself included.
+      most_gain: share by which a contender may be faster than the fastest, at most; infinity where
         launches are too few to say.
     """
 
     fastest: int
     chosen: int
-    rivals: Sequence[int]
+    contenders: Sequence[int]
     most_gain: float
 
     @property
     def is_decided(self) -> bool:
-        """Whether no rival can be faster than the fastest by `MARGIN`."""
+        """Whether no contender can be faster than the fastest by `MARGIN`."""
         return self.most_gain <= MARGIN
 
 
@@ -120,20 +133,17 @@ class RaceRecord:
     """A race of the variants on one model, and what was measured after it.
 
     Attributes:
-      model: its name.
       nbatch_asked: simulations that the user asked for; None where mjbench chose.
       steps: of one block, all simulations together.
       variants: what was timed, the plain loop first.
-      groups: variants that compete with each other, by their positions, each from the simplest on.
-        One that is in no group is timed in every launch, unless it is slow.
+      groups: variants that compete with each other, by their positions, each from the simplest on:
+        for open loop, and for closed loop. One that is in no group is timed in every launch, unless
+        it is slow.
       slow: variants that take long to start, by their positions; they are timed last, beside the
         plain loop.
       unable: those that could not go on.
-      status: how the race ended.
-      detail: one line; empty when ok.
-      is_cut_short: whether the budget ended the race before it was decided, or left too few
-        launches after it.
-      launches: raw times of every launch.
+      is_cut_short: whether the race ended before it was decided, or before there were
+        `MIN_FINAL_LAUNCHES` after it: its budget was used, or something ended it.
       stolen_share: share of the processor time that the host gave to others; None where unknown.
       neighbours: other measurements that ran on this machine meanwhile.
     """
@@ -157,22 +167,45 @@ class RaceRecord:
         """Check the positions of variants.
 
         Raises:
-          ValueError: there is no variant at one of them, or the plain loop is missing.
+          ValueError: there is no variant at one of them, a loop has no group, or the plain loop is
+            missing.
         """
-        positions = {each.variant for each in self.unable}.union(*self.groups)
+        positions = {each.variant for each in self.unable}.union(self.slow, *self.groups)
         positions.update(*(launch.variants for launch in self.launches))
         if any(position >= len(self.variants) for position in positions):
             raise ValueError(f"it has {len(self.variants)} variants, and names a later one")
+        if len(self.groups) != len(Loop):
+            raise ValueError(f"it has {len(self.groups)} groups, and not one for each loop")
         if any(0 not in launch.variants for launch in self.launches):
             raise ValueError("a launch lacks the plain loop, which is the first variant")
 
     @property
+    def able(self) -> set[int]:
+        """The variants that can go on, by their positions."""
+        return set(range(len(self.variants))) - {each.variant for each in self.unable}
+
+    def threads(self, launch: RaceLaunch) -> list[int]:
+        """Return how many threads each variant of a launch has."""
+        return [nthread(self.variants[i].options) for i in launch.variants]
+
+    @property
+    def is_decided(self) -> bool:
+        """Whether the race has said of both loops which paths are as good as the fastest."""
+        is_certain = all(each.is_decided for each in self.standings.values())
+        return is_certain and len(self._race_launches) >= MIN_LAUNCHES
+
+    @property
     def base_step_ns(self) -> float | None:
         """Nanoseconds of a step of the plain loop: the median over launches; None without any."""
-        if not self.launches:
+        launches = self._launches_of(0)
+        if not launches:
             return None
-        launches = self._final_launches or self.launches
         return statistics.median(each.block_ns(0) for each in launches) / self.steps
+
+    def advised(self, standing: Standing) -> int:
+        """Return the chosen variant; the plain loop where that one is not certainly faster."""
+        speedup = self.speedups[standing.chosen]
+        return standing.chosen if speedup is not None and speedup.is_above(1.0) else 0
 
     def speedup(self, variant: Variant) -> Ratio | None:
         """Return the speed-up of a variant over the plain loop; None where it was not timed.
@@ -180,15 +213,14 @@ class RaceRecord:
         It is from the launches after the race where there are enough of the variant, else from all
         that timed it. The interval may be computed after any launch (see `anytime`).
         """
-        if variant not in self.variants:
-            return None
-        return self.speedups[list(self.variants).index(variant)]
+        position = self._position(variant)
+        return None if position is None else self.speedups[position]
 
     def ratio(self, faster: Variant, slower: Variant) -> Ratio | None:
         """Return how many times faster one variant is than another; None where none timed both."""
-        if faster not in self.variants or slower not in self.variants:
+        first, second = self._position(faster), self._position(slower)
+        if first is None or second is None:
             return None
-        first, second = (list(self.variants).index(each) for each in (faster, slower))
         return self.ratio_of(first, second)
 
     def ratio_of(self, first: int, second: int) -> Ratio | None:
@@ -198,49 +230,41 @@ class RaceRecord:
 
     def step_s(self, variant: Variant) -> list[float]:
         """Return the seconds of a step of a variant in each launch that gave its speed-up."""
-        if variant not in self.variants:
+        position = self._position(variant)
+        if position is None:
             return []
-        position = list(self.variants).index(variant)
         launches = self._launches_of(position)
         return [1e-9 * launch.block_ns(position) / self.steps for launch in launches]
 
     def launch_count(self, variant: Variant) -> int:
         """Return how many launches gave the speed-up of a variant."""
-        if variant not in self.variants:
-            return 0
-        return len(self._launches_of(list(self.variants).index(variant)))
+        return len(self._launches_of(self._position(variant)))
 
-    @property
-    def has_figures_after(self) -> bool:
-        """Whether there are enough launches after the race for figures of their own."""
-        return bool(self._final_launches)
-
-    def standings(self) -> list[Standing | None]:
-        """Return what the race says of each group; None for one without a launch."""
-        race = [launch for launch in self.launches if not launch.is_final]
-        if not race:
-            return [None for _ in self.groups]
-        return [standing(race, group, len(self.variants)) for group in self.groups]
-
-    def _interval(self, launches: Sequence[RaceLaunch], baseline: int, candidate: int) -> Ratio:
-        """Return the ratio of two variants' times, the candidate's over the baseline's.
-
-        How many launches there are after a race does not depend on what they say, so theirs has
-        Student's interval; that of launches of the race may be computed after any of them.
-        """
-        if all(launch.is_final for launch in launches):
-            ratios = [launch.log_ratio(baseline, candidate) for launch in launches]
-            return Ratio.of_log(*anytime.student_interval(ratios, CONFIDENCE))
-        return Ratio.of_log(*log_ratio(launches, baseline, candidate, CONFIDENCE))
+    def has_final_figures(self, variant: Variant) -> bool:
+        """Return whether the speed-up of a variant is from launches after the race alone."""
+        launches = self._launches_of(self._position(variant))
+        return bool(launches) and all(launch.is_final for launch in launches)
 
     @functools.cached_property
-    def _final_launches(self) -> Sequence[RaceLaunch]:
-        final = [launch for launch in self.launches if launch.is_final]
-        return final if len(final) >= MIN_FINAL_LAUNCHES else ()
+    def standings(self) -> Mapping[Loop, Standing]:
+        """What the race says of each loop; nothing without a launch.
 
-    def _launches_of(self, position: int) -> Sequence[RaceLaunch]:
-        final = [launch for launch in self._final_launches if position in launch.variants]
-        return final or [launch for launch in self.launches if position in launch.variants]
+        Variants that the last launch did not time are out. Where one of that launch has failed
+        since, those that left because of it are in again.
+        """
+        race = self._race_launches
+        if not race:
+            return {}
+        timed = set(race[-1].variants)
+        if not timed <= self.able:
+            timed.update(*(launch.variants for launch in race))
+        left = timed & self.able
+        groups = ([i for i in group if i in left] for group in self.groups)
+        return {
+            loop: standing_of(race, group, len(self.variants))
+            for loop, group in zip(Loop, groups, strict=True)
+            if group
+        }
 
     @functools.cached_property
     def speedups(self) -> list[Ratio | None]:
@@ -256,8 +280,42 @@ class RaceRecord:
             speedups.append(speedup)
         return speedups
 
+    @property
+    def _race_launches(self) -> list[RaceLaunch]:
+        return [launch for launch in self.launches if not launch.is_final]
 
-def standing(launches: Sequence[RaceLaunch], group: Sequence[int], entrants: int) -> Standing:
+    def _position(self, variant: Variant) -> int | None:
+        return next((i for i, each in enumerate(self.variants) if each == variant), None)
+
+    def _launches_of(self, position: int | None) -> list[RaceLaunch]:
+        """Return the launches that give a variant's figures.
+
+        Launches of slow variants follow the race, but are not of its winners: they give figures of
+        the slow ones alone.
+        """
+        is_slow = position in self.slow
+        timed = [
+            launch
+            for launch in self.launches
+            if position in launch.variants
+            and (is_slow or set(self.slow).isdisjoint(launch.variants))
+        ]
+        final = [launch for launch in timed if launch.is_final]
+        return final if len(final) >= MIN_FINAL_LAUNCHES else timed
+
+    def _interval(self, launches: Sequence[RaceLaunch], baseline: int, candidate: int) -> Ratio:
+        """Return the ratio of two variants' times, the candidate's over the baseline's.
+
+        How many launches there are after a race does not depend on what they say, so theirs has
+        Student's interval; that of launches of the race may be computed after any of them.
+        """
+        if all(launch.is_final for launch in launches):
+            ratios = [launch.log_ratio(baseline, candidate) for launch in launches]
+            return Ratio.of_log(*anytime.student_interval(ratios, CONFIDENCE))
+        return Ratio.of_log(*log_ratio(launches, baseline, candidate, CONFIDENCE))
+
+
+def standing_of(launches: Sequence[RaceLaunch], group: Sequence[int], entrants: int) -> Standing:
     """Return what the launches of a race say of variants that compete with each other.
 
     A variant is out once it is certainly slower than the fastest. The error of that is spent over
@@ -265,28 +323,28 @@ def standing(launches: Sequence[RaceLaunch], group: Sequence[int], entrants: int
     intervals may be looked at after every launch (see `anytime`).
 
     Args:
-      launches: of the race.
-      group: the variants, from the simplest on; those that the last launch did not time are out.
+      launches: of the race; the first timed all of the group.
+      group: the variants that are not out, from the simplest on.
       entrants: variants that entered the race.
     """
-    left = [i for i in group if i in launches[-1].variants]
     confidence = 1 - ERROR / max(1, entrants * (entrants - 1))
+    shared = [launch for launch in launches if set(group) <= set(launch.variants)]
     # the median, because a few launches cannot say which of them were disturbed
-    medians = {i: statistics.median(each.log_ratio(0, i) for each in launches) for i in left}
-    fastest = min(left, key=lambda i: medians[i])
-    chosen, rivals, most_gain = fastest, list[int](), 0.0
-    for i in reversed(left):
+    medians = {i: statistics.median(each.log_ratio(0, i) for each in shared) for i in group}
+    fastest = min(group, key=lambda i: medians[i])
+    chosen, contenders, most_gain = fastest, [fastest], 0.0
+    for i in reversed(group):
         if i == fastest:
             continue
         mean, half_width = log_ratio(launches, fastest, i, confidence)
         if mean - half_width > 0:
             continue
-        rivals.append(i)
+        contenders.append(i)
         most_gain = max(most_gain, float(np.expm1(half_width - mean)))
-        is_simpler = left.index(i) < left.index(fastest)
+        is_simpler = group.index(i) < group.index(fastest)
         if is_simpler and mean <= _LOG_MARGIN / 2 and mean + half_width <= _LOG_MARGIN:
             chosen = i
-    return Standing(fastest, chosen, sorted(rivals), most_gain)
+    return Standing(fastest, chosen, sorted(contenders), most_gain)
 
 
 def log_ratio(
@@ -309,12 +367,10 @@ def log_ratio(
     fitted = anytime.fit(ratios[None, None, :])
     variants = sorted(set.intersection(*(set(each.variants) for each in both)))
     pooled, freedom = _pooled_variance(both, variants)
-    own = float(fitted.squares[0]) / max(1, int(fitted.freedom[0]))
-    spread = replace(
-        fitted,
-        freedom=np.array([max(freedom, int(fitted.freedom[0]))]),
-        squares=np.array([max(freedom, int(fitted.freedom[0])) * max(2 * pooled, own)]),
-    )
+    own_freedom = int(fitted.freedom[0])
+    variance = max(2 * pooled, float(fitted.squares[0]) / max(1, own_freedom))
+    freedom = max(freedom, own_freedom)
+    spread = replace(fitted, freedom=np.array([freedom]), squares=np.array([freedom * variance]))
     return float(fitted.mean[0]), float(spread.half_width(confidence)[0])
 
 

@@ -210,7 +210,7 @@ class Prepare(Request[int]):
       options: of the path.
       cores: to run on.
       simulations: rows of the workload to do.
-      callback: function of the engine that steps call (see `engine_callback`); empty for none.
+      callback: function of the engine that steps call (see `engine_library`); empty for none.
       slowdown: share of its time by which each block lasts longer: the process spins meanwhile.
       returns: what the run returns; None for final states.
       metric: what blocks are to give: their time, or that of their slowest steps.

@@ -274,7 +274,7 @@ class Worker:
         from mjbench import paths
         from mjbench.paired import loop_sections
         from mjbench.paths import States
-        from mjbench.simulation import engine_callback
+        from mjbench.simulation import engine_library
         from mjbench.simulation.engine_clock import engine_clock
         from mjbench.simulation.workload import Product, Workload
 
@@ -296,7 +296,7 @@ class Worker:
         if reason:
             raise InputError(reason)
         if request.callback:
-            engine_callback.install(model, request.callback)
+            engine_library.install_callback(model, request.callback)
         if not request.has_timer:
             engine_clock(False)
         self.slowdown = request.slowdown

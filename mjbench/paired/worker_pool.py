@@ -66,6 +66,13 @@ class WorkerPool:
         self._file_count += 1
         return self._work / f"{self._file_count}{suffix}"
 
+    def new_folder(self) -> Path:
+        """Return a new folder that lasts as long as this pool."""
+        folder = self.new_file("")
+        with writing(folder):
+            folder.mkdir()
+        return folder
+
     def forbids_programs(self) -> bool:
         """Return whether no library can be loaded from this pool's files (mount option noexec)."""
         return platforms.forbids_programs(self._work)

@@ -5,10 +5,8 @@ may never return, and must not run while another path is timed. It computes in i
 and order, so its results are held to tolerances, not to the last bit (`AcceleratedCheck`).
 """
 
-import importlib.util
 import pathlib
 import pickle
-import sys
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -43,8 +41,8 @@ class StepOutcome:
     """The states that some steps led to.
 
     Attributes:
-      fields: (nbatch, size) float64 arrays by MjData field: the fields that the engine keeps, and
-        the last controls under `ctrl`.
+      fields: (nbatch, size) float64 by MjData field: the fields that the engine keeps, and the last
+        controls as `ctrl`.
       contacts: of the last step; None where the engine does not report them.
     """
 
@@ -56,10 +54,6 @@ class StepOutcome:
 Advance = Callable[[Mapping[str, np.ndarray], np.ndarray, int], StepOutcome]
 
 
-def _no_cache() -> None:
-    return None
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Compiled(Prepared):
     """A run that was compiled for one batch size and number of controls.
@@ -68,16 +62,14 @@ class Compiled(Prepared):
       advance: the same program as `run`, called with any states, controls and number of steps.
       reload: puts the workload's start states and controls on the device again, after its
         simulations were reordered; not timed.
-      device: that it runs on, such as `cpu` or `NVIDIA H200`.
-      trace_s: seconds from Python to the compiler's input; None where there is no such stage.
-      compile_s: seconds that the compiler took.
-      is_deterministic: whether a timed run repeats the checked one to the last bit. It does where
-        both are one program on a CPU; a GPU adds in any order.
-      buffer_sizes: sizes of the engine's buffers, by its names for them.
-      gpu_memory_bytes: returns the peak GPU memory so far; None on a CPU, or where the engine does
-        not report it.
-      cached_compile_s: returns the seconds of the compiler in a process that finds the program in
-        the engine's cache; None where that is not known. It compiles once more to fill a cache.
+      device: such as `cpu` or `NVIDIA H200`.
+      trace_s: seconds from Python to the compiler's input; None without such a stage.
+      is_deterministic: whether a timed run repeats the checked one to the last bit: where both are
+        one program on a CPU. A GPU adds in any order.
+      gpu_memory_bytes: peak GPU memory so far; None on a CPU, or where the engine does not report
+        it.
+      cached_compile_s: seconds that the compiler takes in a process which finds the program in the
+        engine's cache; None where unknown. It compiles once more to fill a cache.
     """
 
     advance: Advance
@@ -88,17 +80,14 @@ class Compiled(Prepared):
     is_deterministic: bool
     buffer_sizes: Mapping[str, int]
     gpu_memory_bytes: Callable[[], int | None]
-    cached_compile_s: Callable[[], float | None] = _no_cache
+    cached_compile_s: Callable[[], float | None] = lambda: None
 
 
 class AcceleratedPath(SteppingPath):
     """A path that compiles the step first.
 
     Class attributes:
-      precision: that it computes in.
-      extra: the extra of mjbench that installs the packages.
-      packages: modules that the path needs.
-      engine: its name for people.
+      extra: extra of mjbench that installs the packages.
     """
 
     closed_loop = True
@@ -111,18 +100,13 @@ class AcceleratedPath(SteppingPath):
 
     def unavailable(self) -> str | None:
         """Return which extra to install where a package is missing."""
-        missing = [name for name in self.packages if not _is_installed(name)]
-        if missing:
+        if missing := extras.missing(self.packages):
             return f"needs {', '.join(missing)}: {extras.install_command(self.extra)}"
         return None
 
     @abstractmethod
     def device_kind(self) -> str:
-        """Return the kind of device that the path would run on: `cpu`, or the engine's name of it.
-
-        Raises:
-          MachineError: there is no device.
-        """
+        """Return the kind of the device that it would run on: `cpu`, or the engine's name of it."""
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
         """Return the engine's own reason for rejecting the model or its start states."""
@@ -164,11 +148,7 @@ class AcceleratedPath(SteppingPath):
 
 
 def accelerated_path(name: str) -> AcceleratedPath:
-    """Return a path that compiles.
-
-    Raises:
-      InputError: it does not compile, or there is none of this name.
-    """
+    """Return a path that compiles."""
     path = paths.find(name)
     if not isinstance(path, AcceleratedPath):
         raise InputError(f"path {name} does not compile")
@@ -237,10 +217,9 @@ def states_of_fields(workload: Workload, fields: Mapping[str, np.ndarray]) -> St
     """Return states made of the fields that an engine has, with a mask of their entries.
 
     Args:
-      workload: that was run.
       fields: (nbatch, size) arrays by MjData field.
     """
-    columns = compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))
+    columns = compat.state_columns(workload.model)
     values = np.full_like(workload.initial_state, np.nan)
     mask = np.zeros(values.shape, dtype=bool)
     for name, place in columns.items():
@@ -255,12 +234,3 @@ def _is_machine_error(error: Exception) -> bool:
     if isinstance(error, NotImplementedError):  # a subclass of RuntimeError
         return False
     return isinstance(error, RuntimeError | MemoryError | OSError)
-
-
-def _is_installed(name: str) -> bool:
-    if name in sys.modules:
-        return True
-    try:
-        return importlib.util.find_spec(name) is not None
-    except (ImportError, ValueError):
-        return False

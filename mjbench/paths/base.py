@@ -33,11 +33,8 @@ class Option:
     """An option of a path.
 
     Attributes:
-      name: the option's name on the command line and in results.
       summary: what it does, in a few words.
-      values: the values that are tried unless the user names others; None means the path's own
-        default.
-      parse: turns the user's text into a value.
+      values: values that are tried unless the user names others; None is the path's own default.
       allowed: all possible values; empty if any value will do.
     """
 
@@ -80,7 +77,7 @@ class States:
 
     Attributes:
       values: (nbatch, nstate) rows of mjSTATE_INTEGRATION.
-      mask: (nbatch, nstate) the entries that the path returns; None when it returns all.
+      mask: (nbatch, nstate) bool: the entries that the path returns; None when it returns all.
     """
 
     values: np.ndarray
@@ -158,17 +155,15 @@ class Resources:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A run that can be timed as often as one likes.
+    """A run that can be timed as often as one likes; only `run` is timed.
 
     Attributes:
-      run: the timed region.
-      clear: invalidates the output of an earlier run, so that only states that `run` computed
-        pass as its result; not timed.
-      final_states: reads the states that `run` ended in; not timed.
-      verify: runs, and returns every entry of the final states, with further calls for the entries
-        that `run` does not return; None where `run` returns all. Not timed.
-      step_outputs: reads what `run` returned of every step, as the workload asks for; None where a
-        workload asks for final states alone. Not timed.
+      clear: invalidates the output of an earlier run, so that only states that `run` computed pass
+        as its result.
+      verify: runs, and returns every entry of the final states, with further calls for what `run`
+        does not return; None where `run` returns all.
+      step_outputs: what `run` returned of every step; None where a workload asks for final states
+        alone.
     """
 
     run: Callable[[], None]
@@ -178,7 +173,7 @@ class Prepared:
     step_outputs: Callable[[], StepOutputs] | None = None
 
     def verified_states(self) -> States:
-        """Run once, and return as many entries of the final states as the path can."""
+        """Run once, and return all entries of the final states that the path can."""
         if self.verify is not None:
             return self.verify()
         self.clear()
@@ -190,17 +185,13 @@ class SteppingPath(ABC):
     """One way of stepping a workload.
 
     Class attributes:
-      name: the path's name on the command line and in results.
-      summary: one line for people.
-      title: what a sentence calls it, such as `Batch.step`; empty for its name.
+      title: name in a sentence, such as `Batch.step`; empty for `name`.
       closed_loop: whether a feedback policy can choose each control from the state before it.
       compiles: whether it compiles the step first, and is held to tolerances (`AcceleratedPath`).
-      starts_slowly: whether it takes seconds to start in a fresh process, so that it is timed in
-        few of them.
+      starts_slowly: whether starting takes seconds in a fresh process, so that few processes time
+        it.
       usual: whether `--paths usual` includes it where it is available, and `--paths c` if it steps
         in C.
-      products: what its runs can return.
-      options: what can be varied.
     """
 
     name: ClassVar[str]
@@ -297,7 +288,7 @@ def make_simulate(model: mujoco.MjModel, hold: int, returns: Product) -> Simulat
     step. What it needs to know of the model is looked up here, so that a timed call does nothing
     but step and record.
     """
-    spec, has_reset = compat.state_spec("INTEGRATION"), needs_reset(model)
+    spec, has_reset = compat.INTEGRATION, needs_reset(model)
     physics = compat.state_spec("FULLPHYSICS")
 
     def simulate(

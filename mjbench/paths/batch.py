@@ -41,11 +41,10 @@ class _BatchPath(SteppingPath):
     products = tuple(Product)
 
     def unavailable(self) -> str | None:
-        """See `SteppingPath.unavailable`."""
         return compat.batch_unavailable()
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
-        """See `SteppingPath.unsuited`: sleep needs an MjData per simulation, and memory for it."""
+        """Sleep needs an MjData per simulation, and these need memory."""
         if options["data"] == "shared":
             if compat.has_sleep(workload.model):
                 return "a model with sleep needs an MjData per simulation: --option data=persistent"
@@ -60,7 +59,7 @@ class _BatchPath(SteppingPath):
         return None
 
     def variants(self, choices: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
-        """See `SteppingPath.variants`: by default only the most threads try data=persistent."""
+        """By default only the most threads try data=persistent."""
         variants = super().variants(choices)
         if "data" in choices:
             return variants
@@ -68,7 +67,6 @@ class _BatchPath(SteppingPath):
         return [o for o in variants if o["data"] == "shared" or o["threads"] == most]
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
-        """See `SteppingPath.prepare`."""
         batch = _batch(workload, options, resources)
         start, state = workload.initial_state, batch.state
         step_all = self.make_step_all(batch, workload, options, resources)
@@ -107,13 +105,11 @@ class BatchStep(_BatchPath):
     )
 
     def simplified(self, options: dict[str, Any]) -> dict[str, Any]:
-        """See `SteppingPath.simplified`."""
         if options["stage"] == "none":
             options = {**options, "stage": None}
         return super().simplified(options)
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
-        """See `SteppingPath.unsuited`."""
         if options.get("stage") == "vel" and workload.returns == Product.SENSORS:
             return (
                 "stage=vel leaves the sensor data of the state after the step: stage=none will do"
@@ -123,7 +119,6 @@ class BatchStep(_BatchPath):
     def make_step_all(
         self, batch: "Batch", workload: Workload, options: Options, resources: Resources
     ) -> Callable[[], None]:
-        """See `_BatchPath.make_step_all`."""
         by_control = resources.get_or_create(
             "control by step", lambda: _control_by_step(workload, resources)
         )
@@ -153,7 +148,6 @@ class BatchStep(_BatchPath):
         return step_and_record
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """See `SteppingPath.snippet`."""
         is_final = workload.returns == Product.FINAL
         bind = 'b.bind("sensordata")\n' if workload.returns == Product.SENSORS else ""
         arguments = [f"nstep={workload.hold}"] if workload.hold > 1 and is_final else []
@@ -183,14 +177,12 @@ class BatchRollout(_BatchPath):
     def make_step_all(
         self, batch: "Batch", workload: Workload, options: Options, resources: Resources
     ) -> Callable[[], None]:
-        """See `_BatchPath.make_step_all`."""
         control = workload.step_control if workload.model.nu else None
-        outputs = resources.step_outputs()
-        items = dict(zip(_record_items(workload.returns), outputs.arrays, strict=True))
+        recorded = resources.step_outputs().arrays
+        items = dict(zip((compat.state_spec("FULLPHYSICS"), "sensordata"), recorded, strict=False))
         return lambda: batch.rollout(workload.nstep, control, record=tuple(items), out=items)
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """See `SteppingPath.snippet`."""
         record = {
             Product.FINAL: "()",
             Product.TRAJECTORY: "(physics,)",
@@ -260,12 +252,6 @@ def _recorder(batch: "Batch", workload: Workload, outputs: StepOutputs) -> Calla
             sensordata[:, k] = sensors
 
     return record
-
-
-def _record_items(returns: Product) -> tuple[str | int, ...]:
-    """Return what `Batch.rollout` records: state specifications and field names."""
-    items = (compat.state_spec("FULLPHYSICS"), "sensordata")
-    return items[: list(Product).index(returns)]
 
 
 def _constructor(options: Options) -> str:

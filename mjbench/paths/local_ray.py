@@ -51,7 +51,7 @@ def acquire(store_bytes: int) -> None:
     """Use Ray until `release`, and start it where nobody in this process uses it yet.
 
     Args:
-      store_bytes: what will be in the object store at a time, so that a new one has room for it.
+      store_bytes: size of what is in the object store at a time: a new store gets room for it.
 
     Raises:
       MachineError: Ray does not start.

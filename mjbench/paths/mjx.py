@@ -10,7 +10,7 @@ from mjbench.errors import InputError, MachineError, one_line
 from mjbench.paths import warp_buffers
 from mjbench.paths.accelerated import CPU, AcceleratedPath, Compiled, keyword_arguments
 from mjbench.paths.base import Options
-from mjbench.paths.mjx_program import CompiledProgram, Program
+from mjbench.paths.mjx_program import CompiledProgram, MjxProgram
 from mjbench.simulation import compat
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.work import Peaks
@@ -76,7 +76,7 @@ class Mjx(AcceleratedPath):
         jax.config.update("jax_enable_x64", self.precision == Precision.FLOAT64)
         model = self.put_model(workload.model)
         buffer_sizes = self.buffer_sizes(peaks, workload.nbatch)
-        program = Program(workload, model, self.make_data(workload.model, buffer_sizes))
+        program = MjxProgram(workload, model, self.make_data(workload.model, buffer_sizes))
         if program.dtype != self.precision:
             raise InputError(f"JAX computes in {program.dtype}, not {self.precision}")
         nstep_is_fixed = self.needs_fixed_nstep()
@@ -124,7 +124,6 @@ class Mjx(AcceleratedPath):
         """Return the program with `jax.lax.scan`, which fixes the number of steps.
 
         Args:
-          workload: to run.
           options: sizes of buffers (see `Compiled.buffer_sizes`).
         """
         is_float64 = self.precision == Precision.FLOAT64

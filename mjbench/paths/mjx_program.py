@@ -32,22 +32,18 @@ if TYPE_CHECKING:
     from mujoco import mjx
 
 
-class Program:
+class MjxProgram:
     """The program of one workload, not yet compiled, and its arguments on the device.
 
     Attributes:
-      workload: to run.
       start: arrays on the device by MjData field.
       control: (nbatch, ncontrol, nu) on the device.
-      nstep: number of steps on the device.
     """
 
     def __init__(self, workload: Workload, model: "mjx.Model", empty: "mjx.Data"):
         """Put the workload's start and controls on the device.
 
         Args:
-          workload: to run.
-          model: MJX's Model of it.
           empty: MJX's Data of one simulation, whose fields the start replaces.
         """
         self.workload, self._model, self._empty = workload, model, empty
@@ -92,7 +88,7 @@ class Program:
         """Return the traced program, ready to compile, and the seconds that tracing took.
 
         Args:
-          nstep: the number of steps to compile in; None to leave it an argument.
+          nstep: the number to compile in; None to leave it an argument.
         """
         begin = time.perf_counter()
         arguments = (self.start, self.control, self.nstep)
@@ -140,18 +136,12 @@ class Program:
 
 
 class CompiledProgram:
-    """A compiled program, the input of its next run, and the output of its last one.
+    """A compiled program, the input of its next run, and the output of its last one."""
 
-    Attributes:
-      trace_s: seconds of tracing the timed program.
-      compile_s: seconds of compiling it.
-    """
-
-    def __init__(self, program: Program, nstep_is_fixed: bool):
+    def __init__(self, program: MjxProgram, nstep_is_fixed: bool):
         """Compile a program.
 
         Args:
-          program: to compile.
           nstep_is_fixed: compile the number of steps into the timed program, and a second program,
             which takes it as an argument, for `advance`.
         """

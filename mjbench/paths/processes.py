@@ -47,15 +47,13 @@ class Processes(SteppingPath):
     options = (Option("processes", "worker processes", (), int),)
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
-        """See `SteppingPath.prepare`."""
         count = options["processes"]
-        pool = resources.get_or_create(("workers", count), lambda: _WorkerPool(workload, count))
+        pool = resources.get_or_create(("workers", count), lambda: _StepperPool(workload, count))
         resources.at_close(pool.close)
         resources.at_change(pool.share_inputs)
         return prepared_arrays(pool.run, pool.final_state, pool.outputs)
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """See `SteppingPath.snippet`."""
         names = ("final_state", *snippets.output_names(workload))
         allocate = snippets.allocation(workload)
         return _SNIPPET.format(
@@ -105,7 +103,7 @@ class _SharedWorkload:
         )
 
 
-class _WorkerPool:
+class _StepperPool:
     """Started workers, the memory they share, and a pipe to each."""
 
     def __init__(self, workload: Workload, count: int):

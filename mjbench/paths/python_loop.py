@@ -16,7 +16,6 @@ from mjbench.paths.base import (
     prepared_arrays,
 )
 from mjbench.simulation import compat, package_timer
-from mjbench.simulation.compat import state_spec
 from mjbench.simulation.engine_clock import engine_clock, has_clock
 from mjbench.simulation.workload import Product, Workload
 
@@ -34,21 +33,18 @@ class PythonLoop(SteppingPath):
     options = (Option("clock", f"{package_timer.NAME} (mjData.timer)", ("on",), str, _ON_OFF),)
 
     def simplified(self, options: dict[str, Any]) -> dict[str, Any]:
-        """See `SteppingPath.simplified`."""
         return {} if options["clock"] == "on" else options
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
-        """See `SteppingPath.unsuited`."""
         if options.get("clock") == "off" and not has_clock(workload.model):
             return f"needs {package_timer.NAME}: 3.3.1 or newer installs it"
         return None
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
-        """See `SteppingPath.prepare`."""
         model, hold = workload.model, workload.hold
         (data,) = resources.datas(1)
         final_state, outputs = resources.final_state(), resources.step_outputs()
-        spec, has_reset = state_spec("INTEGRATION"), needs_reset(model)
+        spec, has_reset = compat.INTEGRATION, needs_reset(model)
         record = make_simulate(model, hold, workload.returns)
 
         def run() -> None:
@@ -78,7 +74,6 @@ class PythonLoop(SteppingPath):
         return prepared_arrays(run_without_clock if is_off else step_all, final_state, outputs)
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """See `SteppingPath.snippet`."""
         step = None
         if workload.hold > 1 and workload.returns == Product.FINAL:
             repeat = f"        for _ in range({workload.hold}):\n"
@@ -105,7 +100,6 @@ class PythonLoopHold(SteppingPath):
     )
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
-        """See `SteppingPath.unsuited`."""
         if workload.returns != Product.FINAL and workload.hold > 1:
             return (
                 "returns no state between the steps of a control: --hold 1 or --returns final will"
@@ -114,7 +108,6 @@ class PythonLoopHold(SteppingPath):
         return compat.threadpool_unavailable() if options.get("engine_threads") else None
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
-        """See `SteppingPath.prepare`."""
         model, threads = workload.model, options.get("engine_threads")
         if threads:  # not one of the shared MjData: rollout refuses an MjData with a thread pool
             data = resources.get_or_create(
@@ -131,7 +124,6 @@ class PythonLoopHold(SteppingPath):
         return prepared_arrays(run, final_state, outputs)
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """See `SteppingPath.snippet`."""
         code = _loop(workload)
         threads = options.get("engine_threads")
         if threads:

@@ -39,7 +39,7 @@ from mjbench.simulation import compat
 from mjbench.simulation.workload import Product, StepOutputs, Workload
 
 _START_LIMIT_S = 60.0
-# The object store has room for what a run sends and returns, so many times.
+# Size of the object store, as a multiple of what a run sends and returns.
 _STORE_MARGIN = 4
 
 
@@ -59,13 +59,11 @@ class Ray(SteppingPath):
     options = (Option("actors", "Ray actors, a process each", (), int),)
 
     def unavailable(self) -> str | None:
-        """See `SteppingPath.unavailable`."""
         if extras.missing(("ray",)):
             return f"needs ray: {extras.install_command('ray')}"
         return None
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
-        """See `SteppingPath.prepare`."""
         count = options["actors"]
         pool: _ActorPool = resources.get_or_create(
             ("actors", count), lambda: _ActorPool(workload, count, resources)
@@ -74,7 +72,6 @@ class Ray(SteppingPath):
         return pool.prepared()
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """See `SteppingPath.snippet`."""
         names = ", ".join(("final_state", *snippets.output_names(workload)))
         is_final = workload.returns == Product.FINAL
         gather = "np.concatenate(" if is_final else "map(np.concatenate, zip(*"
@@ -143,11 +140,9 @@ class _RolloutActor(_Actor):
 
     @staticmethod
     def inputs(workload: Workload, resources: Resources, rows: slice) -> RolloutInputs:
-        """See `_Actor.inputs`."""
         return shared_inputs(workload, resources).part(rows)
 
     def step(self, inputs: RolloutInputs) -> tuple[np.ndarray, ...]:
-        """See `_Actor.step`."""
         from mujoco import rollout
 
         n, nphysics = inputs.start.shape
@@ -170,7 +165,6 @@ class _RolloutActor(_Actor):
         return (state[:, -1], *outputs.arrays)
 
     def whole_final_states(self, inputs: RolloutInputs) -> np.ndarray:
-        """See `_Actor.whole_final_states`."""
         return whole_final_states(self.model, self.data, inputs, self.nstep)
 
 
@@ -185,11 +179,9 @@ class _LoopActor(_Actor):
 
     @staticmethod
     def inputs(workload: Workload, resources: Resources, rows: slice) -> Any:
-        """See `_Actor.inputs`."""
         return workload.initial_state[rows], workload.control[rows]
 
     def step(self, inputs: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, ...]:
-        """See `_Actor.step`."""
         initial_state, control = inputs
         final_state = np.empty_like(initial_state)
         own = Workload(self.model, initial_state, control, self.hold, 0, self.returns)
@@ -295,8 +287,7 @@ def _answers(calls: Sequence[Any], limit_s: float | None = None) -> list[Any]:
     """Return what calls of actors return.
 
     Args:
-      calls: as Ray refers to them.
-      limit_s: seconds to wait; None for as long as it takes.
+      limit_s: seconds to wait; None for any time.
 
     Raises:
       MachineError: an actor's process ended, or it raised an exception.

@@ -54,15 +54,13 @@ class Rollout(SteppingPath):
     )
 
     def unavailable(self) -> str | None:
-        """See `SteppingPath.unavailable`."""
         return compat.rollout_unavailable()
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
-        """See `SteppingPath.unsuited`."""
         return compat.rollout_threads_unavailable() if options["threads"] > 1 else None
 
     def simplified(self, options: dict[str, Any]) -> dict[str, Any]:
-        """See `SteppingPath.simplified`: one thread has neither pool nor chunks."""
+        """One thread has neither pool nor chunks."""
         if options["threads"] == 1:
             options = {**options, "pool": None, "chunk": None}
         if options["checks"] == "on":
@@ -70,11 +68,9 @@ class Rollout(SteppingPath):
         return super().simplified(options)
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
-        """See `SteppingPath.prepare`."""
         return _RolloutRun(workload, options, resources).prepared()
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """See `SteppingPath.snippet`."""
         returns, arguments = workload.returns, []
         if options.get("chunk"):
             arguments.append(f"chunk_size={options['chunk']}")
@@ -105,7 +101,6 @@ class _RolloutRun:
 
     def __init__(self, workload: Workload, options: Options, resources: Resources):
         self.workload, self.model = workload, workload.model
-        self.spec = compat.state_spec("INTEGRATION")
         self.physics = compat.physics_entries(self.model)
         self.inputs = shared_inputs(workload, resources)
         self.state, self.sensordata = self._output_arrays(resources)
@@ -175,7 +170,7 @@ class _RolloutRun:
         mask[:, self.physics] = True
         row = np.empty(values.shape[1])
         for data in self.datas:
-            compat.get_state(self.model, data, row, self.spec)
+            compat.get_state(self.model, data, row)
             matches = np.flatnonzero(_equal_rows(values[:, self.physics], row[self.physics]))
             if len(matches) == 1:  # none: the thread ran no simulation; several: equal simulations
                 values[matches[0]], mask[matches[0]] = row, True

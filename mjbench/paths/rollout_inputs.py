@@ -30,9 +30,9 @@ class RolloutInputs:
     """The arrays that a rollout starts from; all variants of a workload share them.
 
     Attributes:
-      start: (nbatch, nphysics) full-physics states.
+      start: (nbatch, nphysics) states.
       warmstart: (nbatch, nv) accelerations.
-      control_spec: the mjtState components in a row of `control`.
+      control_spec: mjtState components in a row of `control`.
       control: (nbatch, nstep, ncontrol); None without any.
     """
 
@@ -48,15 +48,31 @@ class RolloutInputs:
 
 
 def shared_inputs(workload: Workload, resources: Resources) -> RolloutInputs:
-    """Return the inputs of a workload's rollout, the same ones to every caller."""
+    """Return the inputs of a workload's rollout, the same ones to every caller.
+
+    They follow changes of the workload's arrays.
+    """
     return resources.get_or_create(  # type: ignore[no-any-return]
-        "rollout inputs", lambda: _following_inputs(workload, resources)
+        "rollout inputs", lambda: _make_inputs(workload, resources)
     )
 
 
-def _following_inputs(workload: Workload, resources: Resources) -> RolloutInputs:
-    """Return the inputs of a workload's rollout, which follow its changes."""
-    inputs, follow = make_inputs(workload)
+def _make_inputs(workload: Workload, resources: Resources) -> RolloutInputs:
+    physics = compat.physics_entries(workload.model)
+    warmstart = compat.state_columns(workload.model)["qacc_warmstart"]
+    spec, control, write_control = _control(workload)
+    inputs = RolloutInputs(
+        np.ascontiguousarray(workload.initial_state[:, physics]),
+        np.ascontiguousarray(workload.initial_state[:, warmstart]),
+        spec,
+        control,
+    )
+
+    def follow() -> None:
+        np.take(workload.initial_state, physics, axis=1, out=inputs.start)
+        inputs.warmstart[...] = workload.initial_state[:, warmstart]
+        write_control()
+
     resources.at_change(follow)
     return inputs
 
@@ -67,18 +83,11 @@ def whole_final_states(
     """Return (nbatch, nstate) final states in full, of simulations that are rolled out alone.
 
     What a rollout does not return, such as the warm-start, is in its MjData afterwards.
-
-    Args:
-      model: to step.
-      data: to step it in.
-      inputs: (nbatch, …) of the simulations.
-      nstep: steps of each.
     """
     from mujoco import rollout
 
-    spec, nphysics = compat.state_spec("INTEGRATION"), inputs.start.shape[1]
-    values = np.empty((len(inputs.start), compat.state_size(model, spec)))
-    state = np.empty((1, nstep, nphysics))
+    values = np.empty((len(inputs.start), compat.state_size(model)))
+    state = np.empty((1, nstep, inputs.start.shape[1]))
     sensordata = np.empty((1, nstep, model.nsensordata))
     for i, row in enumerate(values):
         one = inputs.part(slice(i, i + 1))
@@ -93,33 +102,13 @@ def whole_final_states(
             state=state,
             sensordata=sensordata,
         )
-        compat.get_state(model, data, row, spec)
+        compat.get_state(model, data, row)
     return values
-
-
-def make_inputs(workload: Workload) -> tuple[RolloutInputs, Callable[[], None]]:
-    """Return the inputs of a workload's rollout, and what lets them follow its changes."""
-    physics = compat.physics_entries(workload.model)
-    warmstart = _columns(workload)["qacc_warmstart"]
-    spec, control, write_control = _control(workload)
-    inputs = RolloutInputs(
-        np.ascontiguousarray(workload.initial_state[:, physics]),
-        np.ascontiguousarray(workload.initial_state[:, warmstart]),
-        spec,
-        control,
-    )
-
-    def follow() -> None:
-        np.take(workload.initial_state, physics, axis=1, out=inputs.start)
-        inputs.warmstart[...] = workload.initial_state[:, warmstart]
-        write_control()
-
-    return inputs, follow
 
 
 def changed_inputs(workload: Workload) -> list[str]:
     """Return the inputs (by mjtState name) that differ from what a rollout resets them to."""
-    default, columns = mujoco.MjData(workload.model), _columns(workload)
+    default, columns = mujoco.MjData(workload.model), compat.state_columns(workload.model)
     changed = []
     for name in _USER_INPUTS:
         field = name.lower()
@@ -159,7 +148,7 @@ def _control(workload: Workload) -> tuple[int, np.ndarray | None, Callable[[], N
         return spec, workload.step_control if workload.model.nu else None, lambda: None
     for name in inputs:
         spec |= compat.state_spec(name)
-    columns = _columns(workload)
+    columns = compat.state_columns(workload.model)
     places = compat.state_columns(workload.model, spec)
     size = compat.state_size(workload.model, spec)
     control = np.empty((workload.nbatch, workload.nstep, size))
@@ -173,10 +162,6 @@ def _control(workload: Workload) -> tuple[int, np.ndarray | None, Callable[[], N
 
     write()
     return spec, control, write
-
-
-def _columns(workload: Workload) -> dict[str, slice]:
-    return compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))
 
 
 _SNIPPET_STARTS = """\

@@ -23,10 +23,8 @@ def recorded_steps(workload: Workload, indent: int, step: str, record: Sequence[
     """Return lines that take the steps of one control, and record each as step `k`.
 
     Args:
-      workload: that returns something of every step.
-      indent: columns of indentation.
       step: the line that takes one step.
-      record: the lines that record it: the state, and sensor data where a workload returns them.
+      record: the lines that record the state, and the sensor data where a workload returns them.
     """
     lines = [step, *record[: len(output_names(workload))], "k += 1"]
     if workload.hold > 1:
@@ -39,7 +37,6 @@ def data_steps(workload: Workload, indent: int, row: str) -> str:
 
     Args:
       workload: for final states, one call takes all steps of a control.
-      indent: columns of indentation.
       row: index of the simulation in the outputs.
     """
     if workload.returns == Product.FINAL:

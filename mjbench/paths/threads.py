@@ -31,7 +31,6 @@ class Threads(SteppingPath):
     )
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
-        """See `SteppingPath.prepare`."""
         threads = options["threads"]
         pool = resources.get_or_create(("executor", threads), lambda: ThreadPoolExecutor(threads))
         resources.at_close(pool.shutdown)
@@ -60,7 +59,6 @@ class Threads(SteppingPath):
         return prepared_arrays(run, final_state, outputs)
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """See `SteppingPath.snippet`."""
         parts = shares(workload.nbatch, options["threads"], options.get("chunk"))
         return _SNIPPET.format(
             threads=options["threads"],
@@ -75,9 +73,7 @@ def shares(count: int, workers: int, size: int | None = None) -> list[slice]:
     """Return consecutive slices that cover `range(count)`.
 
     Args:
-      count: how many items to divide.
-      workers: that share them.
-      size: items per slice; None for one slice per worker, of about equal size.
+      size: items of a slice; None for one slice of about equal size for each worker.
     """
     size = size or -(-count // workers)
     return [slice(i, min(i + size, count)) for i in range(0, count, size)]

@@ -74,10 +74,8 @@ class Warp(AcceleratedPath):
         """Compile all kernels by a first step, then capture one step as a graph.
 
         Args:
-          workload: to run.
-          options: sizes of buffers for each world, `nconmax` and `njmax`, where they are not to
-            follow from the peaks.
-          peaks: of the reference run.
+          options: may have the sizes of buffers for each world, `nconmax` and `njmax`; otherwise
+            they follow from `peaks`.
         """
         import warp as wp
 
@@ -104,7 +102,6 @@ class Warp(AcceleratedPath):
         """Return a loop over a captured step.
 
         Args:
-          workload: to run.
           options: sizes of buffers (see `Compiled.buffer_sizes`).
         """
         launch = "    wp.capture_launch(capture.graph)"
@@ -114,12 +111,7 @@ class Warp(AcceleratedPath):
 
 
 class _StepGraph:
-    """One step of all worlds, captured as a graph, and the arrays that it steps.
-
-    Attributes:
-      trace_s: seconds of making Warp's Model and Data.
-      compile_s: seconds of compiling and of capturing the graph.
-    """
+    """One step of all worlds, captured as a graph, and the arrays that it steps."""
 
     def __init__(self, workload: Workload, buffer_sizes: Mapping[str, int]):
         import mujoco_warp

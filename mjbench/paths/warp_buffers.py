@@ -31,9 +31,7 @@ def buffer_sizes(
     """Return buffer sizes by make_data's names: contacts of all worlds, constraints of each.
 
     Args:
-      peaks: of the reference run.
-      nbatch: worlds.
-      given: `nconmax` and `njmax` of each world, where they are not to follow from the peaks.
+      given: `nconmax` and `njmax` of each world; otherwise they follow from `peaks`.
     """
     sizes = {
         "nconmax": max(_MIN_CONTACTS, _PEAK_FACTOR * peaks.contacts),
@@ -55,8 +53,8 @@ def read_contacts(
 
     Args:
       count: number of rows in use, an array of one.
-      world: (n,) the simulation of each.
-      geom: (n, 2) ids of geoms.
+      world: (n,) simulations.
+      geom: (n, 2) ids.
       frame: (n, 3, 3) axes, the normal first.
       distance: (n,) between the geoms, in m.
       margin: (n,) distance below which a contact counts, in m.
@@ -74,7 +72,7 @@ def check_overflow(flags: np.ndarray) -> None:
     """Reject a result of MuJoCo Warp for which a buffer was too small.
 
     Args:
-      flags: of each world, bits of MuJoCo Warp's OverflowType.
+      flags: bits of MuJoCo Warp's OverflowType for each world.
 
     Raises:
       OverflowedError: a buffer overflowed; the message says which.

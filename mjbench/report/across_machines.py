@@ -9,17 +9,24 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from rich.console import Console
-
 from mjbench.instrument.machine_identity import MachineIdentity, identify
 from mjbench.instrument.runs import Run
 from mjbench.paired import across_machines
-from mjbench.paired.across_machines import AcrossMachines, MachineComparison, MachineVerdict
-from mjbench.report import advice_across, tables, verdicts
+from mjbench.paired.across_machines import (
+    AcrossMachines,
+    MachineComparison,
+    MachineVerdict,
+    Outcome,
+)
+from mjbench.report import advice_across, formats, verdicts
 from mjbench.report.advice_across import AdviceAcross
+from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section, Tone
 
-# Up to so many machines have a column each on a page; with more, each cell of the table is a row.
-MOST_COLUMNS = 8
+# Machines have a column each where the table is no wider than so many characters; otherwise each
+# cell of the table is a row.
+_MOST_WIDTH = 120
+# Comparisons, and advised paths, that have a sentence each, at most; all are in the tables.
+_MOST_SENTENCES = 30
 
 
 @dataclass(frozen=True)
@@ -57,20 +64,22 @@ class Matrix:
     machines: Sequence[str]
     rows: Sequence[tuple[str, Mapping[str, str]]]
 
-    def wide(self) -> tuple[list[str], list[list[str]]]:
-        """Return headings and rows of a table with a column for each machine."""
+    def table(self) -> DataTable:
+        """Return it with a column for each machine, or, where that is too wide, a row a cell."""
+        headings = [self.subject, *self.machines]
         rows = [
             [name, *(cells.get(machine, "–") for machine in self.machines)]
             for name, cells in self.rows
         ]
-        return [self.subject, *self.machines], rows
-
-    def long(self) -> tuple[list[str], list[list[str]]]:
-        """Return headings and rows of a table with a row for each cell."""
-        rows = [
-            [name, machine, cell] for name, cells in self.rows for machine, cell in cells.items()
-        ]
-        return [self.subject, "machine", "result"], rows
+        widths = [max(map(len, column)) for column in zip(headings, *rows, strict=True)]
+        if sum(widths) + len(widths) > _MOST_WIDTH:
+            headings = [self.subject, "machine", "result"]
+            rows = [
+                [name, machine, cell]
+                for name, cells in self.rows
+                for machine, cell in cells.items()
+            ]
+        return DataTable(self.title, [*map(Column, headings)], rows)
 
 
 def side_by_side(runs: Sequence[Run]) -> SideBySide:
@@ -102,17 +111,81 @@ def _matrix(title: str, subject: str, rows: Sequence[tuple[str, Mapping[str, str
     return Matrix(title, subject, machines, rows)
 
 
-def conclusions(results: SideBySide) -> Iterator[str]:
-    """Yield a sentence on all verdicts, one on each comparison, and which paths are advised.
+def section(results: SideBySide) -> Section | None:
+    """Return what machines show side by side; None where nothing stands side by side."""
+    tables = [matrix.table() for matrix in matrices(results)]
+    if not tables:
+        return None
+    return Section(
+        "Across machines",
+        conclusions=[*_verdicts(results), *_advice(results)],
+        tables=[*tables, *_counts(results)],
+        notes=list(notes(results)),
+        is_open=True,
+    )
 
-    Comparisons with a change come first.
-    """
-    if results.verdicts.comparisons:
-        yield verdicts.describe_all_machines(results.verdicts)
-    for name, comparison in named_comparisons(results):
-        yield verdicts.describe_machines(comparison, name)
-    yield from advice_across.describe(results.advice)
-    yield from notes(results)
+
+def _verdicts(results: SideBySide) -> Iterator[Conclusion]:
+    """Yield what all verdicts come to together, then the comparisons with a change."""
+    if not results.verdicts.comparisons:
+        return
+    yield Conclusion(verdicts.describe_all_machines(results.verdicts))
+    conclusions = [
+        Conclusion(verdicts.describe_machines(comparison, name), _tone(comparison))
+        for name, comparison in named_comparisons(results)
+    ]
+    yield from _cut(conclusions, "comparisons")
+
+
+def _advice(results: SideBySide) -> Iterator[Conclusion]:
+    conclusions = [Conclusion(text) for text in advice_across.describe(results.advice)]
+    yield from _cut(conclusions, "sentences on advised paths")
+
+
+def _cut(conclusions: Sequence[Conclusion], noun: str) -> Iterator[Conclusion]:
+    """Yield the first conclusions, and how many are only in a table."""
+    yield from conclusions[:_MOST_SENTENCES]
+    rest = len(conclusions) - _MOST_SENTENCES
+    if rest > 0:
+        yield Conclusion(f"{rest} further {noun} are only in the tables.")
+
+
+def _tone(comparison: MachineComparison) -> Tone:
+    """Return what a comparison means: slower on one machine is bad, whatever the others say."""
+    outcomes = {verdict.outcome for verdict in comparison.machines}
+    if Outcome.SLOWER in outcomes:
+        return Tone.BAD
+    if outcomes == {Outcome.SAME}:
+        return Tone.NEUTRAL
+    return Tone.GOOD if Outcome.FASTER in outcomes else Tone.UNSURE
+
+
+def _counts(results: SideBySide) -> Iterator[DataTable]:
+    """Yield a table of comparisons: on how many machines they came out as what."""
+    comparisons = named_comparisons(results)
+    if not comparisons:
+        return
+    columns = (
+        Column("comparison"),
+        Column("machines", formats.count),
+        *(Column(outcome.value, formats.count) for outcome in Outcome),
+        Column("from", formats.change),
+        Column("to", formats.change),
+        Column("differ"),
+        Column("changed work", formats.count),
+    )
+    rows = [(name, *_count_cells(comparison)) for name, comparison in comparisons]
+    yield DataTable("On how many machines", columns, rows)
+
+
+def _count_cells(comparison: MachineComparison) -> Iterator[Cell]:
+    changes = [ratio.estimate for ratio in comparison.ratios]
+    yield len(comparison.machines)
+    yield from (len(comparison.of_outcome(outcome)) for outcome in Outcome)
+    yield min(changes, default=None)
+    yield max(changes, default=None)
+    yield formats.yes_no(comparison.differs)
+    yield sum(bool(verdict.changed_work) for verdict in comparison.machines)
 
 
 def named_comparisons(results: SideBySide) -> list[tuple[str, MachineComparison]]:
@@ -155,38 +228,29 @@ def comparison_names(comparisons: Sequence[MachineComparison]) -> list[str]:
     ]
 
 
-def print_side_by_side(out: Console, results: SideBySide) -> None:
-    """Print what disturbed machines, their tables, and the conclusions."""
-    for line in advice_across.cautions(results.advice):
-        out.print(line, soft_wrap=True)
-    for matrix in matrices(results):
-        headings, rows = matrix.wide()
-        widths = [max(map(len, column)) for column in zip(headings, *rows, strict=True)]
-        if sum(widths) + len(widths) > out.width:
-            headings, rows = matrix.long()
-        table = tables.plain_table(headings)
-        above = ""
-        for name, *cells in rows:
-            table.add_row("" if name == above else name, *cells)
-            above = name
-        out.print(table)
-        out.print()
-    for line in conclusions(results):
-        out.print(line, soft_wrap=True)
-
-
-def print_runs(out: Console, runs: Sequence[Run], names: Sequence[str]) -> None:
-    """Print a list of runs.
+def runs_table(runs: Sequence[Run], names: Sequence[str]) -> DataTable:
+    """Return a list of runs.
 
     Args:
       runs: of any command.
       names: the name of each run's machine.
     """
-    table = tables.plain_table(["machine", "command", "began", "records"], right=(3,))
-    for run, name in zip(runs, names, strict=True):
-        command = run.header.command_line or (run.header.command,)
-        table.add_row(name, shlex.join(command), run.header.began, str(len(run.records)))
-    out.print(table)
+    columns = (
+        Column("machine"),
+        Column("command"),
+        Column("began"),
+        Column("records", formats.count),
+    )
+    rows = [
+        (
+            name,
+            shlex.join(run.header.command_line or (run.header.command,)),
+            run.header.began,
+            len(run.records),
+        )
+        for run, name in zip(runs, names, strict=True)
+    ]
+    return DataTable("Runs", columns, rows)
 
 
 def verdict_cell(verdict: MachineVerdict) -> str:

@@ -8,19 +8,10 @@ from typing import Any
 
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.instrument.ratio import Ratio
-from mjbench.paired.race_record import MARGIN, RaceRecord, Standing
+from mjbench.paired.race_record import MARGIN, Loop, RaceRecord, Standing
 from mjbench.paths import BASE
 from mjbench.report.results import ModelResults, PathResult
 from mjbench.simulation import package_timer
-
-
-class Loop(StrEnum):
-    """Where controls come from."""
-
-    OPEN = "open"
-    """They are known before the run."""
-    CLOSED = "closed"
-    """A policy chooses each from the state before it."""
 
 
 class Reason(StrEnum):
@@ -43,13 +34,7 @@ class Advice:
     """The path to use on one model, at one size.
 
     Attributes:
-      model: its name.
-      nbatch: simulations.
-      loop: for which the advice holds.
-      path: the way of stepping.
-      options: of the path.
       speedup: over the plain loop, the same as in the path's row; None for the plain loop itself.
-      reason: why.
       is_certain: whether no other path can be faster by 2 %, and nothing disturbed the race.
       rivals: paths that may be as fast, each with its options, the fastest by estimate first.
       most_gain: share by which one of them may be faster than the fastest, at most; None where
@@ -58,8 +43,6 @@ class Advice:
         they take seconds to start, each with the reason.
       break_even: when compiling pays for an accelerated path that is faster, in one line; empty
         without one.
-      realtime_factor: simulated seconds per second, all simulations together.
-      snippet: Python that does what the path does.
     """
 
     model: str
@@ -80,14 +63,7 @@ class Advice:
 
 @dataclass(frozen=True)
 class ClockAdvice:
-    """What turning MuJoCo's timer off gains on one model, for every path and both loops.
-
-    Attributes:
-      model: its name.
-      nbatch: simulations.
-      speedup: of the plain loop.
-      snippet: Python that turns it off.
-    """
+    """What turning MuJoCo's timer off gains on one model, for every path and both loops."""
 
     model: str
     nbatch: int | None
@@ -97,16 +73,7 @@ class ClockAdvice:
 
 @dataclass(frozen=True)
 class _Choice:
-    """A path that follows from what is known.
-
-    Attributes:
-      result: of the path.
-      reason: why.
-      is_certain: see `Advice`.
-      rivals: likewise.
-      most_gain: likewise.
-      break_even: likewise.
-    """
+    """A path that follows from what is known, and the fields of `Advice` that say why."""
 
     result: PathResult
     reason: Reason
@@ -122,18 +89,15 @@ def advise(model_results: ModelResults) -> list[Advice]:
     Paths whose steps could not be judged are no candidates. There is no advice without a race, as
     in files of earlier versions.
     """
-    race = model_results.race
-    if race is None:
+    race, base = model_results.race, model_results.base
+    if race is None or base is None:
         return []
     advice = []
-    for loop, place in zip(Loop, race.standings(), strict=True):
-        base = model_results.base
-        if place is None or base is None:
-            continue
-        choice = _choose(model_results, race, place, base)
-        if not _others_timed(model_results, loop):
-            choice = _Choice(base, Reason.ALONE, is_certain=True)
-        choice = _with_accelerated(choice, model_results)
+    for loop, standing in race.standings.items():
+        choice = _Choice(base, Reason.ALONE, is_certain=not model_results.disturbances)
+        if _others_timed(model_results, loop):
+            choice = _choose(model_results, race, standing, base)
+        choice = _with_accelerated(choice, loop, model_results)
         advice.append(_advice(loop, choice, _unable(model_results, race, loop, choice)))
     return advice
 
@@ -148,36 +112,32 @@ def advise_clock(model_results: ModelResults) -> ClockAdvice | None:
 
 
 def _choose(
-    model_results: ModelResults, race: RaceRecord, place: Standing, base: PathResult
+    model_results: ModelResults, race: RaceRecord, standing: Standing, base: PathResult
 ) -> _Choice:
     """Return the C path to use of those that compete with each other."""
-    by_variant = {str(result.variant): result for result in model_results.results}
-    chosen = by_variant.get(str(race.variants[place.chosen]), base)
-    is_certain = place.is_decided and race.has_figures_after and not model_results.disturbances
-    reason = Reason.SIMPLER if place.fastest != place.chosen else Reason.FASTER
-    gain = chosen.speedup
-    if chosen.variant == base.variant:
-        reason = Reason.SIMPLER if place.fastest != place.chosen else Reason.NO_GAIN
-    elif gain is None or not gain.is_above(1.0):
+    chosen = model_results.timed(race.variants[standing.chosen]) or base
+    has_figures = race.has_final_figures(chosen.variant)
+    is_certain = standing.is_decided and has_figures and not model_results.disturbances
+    reason = Reason.SIMPLER if standing.fastest != standing.chosen else Reason.FASTER
+    if race.advised(standing) != standing.chosen:
+        gain = chosen.speedup
         is_certain &= gain is not None and gain.high is not None and gain.high <= 1 + MARGIN
         chosen, reason = base, Reason.NO_GAIN
-    others = (race.variants[i] for i in {place.fastest, place.chosen, *place.rivals})
-    rivals = [
-        result
-        for variant in others
-        if (result := by_variant.get(str(variant))) and result.variant != chosen.variant
-    ]
+    elif chosen == base and reason == Reason.FASTER:
+        reason = Reason.NO_GAIN
+    contenders = (model_results.timed(race.variants[i]) for i in standing.contenders)
+    rivals = [each for each in contenders if each is not None and each != chosen]
     rivals.sort(key=lambda result: result.steps_per_s or 0.0, reverse=True)
-    most_gain = place.most_gain if math.isfinite(place.most_gain) else None
-    return _Choice(chosen, reason, is_certain, [result.variant for result in rivals], most_gain)
+    most_gain = standing.most_gain if math.isfinite(standing.most_gain) else None
+    return _Choice(chosen, reason, is_certain, [each.variant for each in rivals], most_gain)
 
 
 def _others_timed(model_results: ModelResults, loop: Loop) -> bool:
     """Return whether a path other than the plain loop was timed that a loop can use."""
     return any(
-        loop == Loop.OPEN or result.closed_loop
+        result.serves(loop) and result.is_judged and result.path != BASE
         for result in model_results.results
-        if result.is_timed and result.is_judged and result.path != BASE
+        if result.is_timed
     )
 
 
@@ -185,50 +145,57 @@ def _unable(
     model_results: ModelResults, race: RaceRecord, loop: Loop, choice: _Choice
 ) -> list[str]:
     """Return the paths that may be faster and are not advised, each with the reason."""
-    unable = [f"{race.variants[each.variant]} left: {each.detail}" for each in race.unable]
-    slow = {str(race.variants[i]) for i in race.slow}
+    results = {str(result.variant): result for result in model_results.results}
+    unable = [
+        f"{result.variant} left: {each.detail}"
+        for each in race.unable
+        if (result := results.get(str(race.variants[each.variant]))) and result.serves(loop)
+    ]
+    slow = (model_results.timed(race.variants[i]) for i in race.slow)
     unable += [
-        f"{r.variant} is faster, but takes seconds to start"
-        for r in model_results.results
-        if str(r.variant) in slow
-        and r.is_timed
-        and (loop == Loop.OPEN or r.closed_loop)
-        and r.rate_over(choice.result) > 1
+        f"{result.variant} is faster, but takes seconds to start"
+        for result in slow
+        if result is not None and result.serves(loop) and result.rate_over(choice.result) > 1
     ]
     return unable
 
 
-def _with_accelerated(choice: _Choice, model_results: ModelResults) -> _Choice:
-    """Return an accelerated path instead where compiling it pays; otherwise say when it would."""
-    timed = [r for r in model_results.results if r.is_accelerated and r.is_timed and r.is_judged]
-    faster = [r for r in timed if r.rate_over(choice.result) > 1 + MARGIN]
-    total_steps = model_results.total_steps
+def _with_accelerated(choice: _Choice, loop: Loop, model_results: ModelResults) -> _Choice:
+    """Return an accelerated path instead where compiling it pays; otherwise say when it would.
+
+    It pays after so many steps that it would be faster in all than the path that it displaces.
+    """
+    total_steps, step_ns = model_results.total_steps, choice.result.step_ns or 0.0
+    faster = [
+        result
+        for result in model_results.results
+        if result.compile_s is not None and result.is_timed and result.is_judged
+        if result.serves(loop) and result.rate_over(choice.result) > 1 + MARGIN
+    ]
     if not faster or total_steps is None:
         return choice
-    best = max(faster, key=lambda result: result.steps_per_s or 0.0)
-    pays_after = best.overtakes_after_steps
-    if pays_after is not None and pays_after <= total_steps:
-        text = f"compiling pays after {pays_after:,.0f} steps"
+    paying = [each for each in faster if each.pays_after_steps(step_ns) <= total_steps]
+    if paying:
+        best = max(paying, key=lambda result: result.steps_per_s or 0.0)
+        text = f"compiling pays after {best.pays_after_steps(step_ns):,.0f} steps"
         return _Choice(best, Reason.PAYS, is_certain=False, break_even=text)
-    if pays_after is None:
-        return choice
+    first = min(faster, key=lambda result: result.pays_after_steps(step_ns))
     break_even = (
-        f"{best.variant} would pay after {pays_after:,.0f} steps; --total-steps says how many you"
-        " will take"
+        f"{first.variant} would pay after {first.pays_after_steps(step_ns):,.0f} steps;"
+        " --total-steps says how many you will take"
     )
     return replace(choice, break_even=break_even)
 
 
 def _advice(loop: Loop, choice: _Choice, unable: Sequence[str]) -> Advice:
     result = choice.result
-    is_base = choice.reason in (Reason.NO_GAIN, Reason.ALONE) or result.path == BASE
     return Advice(
         model=result.model,
         nbatch=result.nbatch,
         loop=loop,
         path=result.path,
         options=result.options,
-        speedup=None if is_base else result.speedup,
+        speedup=None if result.variant == Variant(BASE, {}) else result.speedup,
         reason=choice.reason,
         is_certain=choice.is_certain,
         rivals=choice.rivals,

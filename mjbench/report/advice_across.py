@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
-from mjbench.instrument.machine_identity import Software, software_names
+from mjbench.instrument.machine_identity import RunSoftware, software_names
 from mjbench.instrument.runs import InputFile, Run
-from mjbench.report import tables
-from mjbench.report.advice import Advice, Loop, advise
+from mjbench.paired.race_record import Loop
+from mjbench.report import formats
+from mjbench.report.advice import Advice, advise
 from mjbench.report.comparison import mark
 from mjbench.report.conclusions import disturbed
 from mjbench.report.results import ModelResults, derive_all
@@ -170,7 +171,7 @@ def describe(all_advice: Sequence[AdviceAcross]) -> Iterator[str]:
         names = list(dict.fromkeys(models))
         listed = ", ".join(names[:_MOST_NAMES])
         more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-        machines = tables.all_machines(total)
+        machines = formats.all_machines(total)
         if total == 1:
             machines = f"the only machine that measured {'it' if len(names) == 1 else 'them'}"
         yield f"{loop.capitalize()} loop: {path} on {machines}, for {listed}{more}"
@@ -202,19 +203,19 @@ def _gain(advice: Advice) -> str:
     gain = advice.speedup
     if gain is None:
         return ""
-    ends = tables.ends(gain)
-    return f" {tables.factor(gain.estimate)}×" + (f" ({ends})" if ends else "")
+    ends = formats.ends(gain)
+    return f" {formats.factor(gain.estimate)}×" + (f" ({ends})" if ends else "")
 
 
 def _with_software(runs: Sequence[Run], names: Sequence[str]) -> list[str]:
     """Return the names of machines, each with its software where it has several."""
-    softwares: dict[str, list[Software]] = defaultdict(list)
+    softwares: dict[str, list[RunSoftware]] = defaultdict(list)
     for run, name in zip(runs, names, strict=True):
         if run.of_type(ModelRecord):
-            softwares[name].append(Software.of(run.header.machine))
+            softwares[name].append(RunSoftware.of(run.header.machine))
     details = {name: software_names(of_machine) for name, of_machine in softwares.items()}
     named = []
     for run, name in zip(runs, names, strict=True):
-        detail = details.get(name, {}).get(Software.of(run.header.machine))
+        detail = details.get(name, {}).get(RunSoftware.of(run.header.machine))
         named.append(f"{name} ({detail})" if detail else name)
     return named

@@ -1,26 +1,36 @@
-"""What `mjbench compare` prints: what follows for each model, its table, and notes."""
+"""What `mjbench compare` comes to: what follows for each model, its table, and notes."""
 
-from collections.abc import Sequence
-
-from rich.console import Console, Group
-from rich.table import Table
-from rich.text import Text
+import math
+from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
+from mjbench.instrument.ratio import Ratio
+from mjbench.instrument.units import count_of, plain
+from mjbench.paired.race_record import Loop, RaceRecord
 from mjbench.paths import BASE
 from mjbench.paths.accelerated import keyword_arguments
-from mjbench.report import tables
-from mjbench.report.advice import Advice, Loop, advise, advise_clock
+from mjbench.report import comparison_figures, formats
+from mjbench.report.advice import Advice, advise, advise_clock
 from mjbench.report.conclusions import (
+    FORMER,
     cautions,
     clock_conclusion,
     conclusion,
     thread_conclusion,
 )
+from mjbench.report.content import (
+    Cell,
+    Column,
+    Conclusion,
+    DataTable,
+    Section,
+    Snippet,
+    Tone,
+)
 from mjbench.report.crossovers import crossovers, describe_crossover
 from mjbench.report.results import ModelResults, PathResult
-from mjbench.report.starts import starts_lines
+from mjbench.report.starts import starts_lines, warning_lines
 from mjbench.report.thread_advice import advise_threads
 from mjbench.report.work_crossovers import describe_work_crossover, work_crossovers
 from mjbench.simulation import accelerated_limits, package_timer
@@ -28,68 +38,82 @@ from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
 
+# A race that was not decided needs this many times the time, and seconds at least.
+_LONGER, _LONGER_BUDGET_S = 5, 120
 
-def print_models(out: Console, models: Sequence[ModelResults], code: bool = False) -> None:
-    """Print what comparisons of models come to, one after the other and together.
 
-    Args:
-      out: where to.
-      models: in the order they were measured.
-      code: whether to print the Python of the paths that are advised.
-    """
+def sections(models: Sequence[ModelResults]) -> Iterator[Section]:
+    """Yield a section for each model, and what several models, or sizes, come to together."""
     for name in dict.fromkeys(each.model.model for each in models):
-        print_model(out, [each for each in models if each.model.model == name], code)
-    print_together(out, models)
+        yield model_section([each for each in models if each.model.model == name])
+    yield from sections_together(models)
 
 
-def print_together(out: Console, models: Sequence[ModelResults]) -> None:
-    """Print what several models, or one at several sizes, come to together."""
-    print_crossovers(out, models)
+def sections_together(models: Sequence[ModelResults]) -> Iterator[Section]:
+    """Yield what several models, or one at several sizes, come to together."""
+    results = [result for model in models for result in model.results]
+    if rows := crossovers(results):
+        yield _crossover_section(
+            "From how many simulations on is an accelerated path faster?",
+            {describe_crossover(row): row.model for row in rows},
+            models,
+        )
+    if work_rows := work_crossovers(results):
+        yield _crossover_section(
+            "From how much work per call on is Ray faster?",
+            {describe_work_crossover(row): row.model for row in work_rows},
+            models,
+        )
     if len({each.model.model for each in models}) > 1:
-        print_summary(out, models)
+        yield from _advice_section(models)
 
 
-def print_model(out: Console, sizes: Sequence[ModelResults], code: bool = False) -> None:
-    """Print what follows for one model at each of its sizes, and one table of all sizes.
+def _crossover_section(
+    heading: str, model_of: Mapping[str, str], models: Sequence[ModelResults]
+) -> Section:
+    """Return a section of conclusions, each with its model, and a figure of each model."""
+    return Section(
+        heading=heading,
+        conclusions=[Conclusion(text) for text in model_of],
+        figures=[
+            comparison_figures.crossover_figure(name, models)
+            for name in dict.fromkeys(model_of.values())
+        ],
+    )
 
-    Args:
-      out: where to.
-      sizes: the results of the model, one a size.
-      code: whether to print the Python of the paths that are advised.
-    """
+
+def model_section(sizes: Sequence[ModelResults]) -> Section:
+    """Return what follows for one model at each of its sizes, and one table of all sizes."""
     timed = [each for each in sizes if _has_results(each)]
-    for model_results in sizes:
-        out.print()
-        print_lines(out, caution_lines(model_results))
-        print_lines(out, [heading(model_results.model)])
-        if model_results in timed:
-            print_lines(out, conclusion_lines(model_results, len(sizes) > 1))
-    if timed:
-        out.print(path_table(timed))
-    compiled = [r for each in timed for r in each.results if r.compile_s is not None]
-    if compiled:
-        out.print(_compile_table(compiled))
+    conclusions = [each for size in sizes for each in _conclusions(size, len(sizes) > 1)]
     about = [line for each in timed for line in notes(each)]
     about += [line for each in sizes for line in detail_lines(each.model)]
-    print_lines(out, list(dict.fromkeys(about)))
-    if code:
-        _print_code(out, [advice for each in timed for advice in advise(each)])
+    compiled = [r for each in timed for r in each.results if r.compile_s is not None]
+    headings = [heading(each.model) for each in sizes]
+    return Section(
+        heading=headings[0] if len(sizes) == 1 else sizes[0].model.model,
+        conclusions=sorted(conclusions, key=lambda each: each.tone != Tone.CAUTION),
+        facts=headings if len(sizes) > 1 else (),
+        figures=[figure for each in timed for figure in comparison_figures.speedup_figures(each)],
+        tables=[
+            *([path_table(timed)] if timed else []),
+            *([_compile_table(compiled)] if compiled else []),
+        ],
+        notes=list(dict.fromkeys(about)),
+        snippets=[*_snippets([advice for each in timed for advice in advise(each)])],
+    )
 
 
-def shown_so_far(sizes: Sequence[ModelResults]) -> Group | None:
+def section_so_far(sizes: Sequence[ModelResults]) -> Section | None:
     """Return what is shown of a model while it is measured; None before there is a speed."""
     timed = [each for each in sizes if any(result.is_timed for result in each.results)]
     if not timed:
         return None
-    last = timed[-1]
-    lines = [*caution_lines(last), *conclusion_lines(last, len(timed) > 1)]
-    return Group(*lines, path_table(timed))
-
-
-def print_lines(out: Console, lines: Sequence[str | Text]) -> None:
-    """Print lines, which the terminal wraps."""
-    for line in lines:
-        out.print(line, soft_wrap=True)
+    return Section(
+        heading=heading(timed[-1].model),
+        conclusions=[*_conclusions(timed[-1], len(timed) > 1)],
+        tables=[path_table(timed)],
+    )
 
 
 def _has_results(model_results: ModelResults) -> bool:
@@ -97,51 +121,78 @@ def _has_results(model_results: ModelResults) -> bool:
     return is_ok or any(r.is_timed or r.agrees is False for r in model_results.results)
 
 
-def conclusion_lines(model_results: ModelResults, names_size: bool) -> list[str | Text]:
-    """Return what follows from a comparison, for each loop, and for MuJoCo's timer.
+def _conclusions(model_results: ModelResults, names_size: bool) -> Iterator[Conclusion]:
+    """Yield what the comparison on a model comes to.
+
+    What to know before the numbers comes first, then what went wrong, then advice.
 
     Args:
-      model_results: of the comparison.
-      names_size: whether lines say how many simulations there were, because others stand beside.
+      names_size: whether sentences say how many simulations there were, as others stand beside.
     """
-    lines: list[str | Text] = [
-        tables.headed(*conclusion(advice, names_size)) for advice in advise(model_results)
-    ]
-    lines += [
-        tables.headed(*thread_conclusion(row, names_size)) for row in advise_threads(model_results)
-    ]
+    record = model_results.model
+    sized = record.model
+    if record.nbatch:
+        sized += f", {count_of(record.nbatch, 'simulation')}"
+    for text in cautions(model_results):
+        yield Conclusion(text, Tone.CAUTION) if text == FORMER else _of(sized, text, Tone.CAUTION)
+    if record.status not in (Status.OK, Status.INTERRUPTED):
+        detail = record.detail.removeprefix(f"{record.model}: ")
+        status = "" if record.status == Status.INPUT else f"{record.status}: "
+        yield _of(record.model, f"{status}{detail}", Tone.BAD)
+    for result in model_results.results:
+        if result.status == Status.DISAGREES:
+            text = f"{result.variant} does other work than the plain loop: {result.agreement}"
+            yield _of(sized, text, Tone.BAD)
+    subject = record.model if names_size else sized
+    for advice in advise(model_results):
+        tone = Tone.GOOD if advice.speedup is not None else Tone.NEUTRAL
+        tone = tone if advice.is_certain else Tone.UNSURE
+        yield _of(subject, "".join(conclusion(advice, names_size)), tone)
+    for row in advise_threads(model_results):
+        tone = Tone.GOOD if row.is_certain else Tone.UNSURE
+        yield _of(subject, "".join(thread_conclusion(row, names_size)), tone)
     if (clock := advise_clock(model_results)) is not None:
-        lines.append(tables.headed(*clock_conclusion(clock, names_size)))
-    return lines
+        yield _of(subject, "".join(clock_conclusion(clock, names_size)), Tone.GOOD)
 
 
-def print_summary(out: Console, models: Sequence[ModelResults]) -> None:
-    """Print what is advised on every model, one row a model and loop."""
+def _of(subject: str, text: str, tone: Tone) -> Conclusion:
+    """Return a conclusion whose subject the heading of its section names."""
+    return Conclusion(f"{subject}: {text}", tone, subject)
+
+
+def _advice_section(models: Sequence[ModelResults]) -> Iterator[Section]:
+    """Yield what is advised on every model, one row a model and loop."""
     advice = [row for model_results in models for row in advise(model_results)]
     if not advice:
         return
     sizes = {(row.model, row.nbatch) for row in advice}
     has_sizes = len({name for name, _ in sizes}) < len(sizes)
-    headings = ["model", *(["simulations"] if has_sizes else []), "loop", "advised"]
-    table = tables.plain_table(
-        [*headings, "speed-up", "95 %", "× real time"],
-        right=range(len(headings), len(headings) + 3),
+    columns = (
+        Column("model"),
+        Column("simulations", formats.count),
+        Column("loop"),
+        Column("advised"),
+        Column("speed-up", formats.factor),
+        Column("95 %", formats.ends),
+        Column("× real time", times_real_time),
     )
-    names = tables.short_names([row.model for row in advice])
-    for row in advice:
-        size = [f"{row.nbatch:,}"] if has_sizes else []
-        table.add_row(
+    names = formats.short_names([row.model for row in advice])
+    rows = [
+        (
             names[row.model],
-            *size,
-            row.loop,
+            row.nbatch if has_sizes else None,
+            row.loop.value,
             f"{mark(row.is_certain)} {Variant(row.path, row.options)}",
-            tables.factor(row.speedup.estimate) if row.speedup else "1",
-            tables.ends(row.speedup),
-            _times_real_time(row.realtime_factor),
+            row.speedup.estimate if row.speedup else 1.0,
+            row.speedup,
+            row.realtime_factor,
         )
-    out.print()
-    out.print(tables.headed("Advice", " (speed-ups over the plain loop; ? is not certain)"))
-    out.print(table)
+        for row in advice
+    ]
+    yield Section(
+        "Advice: speed-ups over the plain loop; ? is not certain",
+        tables=[DataTable("Advice", columns, rows)],
+    )
 
 
 def mark(is_certain: bool) -> str:
@@ -160,43 +211,15 @@ def marks(model_results: ModelResults) -> dict[str, str]:
     }
 
 
-def print_code_hint(out: Console, models: Sequence[ModelResults]) -> None:
-    """Print which flag prints the code of what is advised, where anything is."""
-    if any(advise(model_results) for model_results in models):
-        out.print("--code prints the Python code of the paths that are advised.", soft_wrap=True)
-
-
-def print_crossovers(out: Console, models: Sequence[ModelResults]) -> None:
-    """Print from which batch size on accelerated paths overtake C, and Ray the other paths."""
-    results = [result for model_results in models for result in model_results.results]
-    for row in crossovers(results):
-        out.print(describe_crossover(row), soft_wrap=True)
-    for work_row in work_crossovers(results):
-        out.print(describe_work_crossover(work_row), soft_wrap=True)
-
-
-def caution_lines(model_results: ModelResults) -> list[str | Text]:
-    """Return `cautions` as lines in yellow."""
-    return [Text(text, style="yellow") for text in cautions(model_results)]
-
-
-def heading(model: ModelRecord) -> Text:
-    """Return the name of a model with the sizes of its comparison, or with why it failed."""
-    detail = model.detail.removeprefix(f"{model.model}: ")
+def heading(model: ModelRecord) -> str:
+    """Return the name of a model with the sizes of its comparison."""
     if model.facts is None or model.work is None:
-        status = "" if model.status == Status.INPUT else f"{model.status}: "
-        return tables.headed(model.model, f": {status}{detail}")
-    simulations = tables.count_of(model.nbatch or 0, "simulation")
-    sizes = f": {simulations} × {tables.count_of(model.nstep or 0, 'step')}"
+        return model.model
+    simulations = count_of(model.nbatch or 0, "simulation")
+    sizes = f": {simulations} × {count_of(model.nstep or 0, 'step')}"
     if model.hold and model.hold > 1:
         sizes += f", each control held {model.hold} steps (frame_skip {model.hold})"
-    if model.returns:
-        sizes += f", returns {_RETURNS[model.returns]}"
-    if model.reduced:
-        sizes += " (reduced to keep a block short; --nbatch and --nstep set them)"
-    if model.status not in (Status.OK, Status.INTERRUPTED):
-        sizes += f"; {model.status}: {detail}"
-    return tables.headed(model.model, sizes)
+    return model.model + sizes
 
 
 def detail_lines(model: ModelRecord) -> list[str]:
@@ -210,6 +233,10 @@ def detail_lines(model: ModelRecord) -> list[str]:
         f" {work.contacts:.1f} contacts ({model.start_contacts or 0} at the start),"
         f" {work.constraints:.1f} constraints, {work.solver_iterations:.1f} solver iterations",
     ]
+    if model.returns:
+        lines.insert(0, f"Each run returns {_RETURNS[model.returns]}")
+    if model.reduced:
+        lines.insert(0, "Sizes are reduced to keep a block short; --nbatch and --nstep set them")
     if model.spread is not None and model.spread != 1.0:
         lines.append(
             f"The spread of starts and controls is scaled by {model.spread:g}:"
@@ -217,9 +244,9 @@ def detail_lines(model: ModelRecord) -> list[str]:
         )
     lines += starts_lines(model.starts, with_warnings=False)
     if model.diverged:
-        diverged = tables.count_of(model.diverged, "simulation")
+        diverged = count_of(model.diverged, "simulation")
         lines.append(f"{diverged} diverged, left out of all figures ({model.divergence})")
-    lines += tables.warning_lines(model.warnings)
+    lines += warning_lines(model.warnings)
     if model.warnings:
         lines.append("mujoco.rollout and Batch.rollout stop a simulation at its first warning")
     return lines
@@ -232,34 +259,46 @@ _RETURNS = {
 }
 
 
-def path_table(sizes: Sequence[ModelResults]) -> Table:
+def path_table(sizes: Sequence[ModelResults]) -> DataTable:
     """Return the table of the paths on one model, at each of its sizes.
 
     Advised paths have a mark (see `marks`). Whether paths agree is a column where one does not.
     """
     has_sizes, all_agree = len(sizes) > 1, not any(map(_unlike, sizes))
-    headings = ["", "path", *(["simulations"] if has_sizes else [])]
-    table = tables.plain_table(
-        [
-            *headings,
-            *("ns/step", "speed-up", "95 %", "× real", "loop"),
-            *([] if all_agree else ["agrees"]),
-        ],
-        right=range(2, len(headings) + 4),
-        wrapped=[1],
+    columns = (
+        Column(""),
+        Column("path", wraps=True),
+        Column("simulations", formats.count),
+        Column("ns/step", formats.count),
+        Column("speed-up", formats.factor),
+        Column("95 %", formats.ends),
+        Column("× real", times_real_time),
+        Column("loop"),
+        Column("agrees"),
     )
+    rows: list[Sequence[Cell]] = []
     for model_results in sizes:
         of_paths = marks(model_results)
-        for result in _shown(model_results):
-            table.add_row(
-                of_paths.get(str(result.variant), ""),
+        rows += [
+            (
+                of_paths.get(str(result.variant)),
                 str(result.variant),
-                *([f"{result.nbatch:,}" if result.nbatch else ""] if has_sizes else []),
-                *_speed_cells(result),
-                Loop.CLOSED if result.closed_loop else Loop.OPEN,
-                *([] if all_agree else [agrees(result)]),
+                result.nbatch if has_sizes else None,
+                result.step_ns if result.speedup else None,
+                result.speedup.estimate if result.speedup else None,
+                _interval(result),
+                result.realtime_factor if result.speedup else None,
+                (Loop.CLOSED if result.closed_loop else Loop.OPEN).value,
+                None if all_agree else agrees(result),
             )
-    return table
+            for result in _shown(model_results)
+        ]
+    return DataTable("Paths", columns, rows)
+
+
+def _interval(result: PathResult) -> Ratio | None:
+    """Return a path's speed-up where it has an interval; that of the plain loop is 1."""
+    return None if result.variant == Variant(BASE, {}) else result.speedup
 
 
 def _shown(model_results: ModelResults) -> list[PathResult]:
@@ -276,25 +315,13 @@ def _unlike(model_results: ModelResults) -> list[PathResult]:
     return [result for result in _shown(model_results) if agrees(result) != _AGREES]
 
 
-def _speed_cells(result: PathResult) -> list[str]:
-    if result.step_ns is None or result.speedup is None:
-        return [""] * 4
-    return [
-        f"{result.step_ns:,.0f}",
-        tables.factor(result.speedup.estimate),
-        tables.ends(result.speedup) if result.path != BASE or result.options else "",
-        _times_real_time(result.realtime_factor),
-    ]
-
-
 def _is_pending(result: PathResult) -> bool:
     return result.status == Status.INTERRUPTED and result.agrees is None
 
 
-def _times_real_time(factor: float | None) -> str:
-    if factor is None:
-        return ""
-    return f"{factor:,.0f}" if factor >= 10 else tables.plain(factor, 2)
+def times_real_time(factor: float) -> str:
+    """Return how many times as fast as real time something is."""
+    return f"{factor:,.0f}" if factor >= 10 else plain(factor, 2)
 
 
 def _is_unavailable(result: PathResult) -> bool:
@@ -311,26 +338,30 @@ def agrees(result: PathResult) -> str:
     return "NO" if result.status == Status.DISAGREES else str(result.status)
 
 
-def _compile_table(results: Sequence[PathResult]) -> Table:
+def _compile_table(results: Sequence[PathResult]) -> DataTable:
     """Return what compiling cost, and after how many steps of the plain loop it breaks even."""
-    table = tables.plain_table(
-        ["compiled", "precision", "device", "trace s", "compile s", "cached s", "steady ns/step",
-         "memory", "break-even"],
-        right=range(3, 8),
-    )  # fmt: skip
-    for result in results:
-        if result.compile_s is None:
-            continue
-        table.add_row(
-            *([result.path, result.precision or "", result.device or ""]),
-            "" if result.trace_s is None else f"{result.trace_s:.1f}",
-            f"{result.compile_s:.1f}",
-            "" if result.cached_compile_s is None else f"{result.cached_compile_s:.1f}",
-            f"{result.step_ns:,.0f}" if result.step_ns else "",
+    columns = (
+        *(Column(title) for title in ("compiled", "precision", "device")),
+        *(Column(title, _seconds) for title in ("trace s", "compile s", "cached s")),
+        Column("steady ns/step", formats.count),
+        Column("memory"),
+        Column("break-even"),
+    )
+    rows = [
+        (
+            *(result.path, result.precision, result.device),
+            *(result.trace_s, result.compile_s, result.cached_compile_s),
+            result.step_ns,
             _memory(result),
             _break_even(result),
         )
-    return table
+        for result in results
+    ]
+    return DataTable("Compiling", columns, rows)
+
+
+def _seconds(seconds: float) -> str:
+    return f"{seconds:.1f}"
 
 
 def _break_even(result: PathResult) -> str:
@@ -347,7 +378,7 @@ def _memory(result: PathResult) -> str:
     return ", ".join(f"{kind}{n / 2**20:,.0f} MiB" for kind, n in sizes.items() if n)
 
 
-def notes(model_results: ModelResults) -> list[str | Text]:
+def notes(model_results: ModelResults) -> list[str]:
     """Return what a reader of the table must know: reasons, and how many cores there were."""
     model, results = model_results.model, model_results.results
     lines = [
@@ -359,6 +390,11 @@ def notes(model_results: ModelResults) -> list[str | Text]:
     ]
     lines += _unavailable_lines(results)
     lines += [f"{r.path}: {r.agreement}" for r in results if r.check and r.agrees]
+    lines += [
+        f"{r.path}: timed in one process, so its speed-up has no interval"
+        for r in results
+        if r.is_accelerated and r.is_timed
+    ]
     lines += _buffer_lines(results)
     lines += _error_causes(results)
     return [*_race_notes(model_results), *lines, *_cores_note(model_results)]
@@ -378,9 +414,15 @@ def _race_notes(model_results: ModelResults) -> list[str]:
         count = len(race.launches)
         lines.append(
             f"The budget ended the race after {count} {'launch' if count == 1 else 'launches'}:"
-            " a longer --budget makes it more certain."
+            f" --budget {_longer_budget_s(race)} makes it more certain."
         )
     return lines
+
+
+def _longer_budget_s(race: RaceRecord) -> int:
+    """Return a budget, in whole minutes, in which a race can have several times the launches."""
+    timed_s = 1e-9 * sum(sum(row) for launch in race.launches for row in launch.ns)
+    return max(_LONGER_BUDGET_S, 60 * math.ceil(_LONGER * timed_s / 60))
 
 
 def _buffer_lines(results: Sequence[PathResult]) -> list[str]:
@@ -393,13 +435,11 @@ def _buffer_lines(results: Sequence[PathResult]) -> list[str]:
     ]
 
 
-def _cores_note(model_results: ModelResults) -> list[str | Text]:
+def _cores_note(model_results: ModelResults) -> list[str]:
     """Return how many cores threads had; where they had too few, the heading says so."""
-    cores = model_results.cores_had
-    if cores is None or model_results.disturbances:
+    if model_results.cores is None or model_results.disturbances:
         return []
-    usable = model_results.model.usable_cores
-    return [f"Threads had {cores:.2f} of {usable} usable cores (calibration)."]
+    return [f"Threads had {model_results.cores} (calibration)."]
 
 
 def _error_causes(results: Sequence[PathResult]) -> list[str]:
@@ -423,17 +463,9 @@ def _unavailable_lines(results: Sequence[PathResult]) -> list[str]:
     ]
 
 
-def _print_code(out: Console, all_advice: Sequence[Advice]) -> None:
-    """Print the Python of the paths that are advised, each once."""
+def _snippets(all_advice: Sequence[Advice]) -> Iterator[Snippet]:
+    """Yield the Python of the paths that are advised, each once."""
     for snippet in dict.fromkeys(advice.snippet for advice in all_advice):
-        loops = [f"{advice.loop} loop" for advice in all_advice if advice.snippet == snippet]
-        path = next(str(Variant(a.path, a.options)) for a in all_advice if a.snippet == snippet)
-        print_snippet(out, path, snippet, f" ({' and '.join(loops)})")
-
-
-def print_snippet(out: Console, path: str, snippet: str, note: str = "") -> None:
-    """Print the Python of a path, indented, below its name."""
-    out.print()
-    out.print(tables.headed(path, f"{note}:"), soft_wrap=True)
-    for line in snippet.splitlines():
-        out.print(f"    {line}", soft_wrap=True)
+        same = [advice for advice in all_advice if advice.snippet == snippet]
+        loops = " and ".join(dict.fromkeys(f"{advice.loop} loop" for advice in same))
+        yield Snippet(f"{Variant(same[0].path, same[0].options)} ({loops})", snippet)

@@ -5,8 +5,10 @@ from collections.abc import Sequence
 from mjbench import paths
 from mjbench.comparison.plan import Variant, describe_options
 from mjbench.instrument.ratio import Ratio
-from mjbench.report import tables
-from mjbench.report.advice import Advice, ClockAdvice, Loop, Reason
+from mjbench.instrument.units import count_of
+from mjbench.paired.race_record import Loop
+from mjbench.report import formats
+from mjbench.report.advice import Advice, ClockAdvice, Reason
 from mjbench.report.results import ModelResults
 from mjbench.report.thread_advice import ThreadAdvice
 from mjbench.simulation import package_timer
@@ -14,8 +16,6 @@ from mjbench.simulation import package_timer
 # A model on whose free bodies gravity acts falls where it has fewer contacts than this in a step.
 _FALLING_CONTACTS = 0.05
 _PLAIN_LOOP = "the plain loop"
-# Rivals that a sentence names, at most.
-_MOST_RIVALS = 2
 FORMER = (
     "Timed by an earlier version of mjbench, in one process: speed-ups have no interval, and no"
     " path is advised."
@@ -34,7 +34,6 @@ def conclusion(advice: Advice, names_size: bool = False) -> tuple[str, str]:
     """Return which path to use, and why: the beginning of a sentence, and its rest.
 
     Args:
-      advice: on a model.
       names_size: whether to say how many simulations there were.
     """
     gain = f", {_times(advice.speedup, _PLAIN_LOOP)}" if advice.speedup is not None else ""
@@ -45,7 +44,7 @@ def conclusion(advice: Advice, names_size: bool = False) -> tuple[str, str]:
 
 def _size(nbatch: int | None, names_size: bool) -> str:
     """Return how many simulations a sentence is about, to follow its first words."""
-    return f", {tables.count_of(nbatch, 'simulation')}" if names_size and nbatch else ""
+    return f", {count_of(nbatch, 'simulation')}" if names_size and nbatch else ""
 
 
 def described(variant: Variant) -> str:
@@ -59,7 +58,7 @@ def described(variant: Variant) -> str:
         if option.name not in options:
             continue
         if option.name == "threads":
-            text += f" on {tables.count_of(options.pop(option.name), 'thread')}"
+            text += f" on {count_of(options.pop(option.name), 'thread')}"
         elif option.is_parallel:
             text = f"{options.pop(option.name)} {text}"
         elif option.values and options[option.name] == option.values[0]:
@@ -77,20 +76,26 @@ def _reasons(advice: Advice) -> list[str]:
         case Reason.ALONE:
             reasons.append("no other path was timed for it")
     if not advice.is_certain and advice.reason != Reason.PAYS:
-        rivals = [described(each) for each in advice.rivals]
-        if len(rivals) > _MOST_RIVALS:
-            rivals = [f"{len(rivals)} other paths"]
-        most = f" by up to {100 * advice.most_gain:.0f} %" if advice.most_gain else ""
-        doubt = f": {' or '.join(rivals)} may be faster{most}" if rivals else ""
-        reasons.append(f"not certain{doubt}")
+        reasons.append(f"not certain{_doubt(advice)}")
     return [*reasons, *advice.unable, *filter(None, [advice.break_even])]
+
+
+def _doubt(advice: Advice) -> str:
+    """Return which paths may be faster than the one that is advised, and by how much."""
+    if not advice.rivals:
+        return ""
+    rivals = f"{len(advice.rivals)} other paths"
+    if len(advice.rivals) == 1:
+        rivals = described(advice.rivals[0])
+    most = f" by up to {max(1, round(100 * advice.most_gain))} %" if advice.most_gain else ""
+    return f": {rivals} may be faster{most}"
 
 
 def _times(speedup: Ratio, baseline: str) -> str:
     low_high = ""
     if speedup.low is not None and speedup.high is not None:
-        low_high = f" ({tables.factor(speedup.low)} to {tables.factor(speedup.high)})"
-    return f"{tables.factor(speedup.estimate)} times {baseline}{low_high}"
+        low_high = f" ({formats.factor(speedup.low)} to {formats.factor(speedup.high)})"
+    return f"{formats.factor(speedup.estimate)} times {baseline}{low_high}"
 
 
 def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> tuple[str, str]:

@@ -1,122 +1,218 @@
-"""Tables of instruction counts, and of what explains the difference between two releases."""
+"""What `instructions` and `explain` come to: counts, and what explains a difference of releases."""
 
-from collections.abc import Mapping, Sequence
-
-from rich.console import Console
+from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.counts import explain
-from mjbench.counts.function_differences import MAIN_FUNCTIONS, largest_differences
+from mjbench.counts.function_differences import (
+    MAIN_FUNCTIONS,
+    NetDifference,
+    largest_differences,
+)
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import ExplainRecord, FunctionDifference, InstructionsRecord
-from mjbench.report import tables
-from mjbench.report.starts import starts_lines
+from mjbench.instrument.units import percent_change
+from mjbench.report import charts, formats
+from mjbench.report.content import Cell, Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.report.starts import starts_lines, warning_lines
 from mjbench.status import Status
 
+# Functions of a count that are listed, and functions of a change that are drawn.
+_MOST_LISTED, _MOST_DRAWN = 10, 12
 
-def print_counts(out: Console, counts: Sequence[InstructionsRecord], top: int) -> None:
-    """Print instructions per step of every model and release, then stages and functions of each."""
-    headings = ["model", "release", "instructions/step", "outside the engine/step", ""]
-    table = tables.plain_table(headings, right=(2, 3))
-    for count in counts:
-        table.add_row(
-            count.model,
-            count.release,
-            _number(count.instructions_per_step),
-            _number(count.outside_per_step),
-            count.detail,
-        )
-    out.print(table)
+
+def sections(counts: Sequence[InstructionsRecord], top: int = _MOST_LISTED) -> Iterator[Section]:
+    """Yield the instructions of all models and releases, then the functions of each count.
+
+    Args:
+      top: functions that are listed of each.
+    """
+    if not counts:
+        return
+    columns = (
+        Column("model"),
+        Column("release"),
+        Column("instructions/step", formats.count),
+        Column("outside the engine/step", formats.count),
+        Column("why not"),
+    )
+    rows = [
+        (c.model, c.release, c.instructions_per_step, c.outside_per_step, c.detail) for c in counts
+    ]
+    failed = [
+        Conclusion(f"{c.model}, MuJoCo {c.release}: not counted ({c.status})", Tone.BAD)
+        for c in counts
+        if c.instructions_per_step is None
+    ]
+    yield Section("Instructions", failed, tables=[DataTable("Instructions", columns, rows)])
     for count in counts:
         if count.status == Status.OK and count.instructions_per_step:
-            _print_functions(out, count, count.instructions_per_step, top)
+            yield _functions_section(count, count.instructions_per_step, top)
 
 
-def _print_functions(out: Console, count: InstructionsRecord, total: float, top: int) -> None:
-    out.print(f"\n{count.model}, MuJoCo {count.release}")
-    for line in [
-        *starts_lines(count.starts, with_warnings=False),
-        *tables.warning_lines(count.warnings),
-    ]:
-        out.print(line, soft_wrap=True)
-    out.print(_stage_shares(count.stages or {}, total), soft_wrap=True)
-    table = tables.plain_table(["function", "self/step", "share", "inclusive"], right=(1, 2, 3))
-    for function in count.functions[:top]:
-        table.add_row(
-            function.name,
-            _number(function.self),
-            f"{100 * function.self / total:.1f} %",
-            _number(function.inclusive),
-        )
-    out.print(table)
+def _functions_section(count: InstructionsRecord, total: float, top: int) -> Section:
+    columns = (
+        Column("function"),
+        Column("self/step", formats.count),
+        Column("share", formats.percent),
+        Column("inclusive", formats.count),
+    )
+    rows = [(f.name, f.self, f.self / total, f.inclusive) for f in count.functions[:top]]
+    return Section(
+        f"{count.model}, MuJoCo {count.release}",
+        facts=[
+            *starts_lines(count.starts, with_warnings=False),
+            *warning_lines(count.warnings),
+            _stage_shares(count.stages or {}, total),
+        ],
+        tables=[DataTable("Functions", columns, rows)],
+    )
 
 
-def print_explanation(
-    out: Console, baseline: ModelCount, candidate: ModelCount, row: ExplainRecord, top: int
-) -> None:
-    """Print what changed from one release to another on one model."""
-    releases = f"MuJoCo {baseline.release} → {candidate.release}"
-    out.print(tables.headed(f"\n{candidate.model}", f", {releases}"))
-    for count in (baseline, candidate):
-        if count.status != Status.OK:
-            out.print(f"MuJoCo {count.release}: {count.detail}", soft_wrap=True)
-            return
-    lines = [*explain.summary(baseline, candidate, row)]
-    for count in (baseline, candidate):
-        lines += [f"MuJoCo {count.release}: {w}" for w in tables.warning_lines(count.warnings)]
-    for line in lines:
-        out.print(line, soft_wrap=True)
-    _print_stage_changes(out, row)
-    _print_function_changes(out, row, top)
+def explanation_section(
+    baseline: ModelCount, candidate: ModelCount, row: ExplainRecord, top: int
+) -> Section:
+    """Return what changed from one release to another on one model."""
+    heading = f"{candidate.model}, MuJoCo {baseline.release} → {candidate.release}"
+    counts = (baseline, candidate)
+    failed = [count for count in counts if count.status != Status.OK]
+    if failed:
+        text = f"{heading}: MuJoCo {failed[0].release}: {failed[0].detail}"
+        return Section(heading, [Conclusion(text, Tone.BAD)])
+    first, *rest = explain.summary(baseline, candidate, row)
+    return Section(
+        heading,
+        [Conclusion(f"{heading}: {first}")],
+        facts=[
+            *rest,
+            *(
+                f"MuJoCo {count.release}: {warning}"
+                for count in counts
+                for warning in warning_lines(count.warnings)
+            ),
+        ],
+        tables=[_stages_table(row), _functions_table(row, top)],
+        notes=_further_functions(row, top),
+    )
 
 
-def print_changes(out: Console, rows: Sequence[ExplainRecord]) -> None:
-    """Print a row for each model or operation, and pair of releases, that differ or failed."""
-    headings = ["", "old", "new", "instructions", "functions that account for most"]
-    table = tables.plain_table(headings, right=(3,))
-    for row in rows:
-        old, new = row.instructions_per_step.old, row.instructions_per_step.new
-        if row.status == Status.UNAVAILABLE:  # such as Batch, of releases that do not have it
-            continue
-        if not old or not new:
-            table.add_row(row.series, row.old, row.new, "", f"not counted: {row.status}")
-        elif abs(new / old - 1) > explain.REPEATABILITY:
-            differences = largest_differences(row.functions, MAIN_FUNCTIONS)
-            texts = [f"{' and '.join(d.names)} {d.difference:+,.0f}" for d in differences]
-            change = f"{100 * (new / old - 1):+.1f} %"
-            table.add_row(row.series, row.old, row.new, change, ", ".join(texts))
-    out.print(table)
+def _stages_table(row: ExplainRecord) -> DataTable:
+    costs = [(stage, pair.old or 0.0, pair.new or 0.0) for stage, pair in row.stages.items()]
+    costs.sort(key=lambda cost: -abs(cost[2] - cost[1]))
+    return DataTable(
+        "Stages",
+        (Column("stage"), *_CHANGES),
+        [(stage, old, new, new - old) for stage, old, new in costs if old or new],
+    )
 
 
-def _print_stage_changes(out: Console, row: ExplainRecord) -> None:
-    table = tables.plain_table(["stage", "old/step", "new/step", "difference"], right=(1, 2, 3))
-    costs = {stage: (pair.old or 0.0, pair.new or 0.0) for stage, pair in row.stages.items()}
-    for stage in sorted(costs, key=lambda name: -abs(costs[name][1] - costs[name][0])):
-        before, after = costs[stage]
-        if before or after:
-            table.add_row(stage, _number(before), _number(after), f"{after - before:+,.0f}")
-    out.print(table)
+_CHANGES = (
+    Column("old/step", formats.count),
+    Column("new/step", formats.count),
+    Column("difference", lambda difference: f"{difference:+,.0f}"),
+)
 
 
-def _print_function_changes(out: Console, row: ExplainRecord, top: int) -> None:
-    if not row.functions:
-        return
-    headings = ["function", "old/step", "new/step", "difference", "code", ""]
-    table = tables.plain_table(headings, right=(1, 2, 3))
-    for function in row.functions[:top]:
-        table.add_row(
-            function.name,
-            _number(function.old),
-            _number(function.new),
-            f"{function.difference:+,.0f}",
-            function.code or "",
-            _remarks(function),
-        )
-    out.print(table)
+def _functions_table(row: ExplainRecord, top: int) -> DataTable:
+    rows: list[tuple[Cell, ...]] = [
+        (f.name, f.old, f.new, f.difference, f.code or "", _remarks(f)) for f in row.functions[:top]
+    ]
+    columns = (Column("function"), *_CHANGES, Column("code"), Column("remarks"))
+    return DataTable("Functions", columns, rows)
+
+
+def _further_functions(row: ExplainRecord, top: int) -> list[str]:
+    """Return what the functions come to that are not listed."""
     further = row.functions[top:]
-    if further:
-        rest = sum(function.difference for function in further)
-        share = 100 * rest / (row.instructions_per_step.new or 1.0)
-        out.print(f"{len(further)} further functions: {rest:+,.0f} ({share:+.2f} %)")
+    if not further:
+        return []
+    rest = sum(function.difference for function in further)
+    share = 100 * rest / (row.instructions_per_step.new or 1.0)
+    return [f"{len(further)} further functions: {rest:+,.0f} ({share:+.2f} %)"]
+
+
+def change_sections(rows: Sequence[ExplainRecord]) -> Iterator[Section]:
+    """Yield what changed between releases in models and operations; none without rows.
+
+    What both releases lack, such as Batch, is left out.
+    """
+    compared = [row for row in rows if row.status != Status.UNAVAILABLE]
+    if not rows:
+        return
+    differ = [row for row in compared if abs((_ratio(row) or 1.0) - 1) > explain.REPEATABILITY]
+    failed = [row for row in compared if _ratio(row) is None]
+    conclusions = [Conclusion(f"Instructions differ in {len(differ)} of {len(compared)} pairs")]
+    conclusions += [
+        Conclusion(f"{_heading(row)}: not counted ({row.status})", Tone.BAD) for row in failed
+    ]
+    changes = [(row, largest_differences(row.functions, _MOST_DRAWN)) for row in differ]
+    yield Section(
+        "Instructions, release by release",
+        conclusions,
+        figures=[_figure(row, largest) for row, largest in changes if largest],
+        tables=[_changes_table(differ)],
+    )
+
+
+def _ratio(row: ExplainRecord) -> float | None:
+    """Return new over old instructions; None where one was not counted."""
+    old, new = row.instructions_per_step.old, row.instructions_per_step.new
+    return new / old if old and new else None
+
+
+def _heading(row: ExplainRecord) -> str:
+    return f"{row.series}, instructions, {row.old} → {row.new}"
+
+
+def _changes_table(rows: Sequence[ExplainRecord]) -> DataTable:
+    columns = (
+        Column("model or operation"),
+        Column("old"),
+        Column("new"),
+        Column("instructions", lambda ratio: f"{percent_change(ratio)} %"),
+        Column("functions that account for most"),
+    )
+    cells = []
+    for row in rows:
+        largest = largest_differences(row.functions, MAIN_FUNCTIONS)
+        texts = [f"{' and '.join(each.names)} {each.difference:+,.0f}" for each in largest]
+        cells.append((row.series, row.old, row.new, _ratio(row), ", ".join(texts)))
+    return DataTable("Changes", columns, cells)
+
+
+def _figure(row: ExplainRecord, changes: Sequence[NetDifference]) -> Figure:
+    total = row.instructions_per_step.old or 1.0
+    columns = (
+        Column("function"),
+        Column("instructions per step", formats.count),
+        Column("% of a step", formats.digits(3)),
+    )
+    cells = [
+        (
+            " and ".join(change.names),
+            change.difference,
+            100 * change.difference / total,
+        )
+        for change in changes
+    ]
+    data = DataTable("Functions that changed most", columns, cells)
+    layer: charts.Spec = {
+        "mark": {"type": "bar", "height": 12},
+        "encoding": {
+            "x": charts.quantity("% of a step", "% of the instructions of a step", zero=True),
+            "y": charts.names("function"),
+            "color": {
+                "condition": {"test": "datum['% of a step'] > 0", "value": charts.ORANGE},
+                "value": charts.BLUE,
+            },
+        },
+    }
+    return Figure(
+        title=f"{_heading(row)}: functions that account for most of the change",
+        alternative=f"Bars of {len(cells)} functions; the largest change is that of"
+        f" {cells[0][0]}, {cells[0][2]:+.1f} % of a step.",
+        specification=charts.chart(data, [charts.rule_at(0.0), layer]),
+        data=data,
+    )
 
 
 def _remarks(function: FunctionDifference) -> str:
@@ -131,7 +227,3 @@ def _remarks(function: FunctionDifference) -> str:
 def _stage_shares(stages: Mapping[str, float], total: float) -> str:
     ordered = sorted(stages.items(), key=lambda item: -item[1])
     return ", ".join(f"{name} {100 * cost / total:.1f} %" for name, cost in ordered if cost)
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:,.0f}"

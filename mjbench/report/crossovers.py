@@ -8,7 +8,7 @@ import numpy as np
 
 from mjbench.comparison.plan import Variant
 from mjbench.instrument.stats import CONFIDENCE
-from mjbench.report import tables
+from mjbench.instrument.units import plain
 from mjbench.report.results import PathResult
 
 # The speeds of fewer sizes show no scatter about their curve.
@@ -33,14 +33,6 @@ class CurveCrossing:
 
 
 @dataclass(frozen=True)
-class Rival:
-    """The C path that an accelerated path is compared with."""
-
-    path: str
-    options: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
 class Crossover:
     """Where one accelerated path overtakes C on one model.
 
@@ -58,7 +50,7 @@ class Crossover:
     options: Mapping[str, Any]
     nbatch: int | None
     largest: int
-    rival: Rival
+    rival: Variant
     share: float
     curve: CurveCrossing | None = None
 
@@ -97,7 +89,7 @@ def _crossover(
         options=variant.options,
         nbatch=overtakes_at,
         largest=largest,
-        rival=Rival(best_c[largest].path, best_c[largest].options),
+        rival=best_c[largest].variant,
         share=shares[largest],
         curve=curve_crossing(shares),
     )
@@ -158,14 +150,15 @@ def _variants(results: Sequence[PathResult]) -> list[PathResult]:
 def describe_crossover(row: Crossover) -> str:
     """Return from which batch size on an accelerated path overtakes C, as a sentence."""
     variant = str(Variant(row.path, row.options))
-    rival = str(Variant(row.rival.path, row.rival.options))
     if row.nbatch:
-        text = f"overtakes the best C path ({rival}) at {row.nbatch:,} simulations of those tried"
+        text = (
+            f"overtakes the best C path ({row.rival}) at {row.nbatch:,} simulations of those tried"
+        )
         text += _curve_crossing(row)
     else:
         text = (
-            f"does not overtake the best C path ({rival}) up to {row.largest:,} simulations,"
-            f" where it has {tables.plain(row.share, 2)} of its speed"
+            f"does not overtake the best C path ({row.rival}) up to {row.largest:,} simulations,"
+            f" where it has {plain(row.share, 2)} of its speed"
         )
     return f"{row.model}: {variant} {text}"
 

@@ -2,10 +2,9 @@
 
 from collections.abc import Sequence
 
-from rich.table import Table
-
 from mjbench.comparison.plan import describe_options
-from mjbench.report import tables
+from mjbench.report import formats
+from mjbench.report.content import Column, DataTable
 from mjbench.report.run_differences import RunDifference
 
 
@@ -19,23 +18,33 @@ def difference_cautions(rows: Sequence[RunDifference]) -> list[str]:
     return list(dict.fromkeys(lines))
 
 
-def differences_table(rows: Sequence[RunDifference]) -> Table:
+def differences_table(rows: Sequence[RunDifference]) -> DataTable:
     """Return the table of `mjbench diff`; of sets, with a column for the machine."""
-    machines = ["machine"] if any(row.machine for row in rows) else []
-    headings = [*machines, "model", "path", "options", "simulations", "new / old", "95 %", ""]
-    table = tables.plain_table(headings, right=(3 + len(machines), 4 + len(machines)))
-    for row in rows:
-        interval = ""
-        if row.ratio and row.ratio.low is not None:
-            interval = f"{row.ratio.low:.3f}–{row.ratio.high:.3f}"
-        table.add_row(
-            *([row.machine] if machines else []),
+    columns = (
+        Column("machine"),
+        Column("model"),
+        Column("path"),
+        Column("options"),
+        Column("simulations", formats.count),
+        Column("new / old", _three_digits),
+        Column("95 %", formats.ends_in(_three_digits)),
+        Column("detail"),
+    )
+    cells = [
+        (
+            row.machine,
             row.model,
             row.path,
             describe_options(row.options),
-            "" if row.nbatch is None else f"{row.nbatch:,}",
-            f"{row.ratio.estimate:.3f}" if row.ratio else "",
-            interval,
+            row.nbatch,
+            row.ratio.estimate if row.ratio else None,
+            row.ratio,
             row.detail,
         )
-    return table
+        for row in rows
+    ]
+    return DataTable("Differences", columns, cells)
+
+
+def _three_digits(ratio: float) -> str:
+    return f"{ratio:.3f}"

@@ -1,17 +1,14 @@
 """What `mjbench doctor` says: what spoils measurements here, and which changes can be decided."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from rich.console import Console
-from rich.text import Text
-
 from mjbench.instrument.conditions import Condition, Grade
-from mjbench.report import tables
+from mjbench.instrument.units import plain
+from mjbench.report.content import Conclusion, Section, Tone
 
 # The change of which a gate should be certain.
 TRUSTED = 0.01
-_STYLES = {Grade.GOOD: "green", Grade.NOTE: "yellow", Grade.BAD: "red"}
 _LABELS = {Grade.GOOD: "ok", Grade.NOTE: "note", Grade.BAD: "bad"}
 
 
@@ -36,31 +33,27 @@ class NoiseRow:
     detail: str = ""
 
 
-def print_conditions(out: Console, conditions: Sequence[Condition]) -> None:
-    """Print what was looked at, a line each, with what to do."""
+def condition_lines(conditions: Sequence[Condition]) -> Iterator[str]:
+    """Yield what was looked at, a line each, with what to do below it."""
     width = max(len(condition.name) for condition in conditions)
     for condition in conditions:
-        line = Text.assemble(
-            (f"{_LABELS[condition.grade]:<5}", _STYLES[condition.grade]),
-            f"{condition.name:<{width}}  {condition.detail}",
-        )
-        out.print(line, soft_wrap=True)
+        label = _LABELS[condition.grade]
+        yield f"{label:<5}{condition.name:<{width}}  {condition.detail}"
         if condition.remedy:
-            out.print(f"{'':<{width + 7}}{condition.remedy}", soft_wrap=True)
+            yield f"{'':<{width + 7}}{condition.remedy}"
 
 
-def print_noise(out: Console, noise: NoiseRow) -> None:
-    """Print which changes can be decided here."""
-    out.print()
+def noise_section(noise: NoiseRow) -> Section:
+    """Return which changes can be decided here."""
     if noise.decidable is None or noise.deviation is None:
-        out.print(tables.headed("Not measured", f": {noise.detail}"), soft_wrap=True)
-        return
-    size = tables.plain(100 * noise.decidable, 2)
-    heading = f"A verdict of a minute decides changes of {size} % and more"
-    rest = (
-        f" of a small model, with --min-effect {size}% (the cart-pole beside itself:"
-        f" {noise.launches} launches, which differ by {tables.plain(100 * noise.deviation, 2)} %)."
+        return Section("Noise", [Conclusion(f"Not measured: {noise.detail}", Tone.BAD)])
+    size = plain(100 * noise.decidable, 2)
+    text = (
+        f"A verdict of a minute decides changes of {size} % and more of a small model, with"
+        f" --min-effect {size}% (the cart-pole beside itself: {noise.launches} launches, which"
+        f" differ by {plain(100 * noise.deviation, 2)} %)."
     )
-    out.print(tables.headed(heading, rest), soft_wrap=True)
+    conclusions = [Conclusion(text)]
     if not noise.trusted:
-        out.print("This machine cannot be trusted with 1 % now.", soft_wrap=True)
+        conclusions.append(Conclusion("This machine cannot be trusted with 1 % now.", Tone.BAD))
+    return Section("Noise", conclusions)

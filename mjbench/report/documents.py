@@ -1,63 +1,47 @@
-"""The documents that `--json` writes, and the records of run files."""
+"""The documents that `--json` writes."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, make_dataclass
+from functools import cache
 
-from mjbench.comparison import records as comparison_records
 from mjbench.comparison.listing import ListedModel
-from mjbench.comparison.planning_run import PlanningRow
-from mjbench.counts.records import (
-    ExplainRecord,
-    InstructionsRecord,
-)
-from mjbench.environment.records import EnvironmentRecord
 from mjbench.instrument.conditions import Condition
 from mjbench.instrument.machine import Machine
-from mjbench.instrument.runs import SCHEMA
-from mjbench.loop.latency import LatencyRow
-from mjbench.loop.overhead import OverheadRow
-from mjbench.loop.profile import ProfileRow
-from mjbench.paired.placement_spread import SpreadRecord
-from mjbench.paired.race_record import RaceRecord
-from mjbench.paired.records import VerdictRecord, VerdictRow
-from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
-from mjbench.program.records import ProgramRow
+from mjbench.instrument.runs import SCHEMA, Run
+from mjbench.paired.across_machines import AcrossMachines
+from mjbench.paired.selfcheck_records import SelfcheckRow
 from mjbench.releases import speed_history
 from mjbench.releases.catalogue import ReleaseRow
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
+from mjbench.report.across_machines import SideBySide
 from mjbench.report.advice import Advice, ClockAdvice, advise, advise_clock
+from mjbench.report.advice_across import AdviceAcross
 from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.doctor import NoiseRow
-from mjbench.report.lint import LintDocument
 from mjbench.report.listings import PathRow
 from mjbench.report.results import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
 from mjbench.report.thread_advice import ThreadAdvice, advise_threads
 from mjbench.report.work_crossovers import WorkCrossover, work_crossovers
 from mjbench.status import Status
-from mjbench.tuning.records import TuneRecord
-from mjbench.web.records import WebRecord
 
-# The records of a run file by their `type`.
-RECORD_TYPES: Mapping[str, type] = {
-    **comparison_records.RECORD_TYPES,
-    RaceRecord.record_type: RaceRecord,
-    OverheadRow.record_type: OverheadRow,
-    ProfileRow.record_type: ProfileRow,
-    ProgramRow.record_type: ProgramRow,
-    LatencyRow.record_type: LatencyRow,
-    PlanningRow.record_type: PlanningRow,
-    EnvironmentRecord.record_type: EnvironmentRecord,
-    VerdictRecord.record_type: VerdictRecord,
-    TrialRecord.record_type: TrialRecord,
-    SpreadRecord.record_type: SpreadRecord,
-    StepRatioRecord.record_type: StepRatioRecord,
-    OperationRatioRecord.record_type: OperationRatioRecord,
-    ExplainRecord.record_type: ExplainRecord,
-    InstructionsRecord.record_type: InstructionsRecord,
-    TuneRecord.record_type: TuneRecord,
-    WebRecord.record_type: WebRecord,
-}
+
+@cache
+def results_document(result: type, schema: int = SCHEMA, has_machine: bool = True) -> type:
+    """Return the document of a command whose results are of one type: `schema` and `results`.
+
+    Args:
+      has_machine: whether it says on which `machine` they were measured.
+    """
+    machine = [("machine", Machine)] if has_machine else []
+    document = make_dataclass(
+        f"{result.__name__}Results",
+        [("schema", int, field(default=schema)), *machine, ("results", Sequence[result])],  # type: ignore[valid-type]
+        kw_only=True,
+        frozen=True,
+    )
+    document.__doc__ = None
+    return document
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,15 +124,6 @@ class PathsDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class VerdictDocument:
-    """What `mjbench versions --json` and `mjbench ab --json` write."""
-
-    schema: int = SCHEMA
-    machine: Machine
-    results: Sequence[VerdictRow]
-
-
-@dataclass(frozen=True, kw_only=True)
 class SelfcheckDocument:
     """What `mjbench selfcheck --json` writes; `busy`: whether a core was kept busy meanwhile."""
 
@@ -177,87 +152,6 @@ class HistoryDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlacementDocument:
-    """What `mjbench placement --json` writes."""
-
-    schema: int = SCHEMA
-    machine: Machine
-    results: Sequence[SpreadRecord]
-
-
-@dataclass(frozen=True, kw_only=True)
-class OverheadDocument:
-    """What `mjbench overhead --json` writes."""
-
-    schema: int = SCHEMA
-    machine: Machine
-    results: Sequence[OverheadRow]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ProfileDocument:
-    """What `mjbench profile --json` writes."""
-
-    schema: int = SCHEMA
-    machine: Machine
-    results: Sequence[ProfileRow]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ProgramDocument:
-    """What `mjbench run --json` writes."""
-
-    schema: int = SCHEMA
-    machine: Machine
-    results: Sequence[ProgramRow]
-
-
-@dataclass(frozen=True, kw_only=True)
-class LatencyDocument:
-    """What `mjbench latency --json` writes."""
-
-    schema: int = SCHEMA
-    machine: Machine
-    results: Sequence[LatencyRow]
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlanDocument:
-    """What `mjbench plan --json` writes."""
-
-    schema: int = SCHEMA
-    machine: Machine
-    results: Sequence[PlanningRow]
-
-
-@dataclass(frozen=True, kw_only=True)
-class EnvDocument:
-    """What `mjbench env --json` writes."""
-
-    schema: int = SCHEMA
-    machine: Machine
-    results: Sequence[EnvironmentRecord]
-
-
-@dataclass(frozen=True, kw_only=True)
-class TuneDocument:
-    """What `mjbench tune --json` writes."""
-
-    schema: int = 2
-    machine: Machine
-    results: Sequence[TuneRecord]
-
-
-@dataclass(frozen=True, kw_only=True)
-class WebDocument:
-    """What `mjbench web --json` writes."""
-
-    schema: int = SCHEMA
-    machine: Machine
-    results: Sequence[WebRecord]
-
-
-@dataclass(frozen=True, kw_only=True)
 class DoctorDocument:
     """What `mjbench doctor --json` writes."""
 
@@ -268,22 +162,6 @@ class DoctorDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class InstructionsDocument:
-    """What `mjbench instructions --json` writes."""
-
-    schema: int = SCHEMA
-    results: Sequence[InstructionsRecord]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExplainDocument:
-    """What `mjbench explain --json` writes."""
-
-    schema: int = SCHEMA
-    results: Sequence[ExplainRecord]
-
-
-@dataclass(frozen=True, kw_only=True)
 class ReleasesDocument:
     """What `mjbench releases --json` writes."""
 
@@ -291,29 +169,34 @@ class ReleasesDocument:
     releases: Sequence[ReleaseRow]
 
 
-# The document of each command that takes `--json`; `show` has those of others, and of a run set its
-# own.
-DOCUMENTS: Mapping[str, type] = {
-    "compare": CompareDocument,
-    "diff": DiffDocument,
-    "models": ModelsDocument,
-    "paths": PathsDocument,
-    "versions": VerdictDocument,
-    "ab": VerdictDocument,
-    "selfcheck": SelfcheckDocument,
-    "history": HistoryDocument,
-    "placement": PlacementDocument,
-    "instructions": InstructionsDocument,
-    "explain": ExplainDocument,
-    "overhead": OverheadDocument,
-    "profile": ProfileDocument,
-    "run": ProgramDocument,
-    "tune": TuneDocument,
-    "latency": LatencyDocument,
-    "plan": PlanDocument,
-    "env": EnvDocument,
-    "web": WebDocument,
-    "doctor": DoctorDocument,
-    "lint": LintDocument,
-    "releases": ReleasesDocument,
-}
+@dataclass(frozen=True)
+class SetRun:
+    """A run of a set: its machine, by the name it has in the set, and what it ran."""
+
+    name: str
+    command: str
+    began: str
+    machine: Machine
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSetDocument:
+    """What `mjbench show --json` writes of a run set: what machines show side by side."""
+
+    schema: int = 2
+    runs: Sequence[SetRun]
+    verdicts: AcrossMachines
+    advice: Sequence[AdviceAcross]
+
+    @classmethod
+    def of(cls, runs: Sequence[Run], results: SideBySide) -> "RunSetDocument":
+        """Return the document of a set's runs."""
+        named = zip(runs, results.machines, strict=True)
+        return cls(
+            runs=[
+                SetRun(machine.name, run.header.command, run.header.began, run.header.machine)
+                for run, machine in named
+            ],
+            verdicts=results.verdicts,
+            advice=results.advice,
+        )

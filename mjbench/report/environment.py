@@ -1,8 +1,6 @@
-"""What `mjbench env` prints: where a step of an environment goes, what its physics costs alone."""
+"""What `mjbench env` comes to: where a step goes, and what its physics costs alone."""
 
-from collections.abc import Callable
-
-from rich.console import Console
+from collections.abc import Iterator, Sequence
 
 from mjbench.comparison.plan import Variant, describe_options
 from mjbench.environment.layer_shares import LayerShare
@@ -16,10 +14,12 @@ from mjbench.environment.records import (
 )
 from mjbench.instrument import machine
 from mjbench.instrument.stats import Estimate
-from mjbench.instrument.units import duration, listed
+from mjbench.instrument.units import duration, listed, plain
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import nthread
-from mjbench.report import tables
+from mjbench.report import charts, content, formats
+from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.report.formats import Form
 from mjbench.status import Status
 
 # The least share of a layer that the first sentence names beside physics; and the most layers, or
@@ -33,29 +33,33 @@ _MUCH_SHARE = 0.1
 _LEAST_SHARE = 0.001
 
 
-def print_environment(out: Console, record: EnvironmentRecord) -> None:
-    """Print what was measured of an environment, conclusions first."""
-    out.print()
-    first, *rest = conclusions(record) or [
-        f"{record.environment}: {record.status}: {record.detail}"
-    ]
-    heading, _, text = first.partition(": ")
-    out.print(tables.headed(heading, f": {text}"), soft_wrap=True)
-    for line in rest:
-        out.print(line, soft_wrap=True)
-    if record.facts is None:
-        return
-    out.print(f"\n{_recorded(record.facts)}", soft_wrap=True)
-    if record.step is not None:
-        _print_step(out, record)
-    for line in physics_lines(record):
-        out.print(line, soft_wrap=True)
+def sections(records: Sequence[EnvironmentRecord]) -> Iterator[Section]:
+    """Yield a section for each environment that was measured, or was to be."""
+    for record in records:
+        if record.facts is None or record.step is None:
+            yield content.failure(record.environment, record.status, record.detail)
+        else:
+            yield _section(record, record.facts)
+
+
+def _section(record: EnvironmentRecord, facts: EnvironmentFacts) -> Section:
+    sentences = [Conclusion(text) for text in conclusions(record)]
+    if record.check is not None and record.check.status == Status.DISAGREES:
+        text = f"{record.environment}: {physics_lines(record)[0]}"
+        sentences.insert(0, Conclusion(text, Tone.BAD))
+    tables = [_layers_table(record)]
     if any(path.speedup for path in record.physics_paths):
-        _print_paths(out, record)
+        tables.append(_paths_table(record))
     if any(vector.speedup for vector in record.vector_forms):
-        _print_vectors(out, record)
-    for line in notes(record):
-        out.print(line, soft_wrap=True)
+        tables.append(_vectors_table(record))
+    return Section(
+        heading=f"{record.environment}: where a step's time goes",
+        conclusions=sentences,
+        facts=[_recorded(facts), _step_line(record), reset_line(record)],
+        figures=[_figure(record)],
+        tables=tables,
+        notes=[*timing_lines(record), *physics_lines(record), *notes(record)],
+    )
 
 
 def conclusions(record: EnvironmentRecord) -> list[str]:
@@ -140,7 +144,7 @@ def _rival(record: EnvironmentRecord, closed_loop: bool) -> str:
 
 
 def _times(speedup: Estimate) -> str:
-    return f"{tables.factor(speedup.median)} times ({_interval(speedup)})"
+    return f"{formats.factor(speedup.median)} times ({_interval(speedup)})"
 
 
 def _vector_conclusions(record: EnvironmentRecord) -> list[str]:
@@ -182,7 +186,7 @@ def _recorded(facts: EnvironmentFacts) -> str:
     """Return what was recorded, in a sentence."""
     episodes = f"{facts.nepisode} episodes" if facts.nepisode > 1 else "one episode"
     length = (
-        f"of {tables.plain(facts.episode_nstep, 3)} steps on average"
+        f"of {plain(facts.episode_nstep, 3)} steps on average"
         if facts.episode_nstep
         else "which did not end"
     )
@@ -197,36 +201,35 @@ def _recorded(facts: EnvironmentFacts) -> str:
     )
 
 
-def _print_step(out: Console, record: EnvironmentRecord) -> None:
-    assert record.step is not None and record.reset is not None, "it was timed"
+def _step_line(record: EnvironmentRecord) -> str:
+    assert record.step is not None, "it was timed"
     engine = f", {record.steps_per_s:,.0f} of the engine" if record.steps_per_s else ""
-    out.print(
+    return (
         f"env.step takes {duration(record.step.median)} ({_interval(record.step, duration)}, 95 %,"
-        f" {record.rounds} rounds): {record.env_steps_per_s:,.0f} steps per second{engine}.",
-        soft_wrap=True,
+        f" {record.rounds} rounds): {record.env_steps_per_s:,.0f} steps per second{engine}."
     )
-    out.print(reset_line(record), soft_wrap=True)
-    table = tables.plain_table(["layer", "of env.step", "95 %", "time", "calls"], right=range(1, 5))
+
+
+def _layers_table(record: EnvironmentRecord) -> DataTable:
+    """Return the layers of a step, and the functions of each."""
+    columns = (
+        Column("layer"),
+        Column("of env.step", _share_text),
+        Column("95 %", formats.ends_in(_percent)),
+        Column("time", duration),
+        Column("calls", formats.digits(3)),
+    )
+    assert record.step is not None, "it was timed"
+    rows: list[Sequence[content.Cell]] = []
     for layer in record.layer_shares:
-        table.add_row(
-            layer.layer.value,
-            _share_text(layer.share.median),
-            _interval(layer.share, _percent),
-            duration(layer.ns) if layer.share.median >= _LEAST_SHARE else "",
-            "",
-        )
+        is_shown = layer.share.median >= _LEAST_SHARE
+        shares = (layer.share.median, layer.share)
+        rows.append((layer.layer.value, *shares, layer.ns if is_shown else None, None))
         for function in layer.functions:
             is_shown = function.share >= _LEAST_SHARE
-            table.add_row(
-                f"  {function.name}",
-                _share_text(function.share),
-                "",
-                duration(function.share * record.step.median) if is_shown else "",
-                tables.plain(function.calls, 3),
-            )
-    out.print(table)
-    for line in timing_lines(record):
-        out.print(line, soft_wrap=True)
+            ns = function.share * record.step.median if is_shown else None
+            rows.append((f"  {function.name}", function.share, None, ns, function.calls))
+    return DataTable("Layers and functions of a step", columns, rows)
 
 
 def _share_text(share: float) -> str:
@@ -239,12 +242,12 @@ def reset_line(record: EnvironmentRecord) -> str:
     reset, length = record.reset, record.facts.episode_nstep
     share = _share_text(reset.episode_share)
     episode = (
-        f"{share} of an episode of {tables.plain(length, 3)} steps"
+        f"{share} of an episode of {plain(length, 3)} steps"
         if length
         else f"less than {share.removeprefix('< ')} of an episode, as none ended within"
         f" {record.facts.nstep:,} steps"
     )
-    steps = tables.plain(reset.ns.median / record.step.median, 2)
+    steps = plain(reset.ns.median / record.step.median, 2)
     return (
         f"env.reset takes {duration(reset.ns.median)} ({_interval(reset.ns, duration)}), as long as"
         f" {steps} steps: {episode}."
@@ -258,7 +261,7 @@ def timing_lines(record: EnvironmentRecord) -> list[str]:
     timer = record.timer
     total = f"{100 * timer.sum.median:.1f} %"
     lines = [
-        f"Timing {tables.plain(timer.calls, 3)} calls a step adds {100 * timer.share:.1f} % to it"
+        f"Timing {plain(timer.calls, 3)} calls a step adds {100 * timer.share:.1f} % to it"
         f" ({duration(timer.call_ns)} a call), which is subtracted. The layers then add up to"
         f" {total} ({_interval(timer.sum, _percent)}) of a step that is timed as a whole."
     ]
@@ -302,53 +305,81 @@ def physics_lines(record: EnvironmentRecord) -> list[str]:
     return lines
 
 
-def _print_paths(out: Console, record: EnvironmentRecord) -> None:
-    table = tables.plain_table(
-        [
-            "same physics by",
-            "options",
-            "env steps/s",
-            "engine steps/s",
-            "× env.step",
-            "95 %",
-            "loop",
-        ],
-        right=range(2, 6),
+def _paths_table(record: EnvironmentRecord) -> DataTable:
+    columns = (
+        Column("same physics by"),
+        Column("options"),
+        Column("env steps/s", formats.count),
+        Column("engine steps/s", formats.count),
+        Column("× env.step", formats.factor),
+        Column("95 %", formats.ends),
+        Column("loop"),
     )
-    for path in record.physics_paths:
-        if path.speedup is None:
-            continue
-        table.add_row(
+    rows = [
+        (
             path.path,
             describe_options(path.options),
-            f"{path.env_steps_per_s:,.0f}",
-            f"{path.steps_per_s:,.0f}" if path.steps_per_s else "",
-            tables.factor(path.speedup.median),
-            _interval(path.speedup),
+            path.env_steps_per_s,
+            path.steps_per_s,
+            path.speedup.median,
+            path.speedup,
             "closed" if path.closed_loop else "open",
         )
-    out.print(table)
+        for path in record.physics_paths
+        if path.speedup is not None
+    ]
+    return DataTable("The same physics without the environment", columns, rows)
 
 
-def _print_vectors(out: Console, record: EnvironmentRecord) -> None:
-    table = tables.plain_table(
-        ["environments at once", "number", "env steps/s", "× one", "95 %", "added to a step"],
-        right=range(1, 6),
+def _vectors_table(record: EnvironmentRecord) -> DataTable:
+    columns = (
+        Column("environments at once"),
+        Column("number", formats.count),
+        Column("env steps/s", formats.count),
+        Column("× one", formats.factor),
+        Column("95 %", formats.ends),
+        Column("added to a step", duration),
     )
-    for vector in record.vector_forms:
-        if vector.speedup is not None:
-            table.add_row(
-                vector.form.value,
-                str(vector.nenv),
-                f"{vector.env_steps_per_s:,.0f}",
-                tables.factor(vector.speedup.median),
-                _interval(vector.speedup),
-                duration(vector.overhead_ns)
-                if vector.overhead_ns is not None and _is_slowed(vector)
-                else "",
-            )
-    out.print(table)
-    out.print("Resets are included. All steps return what they do in one environment.")
+    rows = [
+        (
+            vector.form.value,
+            vector.nenv,
+            vector.env_steps_per_s,
+            vector.speedup.median,
+            vector.speedup,
+            vector.overhead_ns if _is_slowed(vector) else None,
+        )
+        for vector in record.vector_forms
+        if vector.speedup is not None
+    ]
+    return DataTable("Several environments at once, resets included", columns, rows)
+
+
+def _figure(record: EnvironmentRecord) -> Figure:
+    columns = (
+        Column("layer"),
+        Column("% of env.step", formats.digits(3)),
+        Column("µs", formats.digits(3)),
+    )
+    rows = [
+        (layer.layer.value, 100 * layer.share.median, layer.ns / 1e3)
+        for layer in record.layer_shares
+        if layer.share.median > 0
+    ]
+    data = DataTable("Layers of a step", columns, rows)
+    layer: charts.Spec = {
+        "mark": {"type": "bar", "height": 12, "color": charts.BLUE},
+        "encoding": {
+            "x": charts.quantity("µs", "µs of env.step", zero=True),
+            "y": charts.names("layer"),
+        },
+    }
+    return Figure(
+        title=f"{record.environment}: layers of a step",
+        alternative=charts.bars("layers", rows),
+        specification=charts.chart(data, [layer]),
+        data=data,
+    )
 
 
 def notes(record: EnvironmentRecord) -> list[str]:
@@ -372,7 +403,7 @@ def notes(record: EnvironmentRecord) -> list[str]:
         and record.median_cores < machine.ENOUGH_CORES * threads
     ):
         lines.append(
-            f"Threads got {tables.plain(record.median_cores, 2)} of {threads} cores: other programs"
+            f"Threads got {plain(record.median_cores, 2)} of {threads} cores: other programs"
             " were running."
         )
     if record.status != Status.OK:
@@ -384,10 +415,8 @@ def _named(vector: VectorSamples) -> str:
     return f"{vector.form} of {vector.nenv}"
 
 
-def _interval(estimate: Estimate, text: Callable[[float], str] = tables.factor) -> str:
-    if estimate.low is None or estimate.high is None:
-        return "too few rounds"
-    return f"{text(estimate.low)}–{text(estimate.high)}"
+def _interval(estimate: Estimate, form: Form = formats.factor) -> str:
+    return formats.ends(estimate, form) or "too few rounds"
 
 
 def _percent(share: float) -> str:

@@ -14,7 +14,7 @@ from mjbench.releases import known_causes
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.releases.speed_history import in_order
 from mjbench.report import speed_history
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.report.speed_history import SpeedHistory
 
 

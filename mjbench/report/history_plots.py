@@ -1,6 +1,6 @@
 """Plots of models over the releases, as SVG: time, instructions, work and drift, aligned.
 
-Each plot is a Vega-Lite specification (see `vega`).
+Each plot is a Vega-Lite specification (see `charts`).
 """
 
 import hashlib
@@ -14,10 +14,10 @@ from mjbench.errors import writing
 from mjbench.releases import release_ratios
 from mjbench.releases.release_ratios import StepRatioRecord
 from mjbench.releases.speed_history import Measured, SpeedSeries
-from mjbench.report import vega
+from mjbench.report import charts
+from mjbench.report.charts import BLUE, GREEN, GREY, ORANGE, Spec
 from mjbench.report.speed_history import SpeedHistory
 from mjbench.report.speed_tables import DEVIATIONS
-from mjbench.report.vega import BLUE, GREEN, GREY, ORANGE, Spec
 
 _WIDTH, _HEIGHT, _TIME_HEIGHT = 720, 80, 170
 # An error bar reaches as many standard errors to either side.
@@ -36,7 +36,7 @@ def draw(history: SpeedHistory, folder: Path) -> None:
     Raises:
       MachineError: vl-convert-python is not installed, or the folder cannot be written.
     """
-    svgs = [vega.svg(specification(history, series)) for series in history.models]
+    svgs = [charts.svg(specification(history, series)) for series in history.models]
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     for series, svg in zip(history.models, svgs, strict=True):
@@ -85,7 +85,7 @@ def specification(history: SpeedHistory, series: SpeedSeries) -> Spec:
                 "axis": axis,
             }
     return {
-        "$schema": vega.SCHEMA,
+        "$schema": charts.SCHEMA,
         "title": {"text": series.name, "anchor": "start"},
         "background": "white",
         "spacing": 10,

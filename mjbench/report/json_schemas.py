@@ -16,8 +16,8 @@ import msgspec
 from mjbench.instrument.json_form import json_type
 from mjbench.instrument.run_set import SectionHeader, SetHeader
 from mjbench.instrument.runs import RunHeader
-from mjbench.report.documents import DOCUMENTS, RECORD_TYPES
-from mjbench.report.set_document import RunSetDocument
+from mjbench.report.documents import RunSetDocument
+from mjbench.report.kinds import DOCUMENTS, RECORD_TYPES
 
 SCHEMA_FOLDER = Path(__file__).resolve().parents[1] / "schemas"
 

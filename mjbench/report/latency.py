@@ -1,60 +1,110 @@
-"""What `mjbench latency` prints."""
+"""What `mjbench latency` comes to."""
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 
-from rich.console import Console
+import numpy as np
 
-from mjbench.instrument.units import duration
-from mjbench.loop.latency import LatencyRow, SlowFeature
-from mjbench.report import tables
+from mjbench.instrument.units import duration, plain
+from mjbench.loop.latency import LatencyRow, Pace, SlowFeature, histogram_quantiles
+from mjbench.report import charts, content, formats
+from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report.starts import starts_lines
 
 # Slow steps have a feature in common if they have so many times as much of it as all steps, and at
 # least this much in every tenth of them.
 _FACTOR, _LEAST = 1.2, 0.1
+# Latency is drawn at the shares of steps that are one in so many.
+_ONE_IN = np.logspace(0, 4, 41)
+_PACES = {Pace.FREE.value: charts.BLUE, Pace.PACED.value: charts.ORANGE}
 
 
-def print_rows(out: Console, rows: Sequence[LatencyRow]) -> None:
-    """Print the latencies of a model, a row for each pace."""
-    work = rows[0].work
-    assert work is not None, "a model that was measured has its work"
-    out.print(
-        tables.headed(
-            f"\n{rows[0].model}",
-            f": {work.contacts:.1f} contacts and {work.solver_iterations:.1f} solver iterations"
-            " a step",
-        ),
-        soft_wrap=True,
-    )
-    for line in starts_lines(rows[0].starts):
-        out.print(line, soft_wrap=True)
-    table = tables.plain_table(
-        ["", "steps", "p50", "p99", "p99.9", "max", "deadline", "missed"], right=range(1, 8)
-    )
-    for row in rows:
-        assert row.max_ns is not None and row.deadline_s is not None, "it was measured"
-        pace = str(row.pace)
-        if row.rate_hz:
-            pace += f" at {tables.plain(row.rate_hz, 3)} Hz"
-        table.add_row(
-            pace,
-            f"{row.nstep:,}",
-            *(duration(quantile.ns) for quantile in row.quantiles),
-            duration(row.max_ns),
-            duration(1e9 * row.deadline_s),
-            f"{row.missed:,}",
+def sections(rows: Sequence[LatencyRow]) -> Iterator[Section]:
+    """Yield a section for each model whose single steps were timed, or were to be."""
+    for model, group in itertools.groupby(rows, lambda row: row.model):
+        of_model = list(group)
+        work = of_model[0].work
+        if work is None:
+            yield content.failure(model, of_model[0].status, of_model[0].detail)
+            continue
+        yield Section(
+            heading=f"{model}: latency of single steps",
+            conclusions=[_missed(row) for row in of_model],
+            facts=[
+                f"{work.contacts:.1f} contacts and {work.solver_iterations:.1f} solver iterations a"
+                " step",
+                *starts_lines(of_model[0].starts),
+            ],
+            figures=[_figure(model, of_model)],
+            tables=[_table(of_model)],
+            notes=[f"Slow steps, {row.pace}: {_common(row.slow)}" for row in of_model],
         )
-    out.print(table)
-    for row in rows:
-        out.print(f"Slow steps, {row.pace}: {_common(row.slow)}", soft_wrap=True)
+
+
+def _missed(row: LatencyRow) -> Conclusion:
+    assert row.deadline_s is not None, "it was measured"
+    missed = row.missed or 0
+    steps = f"{missed:,} of {row.nstep:,} steps missed {duration(1e9 * row.deadline_s)}"
+    return Conclusion(f"{row.model}, {row.pace}: {steps}", Tone.BAD if missed else Tone.GOOD)
+
+
+def _table(rows: Sequence[LatencyRow]) -> DataTable:
+    columns = (
+        Column("pace"),
+        Column("steps", formats.count),
+        *(Column(f"p{100 * q.quantile:g}", duration) for q in rows[0].quantiles),
+        Column("max", duration),
+        Column("deadline", duration),
+        Column("missed", formats.count),
+    )
+    cells = [
+        (
+            f"{row.pace} at {plain(row.rate_hz, 3)} Hz" if row.rate_hz else str(row.pace),
+            row.nstep,
+            *(quantile.ns for quantile in row.quantiles),
+            row.max_ns,
+            1e9 * (row.deadline_s or 0.0),
+            row.missed,
+        )
+        for row in rows
+    ]
+    return DataTable("Latency", columns, cells)
 
 
 def _common(features: Sequence[SlowFeature]) -> str:
     """Return what the slowest 1 % of steps have in common."""
     parts = [
-        f"{tables.plain(feature.slow, 2)} {feature.name} a step instead of"
-        f" {tables.plain(feature.all, 2)}"
+        f"{plain(feature.slow, 2)} {feature.name} a step instead of {plain(feature.all, 2)}"
         for feature in features
         if feature.slow >= _LEAST and feature.slow > _FACTOR * feature.all
     ]
     return ", ".join(parts) or "nothing in common that was recorded"
+
+
+def _figure(model: str, rows: Sequence[LatencyRow]) -> Figure:
+    four = formats.digits(4)
+    columns = (Column("one step in", four), Column("latency, µs", four), Column("pace"))
+    cells = [
+        (float(one_in), ns / 1e3, str(row.pace))
+        for row in rows
+        for one_in, ns in zip(
+            _ONE_IN, histogram_quantiles(row.histogram, (1 - 1 / _ONE_IN).tolist()), strict=True
+        )
+        if one_in <= (row.nstep or 0)
+    ]
+    data = DataTable("Latency by share of steps", columns, cells)
+    layer: charts.Spec = {
+        "mark": {"type": "line", "interpolate": "step-after"},
+        "encoding": {
+            "x": charts.quantity("one step in", "one step in so many is slower", log=True),
+            "y": charts.quantity("latency, µs", "latency, µs", log=True),
+            "color": charts.colour("pace", _PACES),
+        },
+    }
+    longest = max((row.max_ns or 0.0) / 1e3 for row in rows)
+    return Figure(
+        title=f"{model}: latency of single steps",
+        alternative=f"Lines that rise from the usual step to the slowest, {longest:,.0f} µs.",
+        specification=charts.chart(data, [layer], height=240),
+        data=data,
+    )

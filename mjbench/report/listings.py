@@ -3,14 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from rich.console import Console
-from rich.table import Table
-
 from mjbench.comparison.listing import ListedModel
 from mjbench.paths import SteppingPath
 from mjbench.releases.catalogue import ReleaseRow
-from mjbench.report import tables
-from mjbench.report.tables import yes_no
+from mjbench.report.content import Column, DataTable
+from mjbench.report.formats import yes_no
 
 
 @dataclass(frozen=True)
@@ -42,50 +39,66 @@ class PathRow:
         )
 
 
-def print_models(out: Console, rows: Sequence[ListedModel]) -> None:
-    """Print the table of `mjbench models`, and below it a line for each model that failed."""
+def models_table(rows: Sequence[ListedModel]) -> DataTable:
+    """Return the table of `mjbench models`, of those that could be loaded."""
     sizes = ("nq", "nv", "nu", "na", "contacts", "constraints")
-    headings = ["model", *sizes, "timestep", "integrator", "solver"]
-    table = tables.plain_table(headings, right=range(1, 8))
-    for row in rows:
-        if row.facts is not None:
-            numbers = [str(getattr(row.facts, size)) for size in sizes]
-            timestep = f"{1e3 * row.facts.timestep:g} ms"
-            names = (row.facts.integrator, row.facts.solver)
-            table.add_row(row.model, *numbers, timestep, *names)
-    if table.rows:
-        out.print(table)
-    for row in rows:
-        if row.facts is None:
-            reason = row.detail.removeprefix(f"{row.model}: ")
-            out.print(f"{row.model}: {reason}", soft_wrap=True)
+    columns = [
+        Column("model"),
+        *(Column(size, str) for size in sizes),
+        Column("timestep", lambda timestep: f"{1e3 * timestep:g} ms"),
+        Column("integrator"),
+        Column("solver"),
+    ]
+    cells = [
+        (
+            row.model,
+            *(getattr(row.facts, size) for size in sizes),
+            row.facts.timestep,
+            row.facts.integrator,
+            row.facts.solver,
+        )
+        for row in rows
+        if row.facts is not None
+    ]
+    return DataTable("Models", columns, cells)
 
 
-def paths_table(rows: Sequence[PathRow]) -> Table:
+def failed_models(rows: Sequence[ListedModel]) -> list[str]:
+    """Return why models could not be loaded, a line each."""
+    return [
+        f"{row.model}: {row.detail.removeprefix(f'{row.model}: ')}"
+        for row in rows
+        if row.facts is None
+    ]
+
+
+def paths_table(rows: Sequence[PathRow]) -> DataTable:
     """Return the table of `mjbench paths`."""
-    table = tables.plain_table(["path", "closed loop", "here", "what it is", "options"])
-    for row in rows:
-        table.add_row(
+    titles = ("path", "closed loop", "here", "what it is", "options")
+    cells = [
+        (
             row.path,
             yes_no(row.closed_loop),
             row.unavailable or "yes",
             row.summary,
             ", ".join(row.options),
         )
-    return table
+        for row in rows
+    ]
+    return DataTable("Paths", [*map(Column, titles)], cells)
 
 
-def releases_table(rows: Sequence[ReleaseRow]) -> Table:
+def releases_table(rows: Sequence[ReleaseRow]) -> DataTable:
     """Return the table of `mjbench releases`: where each one is."""
-    table = tables.plain_table(
-        ["release", "uploaded (UTC)", "on the index", "in the history", "here"]
-    )
-    for row in rows:
-        table.add_row(
+    titles = ("release", "uploaded (UTC)", "on the index", "in the history", "here")
+    cells = [
+        (
             row.version,
             (row.uploaded or "unknown")[:10],
             "not asked" if row.in_index is None else yes_no(row.in_index),
             yes_no(row.in_history),
             "installed" if row.installed else "",
         )
-    return table
+        for row in rows
+    ]
+    return DataTable("Releases", [*map(Column, titles)], cells)

@@ -1,48 +1,121 @@
-"""The table of what habits of a Python loop cost."""
+"""What `mjbench overhead` comes to: what habits of a Python loop cost."""
 
-from rich.console import Console
+from collections.abc import Iterator, Sequence
 
 from mjbench.loop import habits
 from mjbench.loop.compiled_loop import script
-from mjbench.loop.overhead import OverheadTable
-from mjbench.report import tables
+from mjbench.loop.overhead import HabitCost, OverheadRow, OverheadTable
+from mjbench.report import charts, content, formats
+from mjbench.report.content import (
+    Column,
+    Conclusion,
+    DataTable,
+    Figure,
+    Section,
+    Snippet,
+    Tone,
+)
 from mjbench.report.starts import starts_lines
 
+# Habits that are drawn: those that add most.
+_MOST_HABITS = 12
 
-def print_table(out: Console, overhead: OverheadTable, code: bool) -> None:
-    """Print what every habit adds to a step, the most expensive first; its loop, too, on `code`."""
-    out.print(
-        tables.headed(
-            f"\n{overhead.model}",
-            f": a step of the bare loop {overhead.bare_ns:,.0f} ns, engine"
-            f" {overhead.engine_ns:,.0f} + binding {overhead.binding_ns:,.0f}; an episode is"
-            f" {overhead.nstep} steps",
-        ),
-        soft_wrap=True,
-    )
-    for line in starts_lines(overhead.starts):
-        out.print(line, soft_wrap=True)
-    headings = ["in the loop", "adds ns/step", "95 %", "of a step", "cheaper", "saves ns"]
-    table = tables.plain_table(headings, right=(1, 2, 3, 5))
-    for cost in overhead.costs:
-        table.add_row(
-            cost.source,
-            f"{cost.ns:,.0f}",
-            f"{cost.low:,.0f}–{cost.high:,.0f}",
-            f"{100 * cost.share:.1f} %",
-            cost.cheaper,
-            "" if cost.saved_ns is None else f"{cost.saved_ns:,.0f}",
+
+def sections(rows: Sequence[OverheadRow]) -> Iterator[Section]:
+    """Yield a section for each model whose loop was measured, or was to be."""
+    for row in rows:
+        table = row.table()
+        if table is None:
+            yield content.failure(row.model, row.status, row.detail)
+        else:
+            yield _section(table)
+
+
+def _section(table: OverheadTable) -> Section:
+    """Return what a bare loop and the habits beside it cost for one model."""
+    python_ns = table.bare_ns - table.engine_ns
+    conclusions = [
+        Conclusion(
+            f"{table.model}: a step of the bare loop takes {table.bare_ns:,.0f} ns, of which the"
+            f" engine has {table.engine_ns:,.0f} and Python {python_ns:,.0f}"
         )
-    out.print(table)
-    if code:
-        _print_code(out, overhead)
+    ]
+    if table.costs and table.costs[0].low > 0:
+        cost = table.costs[0]
+        remedy = f"; `{cost.cheaper}` does the same for less" if cost.cheaper else ""
+        conclusions.append(
+            Conclusion(
+                f"{table.model}: the most expensive habit is {cost.source}: {cost.ns:,.0f} ns a"
+                f" step, {100 * cost.share:.0f} % of it{remedy}",
+                Tone.UNSURE,
+            )
+        )
+    return Section(
+        heading=f"{table.model}: what a Python loop wastes",
+        conclusions=conclusions,
+        facts=[
+            f"An episode is {table.nstep} steps; a call that steps nothing takes"
+            f" {table.binding_ns:,.0f} ns",
+            *starts_lines(table.starts),
+        ],
+        figures=[_waterfall(table)],
+        tables=[_table(table)],
+        snippets=[snippet for cost in table.costs for snippet in _snippets(cost)],
+    )
 
 
-def _print_code(out: Console, overhead: OverheadTable) -> None:
-    """Print the loop of each habit, and that of its cheaper form."""
+def _table(table: OverheadTable) -> DataTable:
+    columns = (
+        Column("in the loop"),
+        Column("adds ns/step", formats.count),
+        Column("95 %", formats.ends_in(formats.count)),
+        Column("of a step", formats.percent),
+        Column("cheaper"),
+        Column("saves ns", formats.count),
+    )
+    rows = [(c.source, c.ns, c, c.share, c.cheaper, c.saved_ns) for c in table.costs]
+    return DataTable("Habits", columns, rows)
+
+
+def _snippets(cost: HabitCost) -> Iterator[Snippet]:
+    """Yield the loop of a habit, and that of its cheaper form."""
+    yield Snippet(cost.source, cost.code)
     known = {habit.name: habit for habit in habits.HABITS}
-    for cost in overhead.costs:
-        out.print(tables.headed(f"\n{cost.source}", f"\n{cost.code}"), soft_wrap=True)
-        if cost.cheaper in known:  # a later version may know others
-            cheaper = script(known[cost.cheaper])
-            out.print(f"# cheaper: {cost.cheaper}\n{cheaper}", soft_wrap=True)
+    if cost.cheaper in known:  # a later version may know others
+        yield Snippet(f"cheaper, {cost.cheaper}", script(known[cost.cheaper]))
+
+
+def _waterfall(table: OverheadTable) -> Figure:
+    """Return a step, part by part: the engine, the loop, and then each habit on top of it."""
+    columns = (
+        Column("part"),
+        Column("from", formats.count),
+        Column("to", formats.count),
+        Column("kind"),
+    )
+    loop = table.bare_ns
+    rows: list[tuple[str, float, float, str]] = [
+        ("engine", 0.0, table.engine_ns, "step"),
+        ("Python loop", table.engine_ns, loop, "step"),
+    ]
+    rows += [
+        (f"+ {cost.source}", loop, loop + max(0.0, cost.ns), "habit")
+        for cost in table.costs[:_MOST_HABITS]
+    ]
+    data = DataTable("Nanoseconds of a step", columns, rows)
+    layer: charts.Spec = {
+        "mark": {"type": "bar", "height": 12},
+        "encoding": {
+            "x": charts.quantity("from", "ns of a step", zero=True),
+            "x2": {"field": "to"},
+            "y": charts.names("part"),
+            "color": charts.colour("kind", {"step": charts.BLUE, "habit": charts.ORANGE}),
+        },
+    }
+    return Figure(
+        title=f"{table.model}: a step, and what each habit adds to it",
+        alternative=f"The engine takes {table.engine_ns:,.0f} ns; the loop ends at {loop:,.0f} ns;"
+        " habits begin there.",
+        specification=charts.chart(data, [layer]),
+        data=data,
+    )

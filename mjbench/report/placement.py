@@ -1,35 +1,36 @@
-"""What `mjbench placement` prints: a sentence for each model, and the table of residues."""
+"""What `mjbench placement` comes to: a sentence for each model, and the table of residues."""
 
 from collections.abc import Sequence
-
-from rich.console import Console
 
 from mjbench.instrument.ratio import Ratio
 from mjbench.instrument.units import percent
 from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.releases.placement import RESIDUES
-from mjbench.report import tables
+from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section
 
 
-def print_spreads(out: Console, rows: Sequence[SpreadRecord]) -> None:
-    """Print a sentence for each model, and below them the table of all residues."""
-    for row in rows:
-        out.print(describe_spread(row), soft_wrap=True)
-    headings = ["model", "release", "spread", "interval"]
-    headings += [f"moved by {residue}" for residue in RESIDUES]
-    headings += ["launches", "seconds"]
-    table = tables.plain_table(headings, right=(2, len(headings) - 2, len(headings) - 1))
+def section(rows: Sequence[SpreadRecord]) -> Section:
+    """Return a sentence for each model, and the table of all residues."""
+    columns = (
+        Column("model"),
+        Column("release"),
+        Column("spread"),
+        Column("interval"),
+        *(Column(f"moved by {residue}") for residue in RESIDUES),
+        Column("launches", str),
+        Column("seconds", lambda seconds: f"{seconds:.1f}"),
+    )
     measured = [row for row in rows if row.residues]
-    for row in measured:
-        table.add_row(*_cells(row))
-    if measured:
-        out.print()
-        out.print(table)
-        out.print(
-            "spread: slowest over fastest; moved by: bytes modulo 64, change of a step's time"
-            " against the release as shipped (99 % interval)",
-            soft_wrap=True,
-        )
+    note = (
+        "spread: slowest over fastest; moved by: bytes modulo 64, change of a step's time against"
+        " the release as shipped (99 % interval)"
+    )
+    return Section(
+        "How far does speed depend on where code lies?",
+        [Conclusion(describe_spread(row)) for row in rows],
+        tables=[DataTable("Spreads", columns, [_cells(row) for row in measured])],
+        notes=[note] if measured else [],
+    )
 
 
 def describe_spread(row: SpreadRecord) -> str:
@@ -56,7 +57,7 @@ def describe_spread(row: SpreadRecord) -> str:
     )
 
 
-def _cells(row: SpreadRecord) -> list[str]:
+def _cells(row: SpreadRecord) -> list[Cell]:
     spread, ratios = row.spread, {residue.residue: residue.ratio for residue in row.residues}
     has_interval = spread is not None and spread.low is not None and spread.high is not None
     return [
@@ -67,8 +68,8 @@ def _cells(row: SpreadRecord) -> list[str]:
         if spread and has_interval
         else "",
         *(_change(ratios.get(residue)) for residue in RESIDUES),
-        str(row.launches),
-        f"{row.seconds:.1f}",
+        row.launches,
+        row.seconds,
     ]
 
 

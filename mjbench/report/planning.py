@@ -1,52 +1,56 @@
-"""What `mjbench plan` prints."""
+"""What `mjbench plan` comes to."""
 
-from collections.abc import Sequence
-
-from rich.console import Console
+import itertools
+from collections.abc import Iterator, Sequence
 
 from mjbench.comparison.plan import Variant, describe_options
 from mjbench.comparison.planning_run import PlanningRow
-from mjbench.report import tables
+from mjbench.instrument.units import plain
+from mjbench.report import formats
+from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.report.starts import capture_lines
 from mjbench.status import Status
 
 
-def print_rows(out: Console, rows: Sequence[PlanningRow]) -> None:
-    """Print the plans of a model, a row for each path, and which path is fastest."""
+def sections(rows: Sequence[PlanningRow]) -> Iterator[Section]:
+    """Yield a section for each model and size of plans, and one of all sizes of a model."""
+    for _, group in itertools.groupby(rows, lambda row: (row.model, row.samples, row.horizon)):
+        yield section(list(group))
+    yield from sizes_sections(rows)
+
+
+def section(rows: Sequence[PlanningRow]) -> Section:
+    """Return what the plans of a model at one size come to."""
     first = rows[0]
-    out.print(
-        tables.headed(
-            f"\n{first.model}",
-            f": {first.task}, {_outcome(first.achieved)} {first.algorithm} with {first.samples}"
-            f" samples × {first.horizon} steps, {first.nplan} plans",
-        ),
-        soft_wrap=True,
-    )
+    of_size = [row for row in rows if row.status != Status.UNAVAILABLE]
+    conclusions = [
+        Conclusion(f"{first.model}: {_variant(row)}: {row.status}: {row.detail}", Tone.BAD)
+        for row in of_size
+        if row.status != Status.OK
+    ]
+    if fastest := fastest_of(of_size):
+        conclusions.append(Conclusion(_fastest_text(fastest)))
+    facts = [
+        f"{first.task}, {_outcome(first.achieved)} {first.algorithm} with {first.samples} samples ×"
+        f" {first.horizon} steps, {first.nplan} plans"
+    ]
     if first.starts is not None:
-        out.print(f"Plans start from states of {first.starts.file}", soft_wrap=True)
-        for line in capture_lines(first.starts):
-            out.print(line, soft_wrap=True)
-    table = tables.plain_table(
-        ["path", "options", "ms/plan", "plans/s", "speed-up", "same plans"], right=range(2, 5)
+        facts += [f"Plans start from states of {first.starts.file}", *capture_lines(first.starts)]
+    return Section(
+        heading=f"{first.model}: plans of {first.samples} samples × {first.horizon} steps",
+        conclusions=conclusions,
+        facts=facts,
+        tables=[_table(of_size)],
+        notes=[
+            f"{_variant(row)}: {row.status}: {row.detail}"
+            for row in rows
+            if row.status == Status.UNAVAILABLE
+        ],
     )
-    for row in rows:
-        if row.status == Status.UNAVAILABLE:
-            continue
-        is_timed = row.plan_s is not None
-        table.add_row(
-            row.path,
-            describe_options(row.options),
-            tables.plain(1e3 * row.plan_s, 3) if row.plan_s else "",
-            f"{row.plans_per_s:,.0f}" if row.plans_per_s else "",
-            tables.factor(row.speedup) if row.speedup else "",
-            "yes" if is_timed else "NO" if row.status == Status.DISAGREES else str(row.status),
-        )
-    out.print(table)
-    for row in rows:
-        if row.detail:
-            variant = Variant(row.path, row.options)
-            out.print(f"{variant}: {row.status}: {row.detail}", soft_wrap=True)
-    _print_fastest(out, rows)
+
+
+def _variant(row: PlanningRow) -> Variant:
+    return Variant(row.path, row.options)
 
 
 def _outcome(achieved: bool | None) -> str:
@@ -60,48 +64,92 @@ def _outcome(achieved: bool | None) -> str:
             return "not achieved by"
 
 
-def print_sizes(out: Console, rows: Sequence[PlanningRow]) -> None:
-    """Print the fastest path at each size of a model's plans, where there are several sizes."""
+def fastest_of(rows: Sequence[PlanningRow]) -> PlanningRow | None:
+    """Return the row of the path that is fastest beside the plain loop; None where none has one."""
+    timed = [row for row in rows if row.plans_per_s is not None]
+    return max(timed, key=lambda row: row.speedup or 0.0, default=None)
+
+
+def _fastest_text(fastest: PlanningRow) -> str:
+    assert fastest.plans_per_s is not None, "it was timed"
+    return (
+        f"{fastest.model}: fastest here is {_variant(fastest)}, {fastest.plans_per_s:,.0f} plans"
+        f" per second, {formats.factor(fastest.speedup or 1.0)}× the plain loop in this process"
+        f"{_pace(fastest.plans_per_s, fastest.control_hz)}"
+    )
+
+
+def _pace(plans_per_s: float, control_hz: float | None) -> str:
+    """Return whether plans keep up with real time, as a sentence goes on."""
+    if control_hz is None:
+        return ""
+    rate = plain(control_hz, 3)
+    if plans_per_s >= control_hz:
+        return f"; it keeps up with {rate} controls per second"
+    share = plain(plans_per_s / control_hz, 2)
+    return f"; it makes {share} of the {rate} plans per second that real time needs"
+
+
+def _table(rows: Sequence[PlanningRow]) -> DataTable:
+    columns = (
+        Column("path"),
+        Column("options"),
+        Column("ms/plan", formats.digits(3)),
+        Column("plans/s", formats.count),
+        Column("speed-up", formats.factor),
+        Column("same plans"),
+    )
+    cells = [
+        (
+            row.path,
+            describe_options(row.options),
+            None if row.plan_s is None else 1e3 * row.plan_s,
+            row.plans_per_s,
+            row.speedup,
+            "yes"
+            if row.plan_s is not None
+            else ("NO" if row.status == Status.DISAGREES else row.status.value),
+        )
+        for row in rows
+    ]
+    return DataTable("Plans", columns, cells)
+
+
+def sizes_sections(rows: Sequence[PlanningRow]) -> Iterator[Section]:
+    """Yield the fastest path at each size of a model's plans, where there are several sizes."""
     for model in dict.fromkeys(row.model for row in rows):
-        of_model = [row for row in rows if row.model == model and row.plans_per_s is not None]
-        sizes = dict.fromkeys((row.samples, row.horizon) for row in of_model)
-        if len(sizes) < 2:
-            continue
-        table = tables.plain_table(
-            ["samples", "steps", "plans/s", "real time needs", "achieved", "fastest here"],
-            right=range(4),
+        yield from _sizes_section(model, [row for row in rows if row.model == model])
+
+
+def _sizes_section(model: str, rows: Sequence[PlanningRow]) -> Iterator[Section]:
+    sizes = dict.fromkeys((row.samples, row.horizon) for row in rows)
+    fastest = [
+        row
+        for size in sizes
+        if (row := fastest_of([row for row in rows if (row.samples, row.horizon) == size]))
+    ]
+    if len(fastest) < 2:
+        return
+    columns = (
+        Column("samples", formats.count),
+        Column("steps", formats.count),
+        Column("plans/s", formats.count),
+        Column("real time needs", formats.digits(3)),
+        Column("achieved"),
+        Column("fastest here"),
+    )
+    cells = [
+        (
+            row.samples,
+            row.horizon,
+            row.plans_per_s,
+            row.control_hz,
+            None if row.achieved is None else formats.yes_no(row.achieved),
+            str(_variant(row)),
         )
-        for size in sizes:
-            fastest = fastest_of([row for row in of_model if (row.samples, row.horizon) == size])
-            table.add_row(
-                f"{fastest.samples:,}",
-                f"{fastest.horizon:,}",
-                f"{fastest.plans_per_s or 0.0:,.0f}",
-                tables.plain(fastest.control_hz or 0.0, 3),
-                "" if fastest.achieved is None else tables.yes_no(fastest.achieved),
-                str(Variant(fastest.path, fastest.options)),
-            )
-        out.print()
-        out.print(tables.headed(model, ", by the size of the plan"))
-        out.print(table)
-
-
-def fastest_of(timed: Sequence[PlanningRow]) -> PlanningRow:
-    """Return the row of the path that is fastest beside the plain loop."""
-    return max(timed, key=lambda row: row.speedup or 0.0)
-
-
-def _print_fastest(out: Console, rows: Sequence[PlanningRow]) -> None:
-    fastest = fastest_of([row for row in rows if row.plans_per_s is not None])
-    assert fastest.plans_per_s is not None and fastest.control_hz is not None, "it was timed"
-    if fastest.plans_per_s >= fastest.control_hz:
-        pace = f"keeps up with {tables.plain(fastest.control_hz, 3)} controls per second"
-    else:
-        share = fastest.plans_per_s / fastest.control_hz
-        pace = (
-            f"makes {tables.plain(share, 2)} of the {tables.plain(fastest.control_hz, 3)} plans per"
-            " second that real time needs"
-        )
-    variant = Variant(fastest.path, fastest.options)
-    gain = f"{tables.factor(fastest.speedup or 1.0)}× the plain loop in this process"
-    out.print(tables.headed(f"Fastest here: {variant}", f", {gain}; it {pace}"), soft_wrap=True)
+        for row in fastest
+    ]
+    yield Section(
+        f"{model}, by the size of the plan",
+        tables=[DataTable("Sizes", columns, cells)],
+    )

@@ -1,94 +1,118 @@
-"""What `mjbench profile` prints: where a step's time goes."""
+"""What `mjbench profile` comes to: where a step's time goes."""
 
-from rich.console import Console
+from collections.abc import Iterator, Sequence
 
-from mjbench.instrument.units import duration
-from mjbench.loop.profile import FRAMES_PER_S, StepProfile, StepTimes
+from mjbench.instrument.units import duration, plain
+from mjbench.loop.profile import FRAMES_PER_S, ProfileRow, StepProfile, StepTimes
 from mjbench.loop.rendering import FrameTime
-from mjbench.report import tables
-from mjbench.report.starts import starts_lines
+from mjbench.report import charts, content, formats
+from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.report.starts import starts_lines, warning_lines
 from mjbench.simulation import package_timer
 
-_WIDTH = 30
+
+def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
+    """Yield a section for each model that was profiled, or was to be."""
+    for row in rows:
+        profile = row.profile()
+        if profile is None:
+            yield content.failure(row.model, row.status, row.detail)
+        else:
+            yield _section(profile)
 
 
-def print_profile(out: Console, profile: StepProfile) -> None:
-    """Print a model's profile: its step, the stages, rendering, and a simulated second."""
-    _print_step(out, profile)
-    _print_stages(out, profile)
-    for frame in profile.frames:
-        _print_frame(out, frame, profile.steps.loop_ns)
-    _print_simulated_second(out, profile)
-
-
-def _print_step(out: Console, profile: StepProfile) -> None:
+def _section(profile: StepProfile) -> Section:
+    """Return where the time of a model's step goes."""
     steps = profile.steps
-    loop_ns, engine_ns, clock_ns = steps.loop_ns, steps.engine_ns, steps.clock_ns or 0.0
-    out.print(
-        tables.headed(
-            f"\n{profile.model}",
-            f": a step of a Python loop takes {duration(loop_ns)}: engine {duration(engine_ns)}"
-            f" ({100 * engine_ns / loop_ns:.0f} %), Python {duration(profile.python_ns)}",
-        ),
-        soft_wrap=True,
+    stages = _stages(steps)
+    return Section(
+        heading=f"{profile.model}: where a step's time goes",
+        conclusions=[*_conclusions(profile)],
+        facts=_facts(steps),
+        figures=[_figure(profile.model, stages)],
+        tables=[stages, _simulated_second(profile)],
+        notes=[_frame_line(frame, steps.loop_ns) for frame in profile.frames],
     )
+
+
+def _conclusions(profile: StepProfile) -> Iterator[Conclusion]:
+    steps = profile.steps
+    yield Conclusion(
+        f"{profile.model}: a step of a Python loop takes {duration(steps.loop_ns)}: engine"
+        f" {duration(steps.engine_ns)} ({100 * steps.engine_ns / steps.loop_ns:.0f} %), Python"
+        f" {duration(profile.python_ns)}"
+    )
+    if steps.clock_ns and steps.clock_ns >= package_timer.MIN_GAIN * steps.loop_ns:
+        yield Conclusion(
+            f"{profile.model}: {package_timer.NAME} takes"
+            f" {100 * steps.clock_ns / steps.loop_ns:.0f} % of it ({duration(steps.clock_ns)});"
+            f" {package_timer.OFF_CODE} turns it off. {package_timer.OFF_NOTE}",
+            Tone.UNSURE,
+        )
+
+
+def _facts(steps: StepTimes) -> list[str]:
+    """Return what a step did, and which states were stepped."""
     work = steps.work
-    out.print(
-        f"A step has {tables.plain(work.contacts, 3)} contacts,"
-        f" {tables.plain(work.constraints, 3)} constraints,"
-        f" {tables.plain(work.solver_iterations, 3)} solver iterations.",
-        soft_wrap=True,
+    held = ["Each run holds the controls of its start"] if steps.run_nstep else []
+    return [
+        f"A step has {plain(work.contacts, 3)} contacts, {plain(work.constraints, 3)} constraints,"
+        f" {plain(work.solver_iterations, 3)} solver iterations",
+        *starts_lines(steps.starts, with_warnings=False),
+        *held,
+        *warning_lines(steps.warnings),
+    ]
+
+
+def _stages(steps: StepTimes) -> DataTable:
+    columns = (
+        Column("stage"),
+        Column("of a step", formats.percent),
+        Column("ns", formats.digits(4)),
+        Column(""),
     )
-    for line in _starts_lines(steps):
-        out.print(line, soft_wrap=True)
-    for line in tables.warning_lines(steps.warnings):
-        out.print(line, soft_wrap=True)
-    if clock_ns / loop_ns >= package_timer.MIN_GAIN:
-        out.print(
-            f"Of it, {package_timer.NAME} takes {100 * clock_ns / loop_ns:.0f} %"
-            f" ({duration(clock_ns)}). You can turn it off. {package_timer.OFF_NOTE}",
-            soft_wrap=True,
-        )
+    rows = [
+        (stage, share, share * steps.engine_ns, formats.bar(share))
+        for stage, share in sorted(steps.stages.items(), key=lambda item: -item[1])
+        if share > 0
+    ]
+    return DataTable("Stages of a step", columns, rows)
 
 
-def _starts_lines(steps: StepTimes) -> list[str]:
-    """Return which states were stepped, where they are the user's own."""
-    lines = starts_lines(steps.starts, with_warnings=False)
-    if steps.run_nstep:
-        lines.append("Each run holds the controls of its start")
-    return lines
-
-
-def _print_stages(out: Console, profile: StepProfile) -> None:
-    table = tables.plain_table(["stage", "of a step", "time", ""], right=(1, 2))
-    for stage, share in sorted(profile.steps.stages.items(), key=lambda item: -item[1]):
-        if share > 0:
-            bar = "█" * round(_WIDTH * share)
-            table.add_row(
-                stage, f"{100 * share:.1f} %", duration(share * profile.steps.engine_ns), bar
-            )
-    out.print(table)
-
-
-def _print_frame(out: Console, frame: FrameTime, loop_ns: float) -> None:
+def _frame_line(frame: FrameTime, loop_ns: float) -> str:
     if frame.seconds is None:
-        text = f"Rendering by {frame.backend}: not available ({frame.detail})"
-    else:
-        frame_ns = 1e9 * frame.seconds
-        text = (
-            f"Rendering a frame of {frame.width} × {frame.height} by {frame.backend}:"
-            f" {duration(frame_ns)}, as long as {frame_ns / loop_ns:,.0f} steps"
-        )
-    out.print(text, soft_wrap=True)
+        return f"Rendering by {frame.backend}: not available ({frame.detail})"
+    frame_ns = 1e9 * frame.seconds
+    return (
+        f"Rendering a frame of {frame.width} × {frame.height} by {frame.backend}:"
+        f" {duration(frame_ns)}, as long as {frame_ns / loop_ns:,.0f} steps"
+    )
 
 
-def _print_simulated_second(out: Console, profile: StepProfile) -> None:
-    out.print(f"A second of simulated time, with {FRAMES_PER_S} frames:")
-    table = tables.plain_table(["", "takes", ""], right=(1,))
+def _simulated_second(profile: StepProfile) -> DataTable:
     parts = profile.simulated_second()
     longest = max(parts.values())
-    for name, seconds in parts.items():
-        table.add_row(
-            name, duration(1e9 * seconds), "█" * max(1, round(_WIDTH * seconds / longest))
-        )
-    out.print(table)
+    return DataTable(
+        f"A second of simulated time, with {FRAMES_PER_S} frames",
+        (Column("part"), Column("takes", duration), Column("")),
+        [
+            (name, 1e9 * seconds, formats.bar(seconds / longest) or formats.bar(0.02))
+            for name, seconds in parts.items()
+        ],
+    )
+
+
+def _figure(model: str, stages: DataTable) -> Figure:
+    layer: charts.Spec = {
+        "mark": {"type": "bar", "height": 12, "color": charts.BLUE},
+        "encoding": {
+            "x": charts.quantity("ns", "ns of a step", zero=True),
+            "y": charts.names("stage"),
+        },
+    }
+    return Figure(
+        title=f"{model}: stages of a step",
+        alternative=charts.bars("stages", stages.rows),
+        specification=charts.chart(stages, [layer]),
+        data=stages,
+    )

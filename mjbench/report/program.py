@@ -1,11 +1,9 @@
-"""What `mjbench run` prints: what to do first, and where the program's time goes."""
+"""What `mjbench run` comes to: what to do first, and where the program's time goes."""
 
 import signal
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-
-from rich.console import Console
 
 from mjbench.instrument.units import duration, plain
 from mjbench.program import remedies
@@ -16,13 +14,14 @@ from mjbench.program.loop_time import FEW_SAMPLES, MOSTLY_PHYSICS, LineTime, Loo
 from mjbench.program.physics_cost import CostKind
 from mjbench.program.records import LoopReport, ProgramRow
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
-from mjbench.program.step_times import Durations, StepTimes
-from mjbench.report import tables
+from mjbench.program.step_times import StepTimes
+from mjbench.report import charts, formats
+from mjbench.report.content import Cell, Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.status import Status
 
-_WIDTH = 30
-# Smaller shares of a loop are left out of its table; the JSON document has all.
-_LEAST_SHARE = 0.005
+# Smaller shares of a loop, of a package in it, and of stages are left out; the JSON document has
+# all.
+_LEAST_SHARE, _LEAST_PACKAGE, _LEAST_STAGE = 0.005, 0.01, 0.03
 # Growth of memory that is worth a line, and calls whose results keep memory.
 _LEAST_GROWTH_BYTES = 32 << 20
 _KEEPERS = ("MjData", *COPIES_OF_DATA, "from_xml_path", "from_xml_string", "compile", "Renderer")
@@ -37,20 +36,22 @@ MAX_COST = 0.03
 MOSTLY_COMPILING = 0.5
 
 
-def print_program(out: Console, row: ProgramRow) -> None:
-    """Print where a program's time goes."""
-    out.print(tables.headed(f"\n{row.program}", f": {conclusion(row)}"), soft_wrap=True)
-    for remedy in row.wrong if row.crash is not None else row.wrong[1:]:
-        out.print(f"Then, {_wrong(remedy)}", soft_wrap=True)
-    _print_memory(out, row)
-    for report in row.loops:
-        _print_loop(out, report, row.wall_s)
-    _print_physics(out, row)
-    if row.gil_waits:
-        out.print(gil_wait(row), soft_wrap=True)
-    for steps in _most_steps(row.steps):
-        _print_steps(out, steps, len(row.steps))
-    _print_cost(out, row)
+def sections(rows: Sequence[ProgramRow]) -> Iterator[Section]:
+    """Yield what each program comes to: what to do first, its loops, and its steps."""
+    for row in rows:
+        tone = Tone.NEUTRAL if row.status == Status.OK else Tone.BAD
+        wrong = row.wrong if row.crash is not None else row.wrong[1:]
+        yield Section(
+            row.program,
+            [
+                Conclusion(f"{row.program}: {conclusion(row)}", tone),
+                *(Conclusion(f"Then, {_wrong(remedy)}", Tone.BAD) for remedy in wrong),
+            ],
+            facts=_memory_lines(row),
+        )
+        for report in row.loops:
+            yield _loop_section(row, report)
+        yield from _steps_section(row)
 
 
 @dataclass(frozen=True)
@@ -184,11 +185,11 @@ def where(time: LoopTime) -> str:
     return f"{loop.file}:{lines}"
 
 
-def _print_memory(out: Console, row: ProgramRow) -> None:
-    """Print by how much memory grows, with the calls that are known to keep some."""
+def _memory_lines(row: ProgramRow) -> list[str]:
+    """Return by how much memory grew, with the calls that are known to keep some."""
     growth = row.memory_growth_bytes or 0
     if growth < _LEAST_GROWTH_BYTES:
-        return
+        return []
     makers = sorted(
         (call for report in row.loops for call in report.time.calls if call.callee in _KEEPERS),
         key=lambda call: -call.calls,
@@ -198,51 +199,42 @@ def _print_memory(out: Console, row: ProgramRow) -> None:
         if makers
         else ""
     )
-    out.print(f"Memory grew by {growth / 2**20:,.0f} MiB while it stepped{why}.", soft_wrap=True)
+    return [f"Memory grew by {growth / 2**20:,.0f} MiB while it stepped{why}."]
 
 
-def _print_loop(out: Console, report: LoopReport, wall_s: float) -> None:
+def _loop_section(row: ProgramRow, report: LoopReport) -> Section:
+    """Return where the time of one loop goes, and what to do about it."""
     time = report.time
     by = f" by {len(time.pids)} processes" if len(time.pids) > 1 else ""
-    out.print(
-        tables.headed(
-            f"\nThe loop in {where(time)}",
-            f": {plain(time.seconds, 3)} s{by}, {time.samples:,} samples; the program took"
-            f" {plain(wall_s, 3)} s",
-        ),
-        soft_wrap=True,
+    tables = [
+        _remedies_table(report.remedies),
+        _activities_table(time),
+        _lines_table("Lines of your code", "line of your code", time.lines),
+        _lines_table("Functions of packages", "function of a package", time.inner_functions),
+        _jax_table(time),
+    ]
+    return Section(
+        f"The loop in {where(time)}",
+        facts=[
+            f"{plain(time.seconds, 3)} s{by}, {time.samples:,} samples; the program took"
+            f" {plain(row.wall_s, 3)} s"
+        ],
+        figures=[_figure(time)],
+        tables=[table for table in tables if table.rows],
     )
-    _print_remedies(out, report.remedies)
-    table = tables.plain_table(["time goes to", "share", "±", ""], right=(1, 2))
-    for activity, share in time.activities.items():
-        if share < _LEAST_SHARE:
-            continue
-        bar = "█" * round(_WIDTH * share)
-        is_exact = time.is_timed(activity) or activity in _TIMED
-        error = "timed" if is_exact else percent(time.error(share))
-        table.add_row(str(activity), percent(share), error, bar)
-        if activity == Activity.PYTHON:
-            for package, of_package in time.packages.items():
-                if of_package >= 0.01:
-                    table.add_row(f"  {package or 'your code'}", percent(of_package), "", "")
-    out.print(table)
-    _print_lines(out, time)
-    _print_jax(out, time)
 
 
-def _print_remedies(out: Console, listed: Sequence[Remedy]) -> None:
-    if not listed:
-        return
-    out.print("What to do first, and what it saves of the loop:")
-    table = tables.plain_table(["", "saves", "where", "what"], right=(0, 1))
-    for number, remedy in enumerate(listed[:_MOST_REMEDIES], 1):
+def _remedies_table(remedies: Sequence[Remedy]) -> DataTable:
+    columns = (Column("", str), Column("saves"), Column("where"), Column("what", wraps=True))
+    rows: list[Sequence[Cell]] = []
+    for number, remedy in enumerate(remedies[:_MOST_REMEDIES], 1):
         code = f" ({remedy.code})" if remedy.code else ""
         place = str(remedy.place) if remedy.place is not None else "the loop"
         text = f"{_subject(remedy)}{remedy.text}{code}"
         if remedy.effect not in ("", "nothing"):
             text += f"; it changes {remedy.effect}"
-        table.add_row(str(number), saving(remedy), place, text)
-    out.print(table)
+        rows.append((number, saving(remedy), place, text))
+    return DataTable("What to do first, and what it saves of the loop", columns, rows)
 
 
 def _subject(remedy: Remedy) -> str:
@@ -264,20 +256,147 @@ def saving(remedy: Remedy) -> str:
     return f"{'≤ ' if remedy.basis == Basis.BOUND else ''}{percent(remedy.gain)}"
 
 
-def _print_lines(out: Console, time: LoopTime) -> None:
-    _print_line_table(out, "line of your code", time.lines)
-    _print_line_table(out, "function of a package", time.inner_functions)
+def _activities_table(time: LoopTime) -> DataTable:
+    columns = (Column("time goes to"), Column("share", percent), Column("±"), Column(""))
+    rows: list[Sequence[Cell]] = []
+    for activity, share in time.activities.items():
+        if share < _LEAST_SHARE:
+            continue
+        is_exact = time.is_timed(activity) or activity in _TIMED
+        error = "timed" if is_exact else percent(time.error(share))
+        rows.append((str(activity), share, error, formats.bar(share)))
+        if activity == Activity.PYTHON:
+            rows += [
+                (f"  {package or 'your code'}", of_package, None, None)
+                for package, of_package in time.packages.items()
+                if of_package >= _LEAST_PACKAGE
+            ]
+    return DataTable("Where the time goes", columns, rows)
 
 
-def _print_line_table(out: Console, heading: str, lines: Sequence[LineTime]) -> None:
-    if not lines:
-        return
-    table = tables.plain_table([heading, "share", "mostly", ""], right=(1,))
+def _lines_table(title: str, heading: str, lines: Sequence[LineTime]) -> DataTable:
+    columns = (
+        Column(heading),
+        Column("share", percent),
+        Column("mostly"),
+        Column("text", wraps=True),
+    )
+    rows = []
     for line in lines[:_MOST_LINES]:
         text = line.place.text
         shown = text if len(text) <= _MOST_TEXT else text[: _MOST_TEXT - 1] + "…"
-        table.add_row(str(line.place), percent(line.share), str(line.main_activity), shown)
-    out.print(table)
+        rows.append((str(line.place), line.share, str(line.main_activity), shown))
+    return DataTable(title, columns, rows)
+
+
+def _jax_table(time: LoopTime) -> DataTable:
+    """Return what calls of JAX take, by line."""
+    parts: dict[tuple[Place, str], list[CallTime]] = defaultdict(list)
+    for call in time.calls:
+        if call.is_of_jax:
+            parts[call.place, call.callee].append(call)
+    seconds = {key: sum(call.seconds for call in calls) for key, calls in parts.items()}
+    columns = (
+        Column("line that calls JAX"),
+        Column("call"),
+        Column("calls", formats.count),
+        Column("each", duration),
+        Column("share", percent),
+    )
+    rows = []
+    for key in sorted(parts, key=lambda key: -seconds[key])[:_MOST_LINES]:
+        place, callee = key
+        count = round(sum(call.calls for call in parts[key]))
+        each = 1e9 * seconds[key] / count if count else None
+        rows.append((str(place), callee, count or None, each, seconds[key] / time.seconds))
+    return DataTable("Calls of JAX", columns, rows)
+
+
+def _figure(time: LoopTime) -> Figure:
+    digits = formats.digits
+    columns = (Column("activity"), Column("% of the loop", digits(3)), Column("±", digits(2)))
+    rows = [
+        (str(activity), 100 * share, 100 * time.error(share))
+        for activity, share in time.activities.items()
+    ]
+    data = DataTable("Where the time goes", columns, rows)
+    layer: charts.Spec = {
+        "mark": {"type": "bar", "height": 12, "color": charts.BLUE},
+        "encoding": {
+            "x": charts.quantity("% of the loop", "% of the loop", zero=True),
+            "y": charts.names("activity"),
+        },
+    }
+    return Figure(
+        title=f"Where the time of {where(time)} goes",
+        alternative=charts.bars("activities", rows),
+        specification=charts.chart(data, [layer]),
+        data=data,
+    )
+
+
+def _steps_section(row: ProgramRow) -> Iterator[Section]:
+    """Yield how fast the program steps, which parts of the model cost most, and what limits this.
+
+    Of several processes it has the one with most steps: others that do the same would repeat it.
+    """
+    if row.status != Status.OK:
+        return
+    steps = max(row.steps, key=lambda each: each.nstep or 0, default=None)
+    facts = [] if steps is None else _step_lines(steps, len(row.steps))
+    tables = [_physics_table(row), *([] if steps is None else [_durations_table(steps)])]
+    yield Section(
+        "Steps",
+        facts=[*facts, *filter(None, [gil_wait(row)])],
+        tables=[table for table in tables if table.rows],
+        notes=[_cost_line(row)],
+    )
+
+
+def _physics_table(row: ProgramRow) -> DataTable:
+    """Return which parts of the model cost most in a step."""
+    columns = (
+        Column("part of the model"),
+        Column("kind"),
+        Column("number", formats.count),
+        Column("of a step", percent),
+    )
+    costs = row.physics.costs if row.physics is not None else ()
+    rows = [(cost.name, str(cost.kind), cost.count, cost.share) for cost in costs]
+    return DataTable("Parts of the model", columns, rows)
+
+
+def _step_lines(steps: StepTimes, processes: int) -> list[str]:
+    of = f" in the process with most of {processes}" if processes > 1 else ""
+    while_stepping = "" if steps.nstep is not None else " while it steps without a pause"
+    lines = []
+    if steps.steps_per_s is not None and steps.real_time_factor is not None:
+        lines.append(
+            f"Steps{of}: {steps.steps_per_s:,.0f} per second{while_stepping},"
+            f" {plain(steps.real_time_factor, 3)} × real time"
+        )
+    if processes > 1 and steps.startup_s > 0:
+        lines.append(f"It began to step {plain(steps.startup_s, 2)} s after its start.")
+    if steps.stages:
+        largest = sorted(steps.stages.items(), key=lambda item: -item[1])
+        parts = [f"{name} {percent(share)}" for name, share in largest if share >= _LEAST_STAGE]
+        lines.append(f"Stages of the engine: {', '.join(parts)}")
+    return lines
+
+
+def _durations_table(steps: StepTimes) -> DataTable:
+    columns = (
+        Column("of"),
+        Column("timed", formats.count),
+        *(Column(name, duration) for name in ("p50", "p99", "max")),
+    )
+    iteration = "step of the environment" if steps.of_environment else "iteration"
+    rows = [
+        (name, durations.count, durations.p50_ns, durations.p99_ns, durations.max_ns)
+        for name, durations in (("engine's step", steps.step), (iteration, steps.iteration))
+        if durations is not None
+    ]
+    return DataTable("Times of steps", columns, rows)
 
 
 def gil_wait(row: ProgramRow) -> str:
@@ -295,77 +414,13 @@ def gil_wait(row: ProgramRow) -> str:
     )
 
 
-def _print_physics(out: Console, row: ProgramRow) -> None:
-    """Print which parts of the model cost most in a step."""
-    if row.physics is None or not row.physics.costs:
-        return
-    table = tables.plain_table(["part of the model", "", "number", "of a step"], right=(2, 3))
-    for cost in row.physics.costs:
-        table.add_row(cost.name, str(cost.kind), f"{cost.count:,}", percent(cost.share))
-    out.print(table)
-
-
-def _print_jax(out: Console, time: LoopTime) -> None:
-    """Print what calls of JAX take, by line."""
-    parts: dict[tuple[Place, str], list[CallTime]] = defaultdict(list)
-    for call in time.calls:
-        if call.is_of_jax:
-            parts[call.place, call.callee].append(call)
-    if not parts:
-        return
-    table = tables.plain_table(["line that calls JAX", "", "calls", "each", "share"], (2, 3, 4))
-    seconds = {key: sum(call.seconds for call in calls) for key, calls in parts.items()}
-    for key in sorted(parts, key=lambda key: -seconds[key])[:_MOST_LINES]:
-        place, callee = key
-        count = round(sum(call.calls for call in parts[key]))
-        each = duration(1e9 * seconds[key] / count) if count else ""
-        share = percent(seconds[key] / time.seconds)
-        table.add_row(str(place), callee, f"{count:,}" if count else "", each, share)
-    out.print(table)
-
-
-def _most_steps(steps: Sequence[StepTimes]) -> Sequence[StepTimes]:
-    """Return the process with most steps: others that do the same would repeat it."""
-    return sorted(steps, key=lambda each: -(each.nstep or 0))[:1]
-
-
-def _print_steps(out: Console, steps: StepTimes, processes: int) -> None:
-    of = f" in the process with most of {processes}" if processes > 1 else ""
-    while_stepping = "" if steps.nstep is not None else " while it steps without a pause"
-    if steps.steps_per_s is not None and steps.real_time_factor is not None:
-        out.print(
-            f"\nSteps{of}: {steps.steps_per_s:,.0f} per second{while_stepping},"
-            f" {plain(steps.real_time_factor, 3)} × real time",
-            soft_wrap=True,
-        )
-    if processes > 1 and steps.startup_s > 0:
-        out.print(f"It began to step {plain(steps.startup_s, 2)} s after its start.")
-    table = tables.plain_table(["", "timed", "p50", "p99", "max"], right=range(1, 5))
-    iteration = "step of the environment" if steps.of_environment else "iteration"
-    for name, durations in (("engine's step", steps.step), (iteration, steps.iteration)):
-        if durations is not None:
-            table.add_row(name, f"{durations.count:,}", *_quantiles(durations))
-    out.print(table)
-    if steps.stages:
-        largest = sorted(steps.stages.items(), key=lambda item: -item[1])
-        parts = [f"{name} {percent(share)}" for name, share in largest if share >= 0.03]
-        out.print(f"Stages of the engine: {', '.join(parts)}", soft_wrap=True)
-
-
-def _quantiles(durations: Durations) -> list[str]:
-    return [duration(ns) for ns in (durations.p50_ns, durations.p99_ns, durations.max_ns)]
-
-
-def _print_cost(out: Console, row: ProgramRow) -> None:
-    if row.status != Status.OK:
-        return
+def _cost_line(row: ProgramRow) -> str:
     if row.paused_share is None:
-        out.print("\nWhat observing took of the program's time is not known.")
-        return
-    line = f"\nObserving took {cost(row)} of the program's time."
+        return "What observing took of the program's time is not known."
+    line = f"Observing took {cost(row)} of the program's time."
     if row.cost_share > MAX_COST:
         line += f" --rate {max(1, row.rate_hz // 2)} makes it less."
-    out.print(line, soft_wrap=True)
+    return line
 
 
 def cost(row: ProgramRow) -> str:

@@ -1,55 +1,58 @@
-"""What `mjbench history measure` prints: a row for each release and model or operation."""
+"""What `mjbench history measure` comes to: a row for each release and model or operation."""
 
 import itertools
 from collections.abc import Sequence
 
-from rich.console import Console
-
 from mjbench.releases import release_ratios, speed_history
 from mjbench.releases.release_ratios import LogEstimate, RatioRecord, StepRatioRecord
-from mjbench.report import tables
+from mjbench.report.content import Cell, Column, DataTable, Section
 from mjbench.report.markdown import change_with_error
 from mjbench.simulation import agreement
 
 
-def print_table(out: Console, records: Sequence[RatioRecord]) -> None:
-    """Print the ratio of each release and model, with its standard error."""
-    headings = [
-        "model or operation",
-        "release",
-        "time",
-        "as shipped",
-        "launches",
-        "seconds",
-        "work",
-    ]
-    table = tables.plain_table(headings, right=(2, 3, 4, 5))
+def section(records: Sequence[RatioRecord]) -> Section:
+    """Return the ratio of each release and model, with its standard error."""
+    columns = (
+        Column("model or operation"),
+        Column("release"),
+        Column("time"),
+        Column("as shipped"),
+        Column("launches", str),
+        Column("seconds", lambda seconds: f"{seconds:.1f}"),
+        Column("work"),
+    )
     in_order = speed_history.in_order_of_release(records)
+    rows: list[Sequence[Cell]] = []
     for _, each in itertools.groupby(in_order, lambda record: (record.release, record.build)):
         of_release = list(each)
         if _failed_alike(of_release):
             first = of_release[0]
-            table.add_row("all", first.release, "", "", "0", "", first.detail)
-            continue
-        for record in of_release:
-            table.add_row(
-                record.series,
-                record.release,
-                _change(release_ratios.averaged(record.launches)),
-                _change(release_ratios.as_shipped(record.launches)),
-                str(len(record.launches)),
-                f"{record.seconds:.1f}",
-                record.detail or _work(record),
-            )
-    out.print(table)
-    for problem in sorted({record.problem for record in records if record.problem}):
-        out.print(f"placement not averaged out: {problem}", soft_wrap=True)
+            rows.append(("all", first.release, "", "", 0, None, first.detail))
+        else:
+            rows += map(_cells, of_release)
     references = sorted({record.reference for record in records})
-    out.print(
-        f"time: of a step or an operation, against MuJoCo {', '.join(references)} (± standard"
-        " error), with placement averaged out where the code can be moved; work: against the same"
-        " release",
-        soft_wrap=True,
+    problems = sorted({record.problem for record in records if record.problem})
+    return Section(
+        "Times of releases",
+        tables=[DataTable("Times of releases", columns, rows)],
+        notes=[
+            *(f"placement not averaged out: {problem}" for problem in problems),
+            f"time: of a step or an operation, against MuJoCo {', '.join(references)} (± standard"
+            " error), with placement averaged out where the code can be moved; work: against the"
+            " same release",
+        ],
+    )
+
+
+def _cells(record: RatioRecord) -> Sequence[Cell]:
+    return (
+        record.series,
+        record.release,
+        _change(release_ratios.averaged(record.launches)),
+        _change(release_ratios.as_shipped(record.launches)),
+        len(record.launches),
+        record.seconds,
+        record.detail or _work(record),
     )
 
 

@@ -15,7 +15,7 @@ from mjbench.instrument import machine, stats
 from mjbench.instrument.ratio import Ratio
 from mjbench.instrument.runs import Record
 from mjbench.paired.path_comparison import race_of
-from mjbench.paired.race_record import RaceRecord
+from mjbench.paired.race_record import Loop, RaceRecord
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import nthread
 from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
@@ -29,40 +29,15 @@ from mjbench.status import Status
 class PathResult:
     """What a comparison says of one variant; None is what cannot be said.
 
+    Fields of the same names are those of `MeasurementRecord`.
+
     Attributes:
-      model: its name.
-      path: the way of stepping.
-      options: of the path.
-      status: how it ended.
-      detail: one line; empty when ok.
-      agrees: whether its final states are the reference's.
-      agreement: the rule that was held, or the first difference.
-      closed_loop: whether a policy can choose each control from the state before it.
-      nbatch: simulations.
-      nstep: steps of each.
-      hold: steps per control.
-      returns: what every run returned.
-      starts: where start states came from.
-      diverged: simulations left out because they diverged.
-      warnings: how many of the others raised each warning of MuJoCo.
       steps_per_s: steps of all simulations per second.
       step_ns: nanoseconds of one step of one simulation: that of the plain loop over `speedup`.
       realtime_factor: simulated seconds per second, all simulations together.
       speedup: over the plain Python loop, with its 95 % interval from launch to launch; without
         ends where it is from one process, or from too few launches.
       launches: fresh processes that gave the speed-up.
-      work: contacts, constraints and solver iterations per step.
-      snippet: Python that does what the path does.
-      nbatch_asked: simulations that the user asked for; None where mjbench chose.
-      precision: of an accelerated path; None for paths that run C.
-      device: that an accelerated path ran on.
-      trace_s: seconds of tracing.
-      compile_s: seconds of the compiler.
-      cached_compile_s: the same where its cache holds the program; None where not measured.
-      memory_bytes: most memory of the process.
-      gpu_memory_bytes: most memory of the GPU.
-      check: how far an accelerated path is from C.
-      buffer_sizes: sizes of an accelerated engine's buffers, by its names for them.
       overtakes_after_steps: break-even: steps of the plain loop that take as long as compiling and
         running the same number; None where the plain loop is faster.
       disturbances: what disturbed its race, a clause each; empty where nothing did.
@@ -129,13 +104,46 @@ class PathResult:
         """Whether it has a speed."""
         return self.steps_per_s is not None
 
+    def serves(self, loop: Loop) -> bool:
+        """Return whether a loop can use the path."""
+        return loop == Loop.OPEN or self.closed_loop
+
     def rate_over(self, other: "PathResult") -> float:
         """Return this path's steps per second over another's; both must be timed."""
         assert self.steps_per_s and other.steps_per_s, "only timed results have a rate"
         return self.steps_per_s / other.steps_per_s
 
+    def pays_after_steps(self, other_ns: float) -> float:
+        """Return the break-even: infinity where another path is faster, or nothing is compiled.
+
+        It is the number of steps that take the other path as long as compiling and they take this.
+
+        Args:
+          other_ns: nanoseconds of a step of the other path.
+        """
+        if self.step_ns is None or self.compile_s is None or self.step_ns >= other_ns:
+            return math.inf
+        return 1e9 * ((self.trace_s or 0.0) + self.compile_s) / (other_ns - self.step_ns)
+
 
 _RESULT_FIELDS = {field.name for field in fields(PathResult)}
+
+
+@dataclass(frozen=True)
+class Cores:
+    """How many cores threads had, of those that they can use."""
+
+    had: float
+    wanted: int
+
+    @property
+    def share(self) -> float:
+        """The share that they had."""
+        return self.had / self.wanted
+
+    def __str__(self) -> str:
+        """Return it as sentences have it, such as `1.20 of 2 cores`."""
+        return f"{self.had:.2f} of {self.wanted} cores"
 
 
 @dataclass(frozen=True)
@@ -143,7 +151,6 @@ class ModelResults:
     """The records of one model at one size, and what follows from them.
 
     Attributes:
-      model: the model's record.
       results: one a variant.
       race: of the paths that run C; None where there was none, and in files of earlier versions.
       is_former: whether an earlier version of mjbench timed all paths in one process.
@@ -161,12 +168,26 @@ class ModelResults:
         return [self.model.status, *(result.status for result in self.results), *race]
 
     @property
-    def cores_had(self) -> float | None:
-        """The cores that threads got: the median of the launches; None without any."""
-        had = list(self.model.cores_had)
-        if self.race is not None:
-            had = [each.cores for each in self.race.launches if each.cores is not None]
-        return statistics.median(had) if had else None
+    def cores(self) -> Cores | None:
+        """The cores that threads had: of the launch with the median share; None without threads.
+
+        Each launch is judged by the most threads of the paths that it timed.
+        """
+        if self.race is None:
+            threads = [nthread(result.options) for result in self.results if result.is_timed]
+            had = list(self.model.cores_had)
+            return Cores(statistics.median(had), self._wanted(threads)) if had else None
+        cores = [
+            Cores(each.cores, self._wanted(self.race.threads(each)))
+            for each in self.race.launches
+            if each.cores is not None
+        ]
+        cores.sort(key=lambda each: each.share)
+        return cores[(len(cores) - 1) // 2] if cores else None
+
+    def _wanted(self, threads: Sequence[int]) -> int:
+        """Return how many cores the most threads of paths can use."""
+        return min(self.model.usable_cores, max(threads, default=1))
 
     @property
     def disturbances(self) -> list[str]:
@@ -178,41 +199,29 @@ class ModelResults:
         if race and race.neighbours:
             others = ", ".join(f"mjbench {name}" for name in race.neighbours)
             lines.append(f"{others} measured on this machine at the same time")
-        cores, usable = self.cores_had, self._cores_wanted
-        if cores is not None and cores < machine.ENOUGH_CORES * usable:
-            lines.append(f"threads had {cores:.2f} of {usable} cores")
+        if self.cores is not None and self.cores.share < machine.ENOUGH_CORES:
+            lines.append(f"threads had {self.cores}")
         return lines
-
-    @property
-    def _cores_wanted(self) -> int:
-        """The cores that the most threads of a path can use."""
-        threads = [nthread(result.options) for result in self.results if result.is_timed]
-        return min([self.model.usable_cores, max(threads, default=1)])
 
     @property
     def base(self) -> PathResult | None:
         """The plain loop, where it was timed."""
-        plain = Variant(BASE, {})
-        return next((r for r in self.results if r.variant == plain and r.is_timed), None)
+        return self.timed(Variant(BASE, {}))
+
+    def timed(self, variant: Variant) -> PathResult | None:
+        """Return the result of a variant; None where it was not timed."""
+        return next((r for r in self.results if r.variant == variant and r.is_timed), None)
 
     @property
     def total_steps(self) -> int | None:
         """The steps that the user will take: those asked for, or one block; None if unknown."""
-        if self.model.total_steps or self.model.nbatch is None or self.model.nstep is None:
-            return self.model.total_steps
-        return self.model.nbatch * self.model.nstep
+        return self.model.total_steps or self.model.block_steps
 
 
 def derive(
     model: ModelRecord, measurements: Sequence[MeasurementRecord], race: RaceRecord | None
 ) -> ModelResults:
-    """Return the results of one model at one size from its records.
-
-    Args:
-      model: the model's record.
-      measurements: its variants.
-      race: of those that run C.
-    """
+    """Return the results of one model at one size from its records."""
     base = next((m for m in measurements if m.path == BASE and m.is_timed), None)
     is_former = race is None and base is not None
     base_ns = None
@@ -238,7 +247,8 @@ def derive_all(records: Sequence[Record]) -> list[ModelResults]:
         match record:
             case ModelRecord():
                 race = race_of(record, records)
-                results.append(derive(record, of_model(record, records), race))
+                measurements = of_model(MeasurementRecord, record, records)
+                results.append(derive(record, measurements, race))
             case ScalingRecord():
                 results.append(derive(record.model, record.measurements, None))
     return results
@@ -253,8 +263,6 @@ def _result(
     """Return the result of a variant.
 
     Args:
-      model: its model.
-      record: of the variant.
       base_ns: nanoseconds of a step of the plain loop.
       speedup: over the plain loop, and from how many launches; None where it has none.
     """
@@ -265,7 +273,7 @@ def _result(
     ratio, launches = speedup
     step_ns = base_ns / ratio.estimate
     timestep = model.facts.timestep if model.facts else 0.0
-    return replace(
+    timed = replace(
         untimed,
         steps_per_s=1e9 / step_ns,
         step_ns=step_ns,
@@ -273,8 +281,10 @@ def _result(
         realtime_factor=1e9 * timestep / step_ns if 0 < timestep < math.inf else None,
         speedup=ratio,
         launches=launches,
-        overtakes_after_steps=_break_even_steps(record, base_ns, step_ns),
     )
+    break_even = timed.pays_after_steps(base_ns)
+    overtakes_after_steps = break_even if math.isfinite(break_even) else None
+    return replace(timed, overtakes_after_steps=overtakes_after_steps)
 
 
 def _speedup(
@@ -311,9 +321,3 @@ def steps_per_block(record: MeasurementRecord) -> int:
     assert record.nbatch is not None, "a timed record has its sizes"
     assert record.nstep is not None, "a timed record has its sizes"
     return record.nbatch * record.nstep
-
-
-def _break_even_steps(record: MeasurementRecord, base_ns: float, step_ns: float) -> float | None:
-    if record.compile_s is None or step_ns >= base_ns:
-        return None
-    return 1e9 * ((record.trace_s or 0.0) + record.compile_s) / (base_ns - step_ns)

@@ -62,7 +62,6 @@ def differences(old: RunSet, new: RunSet, across: bool) -> list[RunDifference]:
 
     Args:
       old: a run file or a set, with runs of `mjbench compare`.
-      new: another.
       across: compare also what differs in identity (see `identity`).
     """
     old_runs, new_runs = (
@@ -187,13 +186,13 @@ def _timed(runs: Sequence[Run]) -> dict[_Key, list[_Timed]]:
     """
     timed: dict[_Key, list[_Timed]] = defaultdict(list)
     for run in runs:
-        races = {(race.model, race.nbatch_asked): race for race in run.of_type(RaceRecord)}
-        results = {_key(r): r for each in derive_all(run.records) for r in each.results}
+        models = derive_all(run.records)
+        results = {_key(r): (r, each.race) for each in models for r in each.results}
         of_run: dict[_Key, _Timed] = {}
         for record in run.of_type(MeasurementRecord):
-            step_s = _step_s(record, races.get((record.model, record.nbatch_asked)))
+            result, race = results.get(_key(record), (None, None))
+            step_s = _step_s(record, race)
             if record.agrees and record.status == Status.OK and step_s:
-                result = results.get(_key(record))
                 of_run[_key(record)] = _Timed(record, run.header.machine, step_s, result)
         for key, measured in of_run.items():
             timed[key].append(measured)

@@ -1,49 +1,70 @@
-"""The tables of `mjbench selfcheck`."""
+"""What `mjbench selfcheck` comes to: how often verdicts on known truths are wrong."""
 
 from collections.abc import Sequence
 from typing import assert_never
 
-from rich.console import Console
-from rich.table import Table
-
 from mjbench.paired.outcomes import Arm
 from mjbench.paired.selfcheck_records import CaseRow, SelfcheckRow
-from mjbench.report import tables
+from mjbench.paired.verdict import CONFIDENCE
+from mjbench.report import formats
+from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section, Tone
 
 
-def print_tables(out: Console, rows: Sequence[SelfcheckRow]) -> None:
-    """Print a table of slowdowns and one of builds, each if there is any."""
+def section(rows: Sequence[SelfcheckRow]) -> Section:
+    """Return what trials come to: a table of slowdowns and one of builds, each if there is any."""
     between = [row for row in rows if row.arm == Arm.BETWEEN_BUILDS]
     slowdowns = [row for row in rows if row.arm != Arm.BETWEEN_BUILDS]
-    if slowdowns or not between:
-        out.print(slowdown_table(slowdowns))
-    if between:
-        out.print(build_table(between))
-    for problem in dict.fromkeys(row.problem for row in rows if row.problem):
-        out.print(f"compared as shipped: {problem}", soft_wrap=True)
+    problems = dict.fromkeys(row.problem for row in rows if row.problem)
+    return Section(
+        "How often is a verdict wrong?",
+        [_conclusion(rows)],
+        tables=[
+            *([_slowdown_table(slowdowns)] if slowdowns else []),
+            *([_build_table(between)] if between else []),
+        ],
+        notes=[f"compared as shipped: {problem}" for problem in problems],
+    )
 
 
-def slowdown_table(rows: Sequence[SelfcheckRow]) -> Table:
+def _conclusion(rows: Sequence[SelfcheckRow]) -> Conclusion:
+    wrong = sum(round(row.wrong * row.trials) for row in rows)
+    count = sum(row.trials for row in rows)
+    tone = Tone.GOOD if wrong <= (1 - CONFIDENCE) * count else Tone.BAD
+    return Conclusion(f"{wrong} of {count} verdicts on known truths are wrong", tone)
+
+
+def _slowdown_table(rows: Sequence[SelfcheckRow]) -> DataTable:
     """Return the table of trials in which both targets are the same build."""
-    headings = ["model", "slowdown", "placement", "trials", "called slower", "wrong", "missed"]
-    headings += ["inconclusive", "coverage", "mean error", "seconds", "launches", "launch sd"]
-    table = tables.plain_table(headings, right=range(3, len(headings)))
-    for row in rows:
-        shares = (row.detected, row.wrong, row.missed, row.inconclusive, row.covered)
-        table.add_row(*_cells(row, shares))
-    return table
+    shares = ("called slower", "wrong", "missed", "inconclusive", "coverage")
+    cells = [
+        _cells(row, (row.detected, row.wrong, row.missed, row.inconclusive, row.covered))
+        for row in rows
+    ]
+    return DataTable("Known slowdowns", _columns("slowdown", shares), cells)
 
 
-def build_table(rows: Sequence[SelfcheckRow]) -> Table:
+def _build_table(rows: Sequence[SelfcheckRow]) -> DataTable:
     """Return the table of trials between builds that execute the same instructions."""
-    headings = ["model", "old → new", "placement", "trials", "different", "by code"]
-    headings += ["only as shipped", "inconclusive", "coverage", "mean error", "seconds"]
-    headings += ["launches", "launch sd"]
-    table = tables.plain_table(headings, right=range(3, len(headings)))
-    for row in rows:
-        shares = (row.wrong, row.by_code, row.by_placement, row.inconclusive, row.covered)
-        table.add_row(*_cells(row, shares))
-    return table
+    shares = ("different", "by code", "only as shipped", "inconclusive", "coverage")
+    cells = [
+        _cells(row, (row.wrong, row.by_code, row.by_placement, row.inconclusive, row.covered))
+        for row in rows
+    ]
+    return DataTable("Builds of the same code", _columns("old → new", shares), cells)
+
+
+def _columns(case: str, shares: Sequence[str]) -> list[Column]:
+    return [
+        Column("model"),
+        Column(case),
+        Column("placement"),
+        Column("trials", formats.count),
+        *(Column(share, formats.percent) for share in shares),
+        Column("mean error", lambda error: f"{100 * error:+.3f} %"),
+        Column("seconds", lambda seconds: f"{seconds:.1f}"),
+        Column("launches", lambda launches: f"{launches:.1f}"),
+        Column("launch sd", lambda deviation: f"{100 * deviation:.2f} %"),
+    ]
 
 
 def describe_case(case: CaseRow) -> str:
@@ -58,20 +79,16 @@ def describe_case(case: CaseRow) -> str:
     assert_never(case.arm)
 
 
-def _cells(row: SelfcheckRow, shares: Sequence[float | None]) -> list[str]:
+def _cells(row: SelfcheckRow, shares: Sequence[float | None]) -> Sequence[Cell]:
     """Return the cells of a row; the shares are what its table is about."""
-    return [
+    return (
         row.model,
         describe_case(row),
         "averaged" if row.averaged else "as shipped",
-        str(row.trials),
-        *map(_percent, shares),
-        "" if row.error is None else f"{100 * row.error:+.3f} %",
-        f"{row.seconds:.1f}",
-        f"{row.launches:.1f}",
-        "" if row.launch_sd is None else f"{100 * row.launch_sd:.2f} %",
-    ]
-
-
-def _percent(share: float | None) -> str:
-    return "" if share is None else f"{100 * share:.1f} %"
+        row.trials,
+        *shares,
+        row.error,
+        row.seconds,
+        row.launches,
+        row.launch_sd,
+    )

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 
 from mjbench.releases.speed_history import SpeedSeries, order
 from mjbench.report import markdown
-from mjbench.report.across_machines import MOST_COLUMNS
 from mjbench.report.history_files import MachineHistory
 from mjbench.report.speed_history import Listed, listed_changes, title
 
 COMMAND = "mjbench history --machine NAME"
+# Up to so many machines have a column each; with more, each cell of the table is a row.
+_MOST_COLUMNS = 8
 
 
 @dataclass(frozen=True)
@@ -167,7 +168,7 @@ def conclusion(histories: Sequence[MachineHistory], listed: Sequence[ChangeAcros
 
 def _table(listed: Sequence[ChangeAcross], names: Sequence[str]) -> Iterator[str]:
     """Yield a table of changes, with a column for each machine; of many machines, with a row."""
-    if len(names) > MOST_COLUMNS:
+    if len(names) > _MOST_COLUMNS:
         headings = ["releases", "what", "listed", "machine", "time"]
         rows = [
             [change.releases, change.title, change.count, markdown.escaped(m.machine), m.cell]

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from mjbench.instrument.machine import Machine
+from mjbench.instrument.units import count_of
 from mjbench.releases import speed_history
 from mjbench.releases.change_points import (
     FALSE_DISCOVERY_RATE,
@@ -14,7 +15,7 @@ from mjbench.releases.change_points import (
 )
 from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS, NoChangePair
 from mjbench.releases.speed_history import SpeedSeries
-from mjbench.report import history_plots, tables
+from mjbench.report import history_plots
 from mjbench.report.markdown import code, escaped
 from mjbench.report.speed_history import SpeedHistory, listed_changes
 from mjbench.report.speed_tables import (
@@ -214,7 +215,7 @@ def conclusion(history: SpeedHistory) -> Iterator[str]:
     uncertain = len(compared) - len(certain)
     yield (
         "From the first release that loads a model to the last, a step became slower for"
-        f" {len(slower)} of {tables.count_of(len(compared), 'model')}{_range(slower)}, and faster"
+        f" {len(slower)} of {count_of(len(compared), 'model')}{_range(slower)}, and faster"
         f" for {len(faster)}{_range(faster)}."
         + (f" For {uncertain} the change is not certain." if uncertain else "")
     )
@@ -303,7 +304,7 @@ def no_change_line(history: SpeedHistory) -> Iterator[str]:
         yield (
             "As a check, in some releases a step executes as many instructions as in the one"
             f" before: {', '.join(names)}. The root mean square of their"
-            f" {tables.count_of(len(log_ratios), 'change')} is {100 * deviation:.2f} %, where their"
+            f" {count_of(len(log_ratios), 'change')} is {100 * deviation:.2f} %, where their"
             f" standard errors predict {100 * expected:.2f} %; {listed} of them"
             f" {'is' if listed == 1 else 'are'} listed."
         )

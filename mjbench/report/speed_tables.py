@@ -10,11 +10,11 @@ from mjbench.counts.function_differences import (
     largest_differences,
 )
 from mjbench.counts.records import ExplainRecord
+from mjbench.instrument.units import plain
 from mjbench.releases import release_ratios, speed_history
 from mjbench.releases.change_points import MIN_CHANGE
 from mjbench.releases.release_ratios import LogEstimate
 from mjbench.releases.speed_history import Measured, SpeedSeries
-from mjbench.report import tables
 from mjbench.report.markdown import change, change_with_error, code, escaped, table
 from mjbench.report.speed_history import Listed, SpeedHistory, listed_changes, title
 
@@ -227,7 +227,7 @@ def _times(series: SpeedSeries) -> Mapping[str, str]:
     reference_us = 1e6 * statistics.median(known)
     marks = {point.index: _mark(point.change) for point in series.changes.change_points}
     return {
-        each.release: tables.plain(reference_us * each.ratio.ratio, 3) + marks.get(i, "")
+        each.release: plain(reference_us * each.ratio.ratio, 3) + marks.get(i, "")
         for i, each in enumerate(series.measured)
     }
 
@@ -250,7 +250,7 @@ def _instructions_by_release(history: SpeedHistory, model: str) -> Mapping[str, 
         if count is not None:
             is_change = before is not None and abs(count / before - 1) > COUNT_THRESHOLD
             mark = _mark(count - before) if before is not None and is_change else ""
-            cells[release] = tables.plain(count / 1000, 4) + mark
+            cells[release] = plain(count / 1000, 4) + mark
         before = count
     return cells
 

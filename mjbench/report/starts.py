@@ -1,9 +1,12 @@
 """The lines that say from which states a measurement stepped, and what its steps were like."""
 
-from mjbench.instrument.units import plain
-from mjbench.report import tables
+from collections.abc import Mapping
+
+from mjbench.instrument.units import count_of, plain
 from mjbench.simulation.starts import SettleLimit, Starts, Window
 
+# Values of mjtWarning by which MuJoCo says that memory was full and it left something out.
+_MEMORY_WARNINGS = ("CONTACTFULL", "CNSTRFULL", "VGEOMFULL")
 # From this share of the steps on, a solver that stops at its limit of iterations is mentioned.
 _MOST_LIMITED = 0.5
 # A window shows sleeping if its share of sleeping trees is that of the model's run, within this.
@@ -29,14 +32,14 @@ def starts_lines(starts: Starts | None, with_warnings: bool = True) -> list[str]
     lines += [*capture_lines(starts), *_limit_lines(starts)]
     if starts.window is not None:
         lines += _regime_lines(starts.window)
-        lines += tables.warning_lines(starts.window.warnings) if with_warnings else []
+        lines += warning_lines(starts.window.warnings) if with_warnings else []
     return lines
 
 
 def _window_line(starts: Starts, window: Window) -> str:
     """Return how many starts are from where, and what was stepped from them."""
-    count = tables.count_of(window.nstart, "start")
-    steps = f"{tables.count_of(window.nstep, 'step')} each"
+    count = count_of(window.nstart, "start")
+    steps = f"{count_of(window.nstep, 'step')} each"
     return f"{count}{_source(starts)}, {steps}, {plain(window.contacts, 3)} contacts a step"
 
 
@@ -140,3 +143,30 @@ def _sleep_lines(window: Window) -> list[str]:
 
 def _percent(share: float) -> str:
     return f"{plain(100 * share, 2)} %"
+
+
+def warning_lines(warnings: Mapping[str, int] | None) -> list[str]:
+    """Return what MuJoCo's warnings mean for a measurement, a line each.
+
+    Args:
+      warnings: how many simulations, none of which diverged, raised each; by its name.
+    """
+    counts = warnings or {}
+    full = {name: count for name, count in counts.items() if name in _MEMORY_WARNINGS}
+    other = {name: count for name, count in counts.items() if name not in _MEMORY_WARNINGS}
+    lines = []
+    if full:
+        lines.append(
+            f"The model's memory was full ({_simulations(full)}), so MuJoCo left out contacts or"
+            ' constraints: enlarge it with <size memory="…"/>'
+        )
+    if other:
+        lines.append(f"MuJoCo warned ({_simulations(other)}) but the simulations did not diverge")
+    return lines
+
+
+def _simulations(counts: Mapping[str, int]) -> str:
+    """Return numbers of simulations by warning, such as `CNSTRFULL in 64 simulations`."""
+    return ", ".join(
+        f"{name} in {count} simulation{'s' * (count > 1)}" for name, count in counts.items()
+    )

@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 
-from rich.console import Console
-
-from mjbench.report import tables
+from mjbench.instrument.units import count_of
+from mjbench.report import formats
+from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.status import Status
 from mjbench.sweep.cells import Cell
 from mjbench.sweep.results import Outcome
@@ -25,54 +25,62 @@ def duration(seconds: float) -> str:
     return f"{hours} h {minutes} min" if hours else f"{minutes} min"
 
 
-def print_cells(out: Console, cells: Sequence[Cell], done: Mapping[Cell, Outcome]) -> None:
-    """Print the names of all cells, how those that have a result ended, and how many there are."""
-    table = tables.plain_table(["result", "status"])
-    for cell in cells:
-        result = done.get(cell)
-        table.add_row(cell.name, "" if result is None else result.status.value)
-    out.print(table)
-    results = tables.count_of(len(cells), "result")
-    out.print(f"\n{results}, {len(cells) - len(done)} of them missing.")
+def cells_section(cells: Sequence[Cell], done: Mapping[Cell, Outcome]) -> Section:
+    """Return the names of all cells, how those that have a result ended, and how many there are."""
+    rows = [
+        (cell.name, "" if (outcome := done.get(cell)) is None else outcome.status.value)
+        for cell in cells
+    ]
+    missing = len(cells) - len(done)
+    return Section(
+        "Results",
+        [Conclusion(f"{count_of(len(cells), 'result')}, {missing} of them missing.")],
+        tables=[DataTable("Results", (Column("result"), Column("status")), rows)],
+    )
 
 
-def print_summary(out: Console, summary: Summary, outcomes: Mapping[Cell, Outcome]) -> None:
-    """Print what the nodes did, which cells failed, and which are missing.
+def summary_section(summary: Summary, outcomes: Mapping[Cell, Outcome]) -> Section:
+    """Return what the nodes did, which cells failed, and which are missing.
 
     Args:
       outcomes: of all cells that have a result, earlier ones included.
     """
-    _print_nodes(out, summary)
-    print_failures(out, outcomes)
+    missing = []
     if summary.missing:
         count = len(summary.missing)
         names = ", ".join(cell.name for cell in summary.missing[:_MOST_MISSING])
         rest = f" and {count - _MOST_MISSING} more" if count > _MOST_MISSING else ""
-        out.print(f"Missing: {names}{rest}", soft_wrap=True)
+        missing.append(f"Missing: {names}{rest}")
+    return Section("Nodes", failures(outcomes), tables=[_nodes_table(summary)], notes=missing)
 
 
-def print_failures(out: Console, outcomes: Mapping[Cell, Outcome]) -> None:
-    """Print which cells failed, and how."""
+def failures(outcomes: Mapping[Cell, Outcome]) -> list[Conclusion]:
+    """Return which cells failed, and how."""
     failed = [item for item in outcomes.items() if item[1].status in _FAILED]
-    for cell, outcome in failed[:_MOST_CELLS]:
-        out.print(tables.headed(cell.name, f": {outcome.status}, {outcome.detail}"), soft_wrap=True)
+    conclusions = [
+        Conclusion(f"{cell.name}: {outcome.status}, {outcome.detail}", Tone.BAD)
+        for cell, outcome in failed[:_MOST_CELLS]
+    ]
     if len(failed) > _MOST_CELLS:
-        further = tables.count_of(len(failed) - _MOST_CELLS, "further result")
-        out.print(f"{further} failed.")
+        further = count_of(len(failed) - _MOST_CELLS, "further result")
+        conclusions.append(Conclusion(f"{further} failed.", Tone.BAD))
+    return conclusions
 
 
-def _print_nodes(out: Console, summary: Summary) -> None:
-    headings = ["node", "machine", "results", "measured", "was busy", "why"]
-    table = tables.plain_table(headings, right=(2, 3, 4))
-    for record in summary.nodes:
-        table.add_row(
-            record.name,
-            record.label,
-            str(record.cells),
-            duration(record.measured_s),
-            duration(record.busy_s) if record.busy_s else "",
-            record.objection,
-        )
-    for left_out in summary.left_out:
-        table.add_row(left_out.name, "", "", "", "", f"left out: {left_out.reason}")
-    out.print(table)
+def _nodes_table(summary: Summary) -> DataTable:
+    columns = (
+        Column("node"),
+        Column("machine"),
+        Column("results", formats.count),
+        Column("measured", duration),
+        Column("was busy", duration),
+        Column("why"),
+    )
+    rows = [
+        (node.name, node.label, node.cells, node.measured_s, node.busy_s or None, node.objection)
+        for node in summary.nodes
+    ]
+    left_out = [
+        (node.name, "", None, None, None, f"left out: {node.reason}") for node in summary.left_out
+    ]
+    return DataTable("Nodes", columns, [*rows, *left_out])

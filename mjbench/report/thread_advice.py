@@ -19,9 +19,6 @@ class ThreadAdvice:
     """How many threads a path should have on a model.
 
     Attributes:
-      model: its name.
-      nbatch: simulations.
-      path: the way of stepping.
       nthread: the smallest number of threads that has `ENOUGH` of the best speed-up; 1 where no
         number is certainly faster than one thread.
       most_tried: the largest number that was tried.
@@ -78,5 +75,5 @@ def _advice(race: RaceRecord, own: Sequence[PathResult]) -> ThreadAdvice:
         most_tried=max(fastest),
         over_one=over_one,
         chunk=chosen.options.get("chunk"),
-        is_certain=race.has_figures_after and not chosen.disturbances,
+        is_certain=race.is_decided and not (race.is_cut_short or chosen.disturbances),
     )

@@ -1,11 +1,12 @@
 """What `mjbench tune` says: which settings are recommended, what they cost, and what to paste."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from mjbench.instrument.ratio import Ratio
 from mjbench.instrument.units import plain
-from mjbench.report import tables
+from mjbench.report import charts, formats
+from mjbench.report.content import Cell, Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report.starts import starts_lines
 from mjbench.simulation import package_timer
 from mjbench.simulation.starts import Starts
@@ -18,6 +19,7 @@ from mjbench.tuning.records import (
     Batch,
     BatchFacts,
     Effect,
+    Program,
     Recommendation,
     TuneRecord,
 )
@@ -32,9 +34,16 @@ from mjbench.tuning.settings import (
     loop_change,
 )
 
-# Settings that failed are named up to this number.
-_MOST_FAILED = 12
+# Settings that failed, and settings alone, that are named.
+_MOST_FAILED = _MOST_ALONE = 12
 _ENGINES = {"mjx": "MJX", "warp": "Warp"}
+_PRESENT, _TRIED, _CONFIRMED = "present settings", "tried", "confirmed"
+_COLOURS = {_PRESENT: charts.GREY, _TRIED: charts.BLUE, _CONFIRMED: charts.ORANGE}
+_RESULTS = {
+    Effect.FREE: "same (free)",
+    Effect.EQUIVALENT: "within tolerance (equivalent)",
+    Effect.APPROXIMATE: "differ (approximate)",
+}
 
 
 @dataclass(frozen=True)
@@ -68,6 +77,169 @@ def rows(record: TuneRecord) -> list[TunedRow]:
         )
         for each in record.front
     ]
+
+
+def sections(records: Sequence[TuneRecord]) -> Iterator[Section]:
+    """Yield a section for each model for which settings were searched."""
+    for record in records:
+        tone = Tone.GOOD if record.best() is not None else Tone.NEUTRAL
+        first = Conclusion(conclusion(record), tone if record.status == Status.OK else Tone.BAD)
+        if not _is_measured(record):
+            yield Section(record.model, [first])
+            continue
+        present, alone = record.present, faster_alone(record)[:_MOST_ALONE]
+        yield Section(
+            heading=f"{subject(record)}: settings",
+            conclusions=[first],
+            facts=[*_to_apply(record)],
+            figures=[_front_figure(record, present)] if present else [],
+            tables=[
+                *([_front_table(record)] if record.front or record.batch else []),
+                *([_alone_table(record, alone)] if alone else []),
+            ],
+            notes=notes(record),
+        )
+
+
+def _to_apply(record: TuneRecord) -> Iterator[str]:
+    """Yield what to paste for each recommendation that is advised."""
+    for each in advised(record):
+        yield f"To apply {label(each.settings)}:"
+        yield from paste_lines(each.settings)
+
+
+def _is_measured(record: TuneRecord) -> bool:
+    """Return whether there is more to say than the conclusion."""
+    batch = record.batch
+    return record.present is not None or (
+        batch is not None and batch.facts is not None and batch.present is not None
+    )
+
+
+def _front_figure(record: TuneRecord, present: Present) -> Figure:
+    """Return time against error: what was tried from all starts, and what was confirmed."""
+    columns = (
+        Column("settings"),
+        Column("error, % of the motion", formats.digits(3)),
+        Column("time of a simulated second", formats.digits(4)),
+        Column("point"),
+    )
+    most = max(
+        (len(row.accuracy.run_errors) for row in record.attempts if row.accuracy is not None),
+        default=0,
+    )
+    rows = [(label(()), 100 * present.error.share, 1.0, _PRESENT)]
+    rows += [
+        (label(row.settings), 100 * row.accuracy.error.share, row.time_ratio, _TRIED)
+        for row in record.attempts
+        if row.accuracy is not None
+        and row.time_ratio is not None
+        and len(row.accuracy.run_errors) == most  # errors of fewer runs are of another kind
+    ]
+    rows += [
+        (label(each.settings), 100 * each.error.share, each.ratio.estimate, _CONFIRMED)
+        for each in record.front
+    ]
+    data = DataTable("Time and error", columns, rows)
+    error, time_ratio = columns[1].title, columns[2].title
+    layer: charts.Spec = {
+        "mark": {"type": "point", "filled": True, "size": 60, "tooltip": {"content": "data"}},
+        "encoding": {
+            "x": charts.quantity(time_ratio, f"{time_ratio}, present settings = 1"),
+            "y": charts.quantity(error, error, log=all(row[1] > 0 for row in rows)),
+            "color": charts.colour("point", _COLOURS),
+        },
+    }
+    return Figure(
+        title=f"{record.model}: time and error of settings",
+        alternative=f"{len(rows)} points: the farther left, the faster; the lower, the more"
+        f" accurate. {len(record.front)} are confirmed from new starts.",
+        specification=charts.chart(data, [layer], height=320),
+        data=data,
+    )
+
+
+def _front_table(record: TuneRecord) -> DataTable:
+    """Return what is recommended; of MJX and Warp, also what else was tried."""
+    batch, listed = record.batch, advised(record)
+
+    def row(
+        ratio: Ratio,
+        error: Distance | None,
+        settings: Sequence[Setting],
+        recommended: str = "",
+        effect: Effect | None = None,
+        program: Program | None = None,
+    ) -> list[Cell]:
+        return [
+            recommended,
+            *([_RESULTS[effect] if effect else ""] if batch is None else []),
+            ratio.estimate,
+            ratio,
+            100 * error.share if error else None,
+            in_units(error)
+            if batch is None and error
+            else (program.compile_s if program else None),
+            label(settings),
+        ]
+
+    columns = (
+        Column("recommended"),
+        *([Column("results")] if batch is None else []),
+        Column(
+            "time of a simulated second" if batch is None else "time of a batched step",
+            formats.digits(4),
+        ),
+        Column("95 %", formats.ends_in(formats.digits(4))),
+        Column(f"{error_name(record)}, % of the motion", formats.digits(3)),
+        Column("in units") if batch is None else Column("compile s", formats.digits(3)),
+        Column("settings"),
+    )
+    present = batch.present if batch else None
+    in_c = present or record.present
+    assert in_c is not None, "it was measured"
+    rows = [row(Ratio(1.0, None, None), in_c.error, (), program=present)]
+    rows += [
+        row(
+            each.ratio,
+            each.error,
+            each.settings,
+            "yes" if each in listed or batch else "",
+            each.effect,
+            each.program,
+        )
+        for each in record.front
+    ]
+    rows += [
+        row(Ratio(each.time_ratio, None, None), each.error, each.settings, program=each.program)
+        for each in (tried(record) if batch else ())
+        if each.time_ratio
+    ]
+    return DataTable("Confirmed from new starts" if batch is None else "Settings", columns, rows)
+
+
+def _alone_table(record: TuneRecord, attempts: Sequence[Attempt]) -> DataTable:
+    """Return what settings do alone."""
+    columns = (
+        Column("setting alone"),
+        Column("results"),
+        Column("time of a simulated second", formats.digits(4)),
+        Column("why it can help", wraps=True),
+        Column("what it may change", wraps=True),
+    )
+    rows = []
+    for each in attempts:
+        (setting,) = each.settings
+        rows.append(
+            [
+                setting.label,
+                _RESULTS[each.accuracy.effect] if each.accuracy else each.detail,
+                each.ratio.estimate if each.ratio else each.time_ratio,
+                why(setting, record),
+                knobs.find(setting.knob).changes,
+            ]
+        )
+    return DataTable("Settings that alone are certainly faster", columns, rows)
 
 
 def subject(record: TuneRecord) -> str:
@@ -107,7 +279,7 @@ def advised(record: TuneRecord) -> list[Recommendation]:
 def _part(each: Recommendation, record: TuneRecord) -> str:
     """Return what a recommendation comes to."""
     return (
-        f"{tables.factor(1 / each.ratio.estimate)} times as fast{_results(each, record)}:"
+        f"{formats.factor(1 / each.ratio.estimate)} times as fast{_results(each, record)}:"
         f" {label(each.settings)}"
     )
 

@@ -1,12 +1,10 @@
-"""The table of paired comparisons, and each verdict in a sentence."""
+"""What paired comparisons come to: each verdict in a sentence, and the table of all."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from rich.console import Console
-
 from mjbench.instrument.ratio import Ratio
-from mjbench.instrument.units import percent, percent_change
+from mjbench.instrument.units import count_of, percent, percent_change, plain
 from mjbench.paired import family
 from mjbench.paired.across_machines import (
     AcrossMachines,
@@ -18,8 +16,9 @@ from mjbench.paired.family import Family
 from mjbench.paired.outcomes import Cause, Metric, Verdict
 from mjbench.paired.records import Pair, TargetRow, VerdictRow
 from mjbench.paths import BASE
-from mjbench.report import tables
-from mjbench.report.starts import starts_lines
+from mjbench.report import charts, formats
+from mjbench.report.content import Cell, Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.report.starts import starts_lines, warning_lines
 from mjbench.simulation import agreement
 
 # What stands behind the name of a comparison of something else than the time of a block.
@@ -34,24 +33,50 @@ _MOST_NAMES = 3
 _LARGE = 2.0
 
 
-def print_table(out: Console, rows: Sequence[VerdictRow], confidence: float) -> None:
-    """Print the table of all comparisons, a sentence for each, and what they show together.
+_TONES = {
+    Verdict.SLOWER: Tone.BAD,
+    Verdict.FASTER: Tone.GOOD,
+    Verdict.SAME: Tone.NEUTRAL,
+    Verdict.INCONCLUSIVE: Tone.UNSURE,
+}
+_COLOURS = {
+    Verdict.FASTER.value: charts.BLUE,
+    Verdict.SAME.value: charts.GREY,
+    Verdict.SLOWER.value: charts.ORANGE,
+    Verdict.INCONCLUSIVE.value: charts.SKY,
+}
+
+
+def section(rows: Sequence[VerdictRow], confidence: float) -> Section:
+    """Return what comparisons come to.
 
     Args:
       confidence: of what they show together (see `family.decide`).
     """
-    headings = ["model", "old → new", "new / old", "interval", "verdict", "cause", "placement"]
-    headings += ["work", "drift", "launches", "seconds"]
-    table = tables.plain_table(headings, right=(2, 3, 6, 8, 9, 10))
-    for row in rows:
-        table.add_row(*_cells(row))
-    out.print(table)
-    for row in rows:
-        out.print(describe_verdict(row), soft_wrap=True)
-        for line in notes(row):
-            out.print(f"  {line}", soft_wrap=True)
+    timed = [row for row in rows if row.ratio is not None]
+    return Section(
+        heading="Verdicts",
+        conclusions=[*_conclusions(rows, confidence)],
+        figures=[_forest(timed)] if timed else [],
+        tables=[_table(rows)],
+        notes=[f"{_label(row)}: {line}" for row in rows for line in notes(row)],
+    )
+
+
+def _conclusions(rows: Sequence[VerdictRow], confidence: float) -> Iterator[Conclusion]:
+    """Yield what all comparisons come to together, then each of them."""
     if len(rows) > 1 and all(has_evidence(row) for row in rows):
-        out.print(describe_family(family.decide(rows, confidence), confidence), soft_wrap=True)
+        yield Conclusion(describe_family(family.decide(rows, confidence), confidence))
+    for row in rows:
+        tone = Tone.BAD if row.verdict is None else _TONES[row.verdict]
+        if row.changed_work and tone == Tone.NEUTRAL:
+            tone = Tone.UNSURE
+        yield Conclusion(describe_verdict(row), tone)
+
+
+def _label(row: VerdictRow) -> str:
+    label = f"{row.model}, {describe_targets(row)}"
+    return label if row.path == BASE else f"{label}, {row.path}"
 
 
 def has_evidence(row: VerdictRow) -> bool:
@@ -96,8 +121,8 @@ def describe_all_machines(across: AcrossMachines) -> str:
     verdicts = across.verdicts
     counts = {o: sum(v.outcome == o for v in verdicts) for o in Outcome}
     parts = [f"{count} {outcome.value}" for outcome, count in counts.items() if count]
-    counted = tables.count_of(len(verdicts), "verdict")
-    machines = tables.count_of(len(across.machines), "machine")
+    counted = count_of(len(verdicts), "verdict")
+    machines = count_of(len(across.machines), "machine")
     return f"{counted} on {machines}, decided together: {', '.join(parts)}." + _false_alarms(
         any(_is_timed(c) and c.of_outcome(Outcome.SLOWER) for c in across.comparisons),
         any(_is_timed(c) and c.of_outcome(Outcome.FASTER) for c in across.comparisons),
@@ -139,7 +164,7 @@ def _on_machines(
     if count == 1:
         return f"{outcome} on {names}, the only machine that measured it"
     if len(verdicts) == count:
-        return f"{outcome} on {tables.all_machines(count)}"
+        return f"{outcome} on {formats.all_machines(count)}"
     number = f"{len(verdicts)} of {count} machines" if is_first else str(len(verdicts))
     listed = f" ({names})" if not is_first and len(verdicts) <= _MOST_NAMES else ""
     return f"{outcome} on {number}{listed}"
@@ -208,7 +233,7 @@ def _warning_lines(row: VerdictRow) -> list[str]:
     if row.warnings is None:
         return []
     baseline, candidate = (
-        tables.warning_lines(warnings) for warnings in (row.warnings.old, row.warnings.new)
+        warning_lines(warnings) for warnings in (row.warnings.old, row.warnings.new)
     )
     if baseline == candidate:
         return baseline
@@ -300,7 +325,7 @@ def _describe_placement(row: VerdictRow) -> str:
 
 
 def _times(factor: float) -> str:
-    return tables.plain(factor, 3)
+    return plain(factor, 3)
 
 
 def _settings(target: TargetRow) -> Mapping[str, Any]:
@@ -314,19 +339,90 @@ def _settings(target: TargetRow) -> Mapping[str, Any]:
     }
 
 
-def _cells(row: VerdictRow) -> list[str]:
+def _table(rows: Sequence[VerdictRow]) -> DataTable:
+    columns = (
+        Column("model"),
+        Column("old → new", wraps=True),
+        Column("new / old", _four_digits),
+        Column("interval", formats.ends_in(_four_digits)),
+        Column("verdict"),
+        Column("cause"),
+        Column("placement", formats.change),
+        Column("work", wraps=True),
+        Column("drift", lambda drift: f"{drift:.1g}"),
+        Column("launches", str),
+        Column("seconds", lambda seconds: f"{seconds:.1f}"),
+    )
+    return DataTable("Verdicts", columns, [_cells(row) for row in rows])
+
+
+def _four_digits(ratio: float) -> str:
+    return f"{ratio:.4f}"
+
+
+def _cells(row: VerdictRow) -> Sequence[Cell]:
     ratio, effect = row.ratio, row.placement.effect if row.placement else None
-    has_interval = ratio is not None and None not in (ratio.low, ratio.high)
-    return [
+    return (
         row.model,
         describe_targets(row),
-        f"{ratio.estimate:.4f}" if ratio else "",
-        f"{ratio.low:.4f}–{ratio.high:.4f}" if ratio and has_interval else "",
-        row.verdict or row.status,
-        row.cause or "",
-        "" if effect is None else f"{percent_change(effect.estimate)} %",
-        "" if row.work is None else "changed" if row.changed_work else "same",
-        "" if row.drift is None else f"{row.drift:.1g}",
-        str(row.launches),
-        f"{row.seconds:.1f}",
+        ratio.estimate if ratio else None,
+        ratio,
+        (row.verdict or row.status).value,
+        row.cause.value if row.cause else None,
+        effect.estimate if effect else None,
+        describe_work(row) or (None if row.work is None else "same"),
+        row.drift,
+        row.launches,
+        row.seconds,
+    )
+
+
+def _percent(ratio: float | None) -> float | None:
+    return None if ratio is None else 100 * (ratio - 1)
+
+
+def _forest(rows: Sequence[VerdictRow]) -> Figure:
+    columns = (
+        Column("comparison"),
+        Column("change", formats.digits(3)),
+        Column("low", formats.digits(3)),
+        Column("high", formats.digits(3)),
+        Column("verdict"),
+        Column("cause"),
+    )
+    cells = []
+    for row in rows:
+        assert row.ratio is not None, "rows without a ratio are left out"
+        verdict = (row.verdict or Verdict.INCONCLUSIVE).value
+        ends = (_percent(row.ratio.low), _percent(row.ratio.high))
+        cause = row.cause.value if row.cause else ""
+        cells.append((_label(row), _percent(row.ratio.estimate), *ends, verdict, cause))
+    data = DataTable("Changes in percent", columns, cells)
+    y = charts.names("comparison")
+    title = "change, % (above 0 is slower)"
+    colour = charts.colour("verdict", _COLOURS, "verdict")
+    layers: list[charts.Spec] = [
+        charts.rule_at(0.0),
+        {
+            "mark": {"type": "rule", "strokeWidth": 3},
+            "transform": [{"filter": "isValid(datum.low) && isValid(datum.high)"}],
+            "encoding": {
+                "x": charts.quantity("low", title),
+                "x2": {"field": "high"},
+                "y": y,
+                "color": colour,
+            },
+        },
+        {
+            "mark": {"type": "point", "filled": True, "size": 70},
+            "encoding": {"x": charts.quantity("change", title), "y": y, "color": colour},
+        },
     ]
+    counts = {v: sum(cell[4] == v for cell in cells) for v in _COLOURS}
+    summary = ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if count)
+    return Figure(
+        title="Changes with their intervals",
+        alternative=f"{len(cells)} comparisons: {summary}.",
+        specification=charts.chart(data, layers),
+        data=data,
+    )

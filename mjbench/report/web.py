@@ -1,49 +1,57 @@
-"""What `mjbench web` prints: WebAssembly builds beside C."""
+"""What `mjbench web` comes to: WebAssembly builds beside C."""
 
-from collections.abc import Iterator
-
-from rich.console import Console
+from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.comparison.plan import Variant
 from mjbench.instrument.stats import Estimate
-from mjbench.report import tables
+from mjbench.report import formats
+from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section, Tone
 from mjbench.report.starts import starts_lines
 from mjbench.status import Status
 from mjbench.web.records import C_PATH, WebPath, WebRecord
 from mjbench.web.rounding_check import FirstDifference, RoundingCheck
 
 _MIB = 1 << 20
+# What the flat table has of a path.
+_ROW_KEYS = (
+    *("path", "options", "status", "detail", "is_identical", "difference"),
+    *("step_ns", "steps_per_s", "ratio", "heap_bytes", "rss_bytes"),
+)
 # Below so many milliseconds, a block of C takes visibly longer than its steps.
 _SHORT_MS = 1.0
 
 
-def print_model(out: Console, record: WebRecord) -> None:
-    """Print what was measured of a model, the conclusion first."""
-    out.print()
-    heading, _, text = conclusion(record).partition(": ")
-    out.print(tables.headed(heading, f": {text}"), soft_wrap=True)
-    if record.work is None:
-        return
-    out.print(
-        f"MuJoCo {record.release}, Node {record.node};"
-        f" {record.nbatch} × {record.nstep} steps compared,"
-        f" {record.block_nbatch} × {record.block_nstep} in a block;"
-        f" {record.work.contacts:.1f} contacts and"
-        f" {record.work.constraints:.1f} constraints a step",
-        soft_wrap=True,
-    )
-    for line in starts_lines(record.starts):
-        out.print(line, soft_wrap=True)
-    headings = (
-        *("path", "ns/step", "× C", "", "agrees", "difference"),
-        *("start ms", "model ms", "first ns/step", "heap MiB", "process MiB"),
-    )
-    table = tables.plain_table(headings, right=(1, 2, 5, 6, 7, 8, 9, 10))
+def sections(records: Sequence[WebRecord]) -> Iterator[Section]:
+    """Yield a section for each model."""
+    for record in records:
+        is_good = all(status in (Status.OK, Status.UNAVAILABLE) for status in record.statuses())
+        yield Section(
+            heading=f"{record.model} in WebAssembly",
+            conclusions=[Conclusion(conclusion(record), Tone.NEUTRAL if is_good else Tone.BAD)],
+            facts=_facts(record),
+            tables=[_table(record)] if record.paths else [],
+            notes=notes(record),
+        )
+
+
+def rows(record: WebRecord) -> Iterator[Mapping[str, object]]:
+    """Yield the paths on a model, a row of the flat table each."""
     for path in record.path_results:
-        table.add_row(*_cells(path))
-    out.print(table)
-    for line in notes(record):
-        out.print(line, soft_wrap=True)
+        figures = {key: getattr(path, key) for key in _ROW_KEYS}
+        yield {"model": record.model, "release": record.release, **figures}
+
+
+def _facts(record: WebRecord) -> list[str]:
+    """Return what was measured of a model."""
+    if record.work is None:
+        return []
+    return [
+        f"MuJoCo {record.release}, Node {record.node}; {record.nbatch} × {record.nstep} steps"
+        f" compared, {record.block_nbatch} × {record.block_nstep} in a block;"
+        f" {record.work.contacts:.1f} contacts and {record.work.constraints:.1f} constraints a"
+        " step",
+        *starts_lines(record.starts),
+    ]
 
 
 def conclusion(record: WebRecord) -> str:
@@ -60,7 +68,9 @@ def conclusion(record: WebRecord) -> str:
     parts = ["" if first.check is None else _agreement(first.check)]
     if first.ratio is not None:
         name = "WebAssembly" if first is wasm[0] else f"WebAssembly ({_name(first)})"
-        times = f"{tables.factor(first.ratio.median)} times as long as in C{_interval(first.ratio)}"
+        times = (
+            f"{formats.factor(first.ratio.median)} times as long as in C{_interval(first.ratio)}"
+        )
         parts.insert(0, f"in {name}, a step takes {times}")
     if others := [_name(path) for path in wasm if path.status == Status.DISAGREES]:
         verb = "disagrees" if len(others) == 1 else "disagree"
@@ -149,27 +159,43 @@ def _place(first: FirstDifference | None) -> tuple[int, str, int] | None:
     return None if first is None else (first.step, first.field, first.index)
 
 
-def _cells(path: WebPath) -> Iterator[str]:
+def _table(record: WebRecord) -> DataTable:
+    columns = (
+        Column("path"),
+        Column("ns/step", formats.count),
+        Column("× C", formats.factor),
+        Column("95 %", formats.ends),
+        Column("agrees"),
+        Column("difference", _small),
+        Column("start ms", formats.count),
+        Column("model ms", formats.count),
+        Column("first ns/step", formats.count),
+        Column("heap MiB", formats.count),
+        Column("process MiB", formats.count),
+    )
+    title = f"Steps of {record.model}, and times over those of C"
+    return DataTable(title, columns, [[*_cells(path)] for path in record.path_results])
+
+
+def _cells(path: WebPath) -> Iterator[Cell]:
     """Yield the cells of a path's row."""
     yield _name(path)
-    yield "" if path.step_ns is None else f"{path.step_ns:,.0f}"
-    yield "" if path.ratio is None else tables.factor(path.ratio.median)
-    yield "" if path.ratio is None or not path.is_wasm else _interval(path.ratio).strip()
+    yield path.step_ns
+    yield None if path.ratio is None else path.ratio.median
+    yield path.ratio if path.is_wasm else None
     if path.check is None:
-        yield "" if path.status == Status.OK else str(path.status)
-        yield ""
+        yield None if path.status == Status.OK else path.status.value
+        yield None
     else:
         identical = "identical" if path.check.first is None else "yes"
         yield "NO" if path.status == Status.DISAGREES else identical
-        yield _small(path.check.final.difference)
-    if path.start_up is None:
-        yield from ("", "", "")
-    else:
-        yield f"{path.start_up.import_ms + path.start_up.instantiate_ms:,.0f}"
-        yield f"{path.start_up.compile_ms:,.0f}"
-        yield f"{path.start_up.first_ns:,.0f}"
+        yield path.check.final.difference
+    start = path.start_up
+    yield None if start is None else start.import_ms + start.instantiate_ms
+    yield None if start is None else start.compile_ms
+    yield None if start is None else start.first_ns
     for size in (path.heap_bytes, path.rss_bytes):
-        yield "" if size is None else f"{size / _MIB:,.0f}"
+        yield None if size is None else size / _MIB
 
 
 def _name(path: WebPath) -> str:
@@ -179,7 +205,7 @@ def _name(path: WebPath) -> str:
 def _interval(ratio: Estimate) -> str:
     if ratio.low is None or ratio.high is None:
         return ""
-    return f" ({tables.factor(ratio.low)} to {tables.factor(ratio.high)})"
+    return f" ({formats.factor(ratio.low)} to {formats.factor(ratio.high)})"
 
 
 def _small(value: float) -> str:

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from mjbench.comparison.plan import Variant
+from mjbench.instrument.units import plain
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import WORKER_OPTIONS, nthread
-from mjbench.report import tables
-from mjbench.report.crossovers import Rival
+from mjbench.report import formats
 from mjbench.report.results import PathResult
 
 # The path, and those that it is compared with.
@@ -37,7 +37,6 @@ class WorkCrossover:
     """Where Ray overtakes another path on one model, by the work of a call.
 
     Attributes:
-      path: `ray`.
       rival: the other path, with its number of threads or processes; at each size, the fastest of
         its variants with that number.
       least: least work from which on Ray is faster at every size; None if it is slower at the
@@ -49,7 +48,7 @@ class WorkCrossover:
     model: str
     path: str
     options: Mapping[str, Any]
-    rival: Rival
+    rival: Variant
     least: CallWork | None
     largest: CallWork
     share: float
@@ -120,7 +119,7 @@ def _crossover(
         model=own.model,
         path=own.path,
         options=own.options,
-        rival=Rival(path, {n: v for n, v in rival.options.items() if n in WORKER_OPTIONS}),
+        rival=Variant(path, {n: v for n, v in rival.options.items() if n in WORKER_OPTIONS}),
         least=least,
         largest=work,
         share=own.rate_over(rival),
@@ -129,15 +128,12 @@ def _crossover(
 
 def describe_work_crossover(row: WorkCrossover) -> str:
     """Return from how much work per call on Ray overtakes another path, as a sentence."""
-    variant = str(Variant(row.path, row.options))
-    rival = str(Variant(row.rival.path, row.rival.options))
+    begin = f"{row.model}: {Variant(row.path, row.options)}"
     if row.least:
-        return (
-            f"{row.model}: {variant} overtakes {rival} at {_call_work(row.least)}, of those tried"
-        )
+        return f"{begin} overtakes {row.rival} at {_call_work(row.least)}, of those tried"
     text = (
-        f"{row.model}: {variant} does not overtake {rival} up to {_call_work(row.largest)}, where"
-        f" it has {tables.factor(row.share)} of its speed"
+        f"{begin} does not overtake {row.rival} up to {_call_work(row.largest)}, where it has"
+        f" {formats.factor(row.share)} of its speed"
     )
     if row.rival.path == "rollout" and nthread(row.rival.options) > 1:
         text += "; on one machine, rollout needs no Ray to use all cores"
@@ -145,4 +141,4 @@ def describe_work_crossover(row: WorkCrossover) -> str:
 
 
 def _call_work(work: CallWork) -> str:
-    return f"{work.steps:,} steps per call ({tables.plain(work.loop_ms, 2)} ms of the plain loop)"
+    return f"{work.steps:,} steps per call ({plain(work.loop_ms, 2)} ms of the plain loop)"

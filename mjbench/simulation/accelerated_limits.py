@@ -49,33 +49,30 @@ class AcceleratedCheck:
 
     Attributes:
       received: whether the engine has exactly the start states and controls that it was given.
-      still: whether no single step changed any state, although C's steps did.
-      same_count: share of the steps in contact that have as many contacts as in C; None if there
-        was none, or if the engine does not report contacts.
+      still: whether no single step of the engine changed any state, although C's steps did.
+      same_count: share of the steps in contact with as many contacts as in C; None without such
+        steps, or where the engine does not report contacts.
       normal_degrees: largest angle between contact normals of the engine and C (see
-        `normal_angle`), in degrees; None likewise.
-      contact_impulse: share of C's impulse of all contacts that the engine's single steps have, the
-        median over steps in contact; None without any.
-      penetration: depth of the deepest contact at the end of the run, in m, over the simulations
-        that are followed, evaluated by C; None in files that do not have it.
+        `normal_angle`); None under the same conditions.
+      contact_impulse: the engine's contact impulse over C's in single steps, the median over steps
+        in contact; None without such steps.
+      penetration: depth of the deepest contact in m at the end of the run, evaluated by C; None in
+        older files.
       penetration_in_c: the same at the end of C's run.
-      violation: largest residual of an equality, or excess over a limit, likewise, in m or rad.
+      violation: largest residual of an equality, or excess over a limit, in m or rad at the end of
+        the run; None in older files.
       violation_in_c: the same at the end of C's run.
-      mean_size: of the model's parts, in m (`stat.meansize`).
-      unconstrained_steps: number of single steps on which no constraint acted.
-      constrained_steps: number of single steps without contact on which a constraint acted.
-      contact_steps: number of single steps in contact.
+      mean_size: size of the model's parts in m (`stat.meansize`).
+      unconstrained_steps: single steps on which no constraint acted.
+      constrained_steps: single steps without contact on which a constraint acted.
       unconstrained_error: largest error of an unconstrained single step; None if there was none.
-      constrained_error: the same for steps with a constraint but no contact.
-      contact_error: the same for steps in contact.
       unconstrained_nstep: steps of the run before the first on which a constraint acted.
-      unconstrained_difference: largest difference from C after those steps.
-      unconstrained_shadow: the shadow's largest difference after those steps.
-      final_nstep: steps of the whole run.
-      final_difference: largest difference from C at its end.
-      final_shadow: the shadow's largest difference at its end.
-      final_shadow_median: the median, over simulations, of the shadow's difference at its end.
-      lost: number of simulations that do not end in finite numbers.
+      unconstrained_difference: largest difference from C after those steps; `unconstrained_shadow`
+        is the shadow's.
+      final_difference: largest difference from C at the end of the run; `final_shadow` is the
+        shadow's.
+      final_shadow_median: the shadow's difference at the end, the median over simulations.
+      lost: simulations that do not end in finite numbers.
     """
 
     precision: Precision
@@ -186,8 +183,7 @@ def error_cause(float32: AcceleratedCheck, float64: AcceleratedCheck) -> str:
     """Return whether an engine's float32 errors are due to its precision or to its algorithm.
 
     Args:
-      float32: check of the engine in float32.
-      float64: check of the engine in float64, on the same steps.
+      float64: in float64, on the same steps as `float32`.
     """
     errors = (
         (float32.contact_error, float64.contact_error),
@@ -208,8 +204,7 @@ def normal_angle(reference: "Contacts", contacts: "Contacts") -> float | None:
     Each contact is compared with the nearest normal of the reference for the same two geoms.
 
     Args:
-      reference: contacts in C.
-      contacts: of the engine, in the same simulations.
+      contacts: of the engine, in the same simulations as `reference`.
 
     Returns:
       The angle; 180 where a normal is not finite; None if no contact has the same geoms in both.

@@ -30,10 +30,8 @@ class Difference:
     """The first entry in which states differ.
 
     Attributes:
-      expected: the reference's value.
-      step: number of steps after which the difference first shows; None if unknown.
-      is_reordered: whether the simulations had been reordered since the run was prepared, and no
-        difference showed before.
+      step: steps after which the difference first shows; None if unknown.
+      is_reordered: whether the difference shows only after the simulations were reordered.
     """
 
     field: str
@@ -69,9 +67,7 @@ def first_differing_entry(
     First means the lowest simulation, then the first entry of its row.
 
     Args:
-      values: (nbatch, nstate) float64 states.
-      reference: (nbatch, nstate) float64 states to compare with.
-      columns: of each field in a row (see `compat.state_columns`).
+      values: (nbatch, nstate) float64, as `reference`.
       mask: (nbatch, nstate) bool, the entries to compare; None for all.
 
     Raises:
@@ -105,9 +101,7 @@ def first_differing_step(
     First means the earliest step, then the lowest simulation, then the first entry of its row.
 
     Args:
-      values: (nbatch, nstep, size) float64 states or sensor data.
-      reference: (nbatch, nstep, size) float64, to compare with.
-      columns: of each field in a row.
+      values: (nbatch, nstep, size) float64, as `reference`.
 
     Raises:
       ValueError: the shapes differ.
@@ -151,9 +145,6 @@ def scales(fields: Mapping[str, np.ndarray]) -> dict[str, float]:
     """Return what differences of each field are relative to: its largest finite magnitude.
 
     It is at least LEAST_SCALE.
-
-    Args:
-      fields: arrays of any shape by MjData field.
     """
     return {
         field: max(LEAST_SCALE, float(np.abs(values[np.isfinite(values)]).max(initial=0.0)))
@@ -167,11 +158,6 @@ def relative_drift(
     """Return the largest difference of any field, relative to the field's scale.
 
     A NaN in either of them counts as an infinite difference.
-
-    Args:
-      got: arrays by MjData field.
-      reference: arrays of the same shapes.
-      scales: of each field (see `scales`).
     """
     return max(
         (drift({field: got[field]}, {field: reference[field]}) / scales[field] for field in got),
@@ -179,16 +165,15 @@ def relative_drift(
     )
 
 
-def result_changes(old_drift: float | None, new_drift: float | None) -> list[str]:
+def result_changes(baseline_drift: float | None, candidate_drift: float | None) -> list[str]:
     """Return, in a phrase, that two releases step to different results; empty if they do not.
 
     Args:
-      old_drift: how far one step of the old release is from that of a fixed one; None if unknown.
-      new_drift: the same of the new release.
+      baseline_drift: from one step of a fixed release to one of the baseline; None if unknown.
     """
-    if old_drift is None or new_drift is None:
+    if baseline_drift is None or candidate_drift is None:
         return []
-    low, high = sorted((old_drift, new_drift))
+    low, high = sorted((baseline_drift, candidate_drift))
     is_other = high > ROUNDING and high - low > _DRIFT_CHANGE * high
     return ["different result of one step"] if is_other else []
 
@@ -202,10 +187,9 @@ def work_changes(
     """Return how the work of two targets differs, a phrase each; empty if it is the same.
 
     Args:
-      baseline: work per step; None if unknown.
-      candidate: the same.
+      baseline: work of a step; None if unknown.
       drift: largest relative difference one step after the same states; None if unknown.
-      diverged: how many simulations diverge in the baseline, and in the candidate.
+      diverged: number of simulations that diverge in the baseline, and in the candidate.
     """
     changes = []
     if baseline is not None and candidate is not None:
@@ -249,9 +233,8 @@ def max_relative_error(
     NaN and infinity count as the largest float, because JSON has neither.
 
     Args:
-      got: (n, size) arrays by MjData field.
-      want: the reference's arrays; fields that `got` lacks are ignored.
-      names: fields to compare.
+      got: (n, size) arrays by MjData field, as `want`; those of `want` that `got` lacks are
+        ignored.
     """
     largest = np.zeros(len(next(iter(want.values()))))
     for name in names:

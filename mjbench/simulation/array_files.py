@@ -1,51 +1,78 @@
 """Files of arrays that users give: opened only if what they expand to fits into memory."""
 
 import zipfile
-from typing import BinaryIO
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from mjbench.errors import InputError
+from mjbench.errors import InputError, one_line, shown
 
 # Bytes that the arrays which are read from a file may have together.
 MOST_BYTES = 1 << 30
 
 
-def load(stream: BinaryIO, name: str, fields: frozenset[str] | None = None) -> object:
-    """Return what `numpy.load` does of a file: an array of an .npy file, or those of an .npz file.
+@dataclass(frozen=True, eq=False)
+class ArrayFile:
+    """The arrays that were read from a file, and the names of all that it has.
 
-    A small .npz file may expand to any size. A member never gives more than its directory says.
+    The array of an .npy file has an empty name.
+    """
+
+    arrays: Mapping[str, np.ndarray]
+    names: Sequence[str]
+
+
+def read(file: Path, what: str, fields: Collection[str]) -> ArrayFile:
+    """Return the arrays of a file that are named like fields.
 
     Args:
-      name: of the file, for messages.
-      fields: the arrays that will be read; None for all.
+      what: the arrays are, for messages.
 
     Raises:
-      InputError: they are too large.
-      Exception: the file is damaged; NumPy and zipfile raise many kinds.
+      InputError: the file cannot be read, or the arrays are too large.
     """
-    if zipfile.is_zipfile(stream):
-        with zipfile.ZipFile(stream) as members:
-            expanded = sum(
-                member.file_size
-                for member in members.infolist()
-                if fields is None or member.filename.removesuffix(".npy") in fields
-            )
-        if expanded > MOST_BYTES:
-            raise InputError(
-                f"{name} expands to {expanded / 1e9:.1f} GB; at most {MOST_BYTES / 1e9:.1f} GB can"
-                " be read: save fewer rows"
-            )
-    stream.seek(0)
-    return np.load(stream, allow_pickle=False)
+    name = shown(file.name)
+    try:
+        if zipfile.is_zipfile(file):
+            _check_size(file, fields)
+        with file.open("rb") as stream:
+            loaded: Any = np.load(stream, allow_pickle=False)
+            if isinstance(loaded, np.ndarray):
+                return ArrayFile({"": loaded}, [""])
+            # NumPy gives a member that is no array as bytes
+            arrays = {key: np.asarray(loaded[key]) for key in loaded.files if key in fields}
+            return ArrayFile(arrays, loaded.files)
+    except InputError:
+        raise
+    except Exception as error:  # a damaged file: NumPy and zipfile raise many kinds
+        raise InputError(
+            f"cannot read {what} from {name}: {one_line(error)}; numpy.savez writes such files"
+        ) from error
+
+
+def _check_size(file: Path, fields: Collection[str]) -> None:
+    """Refuse a small .npz file that expands to more than memory can hold.
+
+    A member never gives more than its directory says.
+    """
+    with zipfile.ZipFile(file) as members:
+        expanded = sum(
+            member.file_size
+            for member in members.infolist()
+            if member.filename.removesuffix(".npy") in fields
+        )
+    if expanded > MOST_BYTES:
+        raise InputError(
+            f"{shown(file.name)} expands to {expanded / 1e9:.1f} GB; at most"
+            f" {MOST_BYTES / 1e9:.1f} GB can be read: save fewer rows"
+        )
 
 
 def floats(values: np.ndarray, name: str) -> np.ndarray:
     """Return numbers as float64, in which small integers take eight times their space.
-
-    Args:
-      values: of any numeric type.
-      name: of the file, for messages.
 
     Raises:
       InputError: they would be too large.

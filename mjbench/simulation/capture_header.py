@@ -27,8 +27,6 @@ class ModelLayout:
     """What decides which numbers a state of a model, and a control, hold.
 
     Attributes:
-      nu: controls.
-      na: activations.
       joints: types of the joints in their order, such as `free`.
     """
 
@@ -46,7 +44,9 @@ class ModelLayout:
             nv=int(model.nv),
             nu=int(model.nu),
             na=int(model.na),
-            joints=tuple(_joint_type(value) for value in model.jnt_type),
+            joints=tuple(
+                compat.enum_name(mujoco.mjtJoint, value, "mjJNT_") for value in model.jnt_type
+            ),
         )
 
     @property
@@ -60,10 +60,9 @@ class CaptureHeader:
     """Where captured states come from.
 
     Attributes:
-      digests: of the models that were stepped, each once (see `model_digest`): several where the
-        program changes its model.
-      mujoco_version: of MuJoCo, which stepped them.
-      steps: of the model in the program while it was captured.
+      digests: of the models that were stepped (see `model_digest`); several where the program
+        changes its model.
+      steps: steps of the model in the program during the capture.
       changed_inputs: MjData fields, other than the controls, that the program sets between steps.
     """
 
@@ -83,10 +82,6 @@ class CaptureHeader:
     @classmethod
     def of_array(cls, array: np.ndarray, file_name: str) -> "CaptureHeader":
         """Return the header that a file holds.
-
-        Args:
-          array: as `array` returns it.
-          file_name: for messages.
 
         Raises:
           InputError: it is no header, or one of a later format.
@@ -127,10 +122,6 @@ class CaptureHeader:
 def model_name(model: mujoco.MjModel) -> str:
     """Return the name of a model, which its first name is; empty where it has none."""
     return printable(bytes(model.names).split(b"\0", 1)[0].decode(errors="replace"))
-
-
-def _joint_type(value: int) -> str:
-    return compat.enum_name(mujoco.mjtJoint, value, "mjJNT_")
 
 
 def _header(values: dict[str, Any]) -> CaptureHeader:

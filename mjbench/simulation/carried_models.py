@@ -17,9 +17,6 @@ def write(file: Path, paths: Mapping[str, Path]) -> None:
 
     Args:
       paths: where each model's file is, by its name.
-
-    Raises:
-      OSError: it cannot be written.
     """
     text = json.dumps({name: str(path.absolute()) for name, path in paths.items()})
     file.write_text(text, encoding="utf-8")

@@ -43,22 +43,36 @@ def state_spec(name: str) -> int:
     return int(getattr(mujoco.mjtState, f"mjSTATE_{name}"))
 
 
-def state_size(model: mujoco.MjModel, spec: int) -> int:
+# All that a step depends on.
+INTEGRATION = state_spec("INTEGRATION")
+
+
+def state_size(model: mujoco.MjModel, spec: int = INTEGRATION) -> int:
     """Return the number of mjtNum of a state specification (see mj_stateSize)."""
     return int(mujoco.mj_stateSize(model, spec))
 
 
-def get_state(model: mujoco.MjModel, data: mujoco.MjData, out: np.ndarray, spec: int) -> None:
+def get_state(
+    model: mujoco.MjModel, data: mujoco.MjData, out: np.ndarray, spec: int = INTEGRATION
+) -> None:
     """Copy the state components in `spec` to `out`, a contiguous float64 row."""
     mujoco.mj_getState(model, data, out, spec)  # by position: the keyword was renamed in 3.3.6
 
 
-def set_state(model: mujoco.MjModel, data: mujoco.MjData, row: np.ndarray, spec: int) -> None:
+def set_state(
+    model: mujoco.MjModel, data: mujoco.MjData, row: np.ndarray, spec: int = INTEGRATION
+) -> None:
     """Write the state components in `spec` from `row`, a contiguous float64 row."""
     mujoco.mj_setState(model, data, row, spec)
 
 
-def state_columns(model: mujoco.MjModel, spec: int) -> dict[str, slice]:
+def restart(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray) -> None:
+    """Reset `data`, also in what is not part of a state, and write a row of mjSTATE_INTEGRATION."""
+    mujoco.mj_resetData(model, data)
+    set_state(model, data, state)
+
+
+def state_columns(model: mujoco.MjModel, spec: int = INTEGRATION) -> dict[str, slice]:
     """Return the columns of each MjData field in a state row of `spec`, in row order.
 
     Keys are MjData field names (`qpos`, `qacc_warmstart`, ...); empty fields are left out. A row
@@ -85,7 +99,7 @@ def physics_entries(model: mujoco.MjModel) -> np.ndarray:
 
     That is the state which `mujoco.rollout` starts from, and returns.
     """
-    columns = state_columns(model, state_spec("INTEGRATION"))
+    columns = state_columns(model)
     physics = state_columns(model, state_spec("FULLPHYSICS"))
     return np.concatenate([np.r_[columns[name]] for name in physics])
 

@@ -24,7 +24,7 @@ class EngineClock:
 
     def __init__(self, on: bool):
         """Switch the timer."""
-        self._call = _Call(on, weakref.ref(self))
+        self._call = _Switch(on, weakref.ref(self))
         self._begin()
 
     def __enter__(self) -> "EngineClock":
@@ -77,21 +77,21 @@ def has_clock(model: mujoco.MjModel) -> bool:
     return is_counting and not _TIMER.is_off
 
 
-class _Call:
+class _Switch:
     """What a call of `engine_clock` asked for."""
 
     def __init__(self, on: bool, clock: "weakref.ref[EngineClock]"):
         self.on, self.clock = on, clock
 
 
-class _Timer:
+class _EngineTimer:
     """The variable `mjcb_time` of the C library, and what it was before it was turned off."""
 
     def __init__(self) -> None:
         self.is_off = False
         self._before: int | None = None
 
-    def set(self, calls: Sequence[_Call]) -> None:
+    def set(self, calls: Sequence[_Switch]) -> None:
         """Turn the timer off or on as the last call asks for; without calls, on."""
         off = bool(calls) and not calls[-1].on
         if off == self.is_off:
@@ -104,17 +104,13 @@ class _Timer:
         self.is_off = off
 
 
-_TIMER = _Timer()
-_CALLS: ProcessWide[_Call] = ProcessWide(_TIMER.set)
+_TIMER = _EngineTimer()
+_CALLS: ProcessWide[_Switch] = ProcessWide(_TIMER.set)
 
 
 @functools.cache  # a timed block may ask for it
 def _mjcb_time() -> ctypes.c_void_p:
-    """Return the variable of the C library that holds the timer's address.
-
-    Raises:
-      MachineError: it is not there.
-    """
+    """Return the variable of the C library that holds the timer's address."""
     try:
         return ctypes.c_void_p.in_dll(engine_library.loaded(), "mjcb_time")
     except ValueError as error:

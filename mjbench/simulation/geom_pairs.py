@@ -32,12 +32,11 @@ class GeomPairs:
     """Pairs of geoms that the engine's filters let through.
 
     Attributes:
-      geoms: (npair, 2) indices of geoms.
-      bodies: (npair, 2) indices of their bodies, the lower one first.
-      are_bounded: (npair,) bool: whether joints bound how the two bodies can lie to each other, as
-        neither is free to go anywhere (see `_anchors`).
-      is_too_large: whether the model has more than MAX_GEOMS geoms that can collide, so there are
-        no pairs here although the model has some.
+      geoms: (npair, 2) indices.
+      bodies: (npair, 2) indices, the lower one first.
+      are_bounded: (npair,) bool: whether joints bound how the two bodies can lie to each other,
+        because neither can go anywhere (see `_anchors`).
+      is_too_large: whether more than MAX_GEOMS geoms can collide; then there are no pairs here.
     """
 
     geoms: np.ndarray

@@ -7,12 +7,11 @@ in the actuators' units, held for `hold` steps. Simulations begin with the first
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
 
-from mjbench.errors import InputError, one_line, shown
+from mjbench.errors import InputError, shown
 from mjbench.simulation import array_files, capture_header
 
 # Names of the array; where a file has both, the first.
@@ -25,7 +24,6 @@ class GivenControls:
 
     Attributes:
       sequences: (nsequence, ncontrol, nu).
-      name: of the file, for messages.
     """
 
     sequences: np.ndarray
@@ -36,11 +34,7 @@ class GivenControls:
         return int(self.sequences.shape[1]) * hold
 
     def check(self, nstep: int, hold: int) -> None:
-        """Refuse more steps than there are controls for.
-
-        Raises:
-          InputError: there are fewer.
-        """
+        """Refuse more steps than there are controls for."""
         most = self.most_nstep(hold)
         if nstep > most:
             count = self.sequences.shape[1]
@@ -61,7 +55,7 @@ class GivenControls:
         its state; otherwise as `of_simulations`.
 
         Args:
-          rows: (nbatch,) from which simulations start.
+          rows: (nbatch,) rows of the file.
         """
         if len(self.sequences) == nrow:
             return self._of(rows, ncontrol)
@@ -100,29 +94,14 @@ def read(file: Path, model: mujoco.MjModel) -> GivenControls:
 
 
 def _read_array(file: Path, name: str) -> np.ndarray:
-    """Return the array of controls of a file.
-
-    Raises:
-      InputError: it cannot be read, or has no such array.
-    """
-    try:
-        with file.open("rb") as stream:
-            loaded: Any = array_files.load(stream, name, frozenset(_NAMES))
-            if isinstance(loaded, np.ndarray):
-                return loaded
-            names = list(loaded.files)
-            array_name = next((n for n in _NAMES if n in names), None)
-            if array_name is not None and capture_header.ARRAY not in names:
-                return np.asarray(loaded[array_name])
-    except InputError:
-        raise
-    except Exception as error:  # a damaged file: NumPy and zipfile raise many kinds
-        raise InputError(
-            f"cannot read controls from {name}: {one_line(error)}; numpy.savez writes such files"
-        ) from error
-    if array_name is not None:
+    """Return the array of controls of a file."""
+    content = array_files.read(file, "controls", _NAMES)
+    array = next((content.arrays[n] for n in ("", *_NAMES) if n in content.arrays), None)
+    if array is None:
+        has = shown(", ".join(content.names[:8])) if content.names else "nothing"
+        raise InputError(f"{name} has neither ctrl nor actions; it has {has}")
+    if capture_header.ARRAY in content.names:
         raise InputError(
             f"{name} holds captured states: give it to --states, which replays its controls"
         )
-    has = shown(", ".join(names[:8])) if names else "nothing"
-    raise InputError(f"{name} has neither ctrl nor actions; it has {has}")
+    return array

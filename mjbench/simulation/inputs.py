@@ -27,9 +27,6 @@ def with_every_input(workload: Workload, seed: int) -> Workload:
     bodies, active equality constraints, user data, activations, and states of plugins. Time,
     positions, velocities, warm-starts, controls, delayed signals and plastic deformation keep the
     values to which the model has come.
-
-    Args:
-      workload: whose start states are changed, in a copy.
     """
     states = set_inputs(workload.model, workload.initial_state, seed)
     return dataclasses.replace(workload, initial_state=states, control=workload.control.copy())
@@ -45,7 +42,7 @@ def set_inputs(
       fields: the only MjData fields to set; None for all.
     """
     rng, changed = np.random.default_rng([seed, 3]), states.copy()
-    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    columns = compat.state_columns(model)
     for i, row in enumerate(changed):
         for field, place in columns.items():
             if fields is None or field in fields:

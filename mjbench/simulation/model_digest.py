@@ -35,8 +35,7 @@ _OPTIONS = (
     *("timestep", "impratio", "tolerance", "noslip_tolerance", "iterations", "noslip_iterations"),
     *("integrator", "cone", "solver", "jacobian"),
 )
-# Quantities are rounded to as many decimals: compilers of different releases differ in the last
-# bits.
+# Decimals to which quantities are rounded: compilers of different releases differ in the last bits.
 _DECIMALS = 6
 
 

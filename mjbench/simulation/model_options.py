@@ -20,7 +20,7 @@ ENUMS: Mapping[str, tuple[str, str]] = {
     "cone": ("mjtCone", "mjCONE_"),
     "jacobian": ("mjtJacobian", "mjJAC_"),
 }
-# Fields that hold a sum of an enum's values, likewise.
+# Fields that hold a sum of an enum's values, in the same form.
 _FLAGS: Mapping[str, tuple[str, str]] = {
     "disableflags": ("mjtDisableBit", "mjDSBL_"),
     "enableflags": ("mjtEnableBit", "mjENBL_"),
@@ -67,10 +67,6 @@ def set_attribute(options: Any, name: str, text: str) -> None:
     """Set a field of an MjOption to the value of an attribute of MJCF's `<option>`.
 
     An enum's value is a keyword there, such as `CG`, and no number; flags are no attributes.
-
-    Args:
-      options: `opt` of an MjModel, or `option` of an MjSpec.
-      name: of the attribute, and of the field.
 
     Raises:
       InputError: no such attribute in this release, or it cannot have this value.

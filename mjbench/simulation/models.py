@@ -142,11 +142,7 @@ def _expanded(name: str) -> Path:
 
 
 def _status(name: str, path: Path) -> os.stat_result | None:
-    """Return what the file system says of a path; None if nothing is there.
-
-    Raises:
-      InputError: it cannot be read.
-    """
+    """Return what the file system says of a path; None if nothing is there."""
     try:
         return path.stat()
     except (FileNotFoundError, NotADirectoryError, ValueError):  # ValueError: NUL, or a surrogate
@@ -158,11 +154,7 @@ def _status(name: str, path: Path) -> os.stat_result | None:
 
 
 def _check_file(name: str, path: Path, status: os.stat_result) -> None:
-    """Refuse what cannot be a model file.
-
-    Raises:
-      InputError: it is no regular file, is empty, cannot be read, or ends in something else.
-    """
+    """Refuse what cannot be a model file."""
     label = shown(name)
     if stat.S_ISDIR(status.st_mode):
         raise InputError(f"{label} is a folder; name a model file in it")
@@ -205,11 +197,7 @@ def _missing_error(name: str, path: Path) -> InputError:
 
 
 def _in_package(package: str, name: str) -> Path:
-    """Return the file of a model inside an installed package, which is not imported.
-
-    Raises:
-      InputError: there is no such package, no such model in it, or several.
-    """
+    """Return the file of a model inside an installed package, which is not imported."""
     parts = Path(name).parts
     package, *below = package.split(".")
     home, _ = _HOMES.get(package, ("", ""))
@@ -234,11 +222,7 @@ def _in_package(package: str, name: str) -> Path:
 
 
 def _package_folders(package: str) -> list[Path]:
-    """Return the folders of an installed package.
-
-    Raises:
-      InputError: it is not installed, or is a module without a folder.
-    """
+    """Return the folders of an installed package."""
     try:
         spec = importlib.util.find_spec(package)  # imports nothing, as the name has no dot
     except (ImportError, ValueError, AttributeError):
@@ -262,7 +246,7 @@ def _search(folder: Path, tail: Sequence[str]) -> list[Path]:
     """Return the model files below `folder` that a name stands for, nearest to the folder first.
 
     Args:
-      folder: to search. It may hold symbolic links to elsewhere, as some installers create them.
+      folder: may hold symbolic links to elsewhere, as some installers create them.
       tail: the parts of the name, with or without a suffix.
     """
     if not tail:

@@ -18,8 +18,8 @@ class ProcessWide(Generic[Change]):
         """Begin without a change.
 
         Args:
-          apply: sets what the active changes ask for, given in the order in which they began; for
-            none, what was set before the first. Calls never overlap.
+          apply: sets what the active changes ask for, in the order in which they began; without
+            any, what was set before the first. Calls never overlap.
         """
         self._apply = apply
         self._active: tuple[Change, ...] = ()

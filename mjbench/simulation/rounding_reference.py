@@ -25,13 +25,12 @@ class ReferenceRun:
     """A run of C, and of its shadow.
 
     Attributes:
-      columns: of each MjData field in a row of mjSTATE_INTEGRATION.
+      columns: of each MjData field in a row of `states`.
+      control: (nbatch, ncontrol, nu).
       has_reset: whether an MjData must be reset between simulations.
-      control: (nbatch, ncontrol, nu) controls.
-      hold: steps for which each control is held.
-      states: (nstep + 1, nbatch, nstate) rows of mjSTATE_INTEGRATION, from the start on.
-      unconstrained_nstep: steps before the first on which a contact or another constraint acted, in
-        any of the simulations; nstep if there was none.
+      states: (nstep + 1, nbatch, nstate) rows of mjSTATE_INTEGRATION, with the start.
+      unconstrained_nstep: steps before the first on which a constraint acted in any simulation;
+        nstep if there was none.
       shadow: (nstep + 1,) largest difference of the shadow so far (see `differences`).
     """
 
@@ -50,9 +49,9 @@ class ReferenceSteps:
 
     Attributes:
       state: (n, nstate) rows of mjSTATE_INTEGRATION to start from.
-      control: (n, nu) controls of the step.
-      after: (n, nstate) states that the steps lead to.
-      is_constrained: (n,) bool: whether a contact or another constraint acted.
+      control: (n, nu).
+      after: (n, nstate) states after the step.
+      is_constrained: (n,) bool: whether a constraint acted.
       shadow: (n,) difference of the shadow's step (see `differences`).
     """
 
@@ -74,16 +73,16 @@ class RoundingReference:
 def trace(workload: Workload, seed: int) -> RoundingReference:
     """Return what C does with a workload; `seed` draws the directions of the shadow's moves."""
     model = workload.model
-    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    columns = compat.state_columns(model)
     run = trajectory.record_trajectory(workload, workload.nbatch)
-    move = _Move(columns, seed)
+    move = _ShadowMove(columns, seed)
     return RoundingReference(
         _with_shadow(workload, run, columns, move), _single_steps(workload, run, columns, move)
     )
 
 
 def _with_shadow(
-    workload: Workload, run: Trajectory, columns: Mapping[str, slice], move: "_Move"
+    workload: Workload, run: Trajectory, columns: Mapping[str, slice], move: "_ShadowMove"
 ) -> ReferenceRun:
     moved = trajectory.record_trajectory(workload, workload.nbatch, change=move)
     states = np.ascontiguousarray(run.states.swapaxes(0, 1))
@@ -99,7 +98,7 @@ def _with_shadow(
 
 
 def _single_steps(
-    workload: Workload, run: Trajectory, columns: Mapping[str, slice], move: "_Move"
+    workload: Workload, run: Trajectory, columns: Mapping[str, slice], move: "_ShadowMove"
 ) -> ReferenceSteps:
     singles = trajectory.single_steps(workload, run, MAX_SINGLE_STEPS, False, [*columns])
     moved = trajectory.take_steps(workload.model, move(singles.state), move(singles.control))
@@ -121,9 +120,7 @@ def differences(
     It is relative to the largest entry of its field in that row, where that exceeds 1.
 
     Args:
-      states: (n, nstate).
-      reference: (n, nstate), to compare with.
-      columns: of each field in a row.
+      states: (n, nstate), as `reference`.
     """
     got, want = (
         {field: rows[:, columns[field]] for field in COMPARED if field in columns}
@@ -138,9 +135,7 @@ def largest_so_far(
     """Return (npoint,) the largest difference of any simulation up to each point of a run.
 
     Args:
-      states: (npoint, nbatch, nstate).
-      reference: of the same shape, to compare with.
-      columns: of each field in a row.
+      states: (npoint, nbatch, nstate), as `reference`.
     """
     npoint, nbatch, nstate = reference.shape
     rows = differences(states.reshape(-1, nstate), reference.reshape(-1, nstate), columns)
@@ -148,7 +143,7 @@ def largest_so_far(
     return largest
 
 
-class _Move:
+class _ShadowMove:
     """Moves numbers by one unit in the last place, up or down at random; zeros stay."""
 
     def __init__(self, columns: Mapping[str, slice], seed: int):

@@ -29,15 +29,13 @@ class SampleRequest:
     """The workload that is asked for.
 
     Attributes:
-      nstep: steps of each that count.
-      hold: steps per control.
-      starts: where start states are to come from; by default settled, as in every command.
+      nstep: steps of each simulation that count.
       max_settling_nstep: steps of the settling run at most; None for no bound.
-      may_shorten: whether simulations may have fewer steps, where a file has too few controls.
-      lead_in: steps that come first and do not count (see `Workload`), a multiple of hold.
-      perturbs: whether velocities of states along a settling run are perturbed, so that simulations
-        differ where the model rests: what compares their final states needs that. What compares
-        times alone does not: the noise wakes what sleeps, and makes the solver work.
+      may_shorten: whether simulations may be shorter, where a file has too few controls.
+      lead_in: steps before those that count (see `Workload`), a multiple of hold.
+      perturbs: whether velocities along a settling run are perturbed, so that simulations differ
+        where the model rests. Comparing final states needs that; times are compared without,
+        because the noise wakes what sleeps and makes the solver work.
     """
 
     nbatch: int
@@ -65,11 +63,7 @@ class _Given:
 
     @classmethod
     def read(cls, model: mujoco.MjModel, plan: StartPlan) -> "_Given":
-        """Return what the files of a plan hold.
-
-        Raises:
-          InputError: one cannot be read, or does not fit the model.
-        """
+        """Return what the files of a plan hold."""
         controls_file = plan.controls_file
         return cls(
             None if plan.file is None else state_file.read(plan.file, model),
@@ -89,7 +83,7 @@ class Sample:
 
     Attributes:
       workload: without diverged simulations.
-      observation: its reference run; warnings, and which simulations are healthy, are those of all.
+      observation: its reference run; warnings and `healthy` are those of all simulations.
       spread: factor on the noise of starts and controls; below 1 where more would diverge.
       asleep_in_run: see `Window`.
     """
@@ -168,10 +162,6 @@ def _later(sample: Sample, request: SampleRequest) -> Later | None:
 def most_nstep(model: mujoco.MjModel, plan: StartPlan, nbatch: int, hold: int) -> int | None:
     """Return how many steps of simulations the files of a plan have controls for.
 
-    Args:
-      nbatch: simulations that are to start differently.
-      hold: steps per control.
-
     Returns:
       A multiple of hold; None for any number.
 
@@ -218,7 +208,7 @@ def _settled(
     nstep = starts.settle_nstep(model, asked_s, request.max_settling_nstep)
     limit = SettleLimit.COST if nstep < starts.settle_nstep(model, asked_s) else None
     settled_s = nstep * float(model.opt.timestep)
-    came_from = Starts(settled_s, asked_s, limit, controls_file=_name(controls))
+    origin = Starts(settled_s, asked_s, limit, controls_file=_name(controls))
     nbatch, hold, seed = request.nbatch, request.hold, request.seed
     asleep: list[float | None] = [None]
 
@@ -232,7 +222,7 @@ def _settled(
         control = workload.random_controls(model, nbatch, ncontrol, hold, rng, spread)
         return _controlled(Workload(model, settled.states, control, hold, seed), controls)
 
-    for sample in _over_spreads(make, came_from, request.lead_in):
+    for sample in _over_spreads(make, origin, request.lead_in):
         yield replace(sample, asleep_in_run=asleep[0])
 
 
@@ -251,7 +241,7 @@ def _from_file(
 ) -> Iterator[Sample]:
     """Yield workloads that start from the rows of a file."""
     header = recorded.header
-    came_from = Starts(
+    origin = Starts(
         0.0,
         0.0,
         file=recorded.name,
@@ -270,9 +260,9 @@ def _from_file(
             spread,
             controls,
         ),
-        came_from,
+        origin,
         request.lead_in,
-        SPREADS if came_from.controls_file is None else SPREADS[:1],  # a file's are not scaled
+        SPREADS if origin.controls_file is None else SPREADS[:1],  # a file's are not scaled
     )
 
 
@@ -291,7 +281,7 @@ def _name(controls: GivenControls | None) -> str | None:
 
 def _over_spreads(
     make: Callable[[float], Workload | None],
-    came_from: Starts,
+    origin: Starts,
     lead_in: int,
     spreads: Sequence[float] = SPREADS,
 ) -> Iterator[Sample]:
@@ -300,4 +290,4 @@ def _over_spreads(
         drawn = make(spread)
         if drawn is not None:
             healthy, observation = work.observe_healthy(replace(drawn, lead_in=lead_in))
-            yield Sample(healthy, observation, spread, came_from)
+            yield Sample(healthy, observation, spread, origin)

@@ -53,8 +53,8 @@ class StartPlan:
     Attributes:
       settle_s: simulated seconds before the first start; 0 for keyframe 0 itself, None for the
         model's default (see `settle_s`).
-      file: start states of the user's own instead (see `state_file`); None for none.
-      controls_file: controls of the user's own (see `given_controls`); None for none.
+      file: the user's own start states instead (see `state_file`).
+      controls_file: the user's own controls (see `given_controls`).
     """
 
     settle_s: float | None = None
@@ -88,11 +88,7 @@ def start_plan(
 
 
 def _array_file(option: str, file: Path) -> Path:
-    """Return the absolute path of a file that holds arrays, as far as its first bytes tell.
-
-    Raises:
-      InputError: it is none, or cannot be read; an .npy file is none for --states.
-    """
+    """Return the absolute path of a file that holds arrays, as far as its first bytes tell."""
     label = f"{option} {shown(str(file))}"
     try:
         if not file.is_file():
@@ -112,8 +108,8 @@ class Later:
     """What the model does later in its own run than where it was measured.
 
     Attributes:
-      time_s: of the run, in simulated seconds.
-      contacts: per step, in the second half of the time from the last start to then.
+      time_s: simulated seconds of the run.
+      contacts: per step, in the second half of the time since the last start.
     """
 
     time_s: float
@@ -126,16 +122,14 @@ class Window:
 
     Attributes:
       nstart: simulations, each from its own start state.
-      nstep: steps of each that count.
+      nstep: steps of each simulation that count.
       contacts: per step.
       solver_limited: share of the steps whose solver stopped at its limit of iterations.
-      asleep: share of the model's trees that slept, averaged over the steps; None where sleeping
-        is not enabled.
-      asleep_in_run: the same along the model's own run, where it was sampled; None where the start
-        states are not of such a run.
+      asleep: mean share of the model's trees that slept; None where sleeping is not enabled.
+      asleep_in_run: the same along the model's own run; None where starts are not of such a run.
       flat_hfields: height fields whose cells are all zero.
-      later: None where starts are not of the model's own run, or its steps are too slow to see.
-      warnings: how many simulations, none of which diverged, raised each warning, by its name.
+      later: None where starts are not of the model's own run, or its steps are too slow.
+      warnings: number of simulations that raised each warning, of those that did not diverge.
     """
 
     nstart: int
@@ -155,14 +149,14 @@ class Starts:
 
     Attributes:
       settle_s: simulated seconds before the first start; 0 for keyframe 0, or a file.
-      asked_s: seconds that were asked for, or are the model's default.
-      limit: why `settle_s` is less than that; None where it is not.
-      file: name of the file with the user's own start states; None for none.
-      controls_file: name of the file that controls come from; None for random ones.
-      is_other_model: whether the states of the file were captured from a model that differs from
-        this one; False also where the file does not say.
-      held_inputs: MjData fields that the captured program set between steps, and simulations hold.
-      window: what was stepped from the states; None in older files.
+      asked_s: seconds that were asked for, or the model's default.
+      limit: why `settle_s` is less than `asked_s`; None where it is not.
+      file: name of the user's file of start states.
+      controls_file: name of the file of controls; None for random ones.
+      is_other_model: whether the file's states were captured from another model; False where the
+        file does not say.
+      held_inputs: MjData fields that the captured program set between steps; simulations hold them.
+      window: None in older files.
     """
 
     settle_s: float
@@ -199,8 +193,7 @@ def settle_nstep(model: mujoco.MjModel, settle_s: float, max_nstep: int | None =
     """Return the steps for which a model settles: half of its settling run.
 
     Args:
-      settle_s: simulated seconds asked for.
-      max_nstep: steps of the whole settling run, at most; None for no bound.
+      max_nstep: steps of the whole settling run at most; None for no bound.
     """
     nstep = max(1, round(settle_s / float(model.opt.timestep)))
     return nstep if max_nstep is None else min(nstep, max(1, max_nstep // 2))
@@ -212,8 +205,7 @@ class SettledStates:
 
     Attributes:
       states: (nbatch, nstate) rows of mjSTATE_INTEGRATION, in the order of time.
-      asleep: share of the model's trees that sleep there, averaged over the rows; None where
-        sleeping is not enabled.
+      asleep: mean share of the model's trees that sleep there; None where sleeping is not enabled.
     """
 
     states: np.ndarray
@@ -237,7 +229,6 @@ def settled(
 
     Args:
       settle_nstep: steps before the first; the run is twice as long.
-      hold: steps per control.
       spread: scales both; at 0 the controls are the keyframe's.
     """
     after = settle_nstep + (np.arange(nbatch) * settle_nstep) // nbatch
@@ -245,15 +236,13 @@ def settled(
     if run is None:
         return None
     states, is_asleep = run
-    rng, spec = np.random.default_rng([seed, 0]), compat.state_spec("INTEGRATION")
-    data = mujoco.MjData(model)
+    rng, data = np.random.default_rng([seed, 0]), mujoco.MjData(model)
     for row in states:
-        mujoco.mj_resetData(model, data)
-        compat.set_state(model, data, row, spec)
+        compat.restart(model, data, row)
         if perturbs:
             data.qvel[:] += spread * START_VELOCITY_SD * rng.standard_normal(model.nv)
         mujoco.mj_step(model, data)
-        compat.get_state(model, data, row, spec)
+        compat.get_state(model, data, row)
     asleep = float(is_asleep.mean()) if is_asleep.size else None
     return SettledStates(states, asleep)
 
@@ -268,11 +257,11 @@ def _settling_run(
     Returns:
       (nbatch, nstate) rows, and (nbatch, ntree) bool; ntree is 0 where sleeping is not enabled.
     """
-    spec, data = compat.state_spec("INTEGRATION"), mujoco.MjData(model)
+    data = mujoco.MjData(model)
     nstep = whole_holds(int(after[-1]), hold) + hold
     rng = np.random.default_rng([seed, 2])
     control = random_controls(model, 1, nstep // hold, hold, rng, spread)[0]
-    states = np.empty((len(after), compat.state_size(model, spec)))
+    states = np.empty((len(after), compat.state_size(model)))
     is_asleep = []
     reset_to_start(model, data)
     done = 0
@@ -281,7 +270,7 @@ def _settling_run(
             data.ctrl[:] = control[done // hold]
             mujoco.mj_step(model, data)
             done += 1
-        compat.get_state(model, data, row, spec)
+        compat.get_state(model, data, row)
         is_asleep.append(compat.trees_asleep(model, data))
     diverged = compat.warning_counts(data)[compat.divergence_warnings()].any()
     if diverged or not np.isfinite(states).all():

@@ -10,12 +10,12 @@ consecutive steps, and of which model (see `capture_header`).
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import mujoco
 import numpy as np
 
-from mjbench.errors import InputError, one_line, shown
+from mjbench.errors import InputError, shown
 from mjbench.simulation import array_files, capture_header, compat, workload
 from mjbench.simulation.capture_header import CaptureHeader
 from mjbench.simulation.given_controls import GivenControls
@@ -34,10 +34,8 @@ class RecordedStates:
 
     Attributes:
       fields: by MjData field, each (nrow, size).
-      name: of the file, for messages.
-      segment: (nrow,) number of the segment that a row belongs to; rows of one segment are
-        consecutive steps.
-      header: where captured states come from; None for others.
+      segment: (nrow,) segment of each row; rows of one segment are consecutive steps.
+      header: None where the states were not captured.
     """
 
     fields: Mapping[str, np.ndarray]
@@ -82,8 +80,7 @@ class RecordedStates:
         a short file), or half of its steps would be in segments too short to start from.
 
         Args:
-          nstart: different starts wanted.
-          hold: steps per control; the number is a multiple of it, and at least that.
+          hold: the number is a multiple of it, and at least that.
         """
         if not self.replays:
             return None
@@ -111,13 +108,7 @@ def write(
     columns: Mapping[str, slice],
     segments: Sequence[np.ndarray],
 ) -> None:
-    """Write captured states.
-
-    Args:
-      header: where they come from.
-      columns: of each MjData field in a state.
-      segments: each (count, nstate) states of consecutive steps.
-    """
+    """Write captured states; a segment is (count, nstate) states of consecutive steps."""
     states = np.concatenate(segments)
     fields = {field: states[:, place] for field, place in columns.items()}
     fields = {k: rows for k, rows in fields.items() if k not in _USUALLY_ZERO or rows.any()}
@@ -133,16 +124,18 @@ def read(file: Path, model: mujoco.MjModel) -> RecordedStates:
       InputError: it cannot be read, or does not fit the model.
     """
     name = shown(file.name)
-    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    columns = compat.state_columns(model)
     wanted = [*columns, capture_header.ARRAY, capture_header.SEGMENT_ARRAY]
-    arrays, others = _read_arrays(file, name, wanted)
-    header = None
+    content = array_files.read(file, "states", wanted)
+    if "" in content.names:
+        raise InputError(f"{name} holds one array: save named ones by numpy.savez")
+    arrays, header = dict(content.arrays), None
     if capture_header.ARRAY in arrays:
         header = CaptureHeader.of_array(arrays.pop(capture_header.ARRAY), name)
         header.check(model, name)
     segment = arrays.pop(capture_header.SEGMENT_ARRAY, None)
     if "qpos" not in arrays:
-        has = shown(", ".join([*arrays, *others][:8])) if arrays or others else "nothing"
+        has = shown(", ".join(content.names[:8])) if content.names else "nothing"
         raise InputError(f"{name} has no qpos, which start states need; it has {has}")
     fields = {field: _rows(name, field, values, columns[field]) for field, values in arrays.items()}
     nrow = len(fields["qpos"])
@@ -155,11 +148,7 @@ def read(file: Path, model: mujoco.MjModel) -> RecordedStates:
 
 
 def _checked_segment(name: str, segment: np.ndarray | None, nrow: int) -> np.ndarray:
-    """Return the number of each row's segment, (nrow,) whole numbers that never decrease.
-
-    Raises:
-      InputError: they are something else.
-    """
+    """Return the number of each row's segment, (nrow,) whole numbers that never decrease."""
     if (
         segment is None
         or segment.shape != (nrow,)
@@ -184,36 +173,8 @@ def _segments_by_time(
     return np.concatenate([[0], np.cumsum(is_gap)])
 
 
-def _read_arrays(
-    file: Path, name: str, fields: Sequence[str]
-) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return the arrays of a file that are named like fields, and the names of the others.
-
-    Raises:
-      InputError: it cannot be read.
-    """
-    try:
-        with file.open("rb") as stream:
-            arrays: Any = array_files.load(stream, name, frozenset(fields))
-            if isinstance(arrays, np.ndarray):
-                raise InputError(f"{name} holds one array: save named ones by numpy.savez")
-            # NumPy gives a member that is no array as bytes
-            recorded = {key: np.asarray(arrays[key]) for key in arrays.files if key in fields}
-            return recorded, [key for key in arrays.files if key not in fields]
-    except InputError:
-        raise
-    except Exception as error:  # a damaged file: NumPy and zipfile raise many kinds
-        raise InputError(
-            f"cannot read states from {name}: {one_line(error)}; numpy.savez writes such files"
-        ) from error
-
-
 def _rows(name: str, field: str, values: np.ndarray, place: slice) -> np.ndarray:
-    """Return (nrow, size) numbers of a field.
-
-    Raises:
-      InputError: it has another size, no row, or what is not a finite number.
-    """
+    """Return (nrow, size) numbers of a field."""
     size = place.stop - place.start
     if values.ndim == 0 or len(values) == 0:
         raise InputError(f"{name}: {field} has no rows")
@@ -243,11 +204,6 @@ def draw(
     Rows are drawn at random, each once where there are enough. Where the file has no warm-starts,
     each row is stepped once, so that its warm-start is real. Controls are those that follow the row
     in the file, unless others are given; random ones where there are none.
-
-    Args:
-      hold: steps per control.
-      spread: scales the noise of random controls.
-      given: controls of the user's own; None for none.
 
     Raises:
       InputError: sizes are below 1, nstep is not a multiple of hold, or too few controls follow.
@@ -279,11 +235,10 @@ def draw(
 
 def _step_once(model: mujoco.MjModel, states: np.ndarray, control: np.ndarray | None) -> None:
     """Step each of (nbatch, nstate) states once, in place, with (nbatch, nu) controls if given."""
-    data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
+    data = mujoco.MjData(model)
     for i, row in enumerate(states):
-        mujoco.mj_resetData(model, data)
-        compat.set_state(model, data, row, spec)
+        compat.restart(model, data, row)
         if control is not None:
             data.ctrl[:] = control[i]
         mujoco.mj_step(model, data)
-        compat.get_state(model, data, row, spec)
+        compat.get_state(model, data, row)

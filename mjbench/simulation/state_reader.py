@@ -10,29 +10,24 @@ class StateReader:
     """Reads states of simulations of one model, and compares them.
 
     Attributes:
-      spec: mjSTATE_INTEGRATION.
       columns: of each MjData field in a state.
     """
 
     def __init__(self, model: mujoco.MjModel):
-        self.spec = compat.state_spec("INTEGRATION")
-        self.columns = compat.state_columns(model, self.spec)
-        self.nstate = compat.state_size(model, self.spec)
+        self.spec = compat.INTEGRATION
+        self.columns = compat.state_columns(model)
+        self.nstate = compat.state_size(model)
         ctrl = self.columns.get("ctrl", slice(self.nstate, self.nstate))
         self._before_ctrl, self._after_ctrl = slice(ctrl.start), slice(ctrl.stop, None)
 
     def read(self, model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
         """Return (nstate,) the state of a simulation now."""
         state = np.empty(self.nstate)
-        compat.get_state(model, data, state, self.spec)
+        compat.get_state(model, data, state)
         return state
 
     def differing(self, state: np.ndarray, other: np.ndarray) -> set[str]:
-        """Return the MjData fields, other than the controls, that differ in any bit.
-
-        Args:
-          state: (nstate,) of mjSTATE_INTEGRATION.
-        """
+        """Return the MjData fields, other than the controls, that differ in any bit."""
         before, after = self._before_ctrl, self._after_ctrl
         if (
             state[before].tobytes() == other[before].tobytes()

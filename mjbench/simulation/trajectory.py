@@ -26,7 +26,7 @@ class Contacts:
     """Contacts that a step detected at its start, of all simulations in one list.
 
     Attributes:
-      simulation: (ncon,) index of the simulation.
+      simulation: (ncon,) indices.
       geom: (ncon, 2) ids of the geoms, the lower one first.
       normal: (ncon, 3) unit normals, from the lower geom to the other.
     """
@@ -68,11 +68,10 @@ class SingleSteps:
 
     Attributes:
       state: (n, nstate) rows of mjSTATE_INTEGRATION to start from.
-      control: (n, nu) controls of the step.
-      after: (n, nstate) states that the steps lead to.
-      qvel_without_contact: (n, nv) velocities that the steps would lead to without any contact.
-      contacts: of the steps, by row.
-      constraints: (n,) scalar constraints of the steps.
+      control: (n, nu).
+      after: (n, nstate) states after the step.
+      qvel_without_contact: (n, nv) velocities after the same step without any contact.
+      constraints: (n,) scalar constraints.
     """
 
     state: np.ndarray
@@ -88,10 +87,10 @@ class Trajectory:
     """All states of some simulations, evenly spread over the batch.
 
     Attributes:
-      simulation: (n,) indices of the simulations.
-      states: (n, nstep + 1, nstate) from the start on.
-      unconstrained_nstep: steps before the first on which a contact or another constraint acted, in
-        any of the simulations; nstep if there was none.
+      simulation: (n,) indices.
+      states: (n, nstep + 1, nstate), with the start.
+      unconstrained_nstep: steps before the first on which a constraint acted in any simulation;
+        nstep if there was none.
     """
 
     simulation: np.ndarray
@@ -105,11 +104,11 @@ def record_trajectory(
     """Run simulations in C and return all their states.
 
     Args:
-      nsim: number of simulations, the first and the last among them; at most all.
-      change: of states and controls before every step, for a shadow; None for no change.
+      nsim: simulations, with the first and the last; at most all.
+      change: changes states and controls before every step, for a shadow.
     """
     model, data = workload.model, mujoco.MjData(workload.model)
-    spec, nstep = compat.state_spec("INTEGRATION"), workload.nstep
+    nstep = workload.nstep
     chosen = spread_indices(workload.nbatch, nsim)
     states = np.empty((len(chosen), nstep + 1, workload.initial_state.shape[1]))
     unconstrained_nstep = nstep
@@ -119,20 +118,20 @@ def record_trajectory(
         for k in range(nstep):
             if k == 0 or change:
                 before = change(states[i, k]) if change else states[i, k]
-                compat.set_state(model, data, before, spec)
+                compat.set_state(model, data, before)
             ctrl = workload.control[simulation, k // workload.hold]
             data.ctrl[:] = change(ctrl) if change else ctrl
             mujoco.mj_step(model, data)
             if data.nefc or data.ncon:
                 unconstrained_nstep = min(unconstrained_nstep, k)
-            compat.get_state(model, data, states[i, k + 1], spec)
+            compat.get_state(model, data, states[i, k + 1])
     return Trajectory(chosen, states, unconstrained_nstep)
 
 
 def single_steps(
     workload: Workload,
     trajectory: Trajectory,
-    most: int,
+    max_count: int,
     rounded: bool,
     inputs_to_set: Collection[str] = (),
 ) -> SingleSteps:
@@ -142,12 +141,11 @@ def single_steps(
     `inputs`): an engine that drops one takes another step.
 
     Args:
-      most: number of steps; fewer if the run has fewer.
       rounded: round states and controls to float32 first, as an engine in float32 does.
-      inputs_to_set: MjData fields of the inputs to set.
+      inputs_to_set: MjData fields.
     """
     nstep = workload.nstep
-    chosen = spread_indices(len(trajectory.states) * nstep, most)
+    chosen = spread_indices(len(trajectory.states) * nstep, max_count)
     row, step = chosen // nstep, chosen % nstep
     state = trajectory.states[row, step]
     control = workload.control[trajectory.simulation[row], step // workload.hold]
@@ -160,7 +158,7 @@ def single_steps(
 
 def take_steps(model: mujoco.MjModel, state: np.ndarray, control: np.ndarray) -> SingleSteps:
     """Take one step in C from each row of `state`, with its row of `control`."""
-    data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
+    data = mujoco.MjData(model)
     contactless = copy.copy(model)
     contactless.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     after, qvel = np.empty_like(state), np.empty((len(state), model.nv))
@@ -169,18 +167,16 @@ def take_steps(model: mujoco.MjModel, state: np.ndarray, control: np.ndarray) ->
     geoms: list[np.ndarray] = []
     normals: list[np.ndarray] = []
     for i in range(len(state)):
-        mujoco.mj_resetData(model, data)
-        compat.set_state(model, data, state[i], spec)
+        compat.restart(model, data, state[i])
         data.ctrl[:] = control[i]
         mujoco.mj_step(model, data)
-        compat.get_state(model, data, after[i], spec)
+        compat.get_state(model, data, after[i])
         constraints[i] = data.nefc
         for contact in data.contact[: data.ncon]:
             rows.append(i)
             geoms.append(np.array([contact.geom1, contact.geom2]))
             normals.append(np.array(contact.frame[:3]))
-        mujoco.mj_resetData(contactless, data)
-        compat.set_state(contactless, data, state[i], spec)
+        compat.restart(contactless, data, state[i])
         data.ctrl[:] = control[i]
         mujoco.mj_step(contactless, data)
         qvel[i] = data.qvel
@@ -202,12 +198,8 @@ class Violation:
 
 
 def violation(model: mujoco.MjModel, states: np.ndarray) -> Violation:
-    """Return how far states violate constraints: the largest violations of any of them.
-
-    Args:
-      states: (n, nstate) rows of mjSTATE_INTEGRATION.
-    """
-    data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
+    """Return the largest violations of constraints in (n, nstate) rows of mjSTATE_INTEGRATION."""
+    data = mujoco.MjData(model)
     penetration = constraint = 0.0
     equality = int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
     limits = (
@@ -215,8 +207,7 @@ def violation(model: mujoco.MjModel, states: np.ndarray) -> Violation:
         int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON),
     )
     for row in states:
-        mujoco.mj_resetData(model, data)
-        compat.set_state(model, data, row, spec)
+        compat.restart(model, data, row)
         mujoco.mj_fwdPosition(model, data)
         penetration = max(penetration, *(-c.dist for c in data.contact[: data.ncon]), 0.0)
         kind, residual = np.asarray(data.efc_type), np.asarray(data.efc_pos)
@@ -227,9 +218,9 @@ def violation(model: mujoco.MjModel, states: np.ndarray) -> Violation:
     return Violation(float(penetration), constraint)
 
 
-def spread_indices(count: int, most: int) -> np.ndarray:
-    """Return up to `most` of `count` indices, evenly spread from the first to the last."""
-    return np.unique(np.linspace(0, count - 1, min(most, count)).astype(int))
+def spread_indices(count: int, max_count: int) -> np.ndarray:
+    """Return up to `max_count` of `count` indices, evenly spread from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, min(max_count, count)).astype(int))
 
 
 def as_float32(values: np.ndarray) -> np.ndarray:

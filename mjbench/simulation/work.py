@@ -21,7 +21,7 @@ from mjbench.simulation.workload import StepOutputs, Workload, start_data
 _COST_CALLS, _COST_S = 50, 0.05
 # Columns of `_count_steps`.
 _NCOUNTER = 6
-# A step of so many seconds is measured once: what warms up hardly counts.
+# A step that takes longer, in seconds, is measured once: what warms up hardly counts.
 _LONG_STEP_S = 1.0
 
 
@@ -29,24 +29,23 @@ _LONG_STEP_S = 1.0
 class Work:
     """The work of one step: what it did, averaged over all steps of all simulations, and on what.
 
-    The sizes, from `degrees_of_freedom` on, are those of the model, and None in older files.
+    From `degrees_of_freedom` on, they are sizes of the model, and None in older files.
 
     Attributes:
-      contacts: contacts (`data.ncon`) per step.
-      constraints: scalar constraints (`data.nefc`) per step.
-      solver_iterations: solver iterations per step, those of the constraint island with the most:
-        a release that solves all islands together takes about as many.
+      contacts: `data.ncon`.
+      constraints: `data.nefc`.
+      solver_iterations: those of the constraint island with the most: about as many as in a
+        release that solves all islands together.
       degrees_of_freedom: `nv`.
       actuators: 0 where actuation is disabled.
-      sensors: computed in a step; one with an interval counts for its share of the steps.
-      rays: of rangefinders, likewise.
+      sensors: sensors that a step computes; one with an interval counts for its share of the steps.
+      rays: of rangefinders, counted like sensors.
       geom_pairs: pairs of geoms that the collision filters let through, and explicit pairs; None
-        also of models with too many to look at (see `geom_pairs.MAX_GEOMS`).
-      tendons: `ntendon`.
+        also where there are too many to look at (see `geom_pairs.MAX_GEOMS`).
       plugins: instances of engine plugins.
-      mesh_vertices: of all meshes that collide.
-      hfield_cells: of all height fields that collide.
-      flex_vertices: of all deformable bodies.
+      mesh_vertices: of meshes that collide.
+      hfield_cells: of height fields that collide.
+      flex_vertices: of deformable bodies.
     """
 
     contacts: float
@@ -70,12 +69,7 @@ class Work:
 
 @dataclass(frozen=True)
 class Peaks:
-    """Maxima over all steps of the reference run; they determine the size of fixed buffers.
-
-    Attributes:
-      contacts: of one simulation.
-      constraints: scalar constraints of one simulation.
-    """
+    """The most of a simulation in any step of the reference run: fixed buffers must hold them."""
 
     contacts: int
     constraints: int
@@ -88,14 +82,13 @@ class Observation:
     Attributes:
       final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION after the last step.
       warnings: (nbatch, nwarning) how often each simulation raised each mjtWarning.
-      healthy: (nbatch,) bool: the simulations that raised no warning of a bad state and ended in a
+      healthy: (nbatch,) bool: simulations that raised no warning of a bad state and ended in a
         finite one; the others are called diverged.
-      work: of a step, averaged over the healthy simulations.
-      peaks: maxima over all steps of all simulations.
+      work: mean over the steps of the healthy simulations.
       start_contacts: contacts at the first simulation's start.
       summed_iterations: solver iterations of a step, summed over constraint islands.
       solver_limited: share of the steps whose solver stopped at its limit of iterations.
-      asleep: share of the model's trees that slept in a step; None where sleeping is not enabled.
+      asleep: mean share of the model's trees that slept; None where sleeping is not enabled.
     """
 
     final_state: np.ndarray
@@ -127,16 +120,13 @@ class ModelFacts:
     """The facts about a model that determine what a step costs.
 
     Attributes:
-      nu: controls.
-      na: activations.
-      contacts: at the start state.
-      constraints: scalar constraints at the start state.
+      contacts: at the start state, as `constraints`.
       timestep: in s.
-      integrator: its name, such as `euler`.
-      solver: its name, such as `newton`.
-      cone: the name of the friction cone, such as `pyramidal`.
-      can_fall: whether gravity acts on a free body; None in files that do not say.
-      has_clock: whether a step reads the timer of MuJoCo's Python package; None likewise.
+      integrator: such as `euler`.
+      solver: such as `newton`.
+      cone: such as `pyramidal`.
+      can_fall: whether gravity acts on a free body; None in older files.
+      has_clock: whether a step reads the timer of MuJoCo's Python package; None in older files.
     """
 
     nq: int
@@ -155,19 +145,17 @@ class ModelFacts:
 
 def observe(workload: Workload) -> Observation:
     """Return the reference run of a workload."""
-    model, spec = workload.model, compat.state_spec("INTEGRATION")
-    data = mujoco.MjData(model)
+    model, data = workload.model, mujoco.MjData(workload.model)
     final_state = np.empty_like(workload.initial_state)
     warnings = np.zeros((workload.nbatch, len(compat.warning_counts(data))), dtype=int)
     sums, maxima = np.zeros((workload.nbatch, _NCOUNTER)), np.zeros((workload.nbatch, 2), dtype=int)
     for i in range(workload.nbatch):
-        mujoco.mj_resetData(model, data)
-        compat.set_state(model, data, workload.initial_state[i], spec)
+        compat.restart(model, data, workload.initial_state[i])
         counters = _count_steps(model, data, workload.control[i], workload.hold)
         sums[i] = counters[workload.lead_in :].sum(axis=0)
         maxima[i] = counters[:, :2].max(axis=0)
         warnings[i] = compat.warning_counts(data)
-        compat.get_state(model, data, final_state[i], spec)
+        compat.get_state(model, data, final_state[i])
     bad = warnings[:, compat.divergence_warnings()].any(axis=1)
     healthy = ~bad & np.isfinite(final_state).all(axis=1)
     counted = int(healthy.sum()) * (workload.nstep - workload.lead_in)
@@ -206,7 +194,7 @@ def step_s(model: mujoco.MjModel, state: np.ndarray | None = None) -> float:
     """
     data = start_data(model)
     if state is not None:
-        compat.set_state(model, data, state, compat.state_spec("INTEGRATION"))
+        compat.set_state(model, data, state)
     begin = time.perf_counter()
     mujoco.mj_step(model, data)
     warm_up_s = time.perf_counter() - begin
@@ -233,19 +221,17 @@ def states_after(workload: Workload, nsteps: Sequence[int]) -> np.ndarray:
     Returns:
       (len(nsteps), nbatch, nstate) rows of mjSTATE_INTEGRATION.
     """
-    model, spec = workload.model, compat.state_spec("INTEGRATION")
-    data = mujoco.MjData(model)
+    model, data = workload.model, mujoco.MjData(workload.model)
     states = np.empty((len(nsteps), *workload.initial_state.shape))
     for i, start in enumerate(workload.initial_state):
-        mujoco.mj_resetData(model, data)
-        compat.set_state(model, data, start, spec)
+        compat.restart(model, data, start)
         done = 0
         for point, nstep in enumerate(nsteps):
             for k in range(done, nstep):
                 data.ctrl[:] = workload.control[i, k // workload.hold]
                 mujoco.mj_step(model, data)
             done = nstep
-            compat.get_state(model, data, states[point, i], spec)
+            compat.get_state(model, data, states[point, i])
     return states
 
 
@@ -255,11 +241,10 @@ def step_outputs(workload: Workload) -> StepOutputs:
     if outputs.state is None:
         return outputs
     model, data = workload.model, mujoco.MjData(workload.model)
-    full, physics = compat.state_spec("INTEGRATION"), compat.state_spec("FULLPHYSICS")
+    physics = compat.state_spec("FULLPHYSICS")
     for i, start in enumerate(workload.initial_state):
         states, sensors = outputs.rows(i)
-        mujoco.mj_resetData(model, data)
-        compat.set_state(model, data, start, full)
+        compat.restart(model, data, start)
         for k in range(workload.nstep):
             data.ctrl[:] = workload.control[i, k // workload.hold]
             mujoco.mj_step(model, data)
@@ -275,11 +260,10 @@ def one_step(model: mujoco.MjModel, states: np.ndarray) -> dict[str, np.ndarray]
     Args:
       states: (nstate, size) rows of mjSTATE_INTEGRATION, which include the controls.
     """
-    spec, data = compat.state_spec("INTEGRATION"), mujoco.MjData(model)
+    data = mujoco.MjData(model)
     after: dict[str, list[np.ndarray]] = {"qpos": [], "qvel": [], "act": []}
     for row in states:
-        mujoco.mj_resetData(model, data)
-        compat.set_state(model, data, row, spec)
+        compat.restart(model, data, row)
         mujoco.mj_step(model, data)
         for field, values in after.items():
             values.append(np.array(getattr(data, field)))
@@ -378,8 +362,7 @@ def _raised(warnings: np.ndarray, which: np.ndarray) -> dict[str, int]:
     """Return how many simulations raised each warning, by its name; only those that any raised.
 
     Args:
-      warnings: (nbatch, nwarning) how often each simulation raised each.
-      which: (nwarning,) bool: the warnings to look at.
+      which: (nwarning,) bool: the warnings to count.
     """
     counts = (warnings > 0).sum(axis=0)
     names = compat.warning_names()
@@ -389,7 +372,6 @@ def _raised(warnings: np.ndarray, which: np.ndarray) -> dict[str, int]:
 def _start_contacts(workload: Workload) -> int:
     """Return the contacts at the first simulation's start."""
     data = mujoco.MjData(workload.model)
-    spec = compat.state_spec("INTEGRATION")
-    compat.set_state(workload.model, data, workload.initial_state[0], spec)
+    compat.set_state(workload.model, data, workload.initial_state[0])
     mujoco.mj_forward(workload.model, data)
     return int(data.ncon)

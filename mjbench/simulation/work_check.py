@@ -29,7 +29,7 @@ class Followed:
     """What a target did from the states of a probe.
 
     Attributes:
-      nsteps: after how many steps of the run a point is.
+      nsteps: number of steps before each point of the run.
       run: qpos, qvel and act of its own run, each (npoint, nprobe, size).
       stepped: the same, one step after each state of the probe.
     """
@@ -44,8 +44,7 @@ class RunDrift:
     """How far two runs from the same starts are apart.
 
     Attributes:
-      step: after how many steps.
-      difference: the largest of qpos, qvel and act, relative to its field (see `StateDrift`).
+      difference: the largest of qpos, qvel and act (see `StateDrift`).
     """
 
     step: int
@@ -60,8 +59,8 @@ class StateDrift:
     `agreement.LEAST_SCALE` if that is more.
 
     Attributes:
-      one_step: the largest one step after the same states, at any point of the run.
-      runs: that of free runs, at each point after the start.
+      one_step: the largest after one step from the same states, at any point of the run.
+      runs: differences of free runs, at each point after the start.
     """
 
     one_step: float
@@ -88,8 +87,7 @@ def follow(own: Workload, probe: Fields) -> Followed:
     """Return what a target does from the states of a probe.
 
     Args:
-      own: the workload, restored for the target's model.
-      probe: that the target which drew the workload recorded along it.
+      probe: states that were recorded along the workload by the target which drew it.
     """
     model, nsteps = own.model, points(own.nstep)
     states = states_after(_probed(own), nsteps)
@@ -114,7 +112,7 @@ def drift(
 
     Args:
       is_compared: (nbatch,) bool, the simulations that diverge in neither.
-      start_alike: whether their runs begin in the same states, so that these are compared, too.
+      start_alike: whether their runs begin in the same states; otherwise runs are not compared.
     """
     if _shapes(baseline) != _shapes(candidate):
         return None

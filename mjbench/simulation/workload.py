@@ -45,13 +45,11 @@ class Workload:
     """nbatch simulations of one model, each stepped nstep = ncontrol * hold times.
 
     Attributes:
-      initial_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION, warm-start included.
+      initial_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION, with the warm-start.
       control: (nbatch, ncontrol, nu) controls in the actuators' units.
       hold: steps for which each control is held (an RL user's frame_skip).
-      seed: that starts and controls were drawn with.
-      returns: what a run returns.
       lead_in: steps of each simulation that come first and do not count: a state does not hold what
-        sleeps, so bodies fall asleep again in them.
+        sleeps, and bodies fall asleep again in them.
     """
 
     model: mujoco.MjModel
@@ -147,8 +145,8 @@ class StepOutputs:
     Attributes:
       state: (nbatch, nstep, nphysics) rows of mjSTATE_FULLPHYSICS after each step; None where a
         run returns final states alone.
-      sensordata: (nbatch, nstep, nsensordata) as each step leaves it; None where it is not
-        returned.
+      sensordata: (nbatch, nstep, nsensordata), as each step leaves it; None where a run does not
+        return it.
     """
 
     state: np.ndarray | None
@@ -211,7 +209,6 @@ def make(
     within the control range. The same arguments give the same workload.
 
     Args:
-      hold: steps per control.
       spread: scales the perturbations and the noise; at 0 every simulation is the keyframe.
 
     Raises:
@@ -256,7 +253,7 @@ def fields(model: mujoco.MjModel, states: np.ndarray) -> dict[str, np.ndarray]:
     Args:
       states: (nbatch, nstate) rows of mjSTATE_INTEGRATION, whose layout differs between releases.
     """
-    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    columns = compat.state_columns(model)
     return {field: np.array(states[:, place]) for field, place in columns.items()}
 
 
@@ -268,10 +265,9 @@ def states(model: mujoco.MjModel, fields: Mapping[str, np.ndarray]) -> np.ndarra
     Raises:
       InputError: a field's size is not the model's.
     """
-    spec = compat.state_spec("INTEGRATION")
-    columns = compat.state_columns(model, spec)
-    default = np.empty(compat.state_size(model, spec))
-    compat.get_state(model, mujoco.MjData(model), default, spec)
+    columns = compat.state_columns(model)
+    default = np.empty(compat.state_size(model))
+    compat.get_state(model, mujoco.MjData(model), default)
     rows = np.tile(default, (len(next(iter(fields.values()))), 1))
     for field, place in columns.items():
         if field in fields:
@@ -288,13 +284,11 @@ class PortableWorkload:
 
     Attributes:
       fields: the start states by MjData field, each (nbatch, size).
-      control: (nbatch, ncontrol, nu) controls.
-      hold: steps for which each control is held.
-      final_state: (nbatch, nstate) states that the simulations must reach, as rows of
-        mjSTATE_INTEGRATION in the release that runs them; None where nothing is compared.
-      probe: states along some simulations, by MjData field (see `work_check.probe`); None where
-        nobody compares steps from them.
-      lead_in: steps that come first and do not count (see `Workload`).
+      control: (nbatch, ncontrol, nu).
+      final_state: (nbatch, nstate) states to reach, as rows of mjSTATE_INTEGRATION in the release
+        that runs them; None where nothing is compared.
+      probe: states along some simulations, by MjData field (see `work_check.probe`); None where no
+        steps are compared.
     """
 
     fields: Mapping[str, np.ndarray]
@@ -308,7 +302,6 @@ class PortableWorkload:
         """Return the workload of some simulations.
 
         Args:
-          rows: indices of the simulations.
           final_state: (nbatch, nstate) states that all simulations of this workload must reach.
         """
         fields = {name: values[rows] for name, values in self.fields.items()}
@@ -368,8 +361,7 @@ def _starts(
     model: mujoco.MjModel, nbatch: int, rng: np.random.Generator, spread: float
 ) -> np.ndarray:
     """Return (nbatch, nstate) random start states."""
-    spec = compat.state_spec("INTEGRATION")
-    states = np.empty((nbatch, compat.state_size(model, spec)))
+    states = np.empty((nbatch, compat.state_size(model)))
     data = mujoco.MjData(model)
     for row in states:
         reset_to_start(model, data)
@@ -377,7 +369,7 @@ def _starts(
         mujoco.mj_integratePos(model, data.qpos, offset, 1.0)
         data.qvel[:] += spread * START_VELOCITY_SD * rng.standard_normal(model.nv)
         mujoco.mj_step(model, data)  # sets the warm-start to the solution of the previous state
-        compat.get_state(model, data, row, spec)
+        compat.get_state(model, data, row)
     return states
 
 
@@ -392,10 +384,6 @@ def random_controls(
     """Return (nbatch, ncontrol, nu) random controls around those of the start.
 
     They are an Ornstein-Uhlenbeck process, clipped to the control range.
-
-    Args:
-      hold: steps per control.
-      spread: scales the noise.
     """
     if model.nu == 0:
         return np.zeros((nbatch, ncontrol, 0))

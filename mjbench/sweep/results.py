@@ -14,7 +14,7 @@ from mjbench.counts.records import InstructionsRecord
 from mjbench.errors import Failure
 from mjbench.instrument import run_file, runs
 from mjbench.instrument.machine import Machine
-from mjbench.instrument.run_set import Section
+from mjbench.instrument.run_set import RunSection
 from mjbench.instrument.runs import Record, Run, RunHeader
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.race_record import RaceRecord
@@ -68,7 +68,7 @@ class CellResult:
     """A cell that is complete."""
 
     cell: Cell
-    section: Section
+    section: RunSection
 
     @property
     def outcome(self) -> Outcome:
@@ -149,13 +149,13 @@ class Collector:
             taken.append(self._complete[self.missing.pop(0)])
         return taken
 
-    def _section(self, *lines: bytes) -> Section:
+    def _section(self, *lines: bytes) -> RunSection:
         run = runs.parse(_SOURCE, lines, self._types, may_be_torn=False)
-        return Section("", run, lines)
+        return RunSection("", run, lines)
 
 
-def _named(cell: Cell, section: Section) -> CellResult:
-    return CellResult(cell, Section(cell.key, section.run, section.lines))
+def _named(cell: Cell, section: RunSection) -> CellResult:
+    return CellResult(cell, RunSection(cell.key, section.run, section.lines))
 
 
 def _is_answer(record: Record, cell: Cell) -> bool:
@@ -180,7 +180,7 @@ def failed(cell: Cell, failure: Failure, machine: Machine) -> CellResult:
     header = RunHeader(runs.SCHEMA, cell.kind.value, machine, {}, began=began)
     record = _failed_record(cell, failure)
     lines = tuple(run_file.line_of(item).encode() for item in (header, record))
-    return CellResult(cell, Section(cell.key, Run(header, (record,)), lines))
+    return CellResult(cell, RunSection(cell.key, Run(header, (record,)), lines))
 
 
 def _failed_record(cell: Cell, failure: Failure) -> Record:

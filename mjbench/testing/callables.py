@@ -19,13 +19,15 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
+from statistics import NormalDist
 
 import numpy as np
 
 from mjbench.instrument import anytime, stats, timing
 from mjbench.instrument.anytime import Interval
 from mjbench.instrument.timing import Clock
-from mjbench.testing.answer import Answer, SpeedCheck, margin, of_interval
+from mjbench.instrument.units import duration
 
 # Seconds of a block, at least, and of a round. Where a core has other work, Linux lets a process
 # run for some milliseconds at a time: most pairs of blocks that are much shorter are undisturbed.
@@ -47,18 +49,63 @@ PROCESS_SPREAD = 0.02
 Function = Callable[[], object]
 
 
-def _nothing() -> None:
-    pass
+class Answer(StrEnum):
+    """Whether the candidate is slower than it may be."""
+
+    NOT_SLOWER = "not slower"
+    """It is certainly not slower than the baseline by more than is allowed."""
+    SLOWER = "slower"
+    """It certainly is."""
+    INCONCLUSIVE = "inconclusive"
+    """The measurements do not tell."""
 
 
 @dataclass(frozen=True)
-class Question:
+class SpeedCheck:
+    """What was measured of a candidate and its baseline.
+
+    Attributes:
+      max_slowdown: share of the baseline's time.
+      ratio: the candidate's time over the baseline's; None without an estimate.
+      low: lower end of the interval of `ratio`; None without one, as `high`.
+      candidate_s: median seconds of a call; None where it was not timed.
+      detail: why the answer is inconclusive; empty otherwise.
+    """
+
+    answer: Answer
+    max_slowdown: float
+    confidence: float
+    ratio: float | None = None
+    low: float | None = None
+    high: float | None = None
+    candidate_s: float | None = None
+    baseline_s: float | None = None
+    rounds: int = 0
+    detail: str = ""
+
+    def __str__(self) -> str:
+        allowed = f"{100 * self.max_slowdown:g} % allowed"
+        if self.ratio is None or self.low is None or self.high is None:
+            return f"{self.answer}: {self.detail}"
+        interval = f"{_signed(self.low)} to {_signed(self.high)} %"
+        text = f"{self.answer}: {_signed(self.ratio)} % (interval {interval}, {allowed})"
+        if self.candidate_s is not None and self.baseline_s is not None:
+            times = duration(1e9 * self.candidate_s), duration(1e9 * self.baseline_s)
+            text += f", {times[0]} a call, baseline {times[1]}"
+        return f"{text}; {self.detail}" if self.detail else text
+
+
+def nothing() -> None:
+    """Do nothing."""
+
+
+@dataclass(frozen=True)
+class SpeedQuestion:
     """What is asked of two functions.
 
     Attributes:
-      max_slowdown: how much slower the candidate may be, as a share of the baseline's time.
-      confidence: of the answer, such as 0.99.
-      time_limit_s: seconds after which no round begins.
+      max_slowdown: share of the baseline's time.
+      time_limit_s: no round begins after it.
     """
 
     max_slowdown: float
@@ -67,17 +114,16 @@ class Question:
 
 
 @dataclass(frozen=True)
-class Pair:
+class FunctionPair:
     """Two functions to compare.
 
     Attributes:
-      candidate: the one that is judged.
       setup: called before each block, untimed, to give both functions the same start.
     """
 
     baseline: Function
     candidate: Function
-    setup: Function = _nothing
+    setup: Function = nothing
 
 
 def least_slowdown(confidence: float) -> float:
@@ -86,8 +132,8 @@ def least_slowdown(confidence: float) -> float:
 
 
 def compare(
-    pair: Pair,
-    question: Question,
+    pair: FunctionPair,
+    question: SpeedQuestion,
     clock: Clock = time.perf_counter,
     rng: random.Random | None = None,
 ) -> SpeedCheck:
@@ -100,7 +146,9 @@ def compare(
         return _compare(pair, question, clock, rng or random.Random())
 
 
-def _compare(pair: Pair, question: Question, clock: Clock, rng: random.Random) -> SpeedCheck:
+def _compare(
+    pair: FunctionPair, question: SpeedQuestion, clock: Clock, rng: random.Random
+) -> SpeedCheck:
     begin = clock()
     calls = min(
         calls_per_block(function, pair.setup, clock) for function in (pair.baseline, pair.candidate)
@@ -136,11 +184,11 @@ class _Judged:
     detail: str = ""
 
 
-def _judge(here: Interval, question: Question) -> _Judged:
+def _judge(here: Interval, question: SpeedQuestion) -> _Judged:
     """Return what rounds show.
 
     Args:
-      here: the interval of the log ratio in this process.
+      here: interval of the log ratio in this process.
     """
     between = margin(question.confidence, PROCESS_SPREAD)
     half_width = math.hypot(here.half_width, between)
@@ -222,7 +270,7 @@ def block_s(function: Function, calls: int, clock: Clock = time.perf_counter) ->
     return timing.block_s(timing.Contender(functools.partial(repeat, function, calls)), clock)
 
 
-def _time_round(pair: Pair, calls: int, clock: Clock, rng: random.Random) -> _Round:
+def _time_round(pair: FunctionPair, calls: int, clock: Clock, rng: random.Random) -> _Round:
     """Time as many quads as a round needs."""
     blocks = (
         functools.partial(repeat, pair.baseline, calls),
@@ -238,7 +286,7 @@ def _time_round(pair: Pair, calls: int, clock: Clock, rng: random.Random) -> _Ro
 
 
 def _check(
-    question: Question,
+    question: SpeedQuestion,
     judged: _Judged,
     here: Interval,
     rounds: Sequence[_Round],
@@ -257,3 +305,26 @@ def _check(
         rounds=len(rounds),
         detail=judged.detail,
     )
+
+
+def margin(confidence: float, deviation: float) -> float:
+    """Return half the width of the interval of a normal value."""
+    return NormalDist().inv_cdf((1 + confidence) / 2) * deviation
+
+
+def of_interval(low: float, high: float, max_slowdown: float) -> Answer:
+    """Return what an interval of the log ratio of candidate time over baseline time shows.
+
+    Args:
+      max_slowdown: share of the baseline's time.
+    """
+    log_limit = float(np.log1p(max_slowdown))
+    if high <= log_limit:
+        return Answer.NOT_SLOWER
+    if low > log_limit:
+        return Answer.SLOWER
+    return Answer.INCONCLUSIVE
+
+
+def _signed(ratio: float) -> str:
+    return f"{100 * (ratio - 1):+.1f}"

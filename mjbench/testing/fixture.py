@@ -5,17 +5,15 @@ fail would blame the code for a busy machine.
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from mjbench.errors import MachineError
 from mjbench.instrument import extras
 from mjbench.paired.outcomes import CONFIDENCE
-from mjbench.testing.answer import Answer, SpeedCheck
-
-if TYPE_CHECKING:
-    from mjbench.testing.callables import Function, Question
+from mjbench.testing import callables
+from mjbench.testing.callables import Answer, Function, FunctionPair, SpeedCheck, SpeedQuestion
 
 # Packages of the extra `cli` that are needed.
 _PACKAGES = ("numpy", "scipy")
@@ -43,11 +41,11 @@ class SpeedFixture:
 
     def not_slower(
         self,
-        function: "Function",
-        baseline: "Function",
+        function: Function,
+        baseline: Function,
         *,
         max_slowdown: float = MAX_SLOWDOWN,
-        setup: "Function | None" = None,
+        setup: Function | None = None,
         check: Callable[[Any, Any], bool] | None = None,
         confidence: float = CONFIDENCE,
         time_limit_s: float = TIME_LIMIT_S,
@@ -81,7 +79,7 @@ class SpeedFixture:
                 "the baseline must be a function; with times that were stored, pytest-benchmark"
                 " compares: --benchmark-save and --benchmark-compare"
             )
-        result = self._compare(function, baseline, question, setup or _nothing, check)
+        result = self._compare(function, baseline, question, setup or callables.nothing, check)
         if result.answer == Answer.SLOWER:
             raise _failure(str(result))
         if result.answer == Answer.INCONCLUSIVE:
@@ -92,14 +90,12 @@ class SpeedFixture:
 
     def _compare(
         self,
-        function: "Function",
-        baseline: "Function",
-        question: "Question",
-        setup: "Function",
+        function: Function,
+        baseline: Function,
+        question: SpeedQuestion,
+        setup: Function,
         check: Callable[[Any, Any], bool] | None,
     ) -> SpeedCheck:
-        from mjbench.testing import callables
-
         __tracebackhide__ = True
         setup()
         expected = baseline()
@@ -110,14 +106,14 @@ class SpeedFixture:
                 "the function returns something else than its baseline: speeds do not compare"
             )
         if _are_disabled(self._request.config):
-            return _inconclusive(question, "benchmarks are disabled by an option of pytest")
-        return callables.compare(callables.Pair(baseline, function, setup), question)
+            reason = "benchmarks are disabled by an option of pytest"
+            limits = question.max_slowdown, question.confidence
+            return SpeedCheck(Answer.INCONCLUSIVE, *limits, detail=reason)
+        return callables.compare(FunctionPair(baseline, function, setup), question)
 
 
-def _question(max_slowdown: float, confidence: float, time_limit_s: float) -> "Question":
+def _question(max_slowdown: float, confidence: float, time_limit_s: float) -> SpeedQuestion:
     """Return what is asked; the test fails where that makes no sense."""
-    from mjbench.testing import callables
-
     __tracebackhide__ = True
     if not 0 < confidence < 1:
         raise _failure(f"confidence must be between 0 and 1, not {confidence!r}")
@@ -129,7 +125,7 @@ def _question(max_slowdown: float, confidence: float, time_limit_s: float) -> "Q
             f"max_slowdown must be at least {least:.3g}, not {max_slowdown!r}: identical functions"
             " can differ by nearly as much from process to process"
         )
-    return callables.Question(max_slowdown, confidence, time_limit_s)
+    return SpeedQuestion(max_slowdown, confidence, time_limit_s)
 
 
 def _are_disabled(config: pytest.Config) -> bool:
@@ -139,16 +135,6 @@ def _are_disabled(config: pytest.Config) -> bool:
     return bool(is_disabled and not is_enabled) or bool(config.getoption("benchmark_skip", False))
 
 
-def _inconclusive(question: "Question", detail: str) -> SpeedCheck:
-    return SpeedCheck(
-        Answer.INCONCLUSIVE, question.max_slowdown, question.confidence, detail=detail
-    )
-
-
 def _failure(reason: str) -> BaseException:
     """Return the exception that fails a test in one line, without a traceback."""
     return pytest.fail.Exception(f"mjbench: {reason}", pytrace=False)
-
-
-def _nothing() -> None:
-    pass

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def mjbench(request: pytest.FixtureRequest) -> "SpeedFixture":
-    """Compare the speed of functions: `mjbench.not_slower(new, baseline=old)`."""
+    """Compare the speed of functions: `mjbench.not_slower(candidate, baseline)`."""
     from mjbench.testing import fixture
 
     return fixture.create(request)

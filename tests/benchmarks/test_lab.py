@@ -10,7 +10,7 @@ from benchmarks import lab
 from mjbench.errors import InputError
 from mjbench.instrument import machine
 from mjbench.instrument.json_form import json_form
-from mjbench.report.documents import WebDocument
+from mjbench.report.kinds import WEB
 from mjbench.simulation.work import Work
 from mjbench.web import npm_package
 from mjbench.web.records import WebPathRecord, WebRecord
@@ -36,7 +36,7 @@ def web_record(model: str, release: str = "3.14.0") -> WebRecord:
 @pytest.fixture
 def figures_file(tmp_path: Path) -> Path:
     records = [web_record("cartpole"), web_record("pile")]
-    document = WebDocument(machine=machine.describe(), results=records)
+    document = WEB.document_type(machine=machine.describe(), results=records)
     file = tmp_path / "web.json"
     file.write_text(json.dumps(json_form(document)))
     return file

@@ -2,7 +2,7 @@
 
 from benchmarks import speed_checks
 from benchmarks.speed_checks import FUNCTIONS, Measured
-from mjbench.testing.answer import Answer
+from mjbench.testing.callables import Answer
 
 
 def measured(log_ratio: float, slowness: float, answer: Answer) -> list[Measured]:

@@ -16,7 +16,7 @@ from set_files import MACHINE, labelled, run_file, section_of, set_of
 from mjbench.cli import cli
 from mjbench.instrument import run_set
 from mjbench.instrument.run_set import RunSetFile
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 
 
 def merge(*arguments: str | Path) -> Result:
@@ -228,7 +228,7 @@ import sys
 from pathlib import Path
 from mjbench.instrument import run_set
 from mjbench.instrument.run_set import RunSetFile
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 
 (section,) = run_set.read(Path(sys.argv[1]), RECORD_TYPES).sections
 file = RunSetFile.create(Path("all.jsonl"))

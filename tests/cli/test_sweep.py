@@ -18,8 +18,8 @@ from mjbench.cli.sweep import check_command
 from mjbench.comparison.records import ModelRecord
 from mjbench.errors import Failure
 from mjbench.instrument import extras, run_set
-from mjbench.instrument.run_set import RunSetFile, Section
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.instrument.run_set import RunSection, RunSetFile
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 from mjbench.sweep import matrix, results, software
 from mjbench.sweep import plan as plans
@@ -34,7 +34,7 @@ def write_plan(folder: Path, models: str, budget: str = "budget = 0.1\n") -> Non
     plan_file(folder, f"models = [{models}]\n{COMPARE}{budget}{ANYTHING}")
 
 
-def sections(folder: Path) -> list[Section]:
+def sections(folder: Path) -> list[RunSection]:
     return list(run_set.read(folder / SET, RECORD_TYPES).sections)
 
 
@@ -121,7 +121,7 @@ def test_without_a_quiet_node_it_ends_with_the_reasons(tmp_path: Path) -> None:
     assert sections(tmp_path) == []
 
 
-def store_first(folder: Path) -> Section:
+def store_first(folder: Path) -> RunSection:
     """Have the run set hold the plan's first cell; return its section."""
     plan = plans.load(folder / "plan.toml", check_command)
     cell, _ = matrix.build(plan, software.installed()).cells

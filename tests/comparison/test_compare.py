@@ -7,6 +7,7 @@ import pytest
 from commands import TESTS
 
 from mjbench.comparison.compare import ModelChildren
+from mjbench.comparison.messages import ModelFiles
 from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.comparison.records import MeasurementRecord
 from mjbench.simulation import models
@@ -17,22 +18,21 @@ from mjbench.status import Status
 def children(folder: Path, model: str, *names: str, **plan: Any) -> ModelChildren:
     variants = tuple(Variant(name, {}) for name in ("python_loop", *names))
     usual = {"nbatch": 3, "nstep": 4, "limit_s": 60.0, "import_from": str(TESTS)}
-    files = (folder / "model.mjb", folder / "workload.pickle", folder / "accelerated.pickle")
-    return ModelChildren(
-        models.resolve(model), ComparisonPlan(variants=variants, **{**usual, **plan}), *files
-    )
+    asked = ComparisonPlan(variants=variants, **{**usual, **plan})
+    return ModelChildren(models.resolve(model), asked, ModelFiles.in_folder(folder))
 
 
 def verified(folder: Path, model: str, *names: str, **plan: Any) -> ModelChildren:
     of_model = children(folder, model, *names, **plan)
     of_model.verify(lambda: None)
-    of_model.is_over = True
     return of_model
 
 
 def rows_of(of_model: ModelChildren) -> dict[str, MeasurementRecord]:
     """Return the records as if a race had timed all that agrees."""
-    return {record.path: record for record in of_model.measurements(of_model.agreeing)}
+    return {
+        record.path: record for record in of_model.measurements(of_model.agreeing, is_over=True)
+    }
 
 
 @pytest.mark.parametrize(
@@ -119,8 +119,7 @@ def test_a_path_that_did_not_race_says_that_it_was_not_timed(
     tmp_path: Path, contact_file: str
 ) -> None:
     of_model = verified(tmp_path, contact_file, "python_loop_hold")
-    first, second = of_model.measurements([0])
+    first, second = of_model.measurements([0], is_over=True)
     assert first.status == Status.OK
     assert (second.status, second.detail) == (Status.FAILED, "it was not timed")
-    of_model.is_over = False
-    assert of_model.measurements([0])[1].status == Status.INTERRUPTED
+    assert of_model.measurements([0], is_over=False)[1].status == Status.INTERRUPTED

@@ -6,7 +6,7 @@ import pytest
 
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.machine_identity import (
-    Software,
+    RunSoftware,
     identify,
     short_cpu_name,
     software_names,
@@ -131,7 +131,7 @@ def test_names_of_processors_are_short(cpu: str, short: str) -> None:
 
 def test_software_is_told_apart_by_what_differs() -> None:
     one, other, third = (
-        Software.of(replace(EPYC, **change))
+        RunSoftware.of(replace(EPYC, **change))
         for change in (
             {},
             {"versions": {"mujoco": "3.17.0"}},

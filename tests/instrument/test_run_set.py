@@ -13,7 +13,7 @@ from set_files import section_of
 
 from mjbench.errors import InputError, MachineError
 from mjbench.instrument import machine, run_file, run_set, runs
-from mjbench.instrument.run_set import RunSetFile, Section
+from mjbench.instrument.run_set import RunSection, RunSetFile
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ def written(folder: Path) -> Path:
     return file.path
 
 
-def section(folder: Path, *notes: str, cell: str = "") -> Section:
+def section(folder: Path, *notes: str, cell: str = "") -> RunSection:
     """Return a section with some notes."""
     file = run_file.RunFile.create(folder / "runs", HEADER)
     for note in notes:
@@ -48,7 +48,7 @@ def section(folder: Path, *notes: str, cell: str = "") -> Section:
     return section_of(file.path, TYPES, cell)
 
 
-def set_of(path: Path, *sections: Section) -> Path:
+def set_of(path: Path, *sections: RunSection) -> Path:
     """Return a set of sections."""
     file = RunSetFile.create(path)
     for one in sections:
@@ -307,7 +307,7 @@ def test_a_count_too_large_for_lines_that_are_all_there_is_refused(tmp_path: Pat
 
 def with_lines(folder: Path, *lines: bytes) -> Path:
     """Return a set of one section with these lines, whatever they are."""
-    return set_of(folder / "set.jsonl", Section("", runs.Run(HEADER, ()), lines))
+    return set_of(folder / "set.jsonl", RunSection("", runs.Run(HEADER, ()), lines))
 
 
 def test_a_set_within_a_set_is_refused(tmp_path: Path) -> None:

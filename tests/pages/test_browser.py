@@ -11,7 +11,7 @@ from headless_browser import emulate, requested, resize, violations
 from mjbench.instrument import runs
 from mjbench.pages import html, reports
 from mjbench.pages.reports import NamedRun
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 
 # One run of each kind that has charts, and one without any.
 RUNS = ("reference-mujoco-4.0.0", "reference-between-builds", "reference-selfcheck-quiet")

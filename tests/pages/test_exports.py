@@ -15,12 +15,12 @@ from mjbench.cli import cli
 from mjbench.errors import InputError
 from mjbench.instrument import run_set, runs
 from mjbench.instrument.ratio import Ratio
-from mjbench.instrument.run_set import RunSet, Section
+from mjbench.instrument.run_set import RunSection, RunSet
 from mjbench.instrument.runs import Record
 from mjbench.pages import exports
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRecord
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 
 COMPARISON = ROOT / "results/runs/reference-mujoco-4.0.0.jsonl"
@@ -29,7 +29,7 @@ COMPARISON = ROOT / "results/runs/reference-mujoco-4.0.0.jsonl"
 def file_of(run: runs.Run, *records: Record, **header: str) -> RunSet:
     """Return a run file with other records, or another header."""
     changed = runs.Run(dataclasses.replace(run.header, **header), records or run.records)
-    return RunSet((Section("", changed, (b"\n",)),), is_run_file=True)
+    return RunSet((RunSection("", changed, (b"\n",)),), is_run_file=True)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def comparison() -> RunSet:
 def empty(comparison: RunSet) -> RunSet:
     """Return a run file in which nothing was measured."""
     header = comparison.runs[0].header
-    return RunSet((Section("", runs.Run(header, ()), (b"\n",)),), is_run_file=True)
+    return RunSet((RunSection("", runs.Run(header, ()), (b"\n",)),), is_run_file=True)
 
 
 def verdict_run(comparison: RunSet) -> RunSet:

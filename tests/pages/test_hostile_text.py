@@ -23,7 +23,7 @@ from mjbench.pages import html as html_page
 from mjbench.pages import markdown as markdown_page
 from mjbench.pages.site import Project
 from mjbench.report import history_files, speed_page
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 
 # Each begins with another letter, by which it is known in a page.
 HOSTILE = (

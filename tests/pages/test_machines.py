@@ -11,8 +11,8 @@ from verdict_records import FAILED, FASTER, OPEN, SAME, SLOWER, of_model
 
 from mjbench.instrument.runs import Record
 from mjbench.pages import reports
-from mjbench.pages.content import Report, Tone
 from mjbench.pages.reports import NamedRun
+from mjbench.report.content import Report, Tone
 from mjbench.status import Status
 
 
@@ -94,12 +94,14 @@ def test_paths_that_disagree_stand_at_the_head_whichever_machine(tmp_path: Path)
     content = report(*files)
     assert [section.heading for section in content.sections] == [
         "Across machines",
-        "a: m, 10 simulations",
-        "b: m, 10 simulations",
+        "a: m: 10 simulations × 100 steps",
+        "b: m: 10 simulations × 100 steps",
     ]
     assert content.sections[0].tables[0].title == "Advised paths by machine"
     bad = [c.text for c in content.conclusions if c.tone == Tone.BAD]
-    assert bad == ["a: m: rollout does other work than the plain loop: qpos differs"]
+    assert bad == [
+        "a: m, 10 simulations: rollout does other work than the plain loop: qpos differs"
+    ]
 
 
 def test_a_set_of_many_runs_leaves_sections_out_and_says_so(

@@ -20,7 +20,7 @@ from mjbench.pages import html as as_html
 from mjbench.pages import markdown as as_markdown
 from mjbench.pages import reports
 from mjbench.pages.reports import NamedRun
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 
 COMMITTED = sorted((ROOT / "results/runs").glob("reference-*.jsonl"))
@@ -137,7 +137,7 @@ def test_a_report_of_many_models_has_all_tables_and_some_charts(
     monkeypatch.setattr(reports, "_MOST_FIGURES", 2)
     records = [record for name in "abc" for record in compared(name)]
     report = reports.build([named(run_file(tmp_path, *records))])
-    assert [len(section.figures) for section in report.sections] == [1, 1, 0]
+    assert [len(section.figures) for section in report.sections] == [1, 1, 0, 0]
     assert len(report.sections[2].tables) == 1
     assert "Not drawn" in report.sections[2].notes[-1]
 

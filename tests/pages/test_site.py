@@ -19,7 +19,7 @@ from mjbench.pages import reports, site
 from mjbench.pages.reports import NamedRun
 from mjbench.pages.site import Project
 from mjbench.report import history_files
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.report.speed_history import SpeedHistory
 
 RUN = ROOT / "results/runs/reference-mujoco-4.0.0.jsonl"

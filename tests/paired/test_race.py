@@ -1,8 +1,7 @@
 """Which path is the fastest: the rule, on synthetic launches with a known truth."""
 
-import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -10,8 +9,16 @@ import pytest
 from mjbench.comparison.plan import Variant
 from mjbench.errors import MachineError
 from mjbench.paired import race, race_record
-from mjbench.paired.race import FINAL_LAUNCHES, MIN_LAUNCHES, RaceBudget, UnableError
-from mjbench.paired.race_record import MIN_FINAL_LAUNCHES, RaceLaunch, RaceRecord, UnableVariant
+from mjbench.paired.race import FINAL_LAUNCHES, RaceBudget, UnableError
+from mjbench.paired.race_record import (
+    MIN_FINAL_LAUNCHES,
+    MIN_LAUNCHES,
+    Loop,
+    RaceLaunch,
+    RaceRecord,
+    Standing,
+    UnableVariant,
+)
 from mjbench.status import Status
 
 BASE_NS = 10_000_000
@@ -55,19 +62,23 @@ def entered(count: int, **fields: object) -> RaceRecord:
         "model": "m",
         "steps": 1000,
         "variants": [Variant(f"path{i}", {}) for i in range(count)],
-        "groups": [list(range(count))],
+        "groups": [list(range(count))] * 2,
         **fields,
     }
     return RaceRecord(**values)  # type: ignore[arg-type]
 
 
+def ended(record: RaceRecord) -> Standing:
+    """Return what a race said of paths for open loop."""
+    return record.standings[Loop.OPEN]
+
+
 def test_paths_that_are_certainly_slower_leave_and_the_fastest_wins() -> None:
     track = Track([1.0, 1.1, 1.5, 2.0])
     record = track.run(entered(4))[-1]
-    (place,) = record.standings()
-    assert place is not None
-    assert (place.fastest, place.chosen, place.rivals) == (3, 3, [])
-    assert place.is_decided
+    standing = ended(record)
+    assert (standing.fastest, standing.chosen, standing.contenders) == (3, 3, [3])
+    assert standing.is_decided
     assert not record.is_cut_short
     assert track.launched[0] == ([0, 1, 2, 3], False)
     assert [0, 3] in [positions for positions, _ in track.launched]
@@ -93,18 +104,16 @@ def test_the_step_of_the_plain_loop_is_the_median_over_launches() -> None:
 
 
 def test_of_paths_that_are_as_good_the_simplest_is_chosen() -> None:
-    (place,) = Track([1.0, 2.0, 2.002], spread=0.003).run(entered(3))[-1].standings()
-    assert place is not None
-    assert place.chosen == 1
+    standing = ended(Track([1.0, 2.0, 2.002], spread=0.003).run(entered(3))[-1])
+    assert standing.chosen == 1
 
 
 def test_a_race_that_has_no_time_is_cut_short_and_says_so() -> None:
     record = Track([1.0, 1.001, 1.002], spread=0.2).run(entered(3), budget_s=4.0)[-1]
-    (place,) = record.standings()
+    standing = ended(record)
     assert record.is_cut_short
-    assert place is not None
-    assert not place.is_decided
-    assert place.most_gain > 0.02
+    assert not standing.is_decided
+    assert standing.most_gain > 0.02
 
 
 def test_the_budget_bounds_the_launches_after_the_race_too() -> None:
@@ -132,21 +141,46 @@ def test_what_is_known_is_yielded_after_every_launch() -> None:
 
 def test_a_variant_in_no_group_is_in_every_launch_and_never_wins() -> None:
     track = Track([1.0, 3.0, 2.0])
-    record = track.run(entered(3, groups=[[0, 2]]))[-1]
+    record = track.run(entered(3, groups=[[0, 2], [0]]))[-1]
     assert all(1 in positions for positions, _ in track.launched)
-    (place,) = record.standings()
-    assert place is not None
-    assert place.chosen == 2
+    standing = ended(record)
+    assert standing.chosen == 2
 
 
 def test_a_slow_variant_is_timed_last_beside_the_plain_loop() -> None:
     track = Track([1.0, 2.0, 1.5])
-    record = track.run(entered(3, groups=[[0, 1]], slow=[2]))[-1]
+    record = track.run(entered(3, groups=[[0, 1], [0]], slow=[2]))[-1]
     last = track.launched[-MIN_FINAL_LAUNCHES:]
     assert last == [([0, 2], True)] * MIN_FINAL_LAUNCHES
     speedup = record.speedup(record.variants[2])
     assert speedup is not None
     assert speedup.estimate == pytest.approx(1.5, rel=0.05)
+
+
+def test_launches_of_slow_variants_give_no_figures_of_others() -> None:
+    track = Track([1.0, 2.0, 1.5], spread=0.0)
+
+    def before(number: int, positions: Sequence[int]) -> None:
+        track.speeds = [0.5 if 2 in positions else 1.0, 2.0, 1.5]
+
+    track.before = before
+    record = track.run(entered(3, groups=[[0, 1], [0]], slow=[2]), budget_s=0.5)[-1]
+    assert [is_final for _, is_final in track.launched] == [False] + [True] * MIN_FINAL_LAUNCHES
+    assert record.base_step_ns == pytest.approx(BASE_NS / 1000)
+    figures = [record.has_final_figures(variant) for variant in record.variants]
+    assert figures == [False, False, True]
+    assert record.launch_count(record.variants[0]) == 1
+
+
+def test_the_plain_loop_is_not_launched_alone_because_slow_variants_failed() -> None:
+    def before(number: int, positions: Sequence[int]) -> None:
+        if 2 in positions:
+            raise UnableError(UnableVariant(2, Status.FAILED, "no cluster"))
+
+    track = Track([1.0, 2.0, 1.5], before=before)
+    record = track.run(entered(3, groups=[[0, 1], [0]], slow=[2]))[-1]
+    assert [each.variant for each in record.unable] == [2]
+    assert [0] not in [positions for positions, _ in track.launched]
 
 
 def test_a_variant_that_cannot_go_on_leaves_and_the_others_go_on() -> None:
@@ -157,9 +191,8 @@ def test_a_variant_that_cannot_go_on_leaves_and_the_others_go_on() -> None:
     record = Track([1.0, 2.0, 1.8], before=before).run(entered(3))[-1]
     assert [each.variant for each in record.unable] == [1]
     assert record.status == Status.OK
-    (place,) = record.standings()
-    assert place is not None
-    assert place.chosen == 2
+    standing = ended(record)
+    assert standing.chosen == 2
 
 
 def test_a_race_without_its_plain_loop_ends() -> None:
@@ -169,7 +202,7 @@ def test_a_race_without_its_plain_loop_ends() -> None:
     record = Track([1.0, 2.0], before=before).run(entered(2))[-1]
     assert record.status == Status.INPUT
     assert record.launches == ()
-    assert record.standings() == [None]
+    assert record.standings == {}
 
 
 @pytest.mark.parametrize(
@@ -186,29 +219,80 @@ def test_what_was_measured_before_a_failure_is_kept(error: BaseException, status
     assert record.is_cut_short
 
 
-def test_a_path_that_is_fast_in_its_first_launch_alone_is_not_advised() -> None:
-    speeds = itertools.chain([3.0], itertools.repeat(0.9))
-    track = Track([1.0, 1.0, 1.5])
+@pytest.mark.parametrize("seed", range(5))
+def test_a_path_that_is_fast_in_its_first_launch_alone_is_not_advised(seed: int) -> None:
+    track = Track([1.0, 1.0, 1.5], rng=np.random.default_rng(seed))
 
     def before(number: int, positions: Sequence[int]) -> None:
-        track.speeds = [1.0, next(speeds), 1.5]
+        track.speeds = [1.0, 3.0 if number == 0 else 0.9, 1.5]
 
     track.before = before
-    (place,) = track.run(entered(3))[-1].standings()
-    assert place is not None
-    assert place.chosen == 2
+    record = track.run(entered(3))[-1]
+    assert ended(record).chosen == 2
+    speedup = record.speedup(record.variants[1])
+    assert speedup is not None
+    assert speedup.low is None or speedup.low <= 0.9
 
 
-def test_a_path_that_is_slower_by_3_percent_in_every_third_launch_is_not_the_fastest() -> None:
-    track = Track([1.0, 2.0, 2.0], spread=0.002)
+@pytest.mark.parametrize("is_simpler", [True, False])
+@pytest.mark.parametrize("slow_one", range(3))
+def test_a_path_that_is_slower_by_3_percent_in_every_third_launch_is_not_the_fastest(
+    is_simpler: bool, slow_one: int
+) -> None:
+    saboteur, honest = (1, 2) if is_simpler else (2, 1)
+    track = Track([1.0, 2.0, 2.0, 1.5], spread=0.005)
 
     def before(number: int, positions: Sequence[int]) -> None:
-        track.speeds = [1.0, 2.0, 2.0 / (1.03 if number % 3 == 0 else 1.0)]
+        speeds = [1.0, 2.0, 2.0, 1.5]
+        speeds[saboteur] /= 1.03 if number % 3 == slow_one else 1.0
+        track.speeds = speeds
 
     track.before = before
-    (place,) = track.run(entered(3))[-1].standings()
-    assert place is not None
-    assert place.chosen == 1
+    record = track.run(entered(4))[-1]
+    assert ended(record).chosen == honest
+    speedup = record.speedup(record.variants[saboteur])
+    assert speedup is not None
+    assert speedup.covers(2.0 / 1.01)
+
+
+@pytest.mark.parametrize("launches", range(14))
+def test_a_path_that_computes_something_else_in_any_launch_is_never_advised(launches: int) -> None:
+    """From then on: it would have won, in the race or after it."""
+    track = Track([1.0, 2.0, 1.8, 1.2])
+
+    def before(number: int, positions: Sequence[int]) -> None:
+        if number >= launches and 1 in positions:
+            raise UnableError(UnableVariant(1, Status.DISAGREES, "in a timed block: qpos[0]"))
+
+    track.before = before
+    *_, record = track.run(entered(4))
+    standing = ended(record)
+    if not record.unable:
+        assert len(track.launched) <= launches, "it was not launched any more"
+        return
+    assert (standing.chosen, 1 in standing.contenders) == (2, False)
+    assert standing.is_decided
+    assert not record.is_cut_short
+    assert record.has_final_figures(record.variants[2])
+    speedup = record.speedup(record.variants[2])
+    assert speedup is not None
+    assert speedup.covers(1.8)
+
+
+def test_the_next_best_is_known_where_there_is_no_time_to_reopen_the_race() -> None:
+    record = Track([1.0, 2.0, 1.8, 1.2]).run(entered(4))[-1]
+    failed = replace(record, unable=[UnableVariant(1, Status.CRASHED, "killed by SIGSEGV")])
+    assert ended(record).chosen == 1
+    assert ended(failed).chosen == 2
+    assert not failed.has_final_figures(failed.variants[2])
+
+
+def test_a_simpler_path_that_is_certainly_slower_leaves_by_however_little() -> None:
+    track = Track([1.0, 1.99, 2.0], spread=0.0005)
+    record = entered(3, launches=[track.launch(range(3), False) for _ in range(12)])
+    standing = ended(record)
+    assert (standing.chosen, standing.contenders) == (2, [2])
+    assert race.remaining(record) == [0, 2]
 
 
 def test_a_path_that_is_entered_twice_is_never_faster_than_itself() -> None:
@@ -218,9 +302,8 @@ def test_a_path_that_is_entered_twice_is_never_faster_than_itself() -> None:
         ratio = record.ratio(record.variants[1], record.variants[2])
         assert ratio is not None
         assert ratio.covers(1.0)
-        (place,) = record.standings()
-        assert place is not None
-        assert {1, 2} <= {place.fastest, place.chosen, *place.rivals}
+        standing = ended(record)
+        assert {1, 2} <= set(standing.contenders)
 
 
 def test_the_fastest_is_hardly_ever_dropped() -> None:
@@ -229,9 +312,8 @@ def test_the_fastest_is_hardly_ever_dropped() -> None:
     for _ in range(40):
         speeds = [1.0, *np.exp(rng.normal(0.3, 0.1, 7))]
         track = Track(speeds, spread=0.03, rng=rng)
-        (place,) = track.run(entered(8), budget_s=25.0)[-1].standings()
-        assert place is not None
-        dropped += int(np.argmax(speeds)) not in {place.fastest, place.chosen, *place.rivals}
+        standing = ended(track.run(entered(8), budget_s=25.0)[-1])
+        dropped += int(np.argmax(speeds)) not in standing.contenders
     assert dropped <= 40 * race_record.ERROR
 
 
@@ -275,6 +357,10 @@ def test_a_launch_has_all_its_blocks(ns: list[list[int]]) -> None:
 
 def test_a_record_names_variants_that_it_has() -> None:
     with pytest.raises(ValueError, match="names a later one"):
-        entered(2, groups=[[0, 2]])
+        entered(2, groups=[[0, 2], [0]])
+    with pytest.raises(ValueError, match="names a later one"):
+        entered(2, slow=[2])
+    with pytest.raises(ValueError, match="not one for each loop"):
+        entered(2, groups=[[0, 1]])
     with pytest.raises(ValueError, match="lacks the plain loop"):
         entered(2, launches=[RaceLaunch(None, [1], [[1], [1]])])

@@ -62,7 +62,7 @@ def test_the_snippet_computes_what_c_computes(
 
 
 def test_a_missing_package_names_the_extra_that_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mjbench.paths.accelerated._is_installed", lambda name: False)
+    monkeypatch.setattr("mjbench.instrument.extras._is_installed", lambda name: False)
     for name, extra in (
         ("mjx", "mjx"),
         ("mjx64", "mjx"),

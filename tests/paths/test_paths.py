@@ -64,7 +64,7 @@ class Case:
         self.outputs.reorder(order)
 
     def difference(self, states: paths.States) -> agreement.Difference | None:
-        columns = compat.state_columns(self.workload.model, compat.state_spec("INTEGRATION"))
+        columns = compat.state_columns(self.workload.model)
         return agreement.first_differing_entry(
             states.values, self.reference.final_state, columns, states.mask
         )
@@ -188,7 +188,7 @@ def test_a_snippet_does_what_its_path_does(
     names = names_after_snippet(case, path, options)
     expected = case.reference.final_state
     if path.name == "rollout":  # it returns full-physics states
-        columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+        columns = compat.state_columns(model)
         physics = compat.state_columns(model, compat.state_spec("FULLPHYSICS"))
         expected = expected[:, np.concatenate([np.r_[columns[field]] for field in physics])]
     np.testing.assert_array_equal(names["final_state"], expected)

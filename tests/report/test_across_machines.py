@@ -15,7 +15,7 @@ from mjbench.instrument.machine import Machine
 from mjbench.instrument.ratio import Ratio
 from mjbench.instrument.runs import SCHEMA, InputFile, Record, Run, RunHeader
 from mjbench.paired.outcomes import Metric
-from mjbench.report import across_machines, advice_across, tables
+from mjbench.report import across_machines, advice_across
 from mjbench.report.across_machines import side_by_side
 from mjbench.status import Status
 
@@ -27,7 +27,9 @@ def run(machine: Machine | str, *records: Record, **header: object) -> Run:
 
 
 def sentences(*runs: Run) -> list[str]:
-    return list(across_machines.conclusions(side_by_side(runs)))
+    section = across_machines.section(side_by_side(runs))
+    assert section is not None
+    return [*(conclusion.text for conclusion in section.conclusions), *section.notes]
 
 
 # verdicts
@@ -108,27 +110,18 @@ def test_cells_have_ratio_interval_and_outcome() -> None:
     records = (SLOWER, weak, FAILED, no_interval)
     runs = [run(name, record) for name, record in zip("abcd", records, strict=True)]
     (matrix,) = across_machines.matrices(side_by_side(runs))
-    assert matrix.wide() == (
-        ["comparison", "a", "b", "c", "d"],
-        [
-            [
-                "m, 1.0.0 → 2.0.0",
-                "+3.00 % (+2.00 to +4.00) slower",
-                "+3.00 % (+2.00 to +4.00) undecided (slower if judged alone)",
-                "undecided (signal 11)",
-                "+0.00 % same",
-            ]
-        ],
-    )
-    headings, rows = matrix.long()
-    assert headings == ["comparison", "machine", "result"]
-    assert [row[1] for row in rows] == list("abcd")
+    assert [row[1:] for row in matrix.table().rows] == [  # too wide for a column each
+        ["a", "+3.00 % (+2.00 to +4.00) slower"],
+        ["b", "+3.00 % (+2.00 to +4.00) undecided (slower if judged alone)"],
+        ["c", "undecided (signal 11)"],
+        ["d", "+0.00 % same"],
+    ]
 
 
 def test_what_a_machine_did_not_measure_is_a_dash() -> None:
     runs = [run("a", SAME), run("b", of_model(SAME, "n"))]
     (matrix,) = across_machines.matrices(side_by_side(runs))
-    assert [row[1:] for row in matrix.wide()[1]] == [
+    assert [row[1:] for row in matrix.table().rows] == [
         ["+0.00 % (-0.40 to +0.40) same", "–"],
         ["–", "+0.00 % (-0.40 to +0.40) same"],
     ]
@@ -136,16 +129,12 @@ def test_what_a_machine_did_not_measure_is_a_dash() -> None:
 
 def test_a_table_that_is_too_wide_for_the_terminal_has_a_row_for_each_cell() -> None:
     few, many = (
-        tables.text_of(
-            lambda out, count=count: across_machines.print_side_by_side(
-                out, side_by_side([run(f"machine {n}", SAME) for n in range(count)])
-            )
-        )
-        for count in (2, 9)
+        next(across_machines.matrices(side_by_side([run(f"machine {n}", SAME) for n in range(n)])))
+        for n in (2, 9)
     )
-    assert few.splitlines()[0].split("  ")[-1].strip() == "machine 1"
-    assert many.splitlines()[0].split() == ["comparison", "machine", "result"]
-    assert many.splitlines()[2].startswith(" "), "the comparison is named once"
+    assert [column.title for column in few.table().columns][1:] == ["machine 0", "machine 1"]
+    assert [column.title for column in many.table().columns] == ["comparison", "machine", "result"]
+    assert len(many.table().rows) == 9
 
 
 # advised paths
@@ -214,8 +203,8 @@ def test_what_disturbed_a_machine_comes_first_and_makes_its_advice_uncertain() -
     runs = run("a", *compared(cores=1.2)), run("b", *compared())
     cells = answers(*runs)["m, 10 × 100 steps, open loop"]
     assert [cells[name][0] for name in "ab"] == ["?", "✓"]
-    text = tables.text_of(lambda out: across_machines.print_side_by_side(out, side_by_side(runs)))
-    assert text.startswith("a, m: Disturbed: threads had 1.20 of 2 cores. Measure again.\n")
+    (caution,) = advice_across.cautions(side_by_side(runs).advice)
+    assert caution == "a, m: Disturbed: threads had 1.20 of 2 cores. Measure again."
 
 
 def test_a_model_that_failed_on_a_machine_says_so_there() -> None:

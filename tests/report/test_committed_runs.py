@@ -16,13 +16,14 @@ from mjbench.instrument import runs
 from mjbench.paired import selfcheck
 from mjbench.paired.judgement import judge
 from mjbench.paired.outcomes import Verdict
+from mjbench.paired.race_record import Loop
 from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.paths import BASE
 from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS
 from mjbench.releases.release_ratios import RatioRecord
 from mjbench.report import history_files, speed_page
-from mjbench.report.advice import Loop, advise
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.advice import advise
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.report.results import derive_all
 from mjbench.simulation import models
 from mjbench.status import ExitCode, Status

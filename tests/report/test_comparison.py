@@ -7,13 +7,14 @@ from typing import Any
 import pytest
 from example_races import BATCH_STEP, CLEAR, ROLLOUT, derived, raced
 from example_records import measurement
-from rich.console import Console
+from rich.console import Console, Group
 
 from mjbench.cli.context import ProgressBar
 from mjbench.cli.terminal_progress import terminal_progress
 from mjbench.comparison.plan import WITHOUT_TIMER
+from mjbench.pages import terminal
 from mjbench.paired.race_record import UnableVariant
-from mjbench.report import comparison, tables
+from mjbench.report import comparison
 from mjbench.report.results import ModelResults
 from mjbench.status import Status
 
@@ -21,7 +22,7 @@ LONG = replace(BATCH_STEP, path="batch_rollout", options={"threads": 2, "data": 
 
 
 def printed(*models: ModelResults) -> str:
-    return tables.text_of(lambda out: comparison.print_models(out, models))
+    return terminal.text_of(comparison.sections(models))
 
 
 def sized(nbatch: int, **race: Any) -> ModelResults:
@@ -55,7 +56,7 @@ def test_several_sizes_have_a_conclusion_each_and_share_a_table() -> None:
 
 def test_several_models_end_with_a_table_of_what_is_advised() -> None:
     other = derived(raced(model="other", cores=1.0))
-    summary = printed(derived(raced()), other).split("Advice (")[1].splitlines()
+    summary = printed(derived(raced()), other).split("Advice: ")[1].splitlines()
     assert summary[2].split()[:4] == ["m", "open", "✓", "rollout"]
     assert summary[-1].split()[:4] == ["other", "closed", "?", "batch_step"]
 
@@ -64,7 +65,7 @@ def test_a_table_fits_into_a_terminal_of_80_columns() -> None:
     sizes = [derived(raced([*CLEAR, (LONG, 2.5)], nbatch_asked=n), nbatch=n) for n in (8, 64)]
     for shown in (sizes[:1], sizes):
         out = Console(file=io.StringIO(), width=80)
-        out.print(comparison.path_table(shown))
+        out.print(terminal.rich_table(comparison.path_table(shown)))
         lines = out.file.getvalue().splitlines()  # type: ignore[attr-defined]
         assert max(map(len, lines)) <= 80
         assert "data=persistent" in "".join(lines)
@@ -76,7 +77,8 @@ def test_agreement_is_a_line_where_all_agree_and_else_a_column() -> None:
     wrong = measurement(path="processes", agrees=False, status=Status.DISAGREES)
     text = printed(derived(raced(), more=[wrong]))
     assert "All paths agree" not in text
-    assert text.splitlines()[3].endswith("agrees")
+    (headings,) = (line for line in text.splitlines() if "ns/step" in line)
+    assert headings.endswith("agrees")
     assert any(line.startswith("   processes") and line.endswith("NO") for line in text.split("\n"))
 
 
@@ -112,7 +114,9 @@ def test_what_turning_the_timer_off_gains_is_a_conclusion_and_how_a_note() -> No
 
 def shown_by(bar: ProgressBar, *models: ModelResults) -> None:
     bar(0, "m", 0.5)
-    bar.show(lambda: comparison.shown_so_far(models))
+    section = comparison.section_so_far(models)
+    assert section is not None
+    bar.show(lambda: Group(*terminal.section_parts(section)))
     bar.show(None)
 
 
@@ -130,4 +134,4 @@ def test_without_a_terminal_nothing_is_shown_so_far(capsys: pytest.CaptureFixtur
 
 
 def test_nothing_is_shown_before_there_is_a_speed() -> None:
-    assert comparison.shown_so_far([derived(replace(raced(), launches=()))]) is None
+    assert comparison.section_so_far([derived(replace(raced(), launches=()))]) is None

@@ -1,13 +1,14 @@
 """Tables of instruction counts: what they list, and what they sum up."""
 
+from collections.abc import Iterable
 from dataclasses import replace
-
-import pytest
 
 from mjbench.counts.explain import Explainer
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import CodeChange, FunctionCount, FunctionDifference
-from mjbench.report import counts, tables
+from mjbench.pages import terminal
+from mjbench.report import counts
+from mjbench.report.content import Section
 from mjbench.status import Status
 
 
@@ -23,41 +24,40 @@ def counted(release: str, **functions: float) -> ModelCount:
     )
 
 
-def print_explanation(baseline: ModelCount, candidate: ModelCount) -> None:
+def explanation(baseline: ModelCount, candidate: ModelCount) -> list[str]:
     row = Explainer().row(baseline, candidate, None)
-    counts.print_explanation(tables.console(), baseline, candidate, row, top=1)
+    return lines_of([counts.explanation_section(baseline, candidate, row, top=1)])
+
+
+def lines_of(sections: Iterable[Section]) -> list[str]:
+    return terminal.text_of(sections).splitlines()
 
 
 CRASHED = ModelCount(model="pile", release="2.0", status=Status.CRASHED, detail="signal 11")
 
 
-def test_counts_list_as_many_functions_as_asked(capsys: pytest.CaptureFixture[str]) -> None:
-    counts.print_counts(tables.console(), [counted("1.0", a=3000.0, b=1000.0), CRASHED], top=1)
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[1].split() == ["pile", "1.0", "4,000", "1"]
-    assert lines[2].split() == ["pile", "2.0", "signal", "11"]
+def test_counts_list_as_many_functions_as_asked() -> None:
+    lines = lines_of(counts.sections([counted("1.0", a=3000.0, b=1000.0), CRASHED], top=1))
+    assert lines[2].split() == ["pile", "1.0", "4,000", "1"]
+    assert lines[3].split() == ["pile", "2.0", "signal", "11"]
     assert "solver 100.0 %" in lines
     assert lines[-1].split() == ["a", "3,000", "75.0", "%", "3,000"]
 
 
-def test_differences_that_are_not_listed_are_summed_up(capsys: pytest.CaptureFixture[str]) -> None:
+def test_differences_that_are_not_listed_are_summed_up() -> None:
     baseline = counted("1.0", a=3000.0, b=1000.0, c=500.0)
     candidate = counted("2.0", a=4000.0, b=970.0, d=30.0)
-    print_explanation(baseline, candidate)
-    lines = capsys.readouterr().out.splitlines()
+    lines = explanation(baseline, candidate)
     assert ["solver", "4,500", "5,000", "+500"] in [line.split() for line in lines]
     assert lines[-2].split() == ["a", "3,000", "4,000", "+1,000"]
     assert lines[-1] == "3 further functions: -500 (-10.00 %)"
 
 
-def test_a_failed_count_is_explained_by_its_detail(capsys: pytest.CaptureFixture[str]) -> None:
-    print_explanation(counted("1.0", a=1.0), CRASHED)
-    assert capsys.readouterr().out.splitlines()[-1] == "MuJoCo 2.0: signal 11"
+def test_a_failed_count_is_explained_by_its_detail() -> None:
+    assert explanation(counted("1.0", a=1.0), CRASHED)[-1].endswith("MuJoCo 2.0: signal 11")
 
 
-def test_code_old_names_and_moved_cost_stand_beside_a_function(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_code_old_names_and_moved_cost_stand_beside_a_function() -> None:
     count = counted("1.0", a=3000.0)
     function = FunctionDifference(
         name="mj_f",
@@ -69,6 +69,5 @@ def test_code_old_names_and_moved_cost_stand_beside_a_function(
         moved_with=["mj_g", "mj_h"],
     )
     row = replace(Explainer().row(count, count, None), functions=[function])
-    counts.print_explanation(tables.console(), count, count, row, top=1)
-    last_line = capsys.readouterr().out.splitlines()[-1]
+    last_line = lines_of([counts.explanation_section(count, count, row, top=1)])[-1]
     assert last_line.split("  ")[-2:] == ["changed", "was f; moved to mj_g, mj_h"]

@@ -5,7 +5,6 @@ from typing import Any
 
 import pytest
 from example_environment_records import facts, record, steady
-from rich.console import Console
 
 from mjbench.environment.dm_control_release import ReleaseMismatch
 from mjbench.environment.layer_shares import LayerSamples
@@ -19,18 +18,17 @@ from mjbench.environment.records import (
     VectorSamples,
 )
 from mjbench.environment.repetition import FieldDifference
+from mjbench.pages import terminal
 from mjbench.report import environment
 from mjbench.status import Status
 
 
-def printed(capsys: pytest.CaptureFixture[str], **fields: Any) -> str:
-    console = Console(width=160, highlight=False, markup=False)
-    environment.print_environment(console, record(**fields))
-    return capsys.readouterr().out
+def printed(**fields: Any) -> str:
+    return terminal.text_of(environment.sections([record(**fields)]))
 
 
-def test_conclusions_come_first(capsys: pytest.CaptureFixture[str]) -> None:
-    first, second, third, *_ = printed(capsys).strip().splitlines()
+def test_conclusions_come_first() -> None:
+    first, second, third, *_ = printed().strip().splitlines()
     assert first == (
         "Robot-v0: 60 % of env.step is physics; observation 30 %, rest of step 8 %, wrappers 2 %"
     )
@@ -44,8 +42,8 @@ def test_conclusions_come_first(capsys: pytest.CaptureFixture[str]) -> None:
     )
 
 
-def test_layers_paths_and_forms_are_in_tables(capsys: pytest.CaptureFixture[str]) -> None:
-    text = printed(capsys)
+def test_layers_paths_and_forms_are_in_tables() -> None:
+    text = printed()
     assert "Gymnasium: RobotEnv in TimeLimit; each step takes 5 steps of the engine" in text
     assert "100 steps with random actions (seed 0), 5 episodes, of 20 steps on average" in text
     assert "env.step takes 100 µs" in text
@@ -64,25 +62,23 @@ def test_layers_paths_and_forms_are_in_tables(capsys: pytest.CaptureFixture[str]
     assert "other programs were running" not in text
 
 
-def test_a_layer_that_takes_nothing_is_not_told_from_none(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    (line,) = [line for line in printed(capsys).splitlines() if line.startswith("reward")]
+def test_a_layer_that_takes_nothing_is_not_told_from_none() -> None:
+    (line,) = [line for line in printed().splitlines() if line.startswith("reward")]
     assert "< 0.1 %" in line
     assert "ns" not in line
 
 
-def test_what_is_not_certain_is_no_conclusion(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_not_certain_is_no_conclusion() -> None:
     wide = [50_000.0, 200_000.0] * 4
     slow = [PathSamples("python_loop", {}, True, Status.OK, "", wide)]
     forms = [VectorSamples(VectorForm.SYNC, 2, Status.OK, "", steady(1e5), steady(1e5))]
-    text = printed(capsys, paths=slow, vectors=forms)
+    text = printed(paths=slow, vectors=forms)
     assert "in a plain loop is not certainly faster than env.step." in text
     assert "No vectorised form is certainly faster than one environment here." in text
 
 
-def test_layers_that_do_not_add_up_are_not_trusted(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "too busy to trust these shares" in printed(capsys, layers=record().layers[:-2])
+def test_layers_that_do_not_add_up_are_not_trusted() -> None:
+    assert "too busy to trust these shares" in printed(layers=record().layers[:-2])
 
 
 @pytest.mark.parametrize(
@@ -137,10 +133,8 @@ def test_layers_that_do_not_add_up_are_not_trusted(capsys: pytest.CaptureFixture
         ),
     ],
 )
-def test_what_a_reader_must_know_is_said(
-    fields: dict[str, Any], line: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert line in printed(capsys, **fields)
+def test_what_a_reader_must_know_is_said(fields: dict[str, Any], line: str) -> None:
+    assert line in printed(**fields)
 
 
 OBSERVATION = FieldDifference("observation", False, [0, 1, 2], 17, 17)
@@ -164,53 +158,47 @@ QPOS = FieldDifference("qpos", True, [6], 1, 9)
     ],
 )
 def test_what_does_not_repeat_is_named_once_and_first(
-    unrepeated: list[FieldDifference], line: str, capsys: pytest.CaptureFixture[str]
+    unrepeated: list[FieldDifference], line: str
 ) -> None:
     check = PhysicsCheck(Status.UNAVAILABLE, "its physics is not the same again", 100)
     fields = {"check": check, "paths": []} if QPOS in unrepeated else {}
-    text = printed(capsys, facts=facts(repeats=False, unrepeated=unrepeated), **fields)
+    text = printed(facts=facts(repeats=False, unrepeated=unrepeated), **fields)
     second = text.strip().splitlines()[1]
     assert second.startswith("With the same seed and actions, ")
     assert second.endswith(line)
     assert "again" not in text.replace(second, "")
 
 
-def test_the_costliest_wrapper_is_named_where_wrappers_take_much(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_costliest_wrapper_is_named_where_wrappers_take_much() -> None:
     costly = LayerSamples(Layer.WRAPPERS, "NormalizeObservation", 1.0, 0.0, 0.0, steady(100_000.0))
     layers = [*record().layers, costly]
-    first, *_ = printed(capsys, layers=layers).strip().splitlines()
+    first, *_ = printed(layers=layers).strip().splitlines()
     assert "wrappers 51 % (NormalizeObservation 50 %)" in first
 
 
-def test_what_processes_add_to_a_step_is_said_where_their_cores_are_known(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert "to pass actions" not in printed(capsys)
+def test_what_processes_add_to_a_step_is_said_where_their_cores_are_known() -> None:
+    assert "to pass actions" not in printed()
     slow = VectorSamples(VectorForm.ASYNC, 4, Status.OK, "", steady(9e4), steady(1e5), 2)
-    text = printed(capsys, vectors=[slow])
+    text = printed(vectors=[slow])
     assert (
         "A step in AsyncVectorEnv of 4 takes 90 µs: 50 µs for env.step on 2 cores, and 40 µs to"
         " pass actions and results between processes and to wait."
     ) in text
     fast = VectorSamples(VectorForm.ASYNC, 4, Status.OK, "", steady(4e4), steady(1e5), 2)
-    assert "to pass actions" not in printed(capsys, vectors=[fast])
+    assert "to pass actions" not in printed(vectors=[fast])
 
 
-def test_an_environment_that_could_not_be_timed_has_its_reason(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_an_environment_that_could_not_be_timed_has_its_reason() -> None:
     failed = EnvironmentRecord(environment="Robot-v0", status=Status.FAILED, detail="it crashed")
-    environment.print_environment(Console(width=120), failed)
-    assert capsys.readouterr().out.strip() == "Robot-v0: failed: it crashed"
+    text = terminal.text_of(environment.sections([failed]))
+    assert text == "Robot-v0: failed: it crashed"
 
 
-def test_too_few_rounds_have_no_interval(capsys: pytest.CaptureFixture[str]) -> None:
+def test_too_few_rounds_have_no_interval() -> None:
     few = {
         field.name: list(getattr(record(), field.name))[:3]
         for field in dataclasses.fields(EnvironmentRecord)
         if field.name.endswith("_ns")
     }
     layers = [dataclasses.replace(layer, ns=layer.ns[:3]) for layer in record().layers]
-    assert "too few rounds" in printed(capsys, **few, layers=layers, paths=[], vectors=[])
+    assert "too few rounds" in printed(**few, layers=layers, paths=[], vectors=[])

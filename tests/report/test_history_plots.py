@@ -5,7 +5,7 @@ from typing import Any, cast
 
 import pytest
 
-from mjbench.report import history_plots, vega
+from mjbench.report import charts, history_plots
 
 
 def file_name(name: str) -> str:
@@ -30,6 +30,6 @@ def test_no_plot_is_a_device(name: str) -> None:
 
 def test_long_texts_do_not_reach_the_layout() -> None:
     part = {"data": {"values": [{"model": "x" * 10_000, "share": 0.5}]}, "title": "y" * 301}
-    short = vega._shortened(part)
+    short = charts._shortened(part)
     assert len(short["title"]) == len(short["data"]["values"][0]["model"]) == 301
     assert short["data"]["values"][0]["share"] == 0.5

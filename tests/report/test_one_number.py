@@ -21,12 +21,12 @@ from mjbench.comparison.plan import WITHOUT_TIMER
 from mjbench.instrument import run_set, runs
 from mjbench.instrument.run_set import RunSet
 from mjbench.instrument.runs import Run
-from mjbench.pages import exports, html, markdown, reports, site
-from mjbench.pages.content import Report, Tone
+from mjbench.pages import exports, html, markdown, reports, site, terminal
 from mjbench.pages.reports import NamedRun
 from mjbench.pages.site import Project
-from mjbench.report import across_machines, tables
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report import across_machines, advice_across, formats
+from mjbench.report.content import Report, Tone
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.report.results import PathResult, derive_all
 
 DESK, LAPTOP = labelled("desk"), labelled("laptop")
@@ -168,7 +168,9 @@ def test_other_tools_get_the_time_of_the_plain_loop_over_the_speed_up(tmp_path: 
 
 def of_set(file: Path) -> str:
     results = across_machines.side_by_side([read(file)])
-    return tables.text_of(lambda out: across_machines.print_side_by_side(out, results))
+    section = across_machines.section(results)
+    assert section is not None
+    return "\n".join([*advice_across.cautions(results.advice), terminal.text_of([section])])
 
 
 TEXTS: dict[str, Callable[[Path], str]] = {
@@ -202,7 +204,7 @@ def test_every_text_has_the_speed_ups_that_are_advised_in_the_same_digits(
             continue
         assert speedup.low is not None
         assert speedup.high is not None
-        numbers = map(tables.factor, (speedup.estimate, speedup.low, speedup.high))
+        numbers = map(formats.factor, (speedup.estimate, speedup.low, speedup.high))
         row = rf"{re.escape(str(result.variant))}\b.*?\D" + r"\D{1,9}".join(numbers)
         assert re.search(row, text), row
 
@@ -216,7 +218,8 @@ def test_the_conclusions_stand_before_the_table_with_its_numbers(
     text = TEXTS[output](file)
     (speedup,) = (r.speedup for r in results_of(file) if r.variant == BATCH_STEP)
     assert speedup is not None
-    conclusion = f"For RL (closed loop): Batch.step on 2 threads, {tables.factor(speedup.estimate)}"
+    gain = formats.factor(speedup.estimate)
+    conclusion = f"For RL (closed loop): Batch.step on 2 threads, {gain}"
     assert conclusion in text
     assert text.index(conclusion) < text.index("ns/step")
 

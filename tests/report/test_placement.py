@@ -5,8 +5,9 @@ from dataclasses import replace
 import pytest
 
 from mjbench.instrument.ratio import Ratio
+from mjbench.pages import terminal
 from mjbench.paired.placement_spread import ResidueRow, Spread, SpreadRecord
-from mjbench.report import placement, tables
+from mjbench.report import placement
 from mjbench.status import Status
 
 RESIDUES = [
@@ -55,22 +56,18 @@ def test_a_spread_is_a_sentence(spread: Spread | None, detail: str, sentence: st
     assert described.startswith(f"cloth, MuJoCo 3.3.1: {sentence}")
 
 
-def test_sentences_come_first_and_the_table_has_every_residue(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_sentences_come_first_and_the_table_has_every_residue() -> None:
     failed = replace(ROW, model="pile", spread=None, residues=(), detail="killed")
-    placement.print_spreads(tables.console(), [ROW, failed])
-    first, second, empty, headings, cells, *_ = capsys.readouterr().out.splitlines()
+    text = terminal.text_of([placement.section([ROW, failed])])
+    first, second, headings, cells, *_ = text.splitlines()
     assert first.startswith("cloth, MuJoCo 3.3.1: where")
-    assert (second, empty.strip()) == ("pile, MuJoCo 3.3.1: killed", "")
+    assert second == "pile, MuJoCo 3.3.1: killed"
     assert "moved by 16" in headings
     for text in ("12 %", "9.9–15 %", "+0.0 (-1.0 to +1.0)", "+12.4 (+11.0 to +14.0)", "+5.0 "):
         assert text in cells
     assert cells.split()[-2:] == ["30", "12.3"]
 
 
-def test_without_any_launch_there_is_no_table(capsys: pytest.CaptureFixture[str]) -> None:
-    placement.print_spreads(
-        tables.console(), [replace(ROW, spread=None, residues=(), detail="killed")]
-    )
-    assert capsys.readouterr().out == "cloth, MuJoCo 3.3.1: killed\n"
+def test_without_any_launch_there_is_no_table() -> None:
+    failed = replace(ROW, spread=None, residues=(), detail="killed")
+    assert terminal.text_of([placement.section([failed])]) == "cloth, MuJoCo 3.3.1: killed"

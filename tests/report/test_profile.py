@@ -1,26 +1,26 @@
 """What `mjbench profile` prints."""
 
-import pytest
-from rich.console import Console
 from step_profiles import step_profile
 
+from mjbench.loop.profile import ProfileRow, StepProfile
+from mjbench.pages import terminal
 from mjbench.report import profile
 
 
-def test_step_stages_and_rendering_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    profile.print_profile(Console(width=120, highlight=False), step_profile())
-    printed = capsys.readouterr().out
+def text(of: StepProfile) -> str:
+    return terminal.text_of(profile.sections([ProfileRow.measured(of)]))
+
+
+def test_step_stages_and_rendering_are_printed() -> None:
+    printed = text(step_profile())
     assert "takes 3 µs: engine 2 µs (67 %), Python 1 µs" in printed
     assert "4 contacts, 0 constraints, 2.5 solver iterations" in printed
-    assert "Of it, the timer of MuJoCo's Python package takes 17 %" in printed
+    assert "the timer of MuJoCo's Python package takes 17 %" in printed
     assert "kinematics" in printed
     assert "actuation" not in printed  # takes no time
     assert "by egl: 10 ms, as long as 3,333 steps" in printed
     assert "osmesa: not available (it needs libosmesa6)" in printed
 
 
-def test_a_release_that_installs_no_timer_prints_nothing_about_it(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    profile.print_profile(Console(width=120), step_profile(clock_ns=None))
-    assert "Python package" not in capsys.readouterr().out
+def test_a_release_that_installs_no_timer_prints_nothing_about_it() -> None:
+    assert "Python package" not in text(step_profile(clock_ns=None))

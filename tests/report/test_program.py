@@ -1,12 +1,11 @@
 """The first line about a program says what matters most."""
 
-import io
 from dataclasses import replace
 from typing import Any
 
 import pytest
-from rich.console import Console
 
+from mjbench.pages import terminal
 from mjbench.program.activities import Activity, Place
 from mjbench.program.calls import CallTime
 from mjbench.program.gil_waits import GilWait
@@ -139,19 +138,17 @@ def test_a_large_saving_comes_before_what_costs_in_physics() -> None:
 
 
 def test_the_costly_parts_of_the_model_are_listed() -> None:
-    out = io.StringIO()
-    program.print_program(Console(file=out, width=200), row(NEARLY_PHYSICS, physics=PHYSICS))
-    (line,) = (line for line in out.getvalue().splitlines() if line.startswith("rangefinder"))
+    text = terminal.text_of(program.sections([row(NEARLY_PHYSICS, physics=PHYSICS)]))
+    (line,) = (line for line in text.splitlines() if line.startswith("rangefinder"))
     assert line.split() == ["rangefinder", "sensors", "8", "20", "%"]
 
 
 def test_the_thread_that_waits_longest_for_the_gil_is_named_with_the_one_that_holds_it() -> None:
     waits = [GilWait(f"worker {i}", 1, 0.37 - 0.1 * i, "planner", 0.8, PLACE) for i in range(3)]
-    out = io.StringIO()
-    program.print_program(Console(file=out, width=200), row(MIXED, gil_waits=waits))
+    text = terminal.text_of(program.sections([row(MIXED, gil_waits=waits)]))
     assert (
         "Threads: at least 37 % of the time of worker 0 waits for the GIL; 2 more wait, too;"
-        " planner holds it for 80 % of the time, most often at train.py:7." in out.getvalue()
+        " planner holds it for 80 % of the time, most often at train.py:7." in text
     )
 
 
@@ -160,17 +157,13 @@ def test_calls_of_jax_are_listed_by_line() -> None:
         CallTime(call_clock.DISPATCH, 1, thread, PLACE, None, 50.0, 0.25, 0, 1, 0, 0)
         for thread in (1, 2)
     ]
-    out = io.StringIO()
-    program.print_program(Console(file=out, width=200), row(replace(MIXED, calls=calls)))
-    (line,) = (line for line in out.getvalue().splitlines() if "jax dispatch" in line)
+    text = terminal.text_of(program.sections([row(replace(MIXED, calls=calls))]))
+    (line,) = (line for line in text.splitlines() if "jax dispatch" in line)
     assert line.split() == ["train.py:7", "jax", "dispatch", "100", "5", "ms", "25", "%"]
 
 
 def test_growth_of_memory_is_said_with_what_creates_objects() -> None:
     call = CallTime("MjData", 1, 1, PLACE, None, 300.0, 0.1, 0, 1, 0, 0)
     grown = row(replace(MIXED, calls=[call]), memory_growth_bytes=223 << 20)
-    out = io.StringIO()
-    program.print_program(Console(file=out, width=200), grown)
-    assert "Memory grew by 223 MiB while it stepped; train.py:7 makes 300 × MjData." in (
-        out.getvalue()
-    )
+    text = terminal.text_of(program.sections([grown]))
+    assert "Memory grew by 223 MiB while it stepped; train.py:7 makes 300 × MjData." in (text)

@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-from rich.console import Console
 from speed_histories import record
 
+from mjbench.pages import terminal
 from mjbench.releases.release_ratios import RatioRecord
 from mjbench.report import release_ratios
 from mjbench.status import Status
@@ -12,10 +12,8 @@ from mjbench.status import Status
 
 def lines_with(word: str, records: list[RatioRecord]) -> list[str]:
     """Return the printed lines that hold a word."""
-    console = Console(width=200)
-    with console.capture() as printed:
-        release_ratios.print_table(console, records)
-    return [line for line in printed.get().splitlines() if word in line]
+    text = terminal.text_of([release_ratios.section(records)])
+    return [line for line in text.splitlines() if word in line]
 
 
 def failed(release: str, model: str, detail: str) -> RatioRecord:

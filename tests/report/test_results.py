@@ -8,11 +8,13 @@ import pytest
 from example_races import BATCH_STEP, ROLLOUT, THREADS, compared, derived, raced
 from example_records import FACTS, measurement, model_record
 
+from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.instrument import machine
 from mjbench.instrument.ratio import Ratio
-from mjbench.report import comparison, results, tables
-from mjbench.report.results import ModelResults
+from mjbench.pages import terminal
+from mjbench.report import comparison, formats, results
+from mjbench.report.results import Cores, ModelResults
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.work import Work
 from mjbench.status import Status
@@ -27,7 +29,7 @@ def former(**rows: dict[str, Any]) -> ModelResults:
 
 
 def printed(model_results: ModelResults) -> str:
-    return tables.text_of(lambda out: comparison.print_model(out, [model_results]))
+    return terminal.text_of([comparison.model_section([model_results])])
 
 
 def test_speeds_are_those_of_the_plain_loop_times_the_speed_up() -> None:
@@ -96,7 +98,7 @@ def test_a_model_in_free_fall_gets_a_warning(
 
 def test_a_summary_names_models_by_their_files_where_that_is_clear() -> None:
     names = ["a/ant.xml", "b/ant.xml", "b/dog.xml", "cartpole"]
-    assert list(tables.short_names(names).values()) == [*names[:2], "dog.xml", "cartpole"]
+    assert list(formats.short_names(names).values()) == [*names[:2], "dog.xml", "cartpole"]
 
 
 def test_break_even_counts_the_steps_that_pay_for_compiling() -> None:
@@ -113,10 +115,25 @@ def test_break_even_counts_the_steps_that_pay_for_compiling() -> None:
 
 
 def test_the_cores_a_run_had_are_the_median_of_its_calibrations() -> None:
-    assert derived(raced(cores=1.9)).cores_had == pytest.approx(1.9)
-    of_former = results.derive(model_record(cores_had=[1.5, 1.9]), [], None)
-    assert of_former.cores_had == pytest.approx(1.7)
-    assert results.derive(model_record(), [], None).cores_had is None
+    assert derived(raced(cores=1.9)).cores == Cores(1.9, 2)
+    of_former = results.derive(model_record(cores_had=[1.5, 1.9]), [], None).cores
+    assert of_former is not None
+    assert of_former.had == pytest.approx(1.7)
+    assert results.derive(model_record(), [], None).cores is None
+
+
+def test_each_launch_is_judged_by_the_threads_of_the_paths_that_it_timed() -> None:
+    many = Variant("rollout", {"threads": 16})
+    record = raced([(BATCH_STEP, 3.0), (many, 1.5)])
+    launches = [
+        dataclasses.replace(launch, cores=15.5 if 2 in launch.variants else 1.9)
+        for launch in record.launches
+    ]
+    record = dataclasses.replace(record, launches=launches)
+    model_results = derived(record, usable_cores=16)
+    assert model_results.cores == Cores(1.9, 2), "most launches are of the winner"
+    assert model_results.disturbances == []
+    assert "Threads had 1.90 of 2 cores (calibration)." in printed(model_results)
 
 
 @pytest.mark.parametrize(("cores", "is_disturbed"), [(1.7, False), (1.6, True)])

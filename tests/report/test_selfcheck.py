@@ -1,11 +1,10 @@
 """The tables of `mjbench selfcheck`: nothing of them is cut off, and what is unknown is empty."""
 
-import io
 from dataclasses import replace
 
 import pytest
-from rich.console import Console
 
+from mjbench.pages import terminal
 from mjbench.paired.outcomes import Arm
 from mjbench.paired.selfcheck_records import SelfcheckRow
 from mjbench.report import selfcheck
@@ -49,9 +48,7 @@ BUILDS = replace(
 
 
 def printed(*rows: SelfcheckRow) -> list[str]:
-    text = io.StringIO()
-    selfcheck.print_tables(Console(file=text, width=160), rows)
-    return [line.rstrip() for line in text.getvalue().splitlines()]
+    return terminal.text_of([selfcheck.section(rows)]).splitlines()
 
 
 @pytest.mark.parametrize(

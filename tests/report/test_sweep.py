@@ -2,7 +2,7 @@
 
 from sweep_examples import verdict_cell
 
-from mjbench.report import sweep, tables
+from mjbench.report import sweep
 from mjbench.status import Status
 from mjbench.sweep.results import Outcome
 
@@ -10,7 +10,7 @@ from mjbench.sweep.results import Outcome
 def test_of_many_failed_cells_the_first_are_named_and_the_others_counted() -> None:
     outcomes = {verdict_cell(f"m{i:03}"): Outcome(Status.FAILED, "why") for i in range(60)}
     outcomes[verdict_cell("good")] = Outcome(Status.OK)
-    lines = tables.text_of(lambda out: sweep.print_failures(out, outcomes)).splitlines()
+    lines = [conclusion.text for conclusion in sweep.failures(outcomes)]
     assert lines[0].endswith(": failed, why")
     assert "m049" in lines[49]
     assert lines[50:] == ["10 further results failed."]

@@ -1,6 +1,7 @@
 """How many threads a path should have, where paths with several numbers of threads raced."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -55,6 +56,15 @@ def test_a_race_that_was_disturbed_or_too_short_is_not_certain(race: dict[str, A
     advice = advised(*scaled({1: 1.0, 2: 1.9, 4: 3.6}), **race)
     assert not advice.is_certain
     assert thread_conclusion(advice)[1].endswith("; not certain")
+
+
+@pytest.mark.parametrize("fields", [{"is_cut_short": True}, {"launches": 2}])
+def test_a_race_that_was_cut_short_or_goes_on_is_not_certain(fields: dict[str, Any]) -> None:
+    record = raced(scaled({1: 1.0, 2: 1.9, 4: 3.6}))
+    if "launches" in fields:
+        fields = {"launches": record.launches[:2]}
+    (advice,) = advise_threads(derived(replace(record, **fields)))
+    assert not advice.is_certain
 
 
 def test_one_and_all_cores_are_two_rows_of_the_table_and_no_advice() -> None:

@@ -6,8 +6,8 @@ import pytest
 from tuning_values import NOTHING, apart, present
 
 from mjbench.instrument.ratio import Ratio
-from mjbench.pages.tuning import print_record
-from mjbench.report import tables, tuning
+from mjbench.pages import terminal
+from mjbench.report import tuning
 from mjbench.status import Status
 from mjbench.tuning.mesh_notes import MeshNote, Primitive
 from mjbench.tuning.records import (
@@ -77,7 +77,7 @@ def test_without_a_recommendation_it_says_what_was_asked_for(keywords, text):
 
 
 def test_lines_to_paste_are_those_of_each_recommendation():
-    printed = tables.text_of(lambda out: print_record(out, record(FREE, FASTER)))
+    printed = terminal.text_of(tuning.sections([record(FREE, FASTER)]))
     assert "To apply engine clock off, jacobian=sparse:" in printed
     assert '<option jacobian="sparse"/>' in printed
     assert '<option timestep="0.004"/>' in printed

@@ -8,10 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjbench.instrument.ratio import Ratio
+from mjbench.pages import terminal
 from mjbench.paired import family
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import Pair, PlacementEffect, TargetRow, VerdictRow
-from mjbench.report import tables, verdicts
+from mjbench.report import verdicts
 from mjbench.simulation.starts import SettleLimit, Starts
 from mjbench.simulation.work import Work
 from mjbench.simulation.work_check import RunDrift
@@ -56,11 +57,9 @@ def test_the_same_work_may_drift_apart_over_a_run() -> None:
     ],
 )
 def test_starts_that_were_not_to_be_had_as_asked_are_told(starts: Starts, line: str) -> None:
-    out = tables.console()
-    with out.capture() as captured:
-        verdicts.print_table(out, [replace(ROW, starts=starts)], 0.99)
-    assert line in captured.get()
-    assert ("Starts" in captured.get() or "settled" in captured.get()) is bool(line)
+    text = terminal.text_of([verdicts.section([replace(ROW, starts=starts)], 0.99)])
+    assert line in text
+    assert ("Starts" in text or "settled" in text) is bool(line)
 
 
 @pytest.mark.parametrize(

@@ -4,14 +4,15 @@ from dataclasses import replace
 
 from example_web_records import CHECK, path, record, wasm
 
-from mjbench.report import tables, web
+from mjbench.pages import terminal
+from mjbench.report import web
 from mjbench.status import Status
 from mjbench.web.records import WebRecord
 from mjbench.web.rounding_check import PointDifference
 
 
 def printed(stored: WebRecord) -> str:
-    return tables.text_of(lambda out: web.print_model(out, stored))
+    return terminal.text_of(web.sections([stored]))
 
 
 def test_speeds_are_over_c_round_by_round() -> None:

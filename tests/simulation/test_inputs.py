@@ -40,7 +40,7 @@ def plain(model: mujoco.MjModel) -> workload.Workload:
 
 
 def columns(model: mujoco.MjModel) -> dict[str, slice]:
-    return compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    return compat.state_columns(model)
 
 
 @pytest.mark.parametrize("field", [*FIELDS, "userdata"])
@@ -55,7 +55,7 @@ def test_an_input_differs_from_simulation_to_simulation(
 def test_a_single_equality_is_active_in_every_second_simulation() -> None:
     gripper = models.load(models.resolve("gripper"))
     every = inputs.with_every_input(workload.make(gripper, nbatch=4, nstep=2), seed=0)
-    place = compat.state_columns(gripper, compat.state_spec("INTEGRATION"))["eq_active"]
+    place = compat.state_columns(gripper)["eq_active"]
     assert every.initial_state[:, place].ravel().tolist() == [0.0, 1.0, 0.0, 1.0]
 
 

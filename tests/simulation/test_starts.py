@@ -51,9 +51,9 @@ def test_starts_are_spread_over_a_run_as_long_again(model: mujoco.MjModel) -> No
 
 def test_a_start_has_the_warm_start_of_the_state_before(model: mujoco.MjModel) -> None:
     row = draw(model).workload.initial_state[0]
-    place = compat.state_columns(model, compat.state_spec("INTEGRATION"))["qacc_warmstart"]
+    place = compat.state_columns(model)["qacc_warmstart"]
     data = mujoco.MjData(model)
-    compat.set_state(model, data, row, compat.state_spec("INTEGRATION"))
+    compat.set_state(model, data, row)
     mujoco.mj_forward(model, data)
     assert np.any(row[place] != 0)
     assert np.any(row[place] != data.qacc)
@@ -172,7 +172,7 @@ def test_what_slept_sleeps_again_after_a_lead_in() -> None:
 
 
 def test_unperturbed_starts_of_a_resting_model_rest() -> None:
-    columns = compat.state_columns(BALL, compat.state_spec("INTEGRATION"))["qvel"]
+    columns = compat.state_columns(BALL)["qvel"]
     perturbed, resting = (
         np.abs(draw(BALL, perturbs=perturbs).workload.initial_state[:, columns]).max()
         for perturbs in (True, False)

@@ -40,7 +40,7 @@ def draw(file: Path, nbatch: int = 4, nstep: int = 6, hold: int = 1, seed: int =
 
 
 def column(drawn: Workload, field: str) -> np.ndarray:
-    place = compat.state_columns(CARTPOLE, compat.state_spec("INTEGRATION"))[field]
+    place = compat.state_columns(CARTPOLE)[field]
     return drawn.initial_state[:, place]
 
 
@@ -48,7 +48,7 @@ def test_a_simulation_goes_on_as_it_was_recorded(tmp_path: Path, recorded: dict[
     drawn = draw(save(tmp_path, **recorded))
     data = mujoco.MjData(CARTPOLE)
     for row, control in zip(drawn.initial_state, drawn.control, strict=True):
-        compat.set_state(CARTPOLE, data, row, compat.state_spec("INTEGRATION"))
+        compat.set_state(CARTPOLE, data, row)
         step = round(data.time / CARTPOLE.opt.timestep) - 1  # of the recording
         np.testing.assert_allclose(data.qpos, recorded["qpos"][step], atol=1e-12)
         np.testing.assert_array_equal(control, recorded["ctrl"][step + 1 : step + 7])

@@ -90,8 +90,8 @@ def test_a_final_state_that_is_not_finite_has_diverged(
 ) -> None:
     get_state = compat.get_state
 
-    def lose_the_last(m: mujoco.MjModel, d: mujoco.MjData, out: np.ndarray, spec: int) -> None:
-        get_state(m, d, out, spec)
+    def lose_the_last(m: mujoco.MjModel, d: mujoco.MjData, out: np.ndarray) -> None:
+        get_state(m, d, out)
         if out[0] > start_time_s:
             out[1] = np.inf
 

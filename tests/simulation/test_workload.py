@@ -16,7 +16,7 @@ def test_the_same_seed_gives_the_same_work_and_another_seed_another(model: mujoc
 
 def test_shapes_follow_batch_steps_and_hold(model: mujoco.MjModel) -> None:
     sample = workload.make(model, nbatch=4, nstep=12, hold=3)
-    nstate = compat.state_size(model, compat.state_spec("INTEGRATION"))
+    nstate = compat.state_size(model)
     assert sample.initial_state.shape == (4, nstate)
     assert sample.control.shape == (4, 4, 1)
     assert sample.step_control.shape == (4, 12, 1)
@@ -32,7 +32,7 @@ def test_each_control_is_held_for_its_steps(model: mujoco.MjModel) -> None:
 
 def test_starts_lie_around_the_keyframe_and_differ(model: mujoco.MjModel) -> None:
     sample = workload.make(model, nbatch=50, nstep=1)
-    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    columns = compat.state_columns(model)
     qpos = sample.initial_state[:, columns["qpos"]]
     assert np.abs(qpos - model.key_qpos[0]).max() < 10 * workload.START_POSITION_SD
     assert np.all(qpos.std(axis=0)[:3] > 0)
@@ -41,7 +41,7 @@ def test_starts_lie_around_the_keyframe_and_differ(model: mujoco.MjModel) -> Non
 
 def test_starts_keep_the_keyframes_mocap_pose(model: mujoco.MjModel) -> None:
     sample = workload.make(model, nbatch=2, nstep=1)
-    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    columns = compat.state_columns(model)
     np.testing.assert_array_equal(sample.initial_state[0, columns["mocap_pos"]], [0, 0, 3])
 
 
@@ -95,7 +95,7 @@ def test_first_is_a_prefix_and_only_a_selection(small: workload.Workload) -> Non
 
 
 def test_the_spread_scales_starts_and_controls_down_to_the_keyframe(model: mujoco.MjModel) -> None:
-    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    columns = compat.state_columns(model)
     wide, narrow, none = (workload.make(model, 9, 30, spread=s) for s in (1.0, 0.1, 0.0))
     assert np.ptp(narrow.control) < 0.2 * np.ptp(wide.control)
     assert np.ptp(none.control) == 0.0

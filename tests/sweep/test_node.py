@@ -14,7 +14,7 @@ from example_models import CONTACT_XML
 from sweep_examples import MACHINE, count_cell
 
 from mjbench.errors import Failure
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.simulation import carried_models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status

@@ -14,7 +14,7 @@ from sweep_examples import MACHINE, verdict_cell
 
 from mjbench.errors import Failure, InputError, MachineError
 from mjbench.instrument import extras, run_set
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 from mjbench.sweep import ray_cluster, software
 from mjbench.sweep.commands import CommandLine

@@ -11,9 +11,9 @@ from sweep_examples import MACHINE, count_cell, header, line, verdict, verdict_c
 from mjbench.counts.records import InstructionsRecord
 from mjbench.errors import Failure, InputError
 from mjbench.instrument import runs
-from mjbench.instrument.run_set import RunSetFile, Section, read
+from mjbench.instrument.run_set import RunSection, RunSetFile, read
 from mjbench.releases.release_ratios import StepRatioRecord
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 from mjbench.sweep import results
 from mjbench.sweep.cells import Cell, Kind
@@ -165,4 +165,4 @@ def test_a_cell_without_a_result_has_how_it_failed_in_its_place(cell: Cell) -> N
 
 def test_a_section_without_any_result_counts_as_failed() -> None:
     run = runs.parse(results._SOURCE, [header()], RECORD_TYPES)
-    assert results.outcome(Section("", run, (header(),)).run).status == Status.FAILED
+    assert results.outcome(RunSection("", run, (header(),)).run).status == Status.FAILED

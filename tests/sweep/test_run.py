@@ -9,7 +9,7 @@ import pytest
 from sweep_examples import MACHINE, FakeCluster, count_cell, delivered, matrix, node, verdict_cell
 
 from mjbench.errors import Failure, InputError, MachineError
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 from mjbench.sweep.cells import Cell
 from mjbench.sweep.matrix import Matrix

@@ -7,10 +7,9 @@ from collections.abc import Callable
 import pytest
 
 from mjbench.testing import callables
-from mjbench.testing.answer import Answer, SpeedCheck
-from mjbench.testing.callables import Pair, Question
+from mjbench.testing.callables import Answer, FunctionPair, SpeedCheck, SpeedQuestion
 
-QUESTION = Question(max_slowdown=0.1, confidence=0.99, time_limit_s=10.0)
+QUESTION = SpeedQuestion(max_slowdown=0.1, confidence=0.99, time_limit_s=10.0)
 
 
 class Machine:
@@ -41,10 +40,10 @@ class Machine:
         self,
         baseline: Callable[[], None],
         candidate: Callable[[], None],
-        question: Question = QUESTION,
+        question: SpeedQuestion = QUESTION,
         setup: Callable[[], object] | None = None,
     ) -> SpeedCheck:
-        pair = Pair(baseline, candidate, setup or (lambda: None))
+        pair = FunctionPair(baseline, candidate, setup or (lambda: None))
         return callables.compare(pair, question, self.clock, random.Random(2))
 
 
@@ -144,7 +143,7 @@ def test_a_function_that_takes_no_time_does_not_hang() -> None:
 def test_the_set_up_runs_before_each_block_and_is_not_timed() -> None:
     machine = Machine()
     function = machine.function(lambda: 1e-3)
-    question = Question(0.1, 0.99, 1e9)
+    question = SpeedQuestion(0.1, 0.99, 1e9)
     check = machine.compare(function, function, question, machine.setup)
     assert check.candidate_s == pytest.approx(1e-3)
     assert machine.setups >= 4 * check.rounds
@@ -155,6 +154,35 @@ def test_identical_functions_are_hardly_ever_called_slower() -> None:
     for seed in range(100):
         machine = Machine(seed)
         function = machine.noisy(1e-3, 0.1)
-        answers.append(machine.compare(function, function, Question(0.1, 0.99, 3.0)).answer)
+        answers.append(machine.compare(function, function, SpeedQuestion(0.1, 0.99, 3.0)).answer)
     assert answers.count(Answer.SLOWER) <= 2
     assert answers.count(Answer.NOT_SLOWER) > 10
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [
+        (-0.5, -0.1, Answer.NOT_SLOWER),
+        (-0.01, math.log1p(0.05), Answer.NOT_SLOWER),
+        (0.01, 0.06, Answer.INCONCLUSIVE),
+        (-math.inf, math.inf, Answer.INCONCLUSIVE),
+        (math.log1p(0.05), 0.06, Answer.INCONCLUSIVE),
+        (0.05, 0.06, Answer.SLOWER),
+    ],
+)
+def test_only_an_interval_on_one_side_of_the_limit_decides(
+    low: float, high: float, expected: Answer
+) -> None:
+    assert callables.of_interval(low, high, max_slowdown=0.05) == expected
+
+
+def test_an_answer_is_a_line_with_its_figures() -> None:
+    check = SpeedCheck(Answer.SLOWER, 0.05, 0.99, 1.12, 1.10, 1.14, 2.5e-5, 2.2e-5, 9)
+    assert str(check) == (
+        "slower: +12.0 % (interval +10.0 to +14.0 %, 5 % allowed), 25 µs a call, baseline 22 µs"
+    )
+
+
+def test_without_figures_the_reason_stands_alone() -> None:
+    check = SpeedCheck(Answer.INCONCLUSIVE, 0.05, 0.99, detail="benchmarks are disabled")
+    assert str(check) == "inconclusive: benchmarks are disabled"

@@ -7,9 +7,9 @@ import pytest
 from tuning_values import apart
 
 from mjbench.errors import UnavailableError
-from mjbench.pages.tuning import print_record
+from mjbench.pages import terminal
 from mjbench.paired.records import LaunchRow
-from mjbench.report import tables
+from mjbench.report import tuning
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.starts import Starts
 from mjbench.status import Status
@@ -110,7 +110,7 @@ def searched(planted, engine="warp", **plan):
 
 
 def printed(record):
-    return tables.text_of(lambda out: print_record(out, record))
+    return terminal.text_of(tuning.sections([record]))
 
 
 def test_settings_that_help_are_combined_and_measured_in_fresh_processes_from_new_starts():

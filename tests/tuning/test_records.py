@@ -8,7 +8,7 @@ from tuning_values import ENGINE_TUNE, FEWER, stored
 
 from mjbench.errors import InputError
 from mjbench.instrument import run_set
-from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 from mjbench.tuning.records import TuneRecord
 from mjbench.tuning.settings import Edit, Part, label

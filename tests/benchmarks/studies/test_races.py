@@ -1,9 +1,12 @@
 """The race of `compare` on stored launches: the tally, and the page that has it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from benchmarks.studies import races
+from benchmarks import foreign
+from benchmarks.studies import foreign_tally, races
 from benchmarks.studies.tally_file import load
 from mjbench.comparison.plan import Variant
 from mjbench.paired.race_record import RaceLaunch, RaceRecord
@@ -42,9 +45,27 @@ def test_a_path_that_differs_from_itself_is_counted() -> None:
     assert row.faster_than_itself == 1.0
 
 
-def test_the_page_has_the_stored_tally() -> None:
-    if not races.TALLY_FILE.exists():
-        pytest.skip("no tally is stored")
-    stored_tally = load(races.TALLY_FILE, races.RaceTally, "races")
+@pytest.mark.parametrize("study", [races.SHIPPED, races.FOREIGN], ids=lambda study: study.name)
+def test_the_page_has_the_stored_tally(study: races.Study) -> None:
     page = races.PAGE.read_text(encoding="utf-8")
+    assert page.count(study.begin) == 1
+    if not study.tally_file.exists():
+        pytest.skip("no tally is stored")
+    stored_tally = load(study.tally_file, races.RaceTally, "races")
     assert "\n".join(races.lines(stored_tally)) in page
+
+
+def test_foreign_models_are_files_of_packages_on_which_all_c_paths_agree() -> None:
+    tally = foreign_tally.load(foreign.TALLY)
+    agreeing = {package.name: package.agreeing for package in tally.packages}
+    assert len(races.FOREIGN_MODELS) == 5
+    assert all(file in agreeing[name] for name, file in races.FOREIGN_MODELS.items())
+
+
+def test_the_lead_names_models_that_are_rarely_decided_or_whose_intervals_hold_too_rarely() -> None:
+    row = races.tally(stored(0.01), 10, np.random.default_rng(1))
+    row = replace(row, covered_final=0.96)
+    hard = replace(row, model="cloth", decided=0.25, covered_final=0.931)
+    lead = races.lines(races.RaceTally("a processor", "4.0.0", [row, hard]))[0]
+    assert "fewer than half on cloth (25 %)" in lead
+    assert "fewer do on cloth (93.1 %)" in lead

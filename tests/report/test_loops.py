@@ -12,9 +12,9 @@ from mjbench.loop import latency
 from mjbench.loop.latency import Pace, StepSamples
 from mjbench.loop.overhead import HabitCost, OverheadRow, OverheadTable
 from mjbench.loop.profile import ProfileRow, StepProfile, StepTimes
-from mjbench.pages import loops
-from mjbench.pages.content import Section, Tone
-from mjbench.report import vega
+from mjbench.report import charts, overhead, planning, profile
+from mjbench.report import latency as report
+from mjbench.report.content import Section, Tone
 from mjbench.status import Status
 
 COSTS = (
@@ -26,13 +26,13 @@ COSTS = (
 def drawn(section: Section) -> list[str]:
     """Return the charts of a section, drawn."""
     pytest.importorskip("vl_convert")
-    return [vega.svg(figure.specification) for figure in section.figures]
+    return [charts.svg(figure.specification) for figure in section.figures]
 
 
 def test_a_loops_waste_begins_where_the_bare_loop_ends() -> None:
     table = OverheadTable("m", 1800.0, 1200.0, 200.0, 500, COSTS)
     rows = [OverheadRow.measured(table), OverheadRow("broken", Status.FAILED, "it crashed")]
-    section, failed = loops.overhead_sections(rows, "mjbench overhead m broken")
+    section, failed = overhead.sections(rows)
     assert [c.text for c in failed.conclusions] == ["broken: failed: it crashed"]
     (figure,) = section.figures
     assert figure.data.rows[0] == ("engine", 0.0, 1200.0, "step")
@@ -47,10 +47,10 @@ def test_a_profile_has_a_bar_for_each_stage_that_takes_time() -> None:
     stages = {"collision": 0.6, "velocity": 0.4, "sleep": 0.0}
     steps = StepTimes(0.002, 2000.0, 1500.0, 400.0, WORK, stages, {})
     rows = [ProfileRow.measured(StepProfile("m", steps, ()))]
-    (section,) = loops.profile_sections(rows, "mjbench profile m")
+    (section,) = profile.sections(rows)
     (figure,) = section.figures
     assert [row[0] for row in figure.data.rows] == ["collision", "velocity"]
-    assert "75 % of it in the engine" in section.conclusions[0].text
+    assert "engine 1.5 µs (75 %)" in section.conclusions[0].text
     assert "timer of MuJoCo's Python package takes 20 %" in section.conclusions[1].text
     assert "collision" in drawn(section)[0]
 
@@ -66,7 +66,7 @@ def test_latency_is_drawn_as_far_as_there_are_steps() -> None:
         latency.row("m", samples(Pace.FREE, [*ns, 3e6]), None),
         latency.row("m", samples(Pace.PACED, [*ns, 20_000.0]), None),
     ]
-    (section,) = loops.latency_sections(rows, "mjbench latency m")
+    (section,) = report.sections(rows)
     assert [c.tone for c in section.conclusions] == [Tone.BAD, Tone.GOOD]
     assert "1 of 1,000 steps missed 2 ms" in section.conclusions[0].text
     (figure,) = section.figures
@@ -82,7 +82,7 @@ def test_plans_that_differ_come_first() -> None:
                     speedup=1.0),
         PlanningRow(**fields, path="rollout", options={}, status=Status.DISAGREES, detail="wrong"),
     ]  # fmt: skip
-    (section,) = loops.planning_sections(rows, "mjbench plan m")
+    (section,) = planning.sections(rows)
     assert section.conclusions[0].tone == Tone.BAD
     assert "m: fastest here is python_loop, 10 plans per second" in section.conclusions[1].text
     assert len(section.tables[0].rows) == 2

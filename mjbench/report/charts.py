@@ -1,15 +1,29 @@
-"""Charts as Vega-Lite specifications: their text has the colour of the page around them."""
+"""Charts as Vega-Lite specifications: their text has the colour of the page around them.
+
+The colours are told apart with any colour vision (after Okabe and Ito, 2008), on a light page as on
+a dark one.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from mjbench.pages.content import Cell, DataTable
-from mjbench.report import vega
-from mjbench.report.vega import GREY, Spec
+from mjbench.errors import MachineError
+from mjbench.instrument import extras
+from mjbench.report.content import Cell, DataTable
+
+# The version of Vega-Lite whose language the specifications are in.
+VERSION = "5.20"
+SCHEMA = f"https://vega.github.io/schema/vega-lite/v{VERSION.split('.')[0]}.json"
+BLUE, ORANGE, GREEN = "#2a86c4", "#d55e00", "#009e73"
+SKY, PINK, GREY = "#56b4e9", "#cc79a7", "#8a8a8a"
+
+Spec = dict[str, Any]
 
 WIDTH = 640
 # Of a chart whose rows are names: pixels a row.
 _ROW_HEIGHT = 22
+# Characters of a text in a chart.
+_MOST_TEXT = 300
 # Pixels of a label, at most, and of a letter of a wide font.
 _LABEL_WIDTH, _LETTER_WIDTH = 300, 7
 
@@ -30,7 +44,7 @@ def chart(table: DataTable, layers: Sequence[Spec], height: int | None = None) -
     size: Spec = {"width": WIDTH}
     size["height"] = {"step": _ROW_HEIGHT} if height is None else height
     return {
-        "$schema": vega.SCHEMA,
+        "$schema": SCHEMA,
         "data": {"values": values(table)},
         **size,
         "layer": list(layers),
@@ -107,6 +121,33 @@ def rule_at(value: float, axis: str = "x") -> Spec:
         "data": {"values": [{"value": value}]},
         "encoding": {axis: {"field": "value", "type": "quantitative"}},
     }
+
+
+def svg(specification: Mapping[str, Any]) -> str:
+    """Return a chart as SVG.
+
+    Raises:
+      MachineError: vl-convert-python is not installed.
+    """
+    try:
+        import vl_convert
+    except ImportError as error:
+        raise MachineError(
+            f"charts need vl-convert-python: {extras.install_command('report')}; or leave them out"
+            " (report --markdown, history without --plots)"
+        ) from error
+    return str(vl_convert.vegalite_to_svg(_shortened(specification), vl_version=VERSION))
+
+
+def _shortened(part: Any) -> Any:
+    """Return a specification whose texts are short; laying out one of a megabyte takes minutes."""
+    if isinstance(part, Mapping):
+        return {key: _shortened(value) for key, value in part.items()}
+    if isinstance(part, list | tuple):
+        return [_shortened(value) for value in part]
+    if isinstance(part, str) and len(part) > _MOST_TEXT:
+        return f"{part[:_MOST_TEXT]}…"
+    return part
 
 
 def _escaped(field: str) -> str:

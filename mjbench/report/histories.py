@@ -1,32 +1,32 @@
-"""The part of a report that a history of releases gives."""
+"""What a history of releases comes to: its changes, by machine, and the plots of each model."""
 
 import html
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from mjbench.pages import charts
-from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section
+from mjbench.instrument.units import plain
 from mjbench.releases.release_ratios import StepRatioRecord
 from mjbench.releases.speed_history import SpeedSeries
-from mjbench.report import history_plots, speed_across, speed_page
+from mjbench.report import charts, formats, history_plots, speed_across, speed_page
+from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section
 from mjbench.report.history_files import MachineHistory
 from mjbench.report.speed_history import SpeedHistory, listed_changes
 
 
-def of_machines(histories: Sequence[MachineHistory], command: str) -> Iterator[Section]:
+def of_machines(histories: Sequence[MachineHistory]) -> Iterator[Section]:
     """Yield the history of each machine; of several, first on how many each change is listed."""
     if len(histories) == 1:
-        yield from sections(histories[0].history, command)
+        yield from sections(histories[0].history)
         return
-    yield _across(histories, command)
+    yield _across(histories)
     for each in histories:
-        for section in sections(each.history, command):
+        for section in sections(each.history):
             # what is listed on how many machines stands at the head
             yield replace(section, heading=f"{each.name}: {section.heading}", conclusions=())
 
 
-def _across(histories: Sequence[MachineHistory], command: str) -> Section:
+def _across(histories: Sequence[MachineHistory]) -> Section:
     """Return on how many machines each change is listed."""
     changes = speed_across.changes(histories)
     columns = (
@@ -34,8 +34,8 @@ def _across(histories: Sequence[MachineHistory], command: str) -> Section:
         Column("what"),
         Column("listed"),
         Column("machine"),
-        Column("change, %", 3),
-        Column("standard error, %", 2),
+        Column("change", _percent),
+        Column("standard error", _percent),
     )
     rows = [
         (
@@ -43,15 +43,14 @@ def _across(histories: Sequence[MachineHistory], command: str) -> Section:
             _plain(change.title),
             change.count,
             machine.machine,
-            100 * machine.listed.point.change if machine.listed else None,
-            100 * machine.listed.point.deviation if machine.listed else None,
+            machine.listed.point.change if machine.listed else None,
+            machine.listed.point.deviation if machine.listed else None,
         )
         for change in changes
         for machine in change.machines
     ]
     return Section(
         heading="What changed between releases, by machine",
-        command=command,
         conclusions=[Conclusion(speed_across.conclusion(histories, changes))],
         tables=[DataTable("Change points by machine", columns, rows)],
         notes=[
@@ -61,11 +60,10 @@ def _across(histories: Sequence[MachineHistory], command: str) -> Section:
     )
 
 
-def sections(history: SpeedHistory, command: str) -> Iterator[Section]:
+def sections(history: SpeedHistory) -> Iterator[Section]:
     """Yield the changes of all models, then the plots of each."""
     yield Section(
         heading="What changed between releases",
-        command=command,
         conclusions=[Conclusion(_plain(line)) for line in speed_page.conclusion(history)],
         tables=[_changes(history)],
         notes=[_plain(line) for line in speed_page.provenance(history)],
@@ -73,9 +71,12 @@ def sections(history: SpeedHistory, command: str) -> Iterator[Section]:
     for series in history.models:
         yield Section(
             heading=f"{series.name}, release by release",
-            command=command,
             figures=[_figure(history, series)],
         )
+
+
+def _percent(share: float) -> str:
+    return f"{plain(100 * share, 3)} %"
 
 
 def _plain(line: str) -> str:
@@ -88,8 +89,8 @@ def _changes(history: SpeedHistory) -> DataTable:
     columns = (
         Column("releases"),
         Column("what"),
-        Column("change, %", 3),
-        Column("standard error, %", 2),
+        Column("change", _percent),
+        Column("standard error", _percent),
         Column("cause"),
     )
     rows = []
@@ -99,8 +100,8 @@ def _changes(history: SpeedHistory) -> DataTable:
             (
                 f"{before.release} → {after.release}",
                 listed.series.name,
-                100 * listed.point.change,
-                100 * listed.point.deviation,
+                listed.point.change,
+                listed.point.deviation,
                 listed.cause.value,
             )
         )
@@ -110,10 +111,10 @@ def _changes(history: SpeedHistory) -> DataTable:
 def _figure(history: SpeedHistory, series: SpeedSeries) -> Figure:
     columns = (
         Column("release"),
-        Column("ratio", 4),
-        Column("standard error", 2),
-        Column("contacts", 4),
-        Column("drift of one step", 2),
+        Column("ratio", formats.digits(4)),
+        Column("standard error", formats.digits(2)),
+        Column("contacts", formats.digits(4)),
+        Column("drift of one step", formats.digits(2)),
     )
     rows = []
     for each in series.measured:

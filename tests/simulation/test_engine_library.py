@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjbench.errors import InputError
-from mjbench.simulation import engine_callback, models, work, workload
+from mjbench.simulation import engine_library, models, work, workload
 
 
 @pytest.fixture(autouse=True)
@@ -29,26 +29,26 @@ def test_a_step_calls_the_function(humanoid: mujoco.MjModel) -> None:
     mujoco.mj_forward(humanoid, expected)
     mujoco.mj_subtreeVel(humanoid, expected)
     mujoco.mj_step(humanoid, plain)
-    engine_callback.install(humanoid, "mj_subtreeVel")
+    engine_library.install_callback(humanoid, "mj_subtreeVel")
     mujoco.mj_step(humanoid, called)
     assert not plain.subtree_angmom.any()
     assert expected.subtree_angmom.any()
     assert np.array_equal(called.subtree_angmom, expected.subtree_angmom)
 
 
-@pytest.mark.parametrize("function", engine_callback.FUNCTIONS)
+@pytest.mark.parametrize("function", engine_library.FUNCTIONS)
 @pytest.mark.parametrize("name", ["humanoid", "muscle_arm", "linkage"])
 def test_no_declared_function_changes_where_a_run_ends(name: str, function: str) -> None:
     model = models.load(models.resolve(name))
     sample = workload.make(model, nbatch=1, nstep=20)
     expected = work.observe(sample).final_state
-    engine_callback.install(model, function)
+    engine_library.install_callback(model, function)
     assert np.array_equal(work.observe(sample).final_state, expected)
 
 
 def test_a_function_that_this_release_does_not_have_is_bad_input(humanoid: mujoco.MjModel) -> None:
     with pytest.raises(InputError, match="has no function mj_unheardOf"):
-        engine_callback.install(humanoid, "mj_unheardOf")
+        engine_library.install_callback(humanoid, "mj_unheardOf")
 
 
 def test_a_model_whose_steps_call_no_callback_is_bad_input() -> None:
@@ -56,4 +56,4 @@ def test_a_model_whose_steps_call_no_callback_is_bad_input() -> None:
         "<mujoco><option><flag actuation='disable'/></option></mujoco>"
     )
     with pytest.raises(InputError, match="the model disables actuation"):
-        engine_callback.install(model, "mj_factorM")
+        engine_library.install_callback(model, "mj_factorM")

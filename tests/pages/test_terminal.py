@@ -3,10 +3,12 @@
 import io
 
 import pytest
-from rich.table import Table
 
 from mjbench.errors import one_line, printable
-from mjbench.report import tables
+from mjbench.instrument.units import plain
+from mjbench.pages import terminal
+from mjbench.report import formats, starts
+from mjbench.report.content import Column, DataTable
 
 # It writes the clipboard of many terminals.
 CLIPBOARD = "\x1b]52;c;cm0=\x07"
@@ -15,21 +17,21 @@ HOSTILE = ["\x1b[2J", CLIPBOARD, "\x9b31m", "a\rb", "\u202eabc", "\udce9", "\x00
 
 def printed(content: object) -> str:
     """Return what a console on a terminal writes."""
-    out = tables.console()
+    out = terminal.console()
     out.file, out._force_terminal = io.StringIO(), True
     out.print(content)
     return out.file.getvalue()
 
 
-def table_of(text: str) -> Table:
-    table = tables.plain_table(["name"])
-    table.add_row(text)
-    return table
+def table_of(text: str) -> object:
+    return terminal.rich_table(DataTable("", [Column("name")], [[text]]))
 
 
 @pytest.mark.parametrize("text", HOSTILE)
 @pytest.mark.parametrize(
-    "content", [str, table_of, lambda text: tables.headed(text, text)], ids=["line", "cell", "head"]
+    "content",
+    [str, table_of, lambda text: terminal.headed(text, text)],
+    ids=["line", "cell", "head"],
 )
 def test_foreign_text_reaches_the_terminal_escaped(content: object, text: str) -> None:
     assert callable(content)
@@ -61,17 +63,17 @@ def test_numbers_are_written_without_exponents() -> None:
         (999.6, 3, "1000"),
         (float("inf"), 2, "inf"),
     ]:
-        assert tables.plain(value, digits) == text
-    assert [tables.factor(ratio) for ratio in (1.234, 0.1, 0.04, 0.00004)] == [
+        assert plain(value, digits) == text
+    assert [formats.factor(ratio) for ratio in (1.234, 0.1, 0.04, 0.00004)] == [
         *("1.23", "0.10", "0.04", "0.00004")
     ]
 
 
 def test_full_memory_is_said_apart_from_other_warnings() -> None:
-    full, other = tables.warning_lines({"CNSTRFULL": 64, "INERTIA": 1})
+    full, other = starts.warning_lines({"CNSTRFULL": 64, "INERTIA": 1})
     assert full.startswith("The model's memory was full (CNSTRFULL in 64 simulations)")
     assert other == "MuJoCo warned (INERTIA in 1 simulation) but the simulations did not diverge"
 
 
 def test_no_warning_is_no_line() -> None:
-    assert tables.warning_lines({}) == tables.warning_lines(None) == []
+    assert starts.warning_lines({}) == starts.warning_lines(None) == []

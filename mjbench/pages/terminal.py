@@ -1,0 +1,127 @@
+"""Sections on a terminal, or as plain text: the conclusions first, then facts, tables and notes."""
+
+import io
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+from rich.console import Console, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from mjbench.errors import printable
+from mjbench.report.content import DataTable, Section, Tone
+from mjbench.status import ExitCode
+
+_PLAIN_WIDTH, _MIN_WIDTH = 160, 80
+
+
+class _Console(Console):
+    """A console that prints text as it is: no markup, and no control character of foreign text.
+
+    It ends the command with exit code 3 when nobody reads on (`… | head`).
+    """
+
+    def render_str(self, text: str, **style: Any) -> Text:  # every str in a line or a cell
+        return super().render_str(_printable_lines(text), **style)
+
+    def on_broken_pipe(self) -> None:
+        try:
+            super().on_broken_pipe()
+        except SystemExit:
+            raise SystemExit(ExitCode.ENVIRONMENT) from None
+
+
+def console(stderr: bool = False) -> Console:
+    """Return a console that never squeezes a table: the terminal wraps long lines."""
+    out = _Console(stderr=stderr, highlight=False, markup=False, emoji=False)
+    out.width = max(out.width, _MIN_WIDTH) if out.is_terminal else _PLAIN_WIDTH
+    return out
+
+
+def text_of(sections: Iterable[Section], code: bool = False) -> str:
+    """Return sections as plain text; `code`: with their snippets."""
+    file = io.StringIO()
+    # in a notebook, a console of Rich shows what it prints, whatever its file is
+    out = _Console(
+        file=file,
+        width=_PLAIN_WIDTH,
+        highlight=False,
+        markup=False,
+        emoji=False,
+        color_system=None,
+        force_terminal=False,
+        force_jupyter=False,
+    )
+    print_sections(out, sections, code)
+    return "\n".join(line.rstrip() for line in file.getvalue().strip("\n").split("\n"))
+
+
+def print_sections(out: Console, sections: Iterable[Section], code: bool = False) -> None:
+    """Print sections, an empty line before each; `code`: with their snippets."""
+    for section in sections:
+        out.print()
+        for part in section_parts(section):
+            out.print(part, soft_wrap=not isinstance(part, Table))
+        for snippet in section.snippets if code else ():
+            out.print()
+            out.print(headed(snippet.title, ":"), soft_wrap=True)
+            for line in snippet.code.splitlines():
+                out.print(f"    {line}", soft_wrap=True)
+
+
+def section_parts(section: Section) -> Iterator[RenderableType]:
+    """Yield what is printed of a section, without its snippets."""
+    for conclusion in section.conclusions:
+        if conclusion.tone == Tone.CAUTION:
+            yield Text(_printable_lines(conclusion.below_heading), style="yellow")
+    if all(each.subject for each in section.conclusions):
+        yield headed(*_parted(section.heading))
+    for conclusion in section.conclusions:
+        if conclusion.tone != Tone.CAUTION:
+            yield headed(*_parted(conclusion.below_heading))
+    yield from section.facts
+    tables = [table for table in section.tables if table.rows]
+    for table in tables:
+        if len(tables) > 1:
+            yield Text(table.title, style="italic")
+        yield rich_table(table)
+    yield from section.notes
+
+
+def rich_table(table: DataTable) -> Table:
+    """Return a table without frames; without any column that wraps, the last one does."""
+    table = table.without_empty_columns()
+    has_wrapped = any(column.wraps for column in table.columns)
+    printed = Table(box=None, pad_edge=False, header_style="bold")
+    for column in table.columns:
+        is_wrapped = column.wraps or (not has_wrapped and column is table.columns[-1])
+        printed.add_column(
+            column.title,
+            justify="right" if column.is_number else "left",
+            no_wrap=not is_wrapped,
+            overflow="fold",
+        )
+    for row in table.rows:
+        printed.add_row(*(c.shown(cell) for c, cell in zip(table.columns, row, strict=True)))
+    return printed
+
+
+def _parted(text: str) -> tuple[str, str]:
+    """Return a text up to its first colon, which is bold, and the rest; without one, no rest."""
+    beginning, colon, rest = text.partition(": ")
+    return (beginning, colon + rest) if colon else ("", text)
+
+
+def print_lines(out: Console, lines: Sequence[str | Text]) -> None:
+    """Print lines, which the terminal wraps."""
+    for line in lines:
+        out.print(line, soft_wrap=True)
+
+
+def headed(heading: str, rest: str) -> Text:
+    """Return a line whose beginning is bold."""
+    return Text.assemble((_printable_lines(heading), "bold"), _printable_lines(rest))
+
+
+def _printable_lines(text: str) -> str:
+    return "\n".join(map(printable, text.split("\n")))

@@ -1,0 +1,157 @@
+"""What results come to, whatever shows it: conclusions, tables, figures and notes."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+from mjbench.report.formats import Form, Interval
+
+# What a cell can hold: a text, a number, an interval, or nothing.
+Cell = str | float | int | Interval | None
+
+
+class Tone(StrEnum):
+    """What a conclusion means for its reader."""
+
+    CAUTION = "caution"
+    GOOD = "good"
+    BAD = "bad"
+    UNSURE = "unsure"
+    NEUTRAL = "neutral"
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """One sentence that a section, or the whole report, comes to.
+
+    Attributes:
+      subject: what `text` begins with, where the heading of the section says it, too.
+    """
+
+    text: str
+    tone: Tone = Tone.NEUTRAL
+    subject: str = ""
+
+    @property
+    def below_heading(self) -> str:
+        """The sentence without its subject."""
+        return self.text.removeprefix(f"{self.subject}: ") if self.subject else self.text
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table.
+
+    Attributes:
+      title: with the unit, where its cells have none.
+      form: how its numbers, or intervals, are written; None for a column of text.
+      wraps: whether its cells may have several lines.
+    """
+
+    title: str
+    form: Form | None = None
+    wraps: bool = False
+
+    @property
+    def is_number(self) -> bool:
+        """Whether it holds numbers."""
+        return self.form is not None
+
+    def shown(self, cell: Cell) -> str:
+        """Return a cell as people read it."""
+        if cell is None:
+            return ""
+        return str(cell) if isinstance(cell, str) or self.form is None else self.form(cell)
+
+
+@dataclass(frozen=True)
+class DataTable:
+    """A table; each row has one cell a column."""
+
+    title: str
+    columns: Sequence[Column]
+    rows: Sequence[Sequence[Cell]]
+
+    def without_empty_columns(self) -> "DataTable":
+        """Return the table without the columns in which every cell is empty."""
+        filled = [
+            i
+            for i, column in enumerate(self.columns)
+            if any(column.shown(row[i]) for row in self.rows)
+        ]
+        columns = [self.columns[i] for i in filled]
+        return DataTable(self.title, columns, [[row[i] for i in filled] for row in self.rows])
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A chart, and what a reader has who cannot see it.
+
+    Attributes:
+      alternative: what can be seen in it, in a sentence.
+      specification: in Vega-Lite; its data are `data`.
+    """
+
+    title: str
+    alternative: str
+    specification: Mapping[str, Any]
+    data: DataTable
+
+
+@dataclass(frozen=True)
+class Snippet:
+    """Python that does what a result is about."""
+
+    title: str
+    code: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """What a result comes to.
+
+    Attributes:
+      conclusions: what follows from it, first of all.
+      facts: what was measured, and on what: lines above the tables.
+      notes: what limits the figures: lines below the tables.
+      snippets: Python that is shown on demand.
+      command: the command line that measured it.
+      is_open: whether its tables are shown at once also on a page of many sections.
+    """
+
+    heading: str
+    conclusions: Sequence[Conclusion] = ()
+    facts: Sequence[str] = ()
+    figures: Sequence[Figure] = ()
+    tables: Sequence[DataTable] = ()
+    notes: Sequence[str] = ()
+    snippets: Sequence[Snippet] = ()
+    command: str = ""
+    is_open: bool = False
+
+    @property
+    def shown_tables(self) -> Sequence[DataTable]:
+        """Its tables for a reader without figures: without any, the data of its figures."""
+        return self.tables or [figure.data for figure in self.figures]
+
+
+@dataclass(frozen=True)
+class Report:
+    """All that a report says.
+
+    Attributes:
+      conclusions: the main ones of its sections.
+      sections: in the order of their runs.
+    """
+
+    title: str
+    conclusions: Sequence[Conclusion]
+    sections: Sequence[Section]
+    machines: DataTable = field(default_factory=lambda: DataTable("Machines", (), ()))
+
+
+def failure(name: str, status: str, detail: str) -> Section:
+    """Return the section of what could not be measured."""
+    text = detail if detail.startswith(name) else f"{name}: {status}: {detail}"
+    return Section(name, [Conclusion(text, Tone.BAD)])

@@ -1,0 +1,90 @@
+"""How cells of tables are written: numbers in the digits that mean something, and intervals."""
+
+from collections.abc import Callable, Iterable
+from typing import Any, Protocol
+
+from mjbench.instrument.units import plain
+
+# Writes a cell that is not a text.
+Form = Callable[[Any], str]
+# The longest bar, in characters.
+_BAR_WIDTH = 30
+
+
+class Interval(Protocol):
+    """An estimate with the ends of its interval; an end is None where it is not known."""
+
+    @property
+    def low(self) -> float | None:
+        """The lower end."""
+
+    @property
+    def high(self) -> float | None:
+        """The upper end."""
+
+
+def digits(count: int) -> Form:
+    """Return the form of numbers with some significant digits, and commas from 1,000 on."""
+
+    def form(value: float) -> str:
+        return f"{value:,.0f}" if abs(value) >= 1000 else plain(value, count)
+
+    return form
+
+
+def count(value: float) -> str:
+    """Return a whole number, with commas."""
+    return f"{value:,.0f}"
+
+
+def factor(ratio: float) -> str:
+    """Return a speed-up in the digits that mean something."""
+    return f"{ratio:.2f}" if ratio >= 0.1 else plain(ratio, 1)
+
+
+def percent(share: float) -> str:
+    """Return a share in percent, to a tenth."""
+    return f"{100 * share:.1f} %"
+
+
+def change(ratio: float) -> str:
+    """Return the change that a ratio stands for, in percent, with its sign."""
+    return f"{100 * (ratio - 1):+.2f} %"
+
+
+def ends(interval: Interval | None, form: Form = factor) -> str:
+    """Return the ends of an interval; empty where one is not known."""
+    if interval is None or interval.low is None or interval.high is None:
+        return ""
+    low, high = form(interval.low), form(interval.high)
+    return f"{low.removesuffix(' %')}–{high}"
+
+
+def ends_in(form: Form) -> Form:
+    """Return the form of intervals whose ends have a form."""
+    return lambda interval: ends(interval, form)
+
+
+def bar(share: float) -> str:
+    """Return a bar of text, for a share of the longest."""
+    return "█" * round(_BAR_WIDTH * share)
+
+
+def yes_no(value: bool) -> str:
+    """Return `yes` or `no`."""
+    return "yes" if value else "no"
+
+
+def short_names(names: Iterable[str]) -> dict[str, str]:
+    """Return a short name for each: of a file, its own name where no other file has the same."""
+    full = list(dict.fromkeys(names))
+    own = [name.rpartition("/")[2] for name in full]
+    return {
+        name: short if own.count(short) == 1 else name
+        for name, short in zip(full, own, strict=True)
+    }
+
+
+def all_machines(number: int) -> str:
+    """Return `both machines` or, of more, such as `all 4 machines`."""
+    return "both machines" if number == 2 else f"all {number} machines"

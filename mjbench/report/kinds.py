@@ -1,0 +1,205 @@
+"""The kinds of results: what a run file stores of each, and what each comes to.
+
+What is listed here is all that `show`, `report`, `--json`, `mjbench.load`, the JSON Schemas and the
+results of `import mjbench` know of a kind.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mjbench.comparison import records as comparison_records
+from mjbench.comparison.planning_run import PlanningRow
+from mjbench.counts.records import ExplainRecord, InstructionsRecord
+from mjbench.environment.records import EnvironmentRecord
+from mjbench.instrument.runs import SCHEMA, Record, Run
+from mjbench.loop.latency import LatencyRow
+from mjbench.loop.overhead import OverheadRow
+from mjbench.loop.profile import ProfileRow
+from mjbench.paired import family
+from mjbench.paired import selfcheck as trials
+from mjbench.paired.placement_spread import SpreadRecord
+from mjbench.paired.race_record import RaceRecord
+from mjbench.paired.records import VerdictRecord, VerdictRow
+from mjbench.paired.selfcheck_records import TrialRecord
+from mjbench.program.records import ProgramRow
+from mjbench.releases.release_ratios import OperationRatioRecord, StepRatioRecord
+from mjbench.report import (
+    comparison,
+    counts,
+    documents,
+    environment,
+    latency,
+    overhead,
+    placement,
+    planning,
+    profile,
+    program,
+    release_ratios,
+    selfcheck,
+    tuning,
+    verdicts,
+    web,
+)
+from mjbench.report.content import Section
+from mjbench.report.lint import LintDocument
+from mjbench.report.results import derive_all
+from mjbench.tuning.records import TuneRecord
+from mjbench.web.records import WebRecord
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of results.
+
+    Attributes:
+      commands: those whose `--json` writes its document.
+      records: of a run file.
+      document_type: what `--json` writes.
+      document: of a run.
+      sections: what a run comes to.
+      rows: of the flat table of a run (`mjbench.load`).
+    """
+
+    commands: tuple[str, ...]
+    records: tuple[type[Record], ...]
+    document_type: type[Any]
+    document: Callable[[Run], object]
+    sections: Callable[[Run], Iterable[Section]]
+    rows: Callable[[Run], Iterable[object]]
+
+
+def _kind(
+    record: type[Record],
+    sections: Callable[[Sequence[Any]], Iterable[Section]],
+    *commands: str,
+    schema: int = SCHEMA,
+    has_machine: bool = True,
+    rows: Callable[[Any], Iterable[object]] | None = None,
+) -> Kind:
+    """Return a kind whose document has the records themselves as results.
+
+    Args:
+      rows: of a record in the flat table; None where the record is its row.
+    """
+    document_type = documents.results_document(record, schema, has_machine)
+
+    def document(run: Run) -> object:
+        machine = {"machine": run.header.machine} if has_machine else {}
+        return document_type(results=run.of_type(record), **machine)
+
+    def flat_rows(run: Run) -> Iterator[object]:
+        for each in run.of_type(record):
+            yield from [each] if rows is None else rows(each)
+
+    return Kind(
+        commands,
+        (record,),
+        document_type,
+        document,
+        lambda run: sections(run.of_type(record)),
+        flat_rows,
+    )
+
+
+def _compare_document(run: Run) -> documents.CompareDocument:
+    return documents.CompareDocument.of(run.header.machine, derive_all(run.records))
+
+
+def _verdict_rows(run: Run) -> list[VerdictRow]:
+    return [record.row() for record in run.of_type(VerdictRecord)]
+
+
+def _selfcheck_document(run: Run) -> documents.SelfcheckDocument:
+    return documents.SelfcheckDocument(
+        machine=run.header.machine,
+        busy=run.header.arguments.get("busy"),
+        results=trials.summary(run.of_type(TrialRecord)),
+    )
+
+
+_RATIOS = (StepRatioRecord, OperationRatioRecord)
+_VERDICTS = documents.results_document(VerdictRow)
+
+COMPARE = Kind(
+    ("compare",),
+    (*comparison_records.RECORD_TYPES.values(), RaceRecord),
+    documents.CompareDocument,
+    _compare_document,
+    lambda run: comparison.sections(derive_all(run.records)),
+    lambda run: (result for each in derive_all(run.records) for result in each.results),
+)
+OVERHEAD = _kind(OverheadRow, overhead.sections, "overhead")
+PROFILE = _kind(ProfileRow, profile.sections, "profile")
+PROGRAM = _kind(ProgramRow, program.sections, "run", rows=program.program_rows)
+LATENCY = _kind(LatencyRow, latency.sections, "latency")
+PLAN = _kind(PlanningRow, planning.sections, "plan")
+ENVIRONMENT = _kind(EnvironmentRecord, environment.sections, "env")
+VERDICT = Kind(
+    ("versions", "ab"),
+    (VerdictRecord,),
+    _VERDICTS,
+    lambda run: _VERDICTS(machine=run.header.machine, results=_verdict_rows(run)),
+    lambda run: [verdicts.section(_verdict_rows(run), family.confidence_of(run.header))],
+    _verdict_rows,
+)
+SELFCHECK = Kind(
+    ("selfcheck",),
+    (TrialRecord,),
+    documents.SelfcheckDocument,
+    _selfcheck_document,
+    lambda run: [selfcheck.section(trials.summary(run.of_type(TrialRecord)))],
+    lambda run: trials.summary(run.of_type(TrialRecord)),
+)
+PLACEMENT = _kind(SpreadRecord, lambda rows: [placement.section(rows)], "placement")
+HISTORY = Kind(
+    ("history",),
+    _RATIOS,
+    documents.HistoryDocument,
+    lambda run: documents.HistoryDocument.of(run.header.machine, _ratios(run)),
+    lambda run: [release_ratios.section(_ratios(run))],
+    lambda run: _ratios(run),
+)
+EXPLAIN = _kind(ExplainRecord, counts.change_sections, "explain", has_machine=False)
+INSTRUCTIONS = _kind(InstructionsRecord, counts.sections, "instructions", has_machine=False)
+TUNE = _kind(TuneRecord, tuning.sections, "tune", schema=2, rows=tuning.rows)
+WEB = _kind(WebRecord, web.sections, "web", rows=web.rows)
+
+
+def _ratios(run: Run) -> list[StepRatioRecord | OperationRatioRecord]:
+    return [record for record in run.records if isinstance(record, _RATIOS)]
+
+
+KINDS: Sequence[Kind] = (
+    *(COMPARE, OVERHEAD, PROFILE, PROGRAM, LATENCY, PLAN, ENVIRONMENT, VERDICT, SELFCHECK),
+    *(PLACEMENT, HISTORY, EXPLAIN, INSTRUCTIONS, TUNE, WEB),
+)
+
+# The records of a run file by their `type`.
+RECORD_TYPES: Mapping[str, type[Any]] = {
+    record.record_type: record for kind in KINDS for record in kind.records
+}
+
+# The document of each command that takes `--json`; `show` has those of others, and of a run set its
+# own.
+DOCUMENTS: Mapping[str, type[Any]] = {
+    **{command: kind.document_type for kind in KINDS for command in kind.commands},
+    "diff": documents.DiffDocument,
+    "models": documents.ModelsDocument,
+    "paths": documents.PathsDocument,
+    "doctor": documents.DoctorDocument,
+    "lint": LintDocument,
+    "releases": documents.ReleasesDocument,
+}
+
+
+def kinds_of(run: Run) -> list[Kind]:
+    """Return the kinds that a run has records of: one, or none of an empty run."""
+    types = {type(record) for record in run.records}
+    return [kind for kind in KINDS if types.intersection(kind.records)]
+
+
+def sections(run: Run) -> Iterator[Section]:
+    """Yield what a run comes to."""
+    for kind in kinds_of(run):
+        yield from kind.sections(run)
