@@ -58,9 +58,9 @@ def plan_of(model_names: Sequence[str], versions: Sequence[str], time_limit_s: f
     """Return a plan whose verdicts all take their time limit, on nodes that never refuse."""
     from mjbench.paired.outcomes import Metric
     from mjbench.releases.installs import ReleaseSpec
-    from mjbench.sweep.calibration import Limits
+    from mjbench.sweep.calibration import Limits, NodeRules
     from mjbench.sweep.cells import Kind
-    from mjbench.sweep.plan import NodeRules, Part, Plan
+    from mjbench.sweep.plan import Plan
 
     releases = tuple(ReleaseSpec(version, version) for version in versions)
     options = ("--time-limit", f"{time_limit_s:g}", "--min-effect", "1e-4", "--precision", "1e-4")
@@ -72,7 +72,7 @@ def plan_of(model_names: Sequence[str], versions: Sequence[str], time_limit_s: f
         paths=("python_loop",),
         metrics=(Metric.TIME,),
         machines=(),
-        parts=(Part(Kind.VERSIONS, options),),
+        options={Kind.VERSIONS: options},
         rules=NodeRules(limits=anything),
     )
 

@@ -155,8 +155,9 @@ def checked(
     if record.present is None:
         return promises
     measurements = OnThisMachine(pool, source, StartPlan())
+    lengths = record.present.ncontrol, record.present.horizon_ncontrol
     for look in range(LOOKS):
-        measurements.baseline(plan.trials(2 + look, record.present))
+        measurements.baseline(plan.trials(2 + look, *lengths))
         for number, each in enumerate(record.front):
             attempt = measurements.attempt(tuple(each.settings), quads=0)
             promises[number] = _after(promises[number], attempt.accuracy)

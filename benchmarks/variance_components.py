@@ -20,8 +20,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mjbench.instrument import stats
 from mjbench.paired import launch_seeds
-from mjbench.paired.protocol import Launch, TargetPair
+from mjbench.paired.protocol import TargetPair
+from mjbench.paired.records import LaunchRow
 from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs, placement
@@ -50,17 +52,22 @@ class Components:
     total: float
 
 
-def by_layout(launch: Launch) -> list[Launch]:
+def by_layout(launch: LaunchRow) -> list[LaunchRow]:
     """Return each layout of a launch as if it were a launch."""
     layouts, end = [], 0
     for count in launch.layouts:
         chosen, end = slice(end, end + count), end + count
         orders, ns = launch.orders[chosen], launch.ns[chosen]
-        layouts.append(replace(launch, orders=orders, ns=ns, layouts=[count], runs=[0]))
+        layouts.append(replace(launch, orders=orders, ns=ns, layouts=[count]))
     return layouts
 
 
-def components(launches: Sequence[Launch]) -> Components:
+def _pairs(launch: LaunchRow) -> np.ndarray:
+    """Return (quads, 2) log ratios of pairs (see `stats.pair_log_ratios`)."""
+    return stats.pair_log_ratios(launch.orders, np.asarray(launch.ns, dtype=float))
+
+
+def components(launches: Sequence[LaunchRow]) -> Components:
     """Split the variance of launches, each with several layouts, by the method of moments."""
     ratios, errors = [], []
     for launch in launches:
@@ -78,9 +85,9 @@ def components(launches: Sequence[Launch]) -> Components:
     return Components(*(100 * float(np.sqrt(part)) for part in parts))
 
 
-def _block_variance(layout: Launch) -> float:
+def _block_variance(layout: LaunchRow) -> float:
     """Return the variance of a layout's log ratio, from how the pairs of a section spread."""
-    pairs = layout.pair_log_ratios()
+    pairs = _pairs(layout)
     sections = (pairs - np.median(pairs, axis=0)).reshape(-1, layout.nsection, 2)
     mad = np.median(np.abs(sections - np.median(sections, axis=(0, 2), keepdims=True)))
     return float((_MEDIAN_ERROR * _SD_PER_MAD * mad) ** 2 / pairs.size)
@@ -96,13 +103,13 @@ def _trimmed(pairs: np.ndarray) -> float:
     return float(ordered[cut : len(pairs) - cut].mean())
 
 
-SUMMARIES: dict[str, Callable[[Launch], float]] = {
+SUMMARIES: dict[str, Callable[[LaunchRow], float]] = {
     "section by section, as in verdicts": lambda launch: launch.log_ratio,
-    "median of all pairs": lambda launch: _median(launch.pair_log_ratios()),
+    "median of all pairs": lambda launch: _median(_pairs(launch)),
     "mean of the layouts, each section by section": lambda launch: float(
         np.mean([layout.log_ratio for layout in by_layout(launch)])
     ),
-    "trimmed mean of all pairs": lambda launch: _trimmed(launch.pair_log_ratios()),
+    "trimmed mean of all pairs": lambda launch: _trimmed(_pairs(launch)),
 }
 
 
@@ -112,7 +119,7 @@ def _spread(values: Sequence[float]) -> float:
     return float(100 * (high - low) / 2.5631)  # of normal values
 
 
-def correlation(groups: Sequence[Sequence[Launch]]) -> tuple[float, float]:
+def correlation(groups: Sequence[Sequence[LaunchRow]]) -> tuple[float, float]:
     """Return the correlation of launches of one group, and its standard error if it is small.
 
     It is the intraclass correlation of a one-way analysis of variance. Its variance where there is
@@ -126,7 +133,7 @@ def correlation(groups: Sequence[Sequence[Launch]]) -> tuple[float, float]:
     return float(estimate), float(np.sqrt(2 / (count * size * (size - 1))))
 
 
-def measure(old: ReleaseSpec, new: ReleaseSpec, model: str, programs: int) -> list[list[Launch]]:
+def measure(old: ReleaseSpec, new: ReleaseSpec, model: str, programs: int) -> list[list[LaunchRow]]:
     """Return the launches of each pair of programs; every pair has its own pool."""
     baseline, candidate = (Target(release, models.resolve(model)) for release in (old, new))
     groups = []

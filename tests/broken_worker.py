@@ -17,7 +17,7 @@ def python_path(folder: Path, method: str, code: str) -> str:
     (folder / "sitecustomize.py").write_text(
         "import os, time, signal\n"
         "import importlib.abc, importlib.machinery, sys\n"
-        "def bad(self, *args):\n"
+        "def bad(self, *args, **kwargs):\n"
         f"    {code}\n"
         "class Loader(importlib.abc.Loader):\n"
         "    def __init__(self, inner): self.inner = inner\n"

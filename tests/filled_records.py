@@ -41,7 +41,7 @@ KINDS: Mapping[str, Sequence[str]] = {
     **{
         name: (name,)
         for name in RECORD_TYPES
-        if name not in ("model", "measurement", "race", "confirmation", "contest", "scaling")
+        if name not in ("model", "measurement", "race", "scaling")
     },
 }
 

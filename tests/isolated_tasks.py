@@ -120,7 +120,7 @@ def wait_for_file(request: WaitRequest, channel: Channel) -> None:
 
 def send_garbage(request: Any, channel: Channel) -> None:
     channel.doing("something strange")
-    os.write(channel._out.fileno(), b"\x02\x00\x00\x00garbage of a library")
+    os.write(channel._connection.fileno(), b"garbage of a library")
     time.sleep(600)
 
 

@@ -4,12 +4,14 @@ So all that surrounds Node is tested without it. The environment variable PRETEN
 misbehaves; see `Pretender`.
 """
 
+import contextlib
 import json
 import os
 import signal
 import stat
 import sys
 import time
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +58,7 @@ class Pretender:
         self.blocks = 0
 
     def answer(self, action: str, request: dict[str, Any]) -> str:
-        """Return a line of JSON, or misbehave."""
+        """Return JSON, or misbehave."""
         if self.which == action:
             if self.how == "crash":
                 print("it went wrong", file=sys.stderr, flush=True)
@@ -67,7 +69,7 @@ class Pretender:
                 return "nonsense"
             if self.how == "error":
                 return json.dumps({"error": "no such thing"})
-        return json.dumps({"value": getattr(self, action)(**request) or {}})
+        return json.dumps({"value": getattr(self, action)(**request)})
 
     def instantiate(self, script: str, nthread: int) -> dict[str, Any]:
         import mujoco
@@ -78,7 +80,7 @@ class Pretender:
         has_threadpool = self.how != "old"
         return {"version": mujoco.__version__, **times, "has_threadpool": has_threadpool}
 
-    def load(self, files: list[list[str]], model: str, engine_threads: int) -> dict[str, Any]:
+    def load(self, files: list[list[str]], model: str, engine_threads: int) -> float:
         import mujoco
 
         assert all(Path(here).is_file() for _, here in files)
@@ -88,7 +90,7 @@ class Pretender:
         self.model = from_file(model)
         self.data = mujoco.MjData(self.model)
         self.spec = int(mujoco.mjtState.mjSTATE_INTEGRATION)
-        return {"compile_ms": 3.0}
+        return 3.0
 
     def record(self, points: list[int], states_file: str, **steps: Any) -> None:
         states = self._step(**steps)
@@ -103,10 +105,10 @@ class Pretender:
     def prepare(self, **steps: Any) -> None:
         self.steps = steps
 
-    def block(self) -> dict[str, Any]:
+    def block(self) -> int:
         self.final = self._step(**self.steps)[-1]
         self.blocks += 1
-        return {"ns": 1000 + self.blocks % 2}
+        return 1000 + self.blocks % 2
 
     def save(self, states_file: str) -> None:
         (self.final + (self.how == "stale")).tofile(states_file)
@@ -151,8 +153,8 @@ def main(arguments: list[str]) -> None:
     runner, descriptor = arguments[-2:]
     assert Path(runner).name == "runner.mjs"
     pretender = Pretender(os.environ.get(MISBEHAVIOUR, ""))
-    with os.fdopen(int(descriptor), "w") as answers:
-        for line in sys.stdin:
-            request = json.loads(line)
-            answers.write(pretender.answer(request.pop("action"), request) + "\n")
-            answers.flush()
+    connection = Connection(int(descriptor))
+    with contextlib.suppress(EOFError):  # the end of the connection
+        while True:
+            request = json.loads(connection.recv_bytes())
+            connection.send_bytes(pretender.answer(request.pop("action"), request).encode())

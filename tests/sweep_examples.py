@@ -12,12 +12,13 @@ from mjbench.releases.installs import ReleaseSpec
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.simulation import models
 from mjbench.status import Status
+from mjbench.sweep.calibration import NodeRules
 from mjbench.sweep.cells import Cell, Kind
 from mjbench.sweep.matrix import Matrix
 from mjbench.sweep.model_files import CarriedModel
 from mjbench.sweep.node import Measured, Request
-from mjbench.sweep.plan import NodeRules, Part, Plan
-from mjbench.sweep.ray_cluster import Delivered, Event, LeftOut, Node
+from mjbench.sweep.plan import Plan
+from mjbench.sweep.ray_cluster import Event, LeftOut, Node
 from mjbench.sweep.results import Collector
 
 MACHINE = Machine(
@@ -85,7 +86,7 @@ def plan(**fields: object) -> Plan:
         "paths": ("python_loop",),
         "metrics": (Metric.TIME,),
         "machines": (),
-        "parts": (Part(Kind.VERSIONS), Part(Kind.INSTRUCTIONS), Part(Kind.COMPARE)),
+        "options": {Kind.VERSIONS: (), Kind.INSTRUCTIONS: (), Kind.COMPARE: ()},
         "rules": NodeRules(),
     }
     return Plan(**{**usual, **fields})  # type: ignore[arg-type]
@@ -101,11 +102,11 @@ def node(name: str, label: str = "") -> Node:
     return Node(name, name, label, MACHINE)
 
 
-def delivered(cell: Cell, on: str = "one", objection: str = "") -> Delivered:
+def delivered(cell: Cell, on: str = "one", objection: str = "") -> Measured:
     """Return that a node has measured a cell; with an objection, it was busy for 15 s before."""
     collector = Collector([cell], RECORD_TYPES)
     (result,) = collector.add([header(), line(verdict(cell))])
-    return Delivered(on, "", Measured(result, 12.0, 15.0 if objection else 0.0, objection))
+    return Measured(on, "", result, 12.0, 15.0 if objection else 0.0, objection)
 
 
 class FakeCluster:

@@ -36,14 +36,16 @@ def test_every_link_between_pages_leads_somewhere(page: Path) -> None:
         assert not anchor or anchor in anchors(linked), target
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_the_architecture_page_lists_every_module_of_a_package_and_no_other(package: str) -> None:
+def test_the_architecture_page_has_a_paragraph_of_every_package() -> None:
     text = (ROOT / "docs/architecture.md").read_text()
-    section = re.search(rf"^\*\*`{package}/`\*\*$(.*?)^(\*\*`|## )", text, flags=re.M | re.S)
-    assert section is not None, f"no table of {package}/"
-    listed = set(re.findall(r"`(\w+)\.py`", section[1])) - {"__init__"}
-    modules = {file.stem for file in (ROOT / "mjbench" / package).glob("*.py")} - {"__init__"}
-    assert listed == modules
+    assert sorted(re.findall(r"\*\*`(\w+)/`\*\*", text)) == PACKAGES
+
+
+def test_every_module_that_the_architecture_page_names_exists() -> None:
+    text = (ROOT / "docs/architecture.md").read_text()
+    packages = "|".join(PACKAGES)
+    for path in re.findall(rf"`((?:{packages})/[\w/]+\.\w+)`", text):
+        assert (ROOT / "mjbench" / path).exists(), path
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)

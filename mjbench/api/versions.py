@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from mjbench.api import checks, failures, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.session import Session
-from mjbench.counts import release_comparison
+from mjbench.counts import explain
+from mjbench.counts.explain import InstructionComparison
 from mjbench.counts.instructions import InstructionCounter
-from mjbench.counts.release_comparison import InstructionComparison
 from mjbench.errors import InputError
 from mjbench.instrument import platforms, progress
 from mjbench.instrument.progress import Progress
@@ -185,7 +185,7 @@ def _count(
         on_progress(f"MuJoCo {release.version}", number / len(comparison.candidates))
 
     with InstructionCounter(sizes) as counter:
-        return list(release_comparison.verdicts(comparison, counter, on_candidate=on_candidate))
+        return list(explain.verdicts(comparison, counter, on_candidate=on_candidate))
 
 
 def _pinning_notes() -> Sequence[str]:

@@ -85,8 +85,8 @@ def env(
       mjbench env my_env:make --no-vector
     """
     from mjbench.environment import measurement
-    from mjbench.environment.measurement import EnvironmentPlan
     from mjbench.environment.records import EnvironmentRecord
+    from mjbench.environment.run import EnvironmentPlan
     from mjbench.environment.source import resolve
     from mjbench.instrument import machine
     from mjbench.report.environment import sections

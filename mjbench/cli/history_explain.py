@@ -16,9 +16,9 @@ from mjbench.cli.shared import RESUME, with_options
 from mjbench.errors import InputError
 
 if TYPE_CHECKING:
+    from mjbench.counts.counted_program import OperationRequest
     from mjbench.counts.explain import Explainer
     from mjbench.counts.instructions import InstructionCounter, ModelCount
-    from mjbench.counts.messages import OperationRequest
     from mjbench.counts.records import ExplainRecord
 
 # Of each model and pair of releases, as many functions are stored, and those that exchanged cost
@@ -115,7 +115,7 @@ def _count_all(
 
 def _requests(selection: history_options.Selection) -> list["OperationRequest"]:
     """Return what is asked of each release beside the steps of models."""
-    from mjbench.counts.messages import OperationRequest
+    from mjbench.counts.counted_program import OperationRequest
     from mjbench.simulation import models
 
     return [

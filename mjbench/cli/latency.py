@@ -1,11 +1,10 @@
 """`mjbench latency`: how long single steps take, and which are late."""
 
-from pathlib import Path
+from typing import Any
 
 import click
 
-from mjbench.cli.context import RunContext, Storage
-from mjbench.cli.each_model import measure_or_report
+from mjbench.cli.each_model import measure_each
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
@@ -18,10 +17,8 @@ from mjbench.cli.shared import (
     WAIT,
     Hertz,
     Seconds,
-    start_plan,
     with_options,
 )
-from mjbench.errors import Failure
 
 
 @cli.command()
@@ -50,13 +47,7 @@ def latency(
     nstep: int | None,
     hold: int,
     seed: int,
-    settle_s: float | None,
-    states_file: Path | None,
-    actions_file: Path | None,
-    time_limit: float,
-    results: Path,
-    wait: bool,
-    json_file: str | None,
+    **options: Any,
 ) -> None:
     """How long do single steps take, which miss their deadline, and what do slow ones share?
 
@@ -71,35 +62,19 @@ def latency(
     from mjbench.loop.latency import LatencyRequest, LatencyRow, measure, row
     from mjbench.report.kinds import LATENCY
     from mjbench.report.latency import sections
-    from mjbench.simulation import models
+    from mjbench.simulation.models import ModelSource
+    from mjbench.simulation.starts import StartPlan
 
-    sources = [models.resolve(name) for name in names]
-    plan = start_plan(settle_s, states_file, actions_file)
-    files = [*(source.path for source in sources), *plan.files]
-    rows: list[LatencyRow] = []
-    arguments = {
-        "models": [source.name for source in sources],
-        "nstep": nstep,
-        "rate_hz": rate_hz,
-        "deadline_s": deadline_s,
-        "hold": hold,
-        "seed": seed,
-        "starts": plan,
-    }
-    storage = Storage(results, arguments)
-    with RunContext("latency", json_file, files, storage, wait) as run:
-        for source in sources:
-            samples = measure_or_report(
-                source,
-                lambda s: measure(LatencyRequest(s, nstep, rate_hz, hold, seed, plan), time_limit),
-            )
-            if isinstance(samples, Failure):
-                measured = [LatencyRow.failed(source.name, samples)]
-            else:
-                measured = [row(source.name, of_pace, deadline_s) for of_pace in samples]
-                run.show(sections(measured))
-            rows += measured
-            for each in measured:
-                run.record(each)
-        run.write(LATENCY.document_type(machine=run.machine, results=rows))
-    run.exit(each.status for each in rows)
+    def rows(source: ModelSource, starts: StartPlan, limit_s: float) -> list[LatencyRow]:
+        samples = measure(LatencyRequest(source, nstep, rate_hz, hold, seed, starts), limit_s)
+        return [row(source.name, of_pace, deadline_s) for of_pace in samples]
+
+    arguments = {"nstep": nstep, "rate_hz": rate_hz, "deadline_s": deadline_s, "hold": hold}
+    measure_each(
+        names,
+        LATENCY,
+        rows,
+        sections,
+        {**arguments, "seed": seed},
+        **options,
+    )

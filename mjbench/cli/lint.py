@@ -12,10 +12,9 @@ from mjbench.errors import InputError, MachineError, printable
 from mjbench.status import ExitCode, Status, exit_code
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
-    from mjbench.loop.lint import Finding
-    from mjbench.loop.lint_fixes import FixedFile
+    from mjbench.loop.lint_fixes import FixedFile, Unfixed
     from mjbench.loop.lint_settings import RuleChoice
     from mjbench.loop.script_files import UncheckedFile
 
@@ -103,7 +102,8 @@ def lint(
       mjbench lint src --output-format sarif
       mjbench lint --explain MJB007
     """
-    from mjbench.loop.lint import check_all
+    from mjbench.loop.lint import Finding, check_all, findings_of
+    from mjbench.loop.lint_fixes import fix_all
     from mjbench.loop.lint_settings import RuleChoice
     from mjbench.loop.script_files import UncheckedFile, regular_files, script_files
     from mjbench.report.lint import FORMATS, LintDocument, finding_line, statistics_lines
@@ -125,16 +125,27 @@ def lint(
         _print_diff(files, choice)
     findings: list[Finding] = []
     unchecked: list[UncheckedFile] = []
-    fixes = _Fixes()
+    fixed, is_unwritten = 0, False
     with RunContext("lint", json_file, inputs=regular_files(files)) as run:
-        for result in fixes.apply(files, choice) if fix else check_all(files, choice):
+        for result in fix_all(files, choice) if fix else check_all(files, choice):
+            left: Sequence[Finding] = []
+            unfixed: Sequence[Unfixed] = []
             if isinstance(result, UncheckedFile):
                 unchecked.append(result)
                 report_line(f"{result.file}: {result.detail}")
+            elif isinstance(result, Finding):
+                left = [result]
+            elif _write(result):
+                fixed += result.fixed
+                left, unfixed = result.findings, result.unfixed
             else:
-                findings.append(result)
-                if form == "text" and not statistics:
-                    run.out.print(finding_line(result), soft_wrap=True)
+                is_unwritten = True
+                left = findings_of(result.file, result.before, choice.codes_for(result.file))
+            findings += left
+            if form == "text" and not statistics:
+                for finding in left:
+                    run.out.print(finding_line(finding), soft_wrap=True)
+            _report_unfixed(unfixed)
         document = LintDocument(findings=findings, unchecked=unchecked)
         for line in statistics_lines(findings) if statistics else ():
             run.out.print(line, soft_wrap=True)
@@ -142,8 +153,8 @@ def lint(
             click.echo(FORMATS[form](document), nl=False)
         run.write(document)
     if fix:
-        report_line(f"fixed {fixes.count} finding{'' if fixes.count == 1 else 's'}")
-    if fixes.unwritten:
+        report_line(f"fixed {_findings(fixed)}")
+    if is_unwritten:
         sys.exit(ExitCode.ENVIRONMENT)
     if findings:
         sys.exit(ExitCode.FINDING)
@@ -154,46 +165,25 @@ def _split(text: str) -> tuple[str, ...]:
     return tuple(code.strip() for code in text.split(",") if code.strip())
 
 
-class _Fixes:
-    """Changes of files, counted as they are written.
-
-    Attributes:
-      count: findings that were fixed.
-      unwritten: whether a file could not be written.
-    """
-
-    def __init__(self) -> None:
-        self.count = 0
-        self.unwritten = False
-
-    def apply(
-        self, files: "Sequence[str | UncheckedFile]", choice: "RuleChoice"
-    ) -> "Iterator[Finding | UncheckedFile]":
-        """Change files, and yield what is left to find in each, as `check_all` does."""
-        from mjbench.loop import lint, lint_fixes
-
-        for result in lint_fixes.fix_all(files, choice):
-            if not isinstance(result, lint_fixes.FixedFile):
-                yield result
-                continue
-            try:
-                result.write()
-            except MachineError as error:
-                report_line(str(error))
-                self.unwritten = True
-                codes = choice.codes_for(result.file)
-                yield from lint.findings_of(result.file, result.before, codes)
-                continue
-            self.count += result.fixed
-            yield from result.findings
-            _report_unfixed(result)
+def _findings(count: int) -> str:
+    return f"{count} finding{'' if count == 1 else 's'}"
 
 
-def _report_unfixed(file: "FixedFile") -> None:
+def _write(file: "FixedFile") -> bool:
+    """Change a file; return whether it could be written."""
+    try:
+        file.write()
+    except MachineError as error:
+        report_line(str(error))
+        return False
+    return True
+
+
+def _report_unfixed(unfixed: "Sequence[Unfixed]") -> None:
     """Say why findings of a file that have a remedy are left as they are."""
     from mjbench.report.lint import finding_place
 
-    for each in file.unfixed:
+    for each in unfixed:
         place = finding_place(each.finding)
         report_line(f"{place}: {each.finding.code} is not fixed: {each.reason}")
 
@@ -218,8 +208,8 @@ def _print_diff(files: "Sequence[str | UncheckedFile]", choice: "RuleChoice") ->
             continue
         would_fix += result.fixed
         click.echo(_shown(result.diff()), nl=False)
-        _report_unfixed(result)
-    report_line(f"would fix {would_fix} finding{'' if would_fix == 1 else 's'}")
+        _report_unfixed(result.unfixed)
+    report_line(f"would fix {_findings(would_fix)}")
     if would_fix:
         sys.exit(ExitCode.FINDING)
     sys.exit(exit_code(Status.INPUT for _ in unchecked))

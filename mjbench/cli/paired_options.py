@@ -153,4 +153,4 @@ def report(run: RunContext, rows: Sequence["VerdictRow"], confidence: float) -> 
 
 def _show_launch(advance: "ProgressBar", number: int, name: str, judgement: "Judgement") -> None:
     share = 1 - 1 / (1 + judgement.launches / _HALFWAY_LAUNCHES)
-    advance(number, f"{name} {100 * (judgement.ratio - 1):+.2f} %", share)
+    advance(number, f"{name} {100 * (judgement.ratio.estimate - 1):+.2f} %", share)

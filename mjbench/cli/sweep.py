@@ -4,7 +4,6 @@ import contextlib
 import itertools
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,15 +24,6 @@ if TYPE_CHECKING:
 
 # Where run sets of sweeps are stored unless -o says otherwise.
 SWEEPS_FOLDER = Path("results/sweeps")
-
-
-@dataclass(frozen=True)
-class _Options:
-    """The options of the command, as click parses them."""
-
-    address: str | None
-    dry_run: bool
-    retry: bool
 
 
 @cli.command()
@@ -58,7 +48,7 @@ class _Options:
     is_flag=True,
     help="Also measure again what failed; the earlier failures stay in the run set.",
 )
-def sweep(plan: Path, output: Path | None, **options: object) -> None:
+def sweep(plan: Path, address: str | None, output: Path | None, dry_run: bool, retry: bool) -> None:
     """Measure what PLAN.toml asks for on all nodes of a Ray cluster, each result once.
 
     The plan names models, releases, paths, metrics and machines. A node measures time only if its
@@ -83,18 +73,17 @@ def sweep(plan: Path, output: Path | None, **options: object) -> None:
     from mjbench.sweep import matrix, software
     from mjbench.sweep import plan as plans
 
-    chosen = _Options(**options)  # type: ignore[arg-type]
     with RunContext("sweep", inputs=[plan]) as run:
         cells = matrix.build(plans.load(plan, check_command), software.installed())
         target = output or SWEEPS_FOLDER / f"{plan.stem}.jsonl"
-        if chosen.dry_run:
+        if dry_run:
             run.show([report.cells_section(cells.cells, _stored(target, cells))])
             return
-        _sweep(run, cells, target, chosen)
+        _sweep(run, cells, target, address, retry)
 
 
 def check_command(arguments: Sequence[str]) -> None:
-    """Parse a command line of mjbench without running it."""
+    """Parse a command line of mjbench without running it; raises InputError if it is wrong."""
     command: click.Command = cli
     rest = list(arguments)
     while isinstance(command, click.Group):
@@ -111,20 +100,22 @@ def check_command(arguments: Sequence[str]) -> None:
     check_sizes(values.get("nstep"), values.get("hold") or 1)
 
 
-def _sweep(run: RunContext, matrix: "Matrix", target: Path, options: _Options) -> None:
+def _sweep(
+    run: RunContext, matrix: "Matrix", target: Path, address: str | None, retry: bool
+) -> None:
     """Measure what is missing, and end with the exit code."""
     from mjbench.report import sweep as report
     from mjbench.report.content import Conclusion, Section
 
     with contextlib.ExitStack() as on_error, contextlib.closing(_open(target, on_error)) as file:
         stored = _stored(target, matrix)
-        done = [cell for cell, how in stored.items() if not options.retry or how.status in FINISHED]
+        done = [cell for cell, how in stored.items() if not retry or how.status in FINISHED]
         if len(done) == len(matrix.cells):
             text = "The run set has all results of the plan; nothing was measured."
             run.show([Section("Results", [Conclusion(text), *report.failures(stored)])])
             summary = None
         else:
-            summary = _measure(run, matrix, done, file, options.address)
+            summary = _measure(run, matrix, done, file, address)
             on_error.pop_all()
             stored |= summary.outcomes
             run.show([report.summary_section(summary, stored)])

@@ -127,7 +127,7 @@ def tune(
     from mjbench.report.kinds import TUNE
     from mjbench.report.tuning import sections
     from mjbench.simulation import models
-    from mjbench.tuning import knobs, model_copy
+    from mjbench.tuning import knobs, variants
     from mjbench.tuning.records import Effect
     from mjbench.tuning.search import PARTS, SearchPlan
     from mjbench.tuning.tune import tune as tune_model
@@ -144,7 +144,7 @@ def tune(
     if target is not None:
         if len(sources) > 1:
             raise InputError("--write takes one model")
-        model_copy.check_source(sources[0])
+        variants.check_source(sources[0])
     written = OutputFile("--write", target, files)
     arguments = {"models": [source.name for source in sources], "plan": plan}
     storage = Storage(results, arguments)
@@ -152,7 +152,7 @@ def tune(
     with RunContext("tune", json_file, files, storage, wait) as run, WorkerPool() as pool:
         _see_whether_writable(written)
         if target is not None:
-            model_copy.check_target(sources[0], Path(target), time_limit)
+            variants.copy_in_child(sources[0], None, Path(target), time_limit)
         for source in sources:
             with run.progress(PARTS) as advance:
                 records.append(tune_model(pool, source, plan, time_limit, advance))
@@ -163,7 +163,7 @@ def tune(
                 break
         run.write(TUNE.document_type(machine=run.machine, results=records))
         if target is not None and not run.interrupted:
-            _write(run, records[0], sources[0], Path(target))
+            _write(run, records[0], sources[0], Path(target), time_limit)
     run.exit(record.status for record in records)
 
 
@@ -187,9 +187,11 @@ def _see_whether_writable(output: OutputFile) -> None:
         output.close()
 
 
-def _write(run: RunContext, record: "TuneRecord", source: "ModelSource", target: Path) -> None:
+def _write(
+    run: RunContext, record: "TuneRecord", source: "ModelSource", target: Path, limit_s: float
+) -> None:
     """Write the MJCF file with the fastest settings that are recommended."""
-    from mjbench.tuning import model_copy
+    from mjbench.tuning import variants
     from mjbench.tuning.settings import edits_of
 
     best = record.best()
@@ -197,5 +199,5 @@ def _write(run: RunContext, record: "TuneRecord", source: "ModelSource", target:
     if not edits:
         report_line(f"{target}: not written, because no settings of the file are recommended")
         return
-    model_copy.write(source, edits, target)
+    variants.copy_in_child(source, edits, target, limit_s)
     run.out.print(f"Wrote {target}", soft_wrap=True)

@@ -18,8 +18,8 @@ from mjbench.paired.outcomes import Metric
 from mjbench.status import ExitCode
 
 if TYPE_CHECKING:
+    from mjbench.counts.explain import InstructionComparison
     from mjbench.counts.instructions import InstructionCounter
-    from mjbench.counts.release_comparison import InstructionComparison
     from mjbench.paired.records import VerdictRow
     from mjbench.paired.verdict import VerdictPlan
     from mjbench.releases.installs import ReleaseSpec
@@ -102,7 +102,7 @@ def versions(
     output = OutputOptions(results, resume, wait, json_file)
     targets.check_metric(Metric(metric), path_names)
     if metric == Metric.INSTRUCTIONS:
-        from mjbench.counts.release_comparison import InstructionComparison
+        from mjbench.counts.explain import InstructionComparison
 
         comparison = InstructionComparison(baseline, candidates, sources, plan.min_effect)
         sys.exit(_compare_instructions(comparison, plan, fail_on, output))
@@ -161,7 +161,7 @@ def _verdict_rows(
     comparison: "InstructionComparison", run: RunContext, counter: "InstructionCounter"
 ) -> Iterator["VerdictRow"]:
     """Yield the verdict on each model in each new release; store it, unless it was stored."""
-    from mjbench.counts import release_comparison
+    from mjbench.counts import explain
     from mjbench.paired import records
 
     with run.progress(len(comparison.candidates)) as advance:
@@ -170,7 +170,5 @@ def _verdict_rows(
             advance(number, f"MuJoCo {comparison.candidates[number].version}", 0.0)
 
         stored = records.finished(run.resumed_records)
-        for record in release_comparison.verdicts(
-            comparison, counter, stored, on_candidate, run.record
-        ):
+        for record in explain.verdicts(comparison, counter, stored, on_candidate, run.record):
             yield record.row()

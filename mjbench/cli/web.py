@@ -22,10 +22,10 @@ from mjbench.cli.shared import (
 from mjbench.status import Status
 
 if TYPE_CHECKING:
+    from mjbench.paired.run_sizes import Sizes
     from mjbench.releases.installs import ReleaseSpec
     from mjbench.simulation.models import ModelSource
     from mjbench.web.build_run import Engine
-    from mjbench.web.c_reference import WebSizes
     from mjbench.web.measure import WebPlan
     from mjbench.web.records import WebRecord
 
@@ -132,13 +132,13 @@ def _sizes(
     settle_s: float | None,
     states_file: Path | None,
     actions_file: Path | None,
-) -> "WebSizes":
+) -> "Sizes":
     """Return what the options SIZES ask for."""
-    from mjbench.web.c_reference import WebSizes
+    from mjbench.paired.run_sizes import Sizes
 
     check_sizes(nstep, hold)
     starts = start_plan(settle_s, states_file, actions_file)
-    return WebSizes(nbatch, nstep, hold, seed, starts)
+    return Sizes(nbatch, nstep, hold, seed, starts)
 
 
 def _measure(

@@ -7,6 +7,7 @@ to; so mangled names, clones made by the compiler and static functions of one na
 Needs capstone and pyelftools.
 """
 
+import difflib
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,13 +18,22 @@ from mjbench.counts.callgrind import CodePlace, source_name
 from mjbench.counts.function_differences import CodeChanges
 from mjbench.counts.machine_code import Instruction
 from mjbench.counts.records import CodeChange
-from mjbench.counts.renames import is_same_function, renamed_functions
 from mjbench.counts.shared_library import SharedLibrary, Symbol
 from mjbench.counts.stages import ENGINE
 from mjbench.errors import MachineError
 
 # How much can have changed in a function of both releases, from least to most.
 _SEVERITY = (CodeChange.IDENTICAL, CodeChange.OFFSETS, CodeChange.CHANGED)
+
+# A function is the same under another name where this share of the code is, or a smaller share and
+# most of the name. Among the functions that only one of two releases executes on a humanoid (MuJoCo
+# 2.3.7 and 3.2.1, 2.3.7 and 3.4.0, 3.3.1 and 3.4.0) or a pile of boxes (3.17.0 and 4.0.0), renamed
+# ones share 0.42 to 0.97 of the code and 0.71 to 0.96 of the name, others up to 0.57 and 0.55.
+MIN_SIMILARITY = 0.75
+MIN_SIMILARITY_OF_LIKE_NAMES = 0.4
+MIN_SIMILARITY_OF_NAMES = 0.7
+# Shorter functions are similar by chance.
+MIN_INSTRUCTIONS = 10
 
 # How the name of the engine's library begins.
 _PREFIX = "libmujoco."
@@ -33,6 +43,8 @@ _MAX_LIBRARIES = 3
 
 # Where each executed function lies, by Callgrind's name.
 Places = Mapping[str, Sequence[CodePlace]]
+# The code of functions, by name.
+Codes = Mapping[str, Sequence[Instruction]]
 
 
 class CodeComparer:
@@ -51,10 +63,6 @@ class CodeComparer:
 
         Functions of other libraries than the engine's, such as memcpy of the C library, are
         identical where both releases execute the same file, and otherwise unknown.
-
-        Args:
-          baseline: where the functions lie that the old release executes.
-          candidate: the same in the new one.
 
         Raises:
           MachineError: a library cannot be read, or has no symbol table.
@@ -174,8 +182,6 @@ def _change(
     """Return how the code of a function changed: that of the part that changed most.
 
     Args:
-      old: what the baseline executes.
-      new: what the candidate executes.
       renamed: symbols that were renamed, by their names in the baseline.
     """
     old_parts, new_parts = old.functions.get(old_name, ()), new.functions.get(new_name, ())
@@ -202,12 +208,7 @@ def _change(
 def _file_changes(
     names: Iterable[str], baseline: Places, candidate: Places
 ) -> dict[str, CodeChange]:
-    """Return how functions of other libraries than the engine's changed, by the files they are in.
-
-    Args:
-      baseline: where functions lie in the old release.
-      candidate: the same in the new one.
-    """
+    """Return how functions of libraries beside the engine's changed, by the files they are in."""
     old_files, new_files = (
         {place.library for in_files in places.values() for place in in_files if place.library}
         for places in (baseline, candidate)
@@ -219,3 +220,38 @@ def _file_changes(
         else CodeChange.UNKNOWN
         for name in names
     }
+
+
+def renamed_functions(gone: Codes, new: Codes) -> dict[str, str]:
+    """Return the new names of functions by their old ones; a function has one of each.
+
+    Args:
+      gone: functions of the baseline.
+      new: functions of the candidate that may be the same.
+    """
+    pairs = [
+        (machine_code.similarity(code, other), _similarity_of_names(name, new_name), name, new_name)
+        for name, code in gone.items()
+        for new_name, other in new.items()
+        if min(len(code), len(other)) >= MIN_INSTRUCTIONS
+    ]
+    renamed: dict[str, str] = {}
+    for similarity, similarity_of_names, name, new_name in sorted(pairs, reverse=True):
+        is_free = name not in renamed and new_name not in renamed.values()
+        if is_free and _is_same(similarity, similarity_of_names):
+            renamed[name] = new_name
+    return renamed
+
+
+def is_same_function(code: Sequence[Instruction], other: Sequence[Instruction]) -> bool:
+    """Return whether functions of the same name are the same, however much the code changed."""
+    return _is_same(machine_code.similarity(code, other), similarity_of_names=1.0)
+
+
+def _is_same(similarity: float, similarity_of_names: float) -> bool:
+    is_like_named = similarity_of_names >= MIN_SIMILARITY_OF_NAMES
+    return similarity >= (MIN_SIMILARITY_OF_LIKE_NAMES if is_like_named else MIN_SIMILARITY)
+
+
+def _similarity_of_names(old: str, new: str) -> float:
+    return difflib.SequenceMatcher(None, old, new).ratio()

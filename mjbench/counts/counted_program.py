@@ -9,6 +9,8 @@ the work and the markers run with its instrumentation, where that can be switche
 import gc
 import pickle
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import mujoco
@@ -16,21 +18,16 @@ import numpy as np
 
 from mjbench import paths
 from mjbench.comparison.sizes import check_memory
-from mjbench.counts import messages
 from mjbench.counts.instrumentation import Instrumentation
-from mjbench.counts.messages import (
-    CountAnswer,
-    CountedOperation,
-    CountedWork,
-    ModelRequest,
-    OperationRequest,
-    TaskRequest,
-)
-from mjbench.errors import MjbenchError, failure_of
+from mjbench.errors import Failure, MjbenchError, failure_of
 from mjbench.paired import operations
 from mjbench.releases import install_check
 from mjbench.simulation import models, sampling, work, work_check, workload
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.sampling import SampleRequest
 from mjbench.simulation.starts import Starts
+from mjbench.simulation.work import Work
+from mjbench.simulation.work_check import Followed
 
 # A function of the engine that nothing else calls, and how often it is called for each task.
 MARKER = "mj_version"
@@ -41,16 +38,73 @@ WARM_UPS = 10
 PATH = paths.BASE
 
 
-def main(request_file: str, answers_file: str) -> None:
-    """Do the tasks of a request; append an answer for each (see messages.py)."""
-    request = messages.read_request(Path(request_file))
-    problem = install_check.imported_problem(request.version)
+@dataclass(frozen=True)
+class ModelRequest:
+    """A model to count, and its workload.
+
+    Attributes:
+      workload_file: a pickle of `workload.portable`; the program creates it where it is missing.
+    """
+
+    source: ModelSource
+    workload_file: Path
+    sample: SampleRequest
+
+
+@dataclass(frozen=True)
+class OperationRequest:
+    """An operation around the step; `source` is None where it builds its own model."""
+
+    operation: str
+    source: ModelSource | None
+
+
+# What is counted between the markers of one turn.
+TaskRequest = ModelRequest | OperationRequest
+
+
+@dataclass(frozen=True, eq=False)
+class CountedWork:
+    """What was done between two markers.
+
+    Attributes:
+      steps: number of steps of one pass.
+      warnings: how many of the others raised each warning, by its name.
+      healthy: (nbatch,) bool: the simulations that did not diverge.
+      followed: what the release did from the states of the workload's probe; None without one.
+      starts: where start states came from; None where another process drew them.
+    """
+
+    steps: int
+    work: Work
+    diverged: int
+    warnings: Mapping[str, int]
+    healthy: np.ndarray
+    followed: Followed | None
+    starts: Starts | None = None
+
+
+@dataclass(frozen=True)
+class CountedOperation:
+    """An operation that was done between two markers."""
+
+    repeats: int
+
+
+# What became of a task: the work whose instructions Callgrind wrote out, or why there is none.
+CountAnswer = CountedWork | CountedOperation | Failure
+
+
+def main(descriptor: int) -> None:
+    """Do the tasks that come over a connection, with the version of the release; answer each."""
+    connection = Connection(descriptor)
+    version, tasks = connection.recv()
+    problem = install_check.imported_problem(version)
     if problem:
         raise SystemExit(problem)
     instrumentation = Instrumentation()
-    with Path(answers_file).open("wb") as stream:
-        for task in request.tasks:
-            messages.append_answer(stream, _answer(task, instrumentation))
+    for task in tasks:
+        connection.send(_answer(task, instrumentation))
 
 
 def _answer(task: TaskRequest, instrumentation: Instrumentation) -> CountAnswer:

@@ -1,6 +1,7 @@
 """Explain why a release is slower: instructions by function and stage, baseline and candidate."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mjbench.counts import counted_program
@@ -11,7 +12,7 @@ from mjbench.counts.function_differences import (
     is_different,
     moved_groups,
 )
-from mjbench.counts.instructions import ModelCount
+from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.counts.records import (
     OTHER_CODE,
     CodeChange,
@@ -23,9 +24,12 @@ from mjbench.errors import MachineError
 from mjbench.instrument import extras
 from mjbench.instrument.ratio import Ratio
 from mjbench.instrument.units import percent_change
+from mjbench.paired import verdict
 from mjbench.paired.outcomes import Metric, Verdict
-from mjbench.paired.records import Pair, TargetRow, VerdictRow
+from mjbench.paired.records import Pair, TargetRow, VerdictRecord, VerdictRow
+from mjbench.releases.installs import ReleaseSpec
 from mjbench.simulation import agreement, work_check
+from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work_check import StateDrift
 from mjbench.status import Status
 
@@ -45,13 +49,7 @@ def stage_pairs(baseline: ModelCount, candidate: ModelCount) -> dict[str, tuple[
 
 
 def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRecord) -> list[str]:
-    """Return lines that say what changed: the instructions, the work, the code, or the time alone.
-
-    Args:
-      baseline: a model in the old release, counted.
-      candidate: the same in the new one.
-      row: what `Explainer.row` returned for them.
-    """
+    """Return lines that say what changed: instructions, work, code, or the time alone."""
     assert baseline.instructions_per_step
     assert candidate.instructions_per_step
     ratio = candidate.instructions_per_step / baseline.instructions_per_step
@@ -136,13 +134,7 @@ class Explainer:
     def row(
         self, baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None
     ) -> ExplainRecord:
-        """Return one model's row of `mjbench explain --json`.
-
-        Args:
-          baseline: a model in the old release.
-          candidate: the same in the new one.
-          time: the paired comparison of time; None where time was not compared.
-        """
+        """Return one model's row of `mjbench explain --json`; time may not have been compared."""
         failed = next((c for c in (baseline, candidate) if c.status != Status.OK), None)
         code, code_detail = None, "" if failed is None else "a release was not counted"
         if failed is None:
@@ -190,11 +182,6 @@ def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) 
 
     Instructions are exact, so there is no inconclusive verdict; the interval is how far two counts
     of the same work may differ.
-
-    Args:
-      baseline: a model in the old release.
-      candidate: the same in the new one.
-      min_effect: smallest change of instructions that matters, such as 0.01.
     """
     failed = next((c for c in (baseline, candidate) if c.status != Status.OK), None)
     ratio = None if failed else _ratio(baseline, candidate)
@@ -272,3 +259,43 @@ def _work_changes(
     return agreement.work_changes(
         baseline.work, candidate.work, one_step, (baseline.diverged, candidate.diverged)
     )
+
+
+@dataclass(frozen=True)
+class InstructionComparison:
+    """What is counted: models in an old release, and in new ones."""
+
+    baseline: ReleaseSpec
+    candidates: Sequence[ReleaseSpec]
+    sources: Sequence[ModelSource]
+    min_effect: float
+
+
+def verdicts(
+    comparison: InstructionComparison,
+    counter: InstructionCounter,
+    stored: Sequence[VerdictRecord] = (),
+    on_candidate: Callable[[int], None] = lambda number: None,
+    on_record: Callable[[VerdictRecord], None] = lambda record: None,
+) -> Iterator[VerdictRecord]:
+    """Yield the verdict on each model in each new release.
+
+    Args:
+      stored: verdicts that need not be measured again.
+      on_candidate: called with the position of each new release before it is counted.
+      on_record: called with each verdict that was measured, before it is yielded.
+    """
+    baselines: dict[str, ModelCount] = {}
+    for number, candidate in enumerate(comparison.candidates):
+        on_candidate(number)
+        finished = {r.model: r for r in stored if r.sides[1].build == candidate.key}
+        yield from finished.values()
+        missing = [source for source in comparison.sources if source.name not in finished]
+        new = [source for source in missing if source.name not in baselines]
+        for count in counter.count(comparison.baseline, new) if new else ():
+            baselines[count.model] = count
+        for count in counter.count(candidate, missing) if missing else ():
+            row = verdict_row(baselines[count.model], count, comparison.min_effect)
+            record = verdict.record_of(row)
+            on_record(record)
+            yield record

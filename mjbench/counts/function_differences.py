@@ -41,8 +41,6 @@ def function_differences(
     together by their library, because their addresses differ between releases.
 
     Args:
-      baseline: a model in the old release, counted.
-      candidate: the same in the new one.
       code: how the code changed; None where it was not compared.
     """
     names = {old: new for new, old in code.old_names.items()} if code else {}
@@ -71,11 +69,7 @@ def is_different(function: FunctionDifference) -> bool:
 
 
 def code_shares(functions: Sequence[FunctionDifference]) -> dict[CodeChange, CodeShare]:
-    """Return how many functions and instructions execute, by how the code changed.
-
-    Args:
-      functions: all that either release executes, with their code compared.
-    """
+    """Return how many functions and instructions execute, by how the code changed."""
     costs: dict[CodeChange, list[float]] = defaultdict(list)
     for function in functions:
         assert function.code
@@ -102,11 +96,7 @@ def moved_groups(functions: Iterable[FunctionDifference]) -> list[list[FunctionD
 
 @dataclass(frozen=True)
 class NetDifference:
-    """By how much the instructions of one function differ, or of some between which cost moved.
-
-    Attributes:
-      difference: candidate minus baseline, instructions per step, together.
-    """
+    """By how much the instructions per step of a function differ, or of some that cost moved in."""
 
     names: Sequence[str]
     difference: float
@@ -123,11 +113,7 @@ def largest_differences(functions: Sequence[FunctionDifference], count: int) -> 
 
 
 def _self_costs(count: ModelCount, names: Mapping[str, str]) -> dict[str, float]:
-    """Return what each function executes itself, by name; unnamed ones by library.
-
-    Args:
-      names: to use instead of others.
-    """
+    """Return what each function executes itself, by name; unnamed ones by library."""
     costs: dict[str, float] = defaultdict(float)
     for function in count.functions:
         name = function.name

@@ -20,13 +20,12 @@ from pathlib import Path
 
 import numpy as np
 
-from mjbench.counts import callgrind, counted_program, instrumentation, messages
+from mjbench.counts import callgrind, counted_program, instrumentation
 from mjbench.counts.callgrind import CallgrindProfile, CodePlace
-from mjbench.counts.messages import (
+from mjbench.counts.counted_program import (
     CountAnswer,
     CountedOperation,
     CountedWork,
-    CountRequest,
     ModelRequest,
     OperationRequest,
     TaskRequest,
@@ -34,7 +33,8 @@ from mjbench.counts.messages import (
 from mjbench.counts.records import FunctionCount, InstructionsRecord
 from mjbench.counts.stages import ENGINE, instructions_by_stage
 from mjbench.errors import Failure, MachineError, writing
-from mjbench.instrument import child, platforms, scratch
+from mjbench.instrument import child, child_connection, platforms, scratch
+from mjbench.instrument.child_connection import ChildConnection, ChildError
 from mjbench.paired import release_python
 from mjbench.paired.run_sizes import Sizes
 from mjbench.releases import installs
@@ -107,11 +107,7 @@ class InstructionCounter:
     """
 
     def __init__(self, sizes: Sizes | None = None):
-        """Prepare a counter.
-
-        Args:
-          sizes: of the workloads to create; None stands for the default sizes.
-        """
+        """Prepare a counter; None stands for the usual sizes."""
         self._sizes = sizes or Sizes()
         self._workload_files: dict[ModelSource, Path] = {}
         self._closing = contextlib.ExitStack()
@@ -141,7 +137,6 @@ class InstructionCounter:
         """Count the instructions of models in one release.
 
         Args:
-          release: of MuJoCo; installed if it is missing.
           limit_s: kill the process when it finishes no model for this long.
 
         Returns:
@@ -162,7 +157,6 @@ class InstructionCounter:
         """Count the instructions of operations around the step in one release.
 
         Args:
-          release: of MuJoCo; installed if it is missing.
           limit_s: kill the process when it finishes no operation for this long.
 
         Returns:
@@ -212,58 +206,66 @@ def _count_until_death(
     release: installs.ReleaseSpec, requests: Sequence[TaskRequest], folder: Path, limit_s: float
 ) -> list[ModelCount]:
     """Count tasks until one ends the process; the last count then says how."""
-    request = CountRequest(release.version, tuple(requests))
-    failure = _run_program(release, request, folder, limit_s)
-    answers = messages.read_answers(_answers_file(folder))
+    answers, failure = _run_program(release, requests, folder, limit_s)
     counts = [
         _task_count(release, task, answer, [folder / f"callgrind.out.{n}" for n in _dumps(i)])
         for i, (task, answer) in enumerate(zip(requests, answers, strict=False))
     ]
     if len(counts) < len(requests):
-        if failure is None:
-            raise MachineError("valgrind ended before it had counted everything")
+        assert failure is not None, "otherwise all tasks were answered"
         counts.append(_failed(requests[len(counts)], release, failure))
     return counts
 
 
 def _run_program(
-    release: installs.ReleaseSpec, request: CountRequest, folder: Path, limit_s: float
-) -> Failure | None:
-    """Run the counted program under Callgrind; return how it failed, or None.
+    release: installs.ReleaseSpec, tasks: Sequence[TaskRequest], folder: Path, limit_s: float
+) -> tuple[list[CountAnswer], Failure | None]:
+    """Run the counted program under Callgrind; return its answers, and how it failed, or None.
 
     The dumps become `callgrind.out.1`, `callgrind.out.2`, … in the folder.
     """
-    core, request_file = folder / "core", folder / "request.pickle"
-    output_file, answers_file = folder / "output.txt", _answers_file(folder)
+    core, parent = folder / "core", os.getpid()
     with writing(folder):
         core.mkdir()
         release_python.link_mjbench(core)
-        messages.write_request(request_file, request)
-    main = f"main({str(request_file)!r}, {str(answers_file)!r})"
-    with installs.use(release) as install, output_file.open("wb") as output:
-        program = release_python.command(
-            f"from mjbench.counts.counted_program import main; {main}", core, install
-        )
-        parent = os.getpid()
-        process = child.Child(
-            [*_callgrind(folder), *program],
+    with installs.use(release) as install:
+
+        def command(descriptor: int) -> list[str]:
+            code = f"from mjbench.counts.counted_program import main; main({descriptor})"
+            return [*_callgrind(folder), *release_python.command(code, core, install)]
+
+        connection = child_connection.start(
+            command,
+            folder / "output.txt",
+            limit_s,
             stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=output,
             cwd=folder,
             env=_environment(install, folder),
             preexec_fn=lambda: child.die_with_parent(parent),
         )
         try:
-            code = _wait(process.process, answers_file, limit_s)
-        except subprocess.TimeoutExpired:
-            return Failure(Status.TIMEOUT, f"no answer within {limit_s:g} s, killed")
+            return _answers(connection, release, tasks, limit_s)
         finally:
-            process.end()
-    if code == 0:
-        return None
-    last_line = child.last_line(output_file)
-    return Failure(Status.CRASHED, child.describe_exit(code) + last_line)
+            connection.end()
+
+
+def _answers(
+    connection: ChildConnection,
+    release: installs.ReleaseSpec,
+    tasks: Sequence[TaskRequest],
+    limit_s: float,
+) -> tuple[list[CountAnswer], Failure | None]:
+    answers: list[CountAnswer] = []
+    try:
+        with contextlib.suppress(OSError):  # its end is reported where its answer is read
+            connection.connection.send((release.version, tuple(tasks)))
+        while len(answers) < len(tasks):
+            answers += [connection.unpickled(connection.receive(limit_s))]
+    except ChildError as error:
+        hung = error.ending == Status.TIMEOUT
+        detail = f"{error.cause}, killed" if hung else str(error)
+        return answers, Failure(error.ending, detail)
+    return answers, None
 
 
 def _callgrind(folder: Path) -> list[str]:
@@ -283,27 +285,6 @@ def _environment(install: Path | None, folder: Path) -> dict[str, str]:
         "PYTHONHASHSEED": HASH_SEED,
         "TMPDIR": str(folder),  # valgrind's own temporary files are removed with the folder
     }
-
-
-def _answers_file(folder: Path) -> Path:
-    return folder / "answers.pickle"
-
-
-def _wait(process: "subprocess.Popen[bytes]", answers_file: Path, limit_s: float) -> int:
-    """Return the exit code of the counted program.
-
-    Raises:
-      subprocess.TimeoutExpired: `limit_s` seconds passed without a new answer.
-    """
-    known_bytes = 0
-    while True:
-        try:
-            return process.wait(timeout=limit_s)
-        except subprocess.TimeoutExpired:
-            size_bytes = answers_file.stat().st_size if answers_file.exists() else 0
-            if size_bytes == known_bytes:
-                raise
-            known_bytes = size_bytes
 
 
 def _dumps(index: int) -> range:

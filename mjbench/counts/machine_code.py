@@ -96,13 +96,7 @@ class Surroundings:
 
 
 def decode(code: bytes, address: int, surroundings: Surroundings) -> list[Instruction]:
-    """Return the instructions of a function, without the nops that pad its end.
-
-    Args:
-      code: of the function, for x86-64.
-      address: of its first byte.
-      surroundings: what the code refers to.
-    """
+    """Return the instructions of a function, without the nops that pad its end."""
     disassembler = capstone.Cs(capstone.CS_ARCH_X86, capstone.CS_MODE_64)
     disassembler.detail = True
     disassembler.skipdata = True  # decode on behind bytes that are no instruction
@@ -126,7 +120,6 @@ def compare(
     """Return how the code of a function changed: identical, offsets only, or changed.
 
     Args:
-      baseline: the function's instructions.
       renamed: functions that have another name in the candidate, by their name in the baseline.
     """
     working = [[i for i in code if not i.is_nop] for code in (baseline, candidate)]
@@ -224,13 +217,7 @@ def _is_valid(instruction: capstone.CsInsn) -> bool:
 def _instruction(
     decoded: capstone.CsInsn, successors: Mapping[int, int], surroundings: Surroundings
 ) -> Instruction:
-    """Return an instruction without its addresses.
-
-    Args:
-      decoded: by capstone, with details.
-      successors: the number of each instruction, by address.
-      surroundings: what the code refers to.
-    """
+    """Return an instruction without its addresses; the numbers of its successors are by address."""
     if _is_nop(decoded):
         return Instruction((), decoded.size)
     if decoded.id == x86.X86_INS_INVALID:

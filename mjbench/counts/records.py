@@ -39,7 +39,6 @@ class InstructionsRecord:
       outside_per_step: of everything else: the bindings, and Python.
       functions: of the engine, costliest first.
       stages: instructions per step, by stage of the pipeline; their sum is the engine's.
-      steps: number of steps counted.
       work: contacts, constraints, solver iterations per step.
       repeats: how much a second pass over the same work differed, as a share.
       warnings: how many of the others raised each warning of MuJoCo; None where it was not counted.
@@ -134,7 +133,6 @@ class ExplainRecord:
       status: how counting ended; the baseline's, if both failed.
       instructions_per_step: of the engine.
       outside_per_step: of everything else: the bindings, and Python.
-      stages: instructions per step, by stage of the pipeline.
       functions: that differ in instructions executed or in code, the largest difference first; a
         run file has those that changed most.
       code: how many functions and instructions execute, by how the code changed; None where the

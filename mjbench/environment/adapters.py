@@ -27,16 +27,7 @@ _SEEDS = 2**32
 
 
 class EnvironmentAdapter(ABC):
-    """An environment, and how mjbench talks to it.
-
-    Attributes:
-      environment: the outermost one.
-      core: the innermost one.
-      wrappers: the environments around the core, the outermost first.
-
-    Class attributes:
-      framework: its name, for people.
-    """
+    """An environment, and how mjbench talks to it."""
 
     framework: ClassVar[str]
 
@@ -125,10 +116,29 @@ class EnvironmentAdapter(ABC):
         """
 
 
-class GymnasiumAdapter(EnvironmentAdapter):
+class _TupleAdapter(EnvironmentAdapter):
+    """Steps that return a tuple: between reward and info are one flag or two."""
+
+    lengths: ClassVar[tuple[int, ...]]
+
+    def is_over(self, outcome: Any) -> bool:
+        """See `EnvironmentAdapter.is_over`."""
+        if not isinstance(outcome, tuple) or len(outcome) not in self.lengths:
+            expected = " or ".join(map(str, self.lengths))
+            raise InputError(f"its step returned {_described(outcome)}, not {expected} values")
+        return any(bool(flag) for flag in outcome[2:-1])
+
+    def fields(self, outcome: Any) -> Mapping[str, Any]:
+        """See `EnvironmentAdapter.fields`."""
+        flags = ("terminated", "truncated") if len(outcome) == 5 else ("done",)
+        return dict(zip(("observation", "reward", *flags), outcome[:-1], strict=True))
+
+
+class GymnasiumAdapter(_TupleAdapter):
     """Gymnasium, Gym, and what has their interface: `action_space`, and steps of four or five."""
 
     framework = "Gymnasium"
+    lengths = (4, 5)
 
     def _reset_function(self, seed: int) -> Callable[[], Any]:
         reset = self.environment.reset
@@ -138,16 +148,6 @@ class GymnasiumAdapter(EnvironmentAdapter):
         if callable(set_seed):
             set_seed(seed)
         return lambda: reset()
-
-    def is_over(self, outcome: Any) -> bool:
-        """See `EnvironmentAdapter.is_over`; between reward and info are one flag or two."""
-        _check_tuple(outcome, (4, 5))
-        return any(bool(flag) for flag in outcome[2:-1])
-
-    def fields(self, outcome: Any) -> Mapping[str, Any]:
-        """See `EnvironmentAdapter.fields`."""
-        flags = ("terminated", "truncated") if len(outcome) == 5 else ("done",)
-        return dict(zip(("observation", "reward", *flags), outcome[:-1], strict=True))
 
     def draw_actions(self, count: int, seed: int) -> list[Any]:
         """See `EnvironmentAdapter.draw_actions`; by the action space's `sample()`, if any."""
@@ -189,19 +189,11 @@ class DmControlAdapter(EnvironmentAdapter):
         return draw_uniform(low, high, count, seed, getattr(spec, "dtype", None))
 
 
-class RobosuiteAdapter(EnvironmentAdapter):
+class RobosuiteAdapter(_TupleAdapter):
     """robosuite: `action_spec` is a pair of bounds, and a step returns four values."""
 
     framework = "robosuite"
-
-    def is_over(self, outcome: Any) -> bool:
-        """See `EnvironmentAdapter.is_over`."""
-        _check_tuple(outcome, (4,))
-        return bool(outcome[2])
-
-    def fields(self, outcome: Any) -> Mapping[str, Any]:
-        """See `EnvironmentAdapter.fields`."""
-        return dict(zip(("observation", "reward", "done"), outcome[:-1], strict=True))
+    lengths = (4,)
 
     def draw_actions(self, count: int, seed: int) -> list[Any]:
         """See `EnvironmentAdapter.draw_actions`; from the bounds of the specification."""
@@ -257,17 +249,7 @@ def _inner(environment: Any) -> Any:
 
 
 def draw_uniform(low: Any, high: Any, count: int, seed: int, dtype: Any = None) -> list[Any]:
-    """Return random arrays within bounds; where a bound is infinite, standard normal numbers.
-
-    Args:
-      low: smallest values.
-      high: largest values, of the same shape.
-      seed: to draw with.
-      dtype: of the arrays; None for that of the bounds.
-
-    Raises:
-      InputError: these are no bounds.
-    """
+    """Return random arrays within bounds; where a bound is infinite, standard normal numbers."""
     try:
         low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
         bounded = np.isfinite(low) & np.isfinite(high)
@@ -289,17 +271,6 @@ def _seed_generator(value: object, seed: int) -> None:
     elif isinstance(value, np.random.Generator):
         bits = value.bit_generator
         bits.state = type(bits)(seed).state
-
-
-def _check_tuple(outcome: Any, lengths: Sequence[int]) -> None:
-    """Refuse what a step returned unless it is a tuple of one of these lengths.
-
-    Raises:
-      InputError: it is something else.
-    """
-    if not isinstance(outcome, tuple) or len(outcome) not in lengths:
-        expected = " or ".join(map(str, lengths))
-        raise InputError(f"its step returned {_described(outcome)}, not {expected} values")
 
 
 def _described(outcome: Any) -> str:

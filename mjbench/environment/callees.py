@@ -26,7 +26,6 @@ class Callee:
     """A function that a step calls.
 
     Attributes:
-      owner: the object or module that has it.
       name: for people; of a wrapper's step, the wrapper's class.
     """
 
@@ -43,8 +42,6 @@ class _Call:
     Attributes:
       path: the names after `self`, such as `("sim", "step")`; of a function of the module, its
         name alone.
-      is_own: whether it begins at `self`.
-      results: names that its result is assigned to.
     """
 
     path: tuple[str, ...]

@@ -11,10 +11,12 @@ import sys
 import sysconfig
 import traceback
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mjbench.environment import dm_control_release
+import mujoco
+
 from mjbench.environment.source import EnvironmentSource, Origin
 from mjbench.errors import (
     InputError,
@@ -25,10 +27,42 @@ from mjbench.errors import (
 )
 from mjbench.instrument import extras
 
+# The module of dm_control that has the release of MuJoCo which its bindings were generated from.
+_CONSTANTS = "dm_control.mujoco.wrapper.mjbindings.constants"
 _OWN_FOLDER = str(Path(__file__).resolve().parents[1])
 _LIBRARY_FOLDERS = tuple(
     sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")
 )
+
+
+@dataclass(frozen=True)
+class ReleaseMismatch:
+    """A dm_control that was built for another release of MuJoCo than the installed one.
+
+    Attributes:
+      built_for: that release, such as `3.17.0`.
+    """
+
+    built_for: str
+    installed: str
+
+    def __str__(self) -> str:
+        """Say both, and what to do."""
+        return (
+            f"dm_control is built for MuJoCo {self.built_for}, and {self.installed} is installed;"
+            f" install it with mujoco=={self.built_for} in a virtual environment of its own"
+        )
+
+
+def dm_control_mismatch() -> ReleaseMismatch | None:
+    """Return how the releases differ; None where they do not, or dm_control was not imported."""
+    number = getattr(sys.modules.get(_CONSTANTS), "mjVERSION_HEADER", None)
+    if not isinstance(number, int) or number == mujoco.mj_version():
+        return None
+    # older releases have one digit for each part of the number, newer ones three
+    base = 1000 if number >= 1_000_000 else 10
+    built_for = f"{number // base**2}.{number // base % base}.{number % base}"
+    return ReleaseMismatch(built_for, mujoco.mj_versionString())
 
 
 def make(source: EnvironmentSource) -> Any:
@@ -56,16 +90,13 @@ def as_input_error(what: str) -> Iterator[None]:
 
     Args:
       what: what failed, such as `its step`.
-
-    Raises:
-      InputError: the block raised.
     """
     try:
         yield
     except (MjbenchError, KeyboardInterrupt, MemoryError):
         raise
     except BaseException as error:  # it may be SystemExit
-        mismatch = dm_control_release.mismatch()
+        mismatch = dm_control_mismatch()
         cause = f"; {mismatch}" if mismatch else ""
         raise InputError(f"{what} raised {describe(error)}{place_of(error)}{cause}") from error
 
@@ -137,11 +168,7 @@ def _from_factory(source: EnvironmentSource) -> Any:
 
 
 def _user_module(name: str, folder: Path) -> Any:
-    """Return a module of the user's, which is imported from a folder, and works in it.
-
-    Raises:
-      InputError: there is no such module, or it cannot be imported.
-    """
+    """Return a module of the user's, which is imported from a folder, and works in it."""
     os.chdir(folder)
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
@@ -155,11 +182,7 @@ def _user_module(name: str, folder: Path) -> Any:
 
 
 def _imported(package: str, command: str) -> Any:
-    """Return a package, which a command installs.
-
-    Raises:
-      InputError: it is not installed, or cannot be imported.
-    """
+    """Return a package, which a command installs."""
     try:
         with as_input_error(f"importing {package}"):
             return importlib.import_module(package)

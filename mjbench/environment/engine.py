@@ -57,12 +57,7 @@ def replaced(
     wrappers: Mapping[str, Callable[[EngineFunction], EngineFunction]],
     elsewhere: Sequence[Binding] = (),
 ) -> Iterator[None]:
-    """Replace functions of the engine while the block runs.
-
-    Args:
-      wrappers: by the function's name, what makes the replacement from the function.
-      elsewhere: other names of these functions (see `bindings`).
-    """
+    """Replace functions of the engine while the block runs."""
     before = [(each, getattr(each.module, each.attribute)) for each in elsewhere]
     with engine_functions.replaced(wrappers):
         try:

@@ -92,11 +92,7 @@ class TimerEffect:
 class LayerTimes:
     """The layers of a step, without what timing them cost.
 
-    Args:
-      samples: what each function took.
-      plain_ns: of a step that was timed as a whole, in each round.
-      added_ns: by which timing its functions made a step longer.
-      cost: what a call of a timed function costs at least.
+    Arguments are those of `EnvironmentRecord`; `added_ns` is the median over rounds.
     """
 
     def __init__(

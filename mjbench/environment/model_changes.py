@@ -30,11 +30,7 @@ class ModelChange:
 
 
 class ModelVersions:
-    """Numbers the contents that an environment's model has had.
-
-    Attributes:
-      moment: of the next change.
-    """
+    """Numbers the contents that an environment's model has had."""
 
     def __init__(self) -> None:
         self.moment = Moment.RESET

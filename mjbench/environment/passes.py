@@ -7,7 +7,7 @@ import contextlib
 import random
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,29 @@ from mjbench.environment.timer import (
     engine_timed,
     functions_timed,
 )
+from mjbench.instrument import timing
+from mjbench.instrument.isolate import Channel
+from mjbench.instrument.timing import Contender
+
+# The fewest and most rounds; a 95 % interval needs six.
+LEAST_ROUNDS, MOST_ROUNDS = 7, 100
+# A child may be silent for this many times as long as its work should take.
+PATIENCE = 20
+
+
+def send_rounds(time_round: Callable[[], object], budget_s: float, channel: Channel) -> None:
+    """Time rounds until the budget is used; send what each returns.
+
+    One that is not sent comes first, as it touches all memory.
+    """
+    results: list[object] = []
+    contender = Contender(lambda: results.append(time_round()))
+    longest_s = timing.block_s(contender)
+    channel.allow_silence(PATIENCE * longest_s)
+    for (seconds,) in timing.rounds([contender], budget_s, LEAST_ROUNDS, MOST_ROUNDS):
+        channel.send(results.pop())
+        longest_s = max(longest_s, seconds)
+        channel.allow_silence(PATIENCE * longest_s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,24 +58,14 @@ class Pass:
       step_ns: (nstep,) of each step of the environment.
       lengths: steps of each episode that ended.
       returned: fingerprint of what the steps returned; of nothing where passes took turns.
+      layers: what each function that was called took, with the timer's cost, where it was timed.
     """
 
     step_ns: np.ndarray
     reset_ns: Sequence[int]
     lengths: Sequence[int]
     returned: Fingerprint
-
-
-@dataclass(frozen=True, eq=False)
-class LayeredPass:
-    """A pass in which the functions inside a step were timed, too.
-
-    Attributes:
-      layers: what each function that was called took, with the timer's cost.
-    """
-
-    times: Pass
-    layers: Sequence[LayerTime]
+    layers: Sequence[LayerTime] = ()
 
 
 # Prepares an episode after its reset, and yields a function that returns the outcome of a step and
@@ -62,7 +75,7 @@ _BeginEpisode = Callable[[], contextlib.AbstractContextManager[_TimedStep]]
 
 
 class EnvironmentPasses:
-    """Replays actions in an environment, any number of times."""
+    """Replays actions in an environment; what this raises becomes an InputError."""
 
     def __init__(
         self,
@@ -72,63 +85,42 @@ class EnvironmentPasses:
         clock_ns: ClockNs = time.perf_counter_ns,
     ):
         """Replay `actions`; episode number i is reset with `seed` + i."""
-        self._adapter, self._actions, self._seed = adapter, actions, seed
-        self._clock_ns = clock_ns
+        self.adapter, self.actions, self.seed, self.clock_ns = adapter, actions, seed, clock_ns
 
     def plain(self, heartbeat: Callable[[], None] = lambda: None) -> Pass:
         """Return the times of a pass.
 
         Args:
           heartbeat: called after every step, untimed.
-
-        Raises:
-          InputError: the environment raised something.
         """
-        replay = self._replay(self._begin_plain, heartbeat, Fingerprint())
+        replay = _Replay(self, self._begin_plain, heartbeat, Fingerprint())
         while replay.run_episode():
             pass
         return replay.result()
 
     def recorded(self, watch: EngineWatch, heartbeat: Callable[[], None]) -> Pass:
-        """Return a pass that `watch` watches; its times include the watching.
-
-        Raises:
-          InputError: the environment raised something.
-        """
-        clock_ns = self._clock_ns
+        """Return a pass that `watch` watches; its times include the watching."""
 
         def begin_episode() -> contextlib.AbstractContextManager[_TimedStep]:
             step = self._step()
             watch.begin_episode()
+            return self._timed(lambda action: watch.run(lambda: step(action)))
 
-            def run(action: Any) -> tuple[Any, int]:
-                begin = clock_ns()
-                outcome = watch.run(lambda: step(action))
-                return outcome, clock_ns() - begin
-
-            return contextlib.nullcontext(run)
-
-        replay = self._replay(begin_episode, heartbeat, Fingerprint())
+        replay = _Replay(self, begin_episode, heartbeat, Fingerprint())
         with watch.watching():
             while replay.run_episode():
                 pass
         return replay.result()
 
-    def side_by_side(
-        self, elsewhere: Sequence[Binding], rng: random.Random
-    ) -> tuple[Pass, LayeredPass]:
+    def side_by_side(self, elsewhere: Sequence[Binding], rng: random.Random) -> tuple[Pass, Pass]:
         """Return a plain pass and a layered one, which take turns from episode to episode.
 
         Args:
-          elsewhere: names of the engine's functions in other modules.
           rng: draws which of the two is first in each episode.
-
-        Raises:
-          InputError: the environment raised something.
         """
-        timer = LayerTimer(self._clock_ns)
-        plain = self._replay(self._begin_plain)
-        layered = self._replay(lambda: self._begin_layered(timer, elsewhere))
+        timer = LayerTimer(self.clock_ns)
+        plain = _Replay(self, self._begin_plain)
+        layered = _Replay(self, lambda: self._begin_layered(timer, elsewhere))
         both = [plain, layered]
         more_follow = True
         while more_follow:
@@ -136,11 +128,14 @@ class EnvironmentPasses:
             remaining = [replay.run_episode() for replay in both]
             more_follow = any(remaining)
         called = [layer for layer in timer.layers() if layer.calls]
-        return plain.result(), LayeredPass(layered.result(), called)
+        return plain.result(), replace(layered.result(), layers=called)
 
     def _begin_plain(self) -> contextlib.AbstractContextManager[_TimedStep]:
         """Prepare an episode whose steps are timed as a whole."""
-        clock_ns, step = self._clock_ns, self._step()
+        return self._timed(self._step())
+
+    def _timed(self, step: Callable[[Any], Any]) -> contextlib.AbstractContextManager[_TimedStep]:
+        clock_ns = self.clock_ns
 
         def run(action: Any) -> tuple[Any, int]:
             begin = clock_ns()
@@ -154,7 +149,7 @@ class EnvironmentPasses:
         self, timer: LayerTimer, elsewhere: Sequence[Binding]
     ) -> Iterator[_TimedStep]:
         """Prepare an episode whose steps are timed by layer."""
-        adapter = self._adapter
+        adapter = self.adapter
         layer, name = adapter.outermost_layer()
         # a reset may have replaced what the environment holds
         timed = [*adapter.inner_steps(), *callees.find(adapter.core)]
@@ -163,24 +158,8 @@ class EnvironmentPasses:
             yield timer.outermost(step, layer, name)
 
     def _step(self) -> Callable[[Any], Any]:
-        step: Callable[[Any], Any] = self._adapter.environment.step
+        step: Callable[[Any], Any] = self.adapter.environment.step
         return step
-
-    def _replay(
-        self,
-        begin_episode: _BeginEpisode,
-        heartbeat: Callable[[], None] = lambda: None,
-        returned: Fingerprint | None = None,
-    ) -> "_Replay":
-        return _Replay(
-            self._adapter,
-            self._actions,
-            self._seed,
-            begin_episode,
-            heartbeat,
-            self._clock_ns,
-            returned,
-        )
 
 
 class _Replay:
@@ -188,38 +167,31 @@ class _Replay:
 
     def __init__(
         self,
-        adapter: EnvironmentAdapter,
-        actions: Sequence[Any],
-        seed: int,
+        passes: EnvironmentPasses,
         begin_episode: _BeginEpisode,
-        heartbeat: Callable[[], None],
-        clock_ns: ClockNs,
-        returned: Fingerprint | None,
+        heartbeat: Callable[[], None] = lambda: None,
+        returned: Fingerprint | None = None,
     ):
-        self._adapter, self._actions, self._seed = adapter, actions, seed
-        self._begin_episode, self._heartbeat, self._clock_ns = begin_episode, heartbeat, clock_ns
+        self._passes, self._actions = passes, passes.actions
+        self._begin_episode, self._heartbeat = begin_episode, heartbeat
         self._returned = returned
-        self._step_ns = np.zeros(len(actions), dtype=np.int64)
+        self._step_ns = np.zeros(len(self._actions), dtype=np.int64)
         self._reset_ns: list[int] = []
         self._lengths: list[int] = []
         self._number = 0
 
     def run_episode(self) -> bool:
-        """Reset the environment and take the steps of the next episode; return whether more follow.
-
-        Raises:
-          InputError: the environment raised something.
-        """
+        """Reset, take the steps of the next episode, and return whether more follow."""
         if self._number == len(self._actions):
             return False
-        adapter, first = self._adapter, self._number
+        first = self._number
         self._reset_ns.append(self._reset())
         with self._begin_episode() as step:
             is_over = False
             while not is_over and self._number < len(self._actions):
                 with as_input_error("its step"):
                     outcome, self._step_ns[self._number] = step(self._actions[self._number])
-                    is_over = adapter.is_over(outcome)
+                    is_over = self._passes.adapter.is_over(outcome)
                     self._note(outcome)
                 self._number += 1
                 self._heartbeat()
@@ -230,16 +202,17 @@ class _Replay:
     def _note(self, outcome: Any) -> None:
         """Add what a step returned to the fingerprint, if there is one."""
         if self._returned is not None:
-            for field, value in self._adapter.fields(outcome).items():
+            for field, value in self._passes.adapter.fields(outcome).items():
                 self._returned.add(field, value)
 
     def _reset(self) -> int:
         """Reset the environment, and return how many nanoseconds it took."""
         with as_input_error("its reset"):
-            reset = self._adapter.resetting(self._seed + len(self._reset_ns))
-            begin = self._clock_ns()
+            passes = self._passes
+            reset = passes.adapter.resetting(passes.seed + len(self._reset_ns))
+            begin = passes.clock_ns()
             reset()
-            return self._clock_ns() - begin
+            return passes.clock_ns() - begin
 
     def result(self) -> Pass:
         """Return the pass, now that it is over."""

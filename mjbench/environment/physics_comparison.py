@@ -50,11 +50,7 @@ class PhysicsComparison:
     differences: dict[int, Difference] = field(default_factory=dict)
 
     def block_s(self, index: int) -> float:
-        """Time one block of a path, compare its final states, and return its seconds.
-
-        Raises:
-          MachineError: it changed the model, which all paths share.
-        """
+        """Time one block of a path, compare its final states, and return its seconds."""
         prepared = self.prepared[index]
         seconds = timing.block_s(timing.Contender(prepared.run, before=prepared.clear))
         field = self.guard.change()
@@ -69,10 +65,6 @@ class PhysicsComparison:
         """Reorder the simulations, so that the output of an earlier block is wrong."""
         if self.physics.workload.nbatch > 1:
             self.case.reorder(rng)
-
-    def env_steps(self) -> int:
-        """Return how many steps of the environment a block does."""
-        return len(self.physics.numbers)
 
     def close(self) -> None:
         """Stop workers and pools."""
@@ -113,7 +105,6 @@ def prepare(
     """Verify every path, and send an `AgreementReport` for each.
 
     Args:
-      physics: that a plain loop does as the environment did.
       variants: the paths, the plain loop first.
     """
     workload, observation = work.observe_healthy(physics.workload)

@@ -6,6 +6,7 @@ to the last bit. What is written to the state between calls is noted by field, a
 change of the model.
 """
 
+import functools
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -36,14 +37,12 @@ class StepTrace:
     """What one step of an environment asked of the engine.
 
     Attributes:
-      version: of the model (see `Recording`).
       start: (nstate,) mjSTATE_INTEGRATION at the first call that ends a step, controls included.
       end: (nstate,) the state after the last such call.
-      control: (nstep, nu) controls of every step of the engine.
+      control: (nstep, nu) of every step of the engine.
       calls: functions of the engine in their order, such as `mj_step2`, with the steps that each
         takes.
       written: fields other than ctrl that were written between two calls.
-      entered: fields other than ctrl that were written since the step before.
       follows: whether the step before was of the same episode and the same simulation.
       is_same_model: whether the model was the same at the end of the environment's step.
     """
@@ -73,10 +72,9 @@ class Recording:
       checked: calls that a plain `mj_step` repeated.
       difference: the first call that it did not repeat to the last bit, and in which step of the
         environment; None without any.
-      version: of the model that most steps were taken with.
-      model: a copy of that model; None where the engine was never stepped.
+      model: a copy of the one that most steps were taken with, which has this version; None where
+        the engine was never stepped.
       obstacle: why no plain loop can do the same, in one line; empty where one can.
-      other_calls: whether the environment called other functions of the engine.
     """
 
     steps: Sequence[StepTrace | None]
@@ -94,13 +92,12 @@ class EngineWatch:
 
     def __init__(self) -> None:
         self._thread = threading.get_ident()
-        self._step: EngineFunction = mujoco.mj_step
         self._versions = ModelVersions()
         self._traces: list[StepTrace | None] = []
         self._current: _OpenTrace | None = None
         self._last_data: Any = None
         self._last_row: np.ndarray | None = None
-        self._plain_steps: _PlainSteps | None = None
+        self._plain_steps = _PlainSteps(mujoco.mj_step)
         self._obstacles: list[str] = []
         self._other_calls = False
         self._reader_of: tuple[Any, StateReader] | None = None
@@ -109,9 +106,7 @@ class EngineWatch:
     def watching(self) -> Iterator[None]:
         """Watch while the block runs."""
         names = engine.function_names()
-        wrappers: dict[str, Callable[[EngineFunction], EngineFunction]] = {
-            name: self._wrapper(name) for name in names
-        }
+        wrappers = {name: functools.partial(self._watched, name) for name in names}
         with engine.replaced(wrappers, engine.bindings()):
             yield
 
@@ -145,11 +140,10 @@ class EngineWatch:
         if installed:
             self._obstacles.append(f"installs a callback of the engine, {installed[0]}")
         version, model = self._versions.most_used()
-        plain_steps = self._plain_steps
         return Recording(
             tuple(self._traces),
-            plain_steps.checked if plain_steps else 0,
-            plain_steps.difference if plain_steps else None,
+            self._plain_steps.checked,
+            self._plain_steps.difference,
             self._versions.changes(),
             version,
             model,
@@ -157,33 +151,30 @@ class EngineWatch:
             self._other_calls,
         )
 
-    def _wrapper(self, name: str) -> Callable[[EngineFunction], EngineFunction]:
-        """Return what makes the replacement of a function."""
+    def _watched(self, name: str, function: EngineFunction) -> EngineFunction:
+        """Return the replacement of a function."""
 
-        def wrap(function: EngineFunction) -> EngineFunction:
-            def call(*arguments: Any, **keywords: Any) -> Any:
-                if name not in _WATCHED:
-                    self._other_calls |= self._current is not None
-                    return function(*arguments, **keywords)
-                if threading.get_ident() != self._thread:
-                    self._obstacles.append("steps the engine in threads of its own")
-                    return function(*arguments, **keywords)
-                if self._current is None:  # a reset, or Python that runs between steps
-                    return function(*arguments, **keywords)
-                given = (*arguments, *keywords.values())
-                model = next((a for a in given if isinstance(a, mujoco.MjModel)), None)
-                data = next((a for a in given if isinstance(a, mujoco.MjData)), None)
-                if model is None or data is None:
-                    return function(*arguments, **keywords)
-                nstep = _nstep(name, arguments, keywords)
-                self._before(name, nstep, model, data)
-                result = function(*arguments, **keywords)
-                self._after(nstep, model, data)
-                return result
+        def call(*arguments: Any, **keywords: Any) -> Any:
+            if name not in _WATCHED:
+                self._other_calls |= self._current is not None
+                return function(*arguments, **keywords)
+            if threading.get_ident() != self._thread:
+                self._obstacles.append("steps the engine in threads of its own")
+                return function(*arguments, **keywords)
+            if self._current is None:  # a reset, or Python that runs between steps
+                return function(*arguments, **keywords)
+            given = (*arguments, *keywords.values())
+            model = next((a for a in given if isinstance(a, mujoco.MjModel)), None)
+            data = next((a for a in given if isinstance(a, mujoco.MjData)), None)
+            if model is None or data is None:
+                return function(*arguments, **keywords)
+            nstep = _nstep(name, arguments, keywords)
+            self._before(name, nstep, model, data)
+            result = function(*arguments, **keywords)
+            self._after(nstep, model, data)
+            return result
 
-            return call
-
-        return wrap
+        return call
 
     def _before(self, name: str, nstep: int, model: Any, data: Any) -> None:
         """Note the state that a call begins with, and what was written since the call before."""
@@ -224,9 +215,8 @@ class EngineWatch:
         reader = self._reader(model)
         row = reader.read(model, data)
         if nstep:
-            if self._plain_steps is None or self._plain_steps.model is not model:
-                self._plain_steps = _PlainSteps(self._step, model, reader, self._plain_steps)
-            self._plain_steps.check(len(self._traces), self._last_row, row, nstep)
+            number = len(self._traces)
+            self._plain_steps.check(reader, model, self._last_row, row, nstep, number)
             trace.end = row
         self._last_row, self._last_data = row, data
 
@@ -263,38 +253,41 @@ class _OpenTrace:
 
 
 class _PlainSteps:
-    """Repeats calls with a model on an MjData of its own.
+    """Repeats calls on an MjData of its own.
 
     Attributes:
-      checked: calls that were repeated, those with earlier models included.
+      checked: calls that were repeated.
       difference: the first that differs, with the number of the environment's step.
     """
 
-    def __init__(
-        self,
-        step: EngineFunction,
-        model: Any,
-        reader: StateReader,
-        earlier: "_PlainSteps | None",
-    ):
-        self.model = model
-        self.checked: int = earlier.checked if earlier else 0
-        self.difference: tuple[int, Difference] | None = earlier.difference if earlier else None
-        self._step, self._data, self._reader = step, mujoco.MjData(model), reader
-        self._needs_reset = compat.has_sleep(model)
+    def __init__(self, step: EngineFunction):
+        self.checked = 0
+        self.difference: tuple[int, Difference] | None = None
+        self._step, self._needs_reset = step, False
+        self._model: Any = None
+        self._data: Any = None
 
-    def check(self, number: int, before: np.ndarray, after: np.ndarray, nstep: int) -> None:
+    def check(
+        self,
+        reader: StateReader,
+        model: Any,
+        before: np.ndarray,
+        after: np.ndarray,
+        nstep: int,
+        number: int,
+    ) -> None:
         """Take steps from a state, and compare with the state that the environment reached."""
+        if model is not self._model:
+            self._model, self._data = model, mujoco.MjData(model)
+            self._needs_reset = compat.has_sleep(model)
         if self._needs_reset:
-            mujoco.mj_resetData(self.model, self._data)
-        compat.set_state(self.model, self._data, before, self._reader.spec)
-        self._step(self.model, self._data, nstep)
-        reached = self._reader.read(self.model, self._data)
+            mujoco.mj_resetData(model, self._data)
+        compat.set_state(model, self._data, before, reader.spec)
+        self._step(model, self._data, nstep)
+        reached = reader.read(model, self._data)
         self.checked += 1
         if self.difference is None:
-            difference = agreement.first_differing_entry(
-                after[None], reached[None], self._reader.columns
-            )
+            difference = agreement.first_differing_entry(after[None], reached[None], reader.columns)
             if difference is not None:
                 self.difference = (number, difference)
 

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mjbench import paths
-from mjbench.environment.dm_control_release import ReleaseMismatch
+from mjbench.environment.construction import ReleaseMismatch
 from mjbench.environment.layer_shares import (
     LayerSamples,
     LayerShare,
@@ -175,11 +175,7 @@ class VectorSamples:
     ncore: PositiveInt | None = None
 
     def __post_init__(self) -> None:
-        """Check that each round has both times.
-
-        Raises:
-          ValueError: it has not.
-        """
+        """Check that each round has both times."""
         if len(self.ns) != len(self.single_ns):
             raise ValueError("ns and single_ns differ in length")
 
@@ -274,11 +270,7 @@ class EnvironmentRecord:
     no_vectors: str = ""
 
     def __post_init__(self) -> None:
-        """Check that what was timed is described, and that every round has all its times.
-
-        Raises:
-          ValueError: it is not.
-        """
+        """Check that what was timed is described, and that every round has all its times."""
         rounds = len(self.step_ns)
         if rounds and (self.facts is None or self.timer_cost is None or not self.layers):
             raise ValueError(

@@ -13,18 +13,18 @@ from typing import Any
 
 import numpy as np
 
+from mjbench.comparison.messages import AgreementReport
 from mjbench.comparison.plan import Variant
 from mjbench.environment import (
     adapters,
     construction,
-    dm_control_release,
     engine,
     physics_comparison,
     workload,
 )
 from mjbench.environment.adapters import EnvironmentAdapter
 from mjbench.environment.model_changes import ModelChange
-from mjbench.environment.passes import EnvironmentPasses, LayeredPass, Pass
+from mjbench.environment.passes import EnvironmentPasses, Pass, send_rounds
 from mjbench.environment.physics_comparison import PhysicsComparison
 from mjbench.environment.recording import EngineWatch, Recording, StepTrace
 from mjbench.environment.records import EnvironmentFacts, PhysicsCheck
@@ -43,28 +43,36 @@ from mjbench.status import Status
 _FIRST_NSTEP, _WARM_UP_NSTEP, _WARM_UP_S = 5, 50, 1.0
 # Steps of a pass unless the user says: as many as take this long, within these bounds.
 PASS_S, LEAST_NSTEP, MOST_NSTEP = 0.1, 50, 1000
-# The fewest and most rounds; a 95 % interval needs six.
-LEAST_ROUNDS, MOST_ROUNDS = 7, 100
-# A child may be silent for this many times as long as its work should take.
-_PATIENCE = 20
 # Seconds between two messages that allow the child further silence.
 _HEARTBEAT_S = 1.0
 
 
 @dataclass(frozen=True)
-class EnvironmentRequest:
-    """An environment to measure.
+class EnvironmentPlan:
+    """What is measured of an environment.
 
     Attributes:
-      nstep: steps of the environment; None to choose them.
-      variants: paths to compare it with, the plain loop first.
+      nstep: steps of it in a pass; None to choose them.
+      nenv: numbers of environments in vectorised forms; none for no such forms.
+      budget_s: seconds for all rounds of the environment, and again for those of vectorised forms.
+      limit_s: a child that is silent for longer is killed.
     """
 
-    source: EnvironmentSource
-    seed: int
     nstep: int | None
-    variants: tuple[Variant, ...]
+    seed: int
+    threads: tuple[int, ...]
+    nenv: tuple[int, ...]
     budget_s: float
+    limit_s: float
+
+
+@dataclass(frozen=True)
+class EnvironmentRequest:
+    """An environment to measure, and the paths to compare it with, the plain loop first."""
+
+    source: EnvironmentSource
+    plan: EnvironmentPlan
+    variants: tuple[Variant, ...]
 
     @property
     def most_threads(self) -> int:
@@ -74,11 +82,7 @@ class EnvironmentRequest:
 
 @dataclass(frozen=True)
 class EnvironmentReady:
-    """What was recorded of an environment, and whether a plain loop does its physics.
-
-    Attributes:
-      timer_cost: what a call of a timed function costs at least.
-    """
+    """What was recorded of an environment, and whether a plain loop does its physics."""
 
     facts: EnvironmentFacts
     check: PhysicsCheck
@@ -97,7 +101,6 @@ class EnvironmentRound:
       timer_ns: by which a step of it took longer than the same one of the plain pass; the median.
       layers: what each function took in all steps of it.
       path_ns: of each path, by the index of its variant.
-      cores: that threads got.
     """
 
     step_ns: float
@@ -110,33 +113,26 @@ class EnvironmentRound:
     cores: float
 
 
-@dataclass(frozen=True)
-class PathDisagreed:
-    """A timed block of a path did not reach the states of the plain loop."""
-
-    index: int
-    detail: str
-
-
 def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
     """Measure one environment.
 
     Messages: `EnvironmentReady`; where a plain loop does its physics, an `AgreementReport` per
-    variant; an `EnvironmentRound` for each round; `PathDisagreed` for each path that was wrong.
+    variant; an `EnvironmentRound` for each round; another `AgreementReport` for each path of which
+    a timed block did not reach the states of the plain loop.
     """
     channel.doing("making the environment")
     adapter = adapters.adapt(construction.make(request.source))
     channel.doing("stepping the environment")
     heartbeat = _heartbeat(channel)
-    nstep = request.nstep or _affordable_nstep(adapter, request.seed, heartbeat)
-    actions = _actions(adapter, nstep, request.seed)
-    passes = EnvironmentPasses(adapter, actions, request.seed)
+    seed = request.plan.seed
+    nstep = request.plan.nstep or _affordable_nstep(adapter, seed, heartbeat)
+    passes = EnvironmentPasses(adapter, _actions(adapter, nstep, seed), seed)
     channel.doing("recording the steps of the environment")
     times, recording = _recorded(passes, heartbeat)
     _check_steps_engine(recording, nstep)
     unrepeated = _unrepeated(times, recording, *_recorded(passes, heartbeat))
-    physics = _physics_alone(recording, unrepeated, request.seed, request.most_threads)
-    facts = _facts(adapter, recording, times, request.seed, unrepeated)
+    physics = _physics_alone(recording, unrepeated, seed, request.most_threads)
+    facts = _facts(adapter, recording, times, seed, unrepeated)
     check = _check(recording, physics)
     channel.send(EnvironmentReady(facts, check, tuple(recording.changes), measure_cost()))
     comparison = None
@@ -190,11 +186,7 @@ def _affordable_nstep(adapter: EnvironmentAdapter, seed: int, heartbeat: Callabl
 
 
 def _check_steps_engine(recording: Recording, nstep: int) -> None:
-    """Refuse an environment that does not step MuJoCo's engine.
-
-    Raises:
-      InputError: it does not.
-    """
+    """Refuse an environment that does not step MuJoCo's engine."""
     if any(trace is not None for trace in recording.steps):
         return
     if recording.obstacle:
@@ -253,7 +245,7 @@ def _facts(
         episode_nstep=float(np.mean(times.lengths)) if times.lengths else None,
         repeats=not unrepeated,
         unrepeated=unrepeated,
-        dm_control_release=dm_control_release.mismatch(),
+        dm_control_release=construction.dm_control_mismatch(),
         frame_skip=counts.pop() if len(counts) == 1 else None,
         calls=_calls(traces[0]),
         entered=sorted({name for trace in traces if trace.follows for name in trace.entered}),
@@ -284,20 +276,11 @@ def _time(
 ) -> None:
     """Time rounds until the budget is used; send each."""
     turns = _Turns(passes, comparison, request, channel)
-    begin = time.perf_counter()
-    turns.round()  # touches all memory
-    channel.allow_silence(_PATIENCE * (time.perf_counter() - begin))
-    begin, longest_s = time.perf_counter(), 0.0
-    for number in range(MOST_ROUNDS):
-        round_begin = time.perf_counter()
-        if number >= LEAST_ROUNDS and round_begin - begin + longest_s > request.budget_s:
-            break
-        channel.send(turns.round())
-        longest_s = max(longest_s, time.perf_counter() - round_begin)
-        channel.allow_silence(_PATIENCE * longest_s)
+    send_rounds(turns.round, request.plan.budget_s, channel)
     if comparison is not None:
         for index, difference in comparison.differences.items():
-            channel.send(PathDisagreed(index, f"in a timed block: {difference}"))
+            detail = f"in a timed block: {difference}"
+            channel.send(AgreementReport(index, Status.DISAGREES, detail))
         comparison.close()
 
 
@@ -314,46 +297,40 @@ class _Turns:
         self._passes, self._comparison = passes, comparison
         self._variants, self._channel = request.variants, channel
         self._elsewhere = engine.bindings()
-        self._random = random.Random(request.seed)
-        self._rng = np.random.default_rng([request.seed, 6])
+        self._random = random.Random(request.plan.seed)
+        self._rng = np.random.default_rng([request.plan.seed, 6])
         cores = min(machine.usable_cores(), request.most_threads)
         self._calibration = machine.Calibration(cores) if cores > 1 and comparison else None
 
     def round(self) -> EnvironmentRound:
         """Time both passes and every path once, in random order."""
-        passes: list[tuple[Pass, LayeredPass]] = []
+        passes: list[tuple[Pass, Pass]] = []
         path_ns: dict[int, float] = {}
         cores: list[float] = []
         turns: list[Callable[[], None]] = [
             lambda: passes.append(self._both_passes()),
             lambda: cores.append(self._cores()),
         ]
-        if self._comparison is not None:
-            self._comparison.reorder(self._rng)
-            turns += [self._path_turn(index, path_ns) for index in self._comparison.prepared]
+        comparison = self._comparison
+        if comparison is not None:
+            comparison.reorder(self._rng)
+            turns += [self._path_turn(comparison, i, path_ns) for i in comparison.prepared]
         self._random.shuffle(turns)
         for turn in turns:
             turn()
-        return self._result(*passes[0], path_ns, cores[0])
-
-    def _result(
-        self, plain: Pass, layered: LayeredPass, path_ns: Mapping[int, float], cores: float
-    ) -> EnvironmentRound:
-        compared = None
-        if self._comparison is not None:
-            compared = float(plain.step_ns[self._comparison.physics.numbers].mean())
+        ((plain, layered),) = passes
         return EnvironmentRound(
             float(plain.step_ns.mean()),
-            compared,
+            float(plain.step_ns[comparison.physics.numbers].mean()) if comparison else None,
             float(np.mean(plain.reset_ns)),
-            float(layered.times.step_ns.mean()),
-            float(np.median(layered.times.step_ns - plain.step_ns)),
+            float(layered.step_ns.mean()),
+            float(np.median(layered.step_ns - plain.step_ns)),
             tuple(layered.layers),
             path_ns,
-            cores,
+            cores[0],
         )
 
-    def _both_passes(self) -> tuple[Pass, LayeredPass]:
+    def _both_passes(self) -> tuple[Pass, Pass]:
         self._channel.doing("timing the environment")
         return self._passes.side_by_side(self._elsewhere, self._random)
 
@@ -366,13 +343,13 @@ class _Turns:
         )
         return self._calibration.cores(single_s, together_s)
 
-    def _path_turn(self, index: int, path_ns: dict[int, float]) -> Callable[[], None]:
+    def _path_turn(
+        self, comparison: PhysicsComparison, index: int, path_ns: dict[int, float]
+    ) -> Callable[[], None]:
         """Return a function that times a path, and stores its time by its index."""
-        comparison = self._comparison
-        assert comparison is not None, "there is a comparison"
 
         def turn() -> None:
             self._channel.doing(f"timing {self._variants[index]}", index)
-            path_ns[index] = 1e9 * comparison.block_s(index) / comparison.env_steps()
+            path_ns[index] = 1e9 * comparison.block_s(index) / len(comparison.physics.numbers)
 
         return turn

@@ -57,9 +57,6 @@ class EnvironmentSource:
 def resolve(name: str, folder: Path) -> EnvironmentSource:
     """Return where the environment called `name` comes from.
 
-    Args:
-      folder: that the user's modules are imported from.
-
     Raises:
       InputError: the name has none of the forms of an environment's name.
     """

@@ -50,8 +50,6 @@ class LayerTime:
     """What one function, or the lines of the step itself, took in a pass.
 
     Attributes:
-      name: of the function or wrapper.
-      calls: of it.
       timed_calls: calls of it that were timed, and so cost inside it.
       inner_calls: timed calls of other functions, which cost it what they cost outside.
       ns: nanoseconds, without those of functions that it calls and that are timed, too.
@@ -185,12 +183,7 @@ def _nothing() -> None:
 
 @contextlib.contextmanager
 def engine_timed(timer: LayerTimer, elsewhere: Sequence[Binding]) -> Iterator[None]:
-    """Time the engine's functions while the block runs.
-
-    Args:
-      timer: to charge.
-      elsewhere: names of these functions in other modules.
-    """
+    """Time the engine's functions while the block runs."""
 
     def wrapper(name: str) -> Callable[[EngineFunction], EngineFunction]:
         layer = Layer.PHYSICS if name in STEPPING else Layer.ENGINE

@@ -44,12 +44,7 @@ class PhysicsAlone:
 
 
 def alone(recording: Recording, seed: int, nthread: int) -> PhysicsAlone | str:
-    """Return the physics of a recording; or why a plain loop cannot do it, in one line.
-
-    Args:
-      recording: of an environment that steps the engine.
-      nthread: threads that should have something to do.
-    """
+    """Return the physics of a recording; or why a plain loop cannot do it, in one line."""
     if recording.obstacle:
         return f"the environment {recording.obstacle}"
     if recording.difference is not None:

@@ -79,11 +79,7 @@ class ChildProcess(ABC):
 
 
 class Child(ChildProcess):
-    """A program that this process started.
-
-    Attributes:
-      process: the child itself.
-    """
+    """A program that this process started."""
 
     def __init__(
         self,
@@ -96,8 +92,6 @@ class Child(ChildProcess):
         """Start the command.
 
         Args:
-          command: program and arguments.
-          env: its environment variables; None for those of this process.
           preexec_fn: called in the child before the program starts.
 
         Raises:

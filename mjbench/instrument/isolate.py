@@ -3,42 +3,32 @@
 The parent calls `run`; the child calls `child_main`. The request and the messages
 that the child sends back are frozen dataclasses, pickled; both sides are the same code. The child
 works in an empty folder (MuJoCo writes log files into the current one), and it dies with the
-parent. Messages have a pipe of their own: all that the child writes to its output goes to a log.
+parent. Messages have a connection of their own: all that the child writes to its output goes to a
+log.
 """
 
 import contextlib
 import importlib
 import json
 import os
-import pickle
-import selectors
 import signal
-import struct
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from mjbench.errors import InputError, MachineError, failure_of, one_line, writing
-from mjbench.instrument import child, scratch
+from mjbench.errors import InputError, MachineError, failure_of
+from mjbench.instrument import child, child_connection, scratch
+from mjbench.instrument.child_connection import ChildConnection, ChildError
 from mjbench.status import Status
 
 _ACTIVITY = "activity.json"
 _LOG = "output.txt"
-# A message is this header and its pickle. The header holds a fixed word, which other bytes in the
-# pipe hardly have, and the length of the pickle in bytes.
-_HEADER, _WORD = struct.Struct("<4sI"), b"mjb\n"
-# No message is nearly as long.
-_MAX_MESSAGE_BYTES = 1 << 26
-# The child's program; its arguments are the task, the pipe for messages, and the parent.
+# The child's program; its arguments are the task, the connection, and the parent.
 _CHILD = "import sys; from mjbench.instrument.isolate import child_main; child_main(*sys.argv[1:])"
-# How often a child's memory is checked, in seconds.
-_MEMORY_CHECK_S = 0.2
-# A child that has closed its pipe has ended, or does within this many seconds.
-_EXIT_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -88,25 +78,23 @@ class _SilenceAllowed:
     seconds: float
 
 
-class _GarbageError(Exception):
-    """What came through the pipe is not a message."""
-
-
 class Channel:
     """The child's side of the conversation."""
 
     def __init__(self, descriptor: int):
-        self._out = os.fdopen(descriptor, "wb")
+        self._connection = Connection(descriptor)
         self._pid = os.getpid()
         self._activity_file = Path.cwd() / _ACTIVITY  # the task may change the folder
+
+    def receive(self) -> Any:
+        """Return the request."""
+        return self._connection.recv()
 
     def send(self, message: object) -> None:
         """Send a message, a frozen dataclass, to the parent."""
         if os.getpid() != self._pid:  # a fork that the task did not end, and that runs on
             os._exit(1)
-        content = pickle.dumps(message)
-        self._out.write(_HEADER.pack(_WORD, len(content)) + content)
-        self._out.flush()
+        self._connection.send(message)
 
     def allow_silence(self, seconds: float) -> None:
         """Extend the time limit until the next message to `seconds`; it is never shortened."""
@@ -150,131 +138,53 @@ def run(
       MachineError: no process can be started, or its files cannot be written.
     """
     with scratch.folder() as folder:
-        reader, process = _start(task, folder, _environment(import_from, environment or {}))
+        connection = child_connection.start(
+            lambda descriptor: [
+                *(sys.executable, "-c", _CHILD, task, str(descriptor), str(os.getpid()))
+            ],
+            folder / _LOG,
+            limit_s,
+            stdin=subprocess.DEVNULL,
+            cwd=folder,
+            env=_environment(import_from, environment or {}),
+        )
         try:
-            end = _converse(process.process, reader, request, on_message, limit_s, memory_bytes)
+            end = _converse(connection, request, on_message, limit_s, memory_bytes)
         finally:
-            process.end()
-            os.close(reader)
-            with contextlib.suppress(OSError):  # a request that was never read
-                assert process.process.stdin is not None
-                process.process.stdin.close()
+            connection.end()
         return end if end.status in (Status.OK, Status.INPUT) else _located(end, folder)
 
 
-def _start(task: str, folder: Path, environment: Mapping[str, str]) -> tuple[int, child.Child]:
-    """Start the child in a folder; return the pipe that its messages come from, and the child."""
-    try:
-        reader, writer = os.pipe()
-    except OSError as error:
-        raise MachineError(f"cannot start a process: {one_line(error)}") from error
-    try:
-        with writing(folder / _LOG), (folder / _LOG).open("wb") as log:
-            process = child.Child(
-                [sys.executable, "-c", _CHILD, task, str(writer), str(os.getpid())],
-                stdin=subprocess.PIPE,
-                stdout=log,
-                stderr=log,
-                cwd=folder,
-                env=environment,
-                pass_fds=[writer],
-            )
-    except BaseException:
-        os.close(reader)
-        raise
-    finally:
-        os.close(writer)
-    return reader, process
-
-
 def _converse(
-    process: "subprocess.Popen[bytes]",
-    reader: int,
+    connection: ChildConnection,
     request: object,
     on_message: Callable[[Any], None],
     limit_s: float,
     memory_bytes: int | None,
 ) -> Ended:
-    assert process.stdin is not None
-    with contextlib.suppress(BrokenPipeError):
-        process.stdin.write(pickle.dumps(request))
-        process.stdin.close()
+    def watch() -> None:
+        assert memory_bytes is not None, "nothing else is watched"
+        if child.memory_bytes(connection.process.pid) > memory_bytes:
+            cause = f"took more than {memory_bytes / 2**30:.1f} GiB of memory, killed"
+            raise connection.failure(Status.FAILED, cause)
+
+    with contextlib.suppress(OSError):  # a dead child is reported when its answer is read
+        connection.connection.send(request)
+    limit = limit_s
     try:
-        for message in _messages(process.pid, reader, limit_s, memory_bytes):
+        while True:
+            content = connection.receive(limit, watch=watch if memory_bytes else None)
+            message = connection.unpickled(content)
             if isinstance(message, Ended):
                 return message
-            on_message(message)
-        return Ended(Status.CRASHED, child.describe_exit(process.wait(_EXIT_S)))
-    except _GarbageError as error:
-        return Ended(Status.CRASHED, f"sent an invalid message ({error}), killed")
-    except subprocess.TimeoutExpired:
-        return Ended(Status.CRASHED, "closed the pipe for its messages, killed")
-
-
-def _messages(pid: int, reader: int, limit_s: float, memory_bytes: int | None) -> Iterator[Any]:
-    """Yield the child's messages as they come; the last is an `Ended`, unless the child died.
-
-    A child that is silent for too long, or takes too much memory, is an end of its own.
-
-    Raises:
-      _GarbageError: something else than a message came.
-    """
-    pending, limit = b"", limit_s
-    with selectors.DefaultSelector() as selector:
-        selector.register(reader, selectors.EVENT_READ)
-        deadline, memory_checked = time.monotonic() + limit, 0.0
-        while True:
-            wait = max(0.0, deadline - time.monotonic())
-            ready = selector.select(wait if memory_bytes is None else min(wait, _MEMORY_CHECK_S))
-            now = time.monotonic()
-            if memory_bytes is not None and now - memory_checked >= _MEMORY_CHECK_S:
-                memory_checked = now
-                if child.memory_bytes(pid) > memory_bytes:
-                    detail = f"took more than {memory_bytes / 2**30:.1f} GiB of memory, killed"
-                    yield Ended(Status.FAILED, detail)
-                    return
-            if not ready:
-                if now < deadline:
-                    continue
-                detail = f"no answer within {limit:.3g} s, killed (--time-limit)"
-                yield Ended(Status.TIMEOUT, detail)
-                return
-            chunk = os.read(reader, 1 << 16)
-            if not chunk:
-                return
-            messages, pending = _split(pending + chunk)
-            for message in messages:
-                allowed = isinstance(message, _SilenceAllowed)
-                limit = max(limit_s, message.seconds) if allowed else limit_s
-                deadline = time.monotonic() + limit
-                if not allowed:
-                    yield message
-
-
-def _split(content: bytes) -> tuple[list[Any], bytes]:
-    """Return the whole messages at the beginning of `content`, and the bytes after them.
-
-    Raises:
-      _GarbageError: it begins with something else.
-    """
-    messages = []
-    while len(content) >= _HEADER.size:
-        word, length = _HEADER.unpack_from(content)
-        if word != _WORD or length > _MAX_MESSAGE_BYTES:
-            raise _GarbageError(one_line(repr(content[:20])))
-        end = _HEADER.size + length
-        if len(content) < end:
-            break
-        messages.append(_unpickled(content[_HEADER.size : end]))
-        content = content[end:]
-    return messages, content
-
-
-def _unpickled(content: bytes) -> Any:
-    try:
-        return pickle.loads(content)
-    except Exception as error:  # damaged bytes raise whatever they spell
-        raise _GarbageError(f"{type(error).__name__}: {one_line(error, 100)}") from error
+            if isinstance(message, _SilenceAllowed):
+                limit = max(limit_s, message.seconds)
+            else:
+                limit = limit_s
+                on_message(message)
+    except ChildError as error:
+        hint = ", killed (--time-limit)" if error.ending == Status.TIMEOUT else ""
+        return Ended(error.ending, error.cause + hint)
 
 
 def _located(end: Ended, folder: Path) -> Ended:
@@ -298,17 +208,13 @@ def _environment(import_from: str | None, others: Mapping[str, str | None]) -> d
 
 
 def child_main(task: str, descriptor: str, parent: str) -> None:
-    """Be the child: call the task, and say how it ended.
-
-    Args:
-      descriptor: of the pipe for messages.
-    """
+    """Be the child: call the task, and say how it ended."""
     child.die_with_parent(int(parent))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.set_inheritable(int(descriptor), False)
     channel = Channel(int(descriptor))
     try:
-        request = pickle.load(sys.stdin.buffer)
+        request = channel.receive()
         module, _, function = task.partition(":")
         getattr(importlib.import_module(module), function)(request, channel)
         end = Ended(Status.OK)

@@ -4,10 +4,11 @@ While the block runs, calls of `mujoco.mj_step` and `mujoco.mj_step2` pass throu
 of Gymnasium and dm_control. The program itself does not change: it takes the same steps, to the
 last bit, raises the same exceptions and draws the same random numbers. At most `max_states` states
 are stored, in windows of `nstep` consecutive steps that are spread evenly over the run (see
-`window_sample`), each with the controls that led to it. docs/formats.md describes the file.
+`WindowSample`), each with the controls that led to it. docs/formats.md describes the file.
 """
 
 import contextlib
+import copy
 import os
 import sys
 import warnings
@@ -32,12 +33,7 @@ MAX_STATES, WINDOW_NSTEP = 10_000, 100
 
 @dataclass(frozen=True)
 class OtherModel:
-    """A model that the program stepped, too, and whose states are not in the file.
-
-    Attributes:
-      name: of the model; empty where it has none.
-      steps: that it took.
-    """
+    """A model that the program stepped, too, and whose states are not in the file."""
 
     name: str
     steps: int
@@ -162,14 +158,9 @@ class Capture(contextlib.ContextDecorator):
 
     def _recreate_cm(self) -> "Capture":
         """Return a new one, for each call of a decorated function."""
-        return Capture(
-            self._file,
-            model=self._model,
-            data=self._data,
-            max_states=self._max_states,
-            nstep=self._nstep,
-            save_model=self._model_file,
-        )
+        new = copy.copy(self)
+        new._block = None
+        return new
 
     def __enter__(self) -> "Capture":
         """Begin to capture.
@@ -182,12 +173,9 @@ class Capture(contextlib.ContextDecorator):
             raise InputError("this capture has begun already; make another one")
         # absolute now, because the program may change its folder
         model_file = None if self._model_file is None else _writable(self._model_file)
-        self._block = _Block(_writable(self._file), model_file)
+        recorder = StepRecorder(self._max_states, self._nstep, self._model, self._data)
+        self._block = _Block(_writable(self._file), model_file, recorder)
         self.result = None
-        recorder = StepRecorder(
-            self._max_states, self._nstep, self._model, self._data, self._block.save_model_beside
-        )
-        self._block.begin(recorder)
         return self
 
     def __exit__(
@@ -215,28 +203,24 @@ class Capture(contextlib.ContextDecorator):
 
 
 class _Block:
-    """What is captured from one entry to its end."""
+    """What is captured from one entry to its end, while MuJoCo's functions pass a recorder."""
 
-    def __init__(self, file: Path, model_file: Path | None):
-        self._file, self._model_file = file, model_file
-        self._recorder: StepRecorder
+    def __init__(self, file: Path, model_file: Path | None, recorder: StepRecorder):
+        self._file, self._model_file, self._recorder = file, model_file, recorder
         self._pid = os.getpid()
         self._saved: dict[RecordedModel, Path] = {}
         self._failure: MachineError | None = None
+        if model_file is not None:
+            recorder.on_model = self._save_model_beside
         self._replaced = contextlib.ExitStack()
-
-    def begin(self, recorder: StepRecorder) -> None:
-        """Have MuJoCo's stepping functions pass through a recorder."""
-        self._recorder = recorder
         self._replaced.enter_context(engine_functions.replaced(recorder.wrappers()))
 
-    def save_model_beside(self, recorded: RecordedModel, model: mujoco.MjModel) -> None:
-        """Save a model beside its file, if that was asked for; `end` keeps the one of the states.
+    def _save_model_beside(self, recorded: RecordedModel, model: mujoco.MjModel) -> None:
+        """Save a model beside its file; `end` keeps the one of the states.
 
         A disk that is full is reported when the block ends, not to the program.
         """
-        if self._model_file is None:
-            return
+        assert self._model_file is not None, "it was asked for"
         try:
             with writing(self._model_file):
                 self._saved[recorded] = files.create_beside(self._model_file)
@@ -248,9 +232,6 @@ class _Block:
         """Put MuJoCo's functions back, and write the files; return what is in them.
 
         A forked child that leaves the block writes nothing, and returns None.
-
-        Raises:
-          MachineError: a file cannot be written.
         """
         self._replaced.close()
         if os.getpid() != self._pid:
@@ -264,14 +245,12 @@ class _Block:
     def _written(self) -> Captured:
         models, others = self._recorder.models(), self._recorder.other_nstep()
         unseen = tuple(_modules_with_own_functions())
-        if not models:
-            return Captured(None, others=_others(others, []), unseen=unseen)
-        recorded, *rest = models
-        windows = recorded.windows()
-        header = _header(recorded, windows)
+        windows = models[0].windows() if models else []
         segments = [segment for window in windows for segment in window.steps.segments()]
-        if not segments:  # every step diverged, or raised
+        if not segments:  # no step was seen, or each diverged or raised
             return Captured(None, others=_others(others, models), unseen=unseen)
+        recorded, *rest = models
+        header = _header(recorded, windows)
         with (
             writing(self._file),
             files.replacing(self._file) as partial,
@@ -334,25 +313,17 @@ def _modules_with_own_functions() -> list[str]:
 
 
 def _save_model(model: mujoco.MjModel, partial: Path, file: Path) -> None:
-    """Save a compiled model to `partial`, which is to become `file`.
-
-    Raises:
-      MachineError: it cannot be saved; MuJoCo does not report a disk that is full.
-    """
+    """Save a compiled model to `partial`, which is to become `file`."""
     try:
         mujoco.mj_saveModel(model, str(partial), None)
     except Exception as error:  # MuJoCo raises ValueError, FatalError, and others by release
         raise MachineError(f"cannot write {file}: {one_line(error)}") from error
-    if partial.stat().st_size < mujoco.mj_sizeModel(model):
+    if partial.stat().st_size < mujoco.mj_sizeModel(model):  # MuJoCo does not report this
         raise MachineError(f"cannot write {file}: is the disk full?")
 
 
 def _with_ending(file: str | os.PathLike[str], ending: str, what: str) -> Path:
-    """Return a path.
-
-    Raises:
-      InputError: it has another ending.
-    """
+    """Return a path; refuse one with another ending."""
     path = Path(file)
     if path.suffix != ending:
         raise InputError(f"{shown(str(path))}: {what} ends in {ending}")
@@ -360,11 +331,7 @@ def _with_ending(file: str | os.PathLike[str], ending: str, what: str) -> Path:
 
 
 def _writable(file: Path) -> Path:
-    """Return the absolute path of a file, which can be written.
-
-    Raises:
-      MachineError: it cannot.
-    """
+    """Return the absolute path of a file; refuse one that cannot be written."""
     file = Path(os.path.realpath(file))
     with writing(file):
         if file.exists():

@@ -2,43 +2,42 @@
 
 import ast
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 from mjbench.loop.name_bindings import NameBindings
 from mjbench.loop.python_source import Program
-from mjbench.loop.script_names import dotted_name, nodes_inside
-from mjbench.loop.stepping_script import SteppingScript
+from mjbench.loop.script_syntax import dotted_name, nodes_inside
+from mjbench.loop.stepping_script import Loop, SteppingScript
 
-Loop = ast.For | ast.While
 DATA, MODEL = "mujoco.MjData", "mujoco.MjModel"
 # Which argument of mj_step is of which type.
 _STEP_ARGUMENTS = {MODEL: 0, DATA: 1}
 _STEPS = {"mujoco.mj_step", "mujoco.mj_step1", "mujoco.mj_step2"}
 
 
+@dataclass(frozen=True, eq=False)
 class CertainNames:
-    """What is known of the names of a script.
+    """What is known of the names of a script."""
 
-    Attributes:
-      bindings: where they are bound.
-      commands: of IPython, each on its line; the other lines are empty.
-    """
+    program: Program
+    script: SteppingScript
 
-    def __init__(self, program: Program, script: SteppingScript):
-        """Look at a script.
+    @property
+    def bindings(self) -> NameBindings:
+        """Where they are bound."""
+        return self.script.bindings
 
-        Args:
-          program: the script.
-          script: what follows from its syntax.
-        """
-        self.bindings: NameBindings = script.bindings
-        self.commands = [n.text if n.text != n.python else "" for n in program.lines]
-        self._parents = script.parents
-        self._has_subclass = any(
-            self.bindings.origin(dotted_name(base)) in (DATA, MODEL)
-            for node in ast.walk(program.tree)
-            if isinstance(node, ast.ClassDef)
-            for base in node.bases
-        )
+    @cached_property
+    def commands(self) -> Sequence[str]:
+        """The commands of IPython, each on its line; the other lines are empty."""
+        return [line.text if line.text != line.python else "" for line in self.program.lines]
+
+    @cached_property
+    def _has_subclass(self) -> bool:
+        bases = (b for n in self.script.nodes if isinstance(n, ast.ClassDef) for b in n.bases)
+        return any(self.bindings.origin(dotted_name(base)) in (DATA, MODEL) for base in bases)
 
     def is_in_command(self, name: str) -> bool:
         """Return whether a command of IPython names a name."""
@@ -56,31 +55,21 @@ class CertainNames:
         return reason
 
     def is_certainly(self, name: str, kind: str, loop: Loop) -> bool:
-        """Return whether a name in a loop is an MjData, or an MjModel, of mujoco.
-
-        Args:
-          name: the name.
-          kind: `DATA` or `MODEL`.
-          loop: the loop.
-        """
+        """Return whether a name in a loop is an MjData, or an MjModel, of mujoco: of `kind`."""
         if self._has_subclass:  # which may do anything for `joint(…)`
             return False
         index = _STEP_ARGUMENTS[kind]
-        for node in nodes_inside(loop):
-            if (
-                isinstance(node, ast.Call)
-                and self.bindings.origin(dotted_name(node.func)) in _STEPS
-                and len(node.args) > index
-                and dotted_name(node.args[index]) == name
-            ):
-                return True
+        calls = (node for node in nodes_inside(loop) if isinstance(node, ast.Call))
+        steps = (call for call in calls if self.bindings.origin(dotted_name(call.func)) in _STEPS)
+        if any(name in map(dotted_name, step.args[index : index + 1]) for step in steps):
+            return True
         owner = self.bindings.owner(name, loop)
         nodes = self.bindings.bindings(name, owner) if owner is not None else ()
         return bool(nodes) and all(self._is_assigned(node, kind) for node in nodes)
 
     def _is_assigned(self, target: ast.AST, kind: str) -> bool:
         """Return whether a binding assigns a new MjData, or a loaded MjModel."""
-        statement = self._parents[target]
+        statement = self.script.parents[target]
         if not isinstance(statement, ast.Assign | ast.AnnAssign):
             return False
         if not isinstance(statement.value, ast.Call):

@@ -1,76 +1,43 @@
 """A stepping loop with a habit in it, compiled as a careful user would have written it."""
 
-import dataclasses
 import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import ModuleType
 from typing import Any
 
 import mujoco
 import numpy as np
-from mujoco import MjData, MjModel  # LoopNames.mujoco hides the module from annotations
 
 from mjbench.loop.habits import Habit
 from mjbench.simulation import compat
 from mjbench.simulation.workload import reset_to_start, start_data
 
+Start = Callable[[mujoco.MjModel, mujoco.MjData], None]
 
-@dataclass(frozen=True, eq=False)
-class LoopNames:
-    """The names that a habit's snippets may use.
 
-    Attributes:
-      mujoco: the module.
-      np: NumPy.
-      mj_step: `mujoco.mj_step`.
-      start: brings `data` to a start state, as `start(model, data)`.
-      model: that is stepped.
-      data: its MjData; a snippet may assign another one.
-      nstep: steps of a run of the loop.
-      spec: mjSTATE_INTEGRATION.
-      joint_id: number of the first joint that has a name; 0 if none has.
-      joint_name: that joint's name; empty if it has none.
-      file: path of the model's file, for habits that need its spec.
+def loop_names(
+    model: mujoco.MjModel, nstep: int, file: str, start: Start = reset_to_start
+) -> dict[str, Any]:
+    """Return the names that a habit's snippets may use, by their spelling.
+
+    `joint_id` is the first joint that has a name, and 0 if none has. A snippet may assign another
+    MjData to `data`.
     """
-
-    mujoco: ModuleType
-    np: ModuleType
-    mj_step: Callable[..., None]
-    start: Callable[[MjModel, MjData], None]
-    model: MjModel
-    data: MjData
-    nstep: int
-    spec: int
-    joint_id: int
-    joint_name: str
-    file: str
-
-    @classmethod
-    def of(
-        cls,
-        model: MjModel,
-        nstep: int,
-        file: str,
-        start: Callable[[MjModel, MjData], None] = reset_to_start,
-    ) -> "LoopNames":
-        """Return the names for a model, with a new MjData."""
-        data = start_data(model)
-        joints = [model.joint(i).name for i in range(model.njnt)]
-        joint_id = next((i for i, name in enumerate(joints) if name), 0)
-        return cls(
-            mujoco=mujoco,
-            np=np,
-            mj_step=mujoco.mj_step,
-            start=start,
-            model=model,
-            data=data,
-            nstep=nstep,
-            spec=compat.state_spec("INTEGRATION"),
-            joint_id=joint_id,
-            joint_name=joints[joint_id],
-            file=file,
-        )
+    joints = [model.joint(i).name for i in range(model.njnt)]
+    joint_id = next((i for i, name in enumerate(joints) if name), 0)
+    return {
+        "mujoco": mujoco,
+        "np": np,
+        "mj_step": mujoco.mj_step,
+        "start": start,
+        "model": model,
+        "data": start_data(model),
+        "nstep": nstep,
+        "spec": compat.state_spec("INTEGRATION"),
+        "joint_id": joint_id,
+        "joint_name": joints[joint_id],
+        "file": file,
+    }
 
 
 @dataclass(frozen=True)
@@ -107,22 +74,18 @@ def make({names}):
 
 def compile_loop(
     habit: Habit,
-    model: MjModel,
+    model: mujoco.MjModel,
     nstep: int,
     file: str = "",
-    start: Callable[[MjModel, MjData], None] = reset_to_start,
+    start: Start = reset_to_start,
 ) -> CompiledLoop:
-    """Return the loop with a habit in it.
+    """Return the loop with a habit in it, of `nstep` steps from where `start` brings an MjData.
 
-    Args:
-      habit: whose snippets are compiled.
-      model: that is stepped.
-      nstep: steps of a run.
-      file: path of the model's file; habits that need the model's spec cannot do without.
-      start: brings model and data to where a run starts.
+    Habits that need the model's spec need the path of its file.
     """
+    names = loop_names(model, nstep, file, start)
     text = _PROGRAM.format(
-        names=", ".join(field.name for field in dataclasses.fields(LoopNames)),
+        names=", ".join(names),
         setup=textwrap.indent(habit.setup, " " * 4),
         before_run=textwrap.indent(habit.before_run, " " * 8),
         steps=textwrap.indent(_steps(habit), " " * 8),
@@ -131,7 +94,7 @@ def compile_loop(
     )
     namespace: dict[str, Any] = {}
     exec(compile(text, f"<{habit.name}>", "exec"), namespace)
-    run, value, loop_locals = namespace["make"](**vars(LoopNames.of(model, nstep, file, start)))
+    run, value, loop_locals = namespace["make"](**names)
     # A view such as `robot.joints` does not keep its spec alive; in a script, the script's own
     # names do. Here the function does.
     run.keeps_alive = loop_locals
@@ -139,7 +102,7 @@ def compile_loop(
 
 
 def script(habit: Habit) -> str:
-    """Return the loop as lines of a script in which the `LoopNames` are defined."""
+    """Return the loop as lines of a script in which the `loop_names` are defined."""
     parts = (habit.setup, habit.before_run, _steps(habit), habit.after_run)
     return "\n".join(part for part in parts if part)
 

@@ -12,13 +12,12 @@ A copy changes nothing but what a log shows if
 
 import ast
 
-from mjbench.loop.certain_names import DATA, CertainNames, Loop
-from mjbench.loop.python_source import Program
-from mjbench.loop.script_names import dotted_name, last_name
-from mjbench.loop.stepping_script import SteppingScript
-from mjbench.loop.stored_views import stored_views
+from mjbench.loop.certain_names import DATA, CertainNames
+from mjbench.loop.script_syntax import dotted_name, is_call
+from mjbench.loop.script_syntax import names as names_of
+from mjbench.loop.stepping_script import Loop
+from mjbench.loop.stored_views import store_of, stored_views
 
-_APPENDING = {"append", "appendleft"}
 # Functions that return or write copies of all values; those that compute with them; built-in ones.
 _SAVING = {"numpy.save", "numpy.savetxt", "numpy.savez", "numpy.savez_compressed", "pickle.dump"}
 _READING = {
@@ -34,32 +33,25 @@ _SHOWING = {"len", "print", "repr", "str"}
 class Copying:
     """What is known of a script for copying views."""
 
-    def __init__(self, program: Program, script: SteppingScript, names: CertainNames):
-        """Look at a script.
-
-        Args:
-          program: the script.
-          script: what follows from its syntax.
-          names: what is known of its names.
-        """
-        self._program = program
-        self._script = script
+    def __init__(self, names: CertainNames):
         self._names = names
+        self._script = names.script
         self._bindings = names.bindings
-        self._parents = script.parents
-        self._stored = stored_views(script)
+        self._parents = names.script.parents
+        self._stored = stored_views(names.script)
 
     def refusal(self, view: ast.expr) -> str:
         """Return why a view that a loop stores cannot be copied there; empty if it can."""
-        loop = self._stored.loop_around(view)
+        body = self._stored.loop_around(view)
         log = self._log(view)
-        if loop is None or log is None:
+        if body is None or log is None or not isinstance(body.node, Loop):
             return "only what is appended, or assigned to a key of a dict, of a name is copied"
+        loop = body.node
         return (
-            self._passing(view, loop.node)
-            or self._binding(log, loop.node)
-            or self._use(log, view, loop.node)
-            or self._variation(view, loop.node)
+            self._passing(view, loop)
+            or self._binding(log, loop)
+            or self._use(log, view, loop)
+            or self._variation(view, loop)
         )
 
     def _log(self, view: ast.expr) -> ast.Name | None:
@@ -71,16 +63,11 @@ class Copying:
 
     def _stored_in(self, node: ast.AST | None) -> ast.Name | None:
         """Return the name in which a node stores something; None where it is not just that."""
-        place: ast.AST | None = None
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-            is_statement = isinstance(self._parents[node], ast.Expr)
-            if is_statement and node.func.attr in _APPENDING and len(node.args) == 1:
-                place = node.func.value
-        elif isinstance(node, ast.Assign) and len(node.targets) == 1:
-            (target,) = node.targets
-            if isinstance(target, ast.Subscript) and not isinstance(target.slice, ast.Slice):
-                place = target.value
-        return place if isinstance(place, ast.Name) else None
+        store = store_of(node) if node is not None else None
+        if node is None or store is None or not isinstance(store.place, ast.Name):
+            return None
+        is_statement = isinstance(node, ast.stmt) or isinstance(self._parents[node], ast.Expr)
+        return store.place if is_statement and len(store.values) == 1 else None
 
     def _passing(self, view: ast.expr, loop: Loop) -> str:
         """Return why not every iteration of a loop stores a view, or not one in so many."""
@@ -123,34 +110,26 @@ class Copying:
         name = dotted_name(value.func)
         if name in ("list", "dict") and self._bindings.owner(name, value) is None:
             return not value.keywords
-        lengths = [keyword.value for keyword in value.keywords]
-        is_long = all(
-            isinstance(n, ast.Constant) and isinstance(n.value, int) and n.value > 1
-            for n in lengths
-        )
+        lengths = [getattr(keyword.value, "value", None) for keyword in value.keywords]
+        is_long = all(isinstance(length, int) and length > 1 for length in lengths)
         return self._bindings.origin(name) == "collections.deque" and is_long
 
     def _use(self, log: ast.Name, view: ast.expr, loop: Loop) -> str:
         """Return where a log may be used for more than to store, or to read and copy."""
         scope = self._bindings.scope_of(loop)
         is_list_of_views = isinstance(self._parents[view], ast.Call)  # `log.append(data.qpos)`
-        for node in ast.walk(scope):
-            if not isinstance(node, ast.Name) or node.id != log.id:
+        for node in names_of(scope):
+            if node.id != log.id or isinstance(node.ctx, ast.Store):
                 continue
-            if isinstance(node.ctx, ast.Store) or self._bindings.owner(log.id, node) is not scope:
+            if self._bindings.owner(log.id, node) is not scope:
                 continue
-            if self._is_store(node) or self._shows(node):
+            is_store = self._stored_in(self._parents.get(self._parents[node])) is node
+            if is_store or self._shows(node):
                 continue
-            if is_list_of_views and self._reads(node) and self._is_after(node, loop):
-                continue
-            line = self._program.line_of(node)
-            cell = f"cell {line.cell}, " if line.cell else ""
-            return f"{cell}line {line.number} may do more with {log.id} than read and copy it"
+            if not (is_list_of_views and self._reads(node) and self._is_after(node, loop)):
+                place = self._names.program.line_of(node).place
+                return f"{place} may do more with {log.id} than read and copy it"
         return ""
-
-    def _is_store(self, log: ast.Name) -> bool:
-        """Return whether something is stored in a log."""
-        return self._stored_in(self._parents.get(self._parents[log])) is log
 
     def _is_after(self, node: ast.AST, loop: Loop) -> bool:
         """Return whether a node runs when a loop has ended, and not in another one that steps."""
@@ -189,7 +168,7 @@ class Copying:
         root = self._root(view)
         if root is None:
             return "its MjData is not a plain name"
-        names = [n.id for n in ast.walk(view) if isinstance(n, ast.Name)]
+        names = [name.id for name in names_of(view)]
         values: list[ast.AST | None] = []
         if not self._script.is_data(root):  # a name for a view, or for a part of an MjData
             values = self._script.assigned(root)
@@ -214,7 +193,7 @@ class Copying:
                 node = node.value
             elif not isinstance(node, ast.Call):
                 return None
-            elif last_name(node.func) == "asarray":
+            elif is_call(node, "asarray"):
                 node = node.args[0]
             elif isinstance(node.func, ast.Attribute):
                 node = node.func.value

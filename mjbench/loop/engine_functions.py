@@ -39,31 +39,21 @@ def replaced(wrappers: Wrappers) -> Iterator[None]:
 
 def original(name: str) -> EngineFunction:
     """Return a function of `mujoco` as it is outside of all blocks."""
-    return _FUNCTIONS.original(name)
+    function: EngineFunction = _ORIGINALS.get(name) or getattr(mujoco, name)
+    return function
 
 
-class _Functions:
-    """The functions of `mujoco` that are replaced now, as they were before."""
-
-    def __init__(self) -> None:
-        self._originals: dict[str, EngineFunction] = {}
-
-    def original(self, name: str) -> EngineFunction:
-        """Return a function as it is when nothing replaces it."""
-        function: EngineFunction = self._originals.get(name) or getattr(mujoco, name)
-        return function
-
-    def replace(self, active: Sequence[Wrappers]) -> None:
-        """Replace each function by itself inside its wrappers, the first one innermost."""
-        names = {name for wrappers in active for name in wrappers if hasattr(mujoco, name)}
-        for name in self._originals.keys() - names:
-            setattr(mujoco, name, self._originals.pop(name))
-        for name in names:
-            function = self._originals.setdefault(name, self.original(name))
-            for wrappers in active:
-                function = wrappers[name](function) if name in wrappers else function
-            setattr(mujoco, name, function)
+def _replace(active: Sequence[Wrappers]) -> None:
+    """Replace each function by itself inside its wrappers, the first one innermost."""
+    names = {name for wrappers in active for name in wrappers if hasattr(mujoco, name)}
+    for name in _ORIGINALS.keys() - names:
+        setattr(mujoco, name, _ORIGINALS.pop(name))
+    for name in names:
+        function = _ORIGINALS.setdefault(name, original(name))
+        for wrappers in active:
+            function = wrappers[name](function) if name in wrappers else function
+        setattr(mujoco, name, function)
 
 
-_FUNCTIONS = _Functions()
-_WRAPPERS: ProcessWide[Wrappers] = ProcessWide(_FUNCTIONS.replace)
+_ORIGINALS: dict[str, EngineFunction] = {}  # of the functions that are replaced now
+_WRAPPERS: ProcessWide[Wrappers] = ProcessWide(_replace)

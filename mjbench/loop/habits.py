@@ -5,6 +5,7 @@ operation costs more than alone, because the step has evicted its memory from th
 cost is the time of the loop with it less the time of the bare loop.
 """
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -13,16 +14,12 @@ import mujoco
 from mjbench.simulation import compat, engine_clock
 
 
-def _always(model: mujoco.MjModel, file: str) -> bool:
-    return True
-
-
 @dataclass(frozen=True)
 class Habit:
     """One habit, as snippets of a loop.
 
     A run of the loop is an episode: it starts from the start state, whatever the habit does.
-    Snippets may use the names of `mjbench.loop.compiled_loop.LoopNames`, and those that `setup`
+    Snippets may use the names of `mjbench.loop.compiled_loop.loop_names`, and those that `setup`
     defines.
 
     Attributes:
@@ -44,26 +41,14 @@ class Habit:
     setup: str = ""
     cheaper: str = ""
     value: str = ""
-    requires: Callable[[mujoco.MjModel, str], bool] = _always
+    requires: Callable[[mujoco.MjModel, str], bool] = lambda model, file: True
     before_run: str = ""
     after_run: str = ""
     instead_of_loop: str = ""
 
 
-def _has_named_joint(model: mujoco.MjModel, file: str) -> bool:
-    return any(model.joint(i).name for i in range(model.njnt))
-
-
-def _has_actuators(model: mujoco.MjModel, file: str) -> bool:
-    return bool(model.nu)
-
-
 def _has_bind(model: mujoco.MjModel, file: str) -> bool:
     return compat.has_bind() and file.endswith(".xml")
-
-
-def _has_clock(model: mujoco.MjModel, file: str) -> bool:
-    return engine_clock.has_clock(model)
 
 
 BARE = Habit("bare loop", "pass", value="None")
@@ -82,11 +67,14 @@ CLOCK_OFF = Habit(
     "pass",
     "import mjbench",
     value="data.time",
-    requires=_has_clock,
+    requires=lambda model, file: engine_clock.has_clock(model),
     before_run="mjbench.engine_clock(False)",
     after_run="mjbench.engine_clock(True)",
 )
 
+_control_habit = functools.partial(
+    Habit, value="data.ctrl", requires=lambda model, file: bool(model.nu)
+)
 _ROW = "row = np.empty(model.nq + model.nv)"
 _QPOS_QVEL = "qpos, qvel = data.qpos, data.qvel"
 # The joints as elements of the model's spec, which is what `MjData.bind` takes.
@@ -100,7 +88,7 @@ HABITS = (
         "named access by name",
         "data.joint(joint_name).qpos",
         cheaper="hoisted accessor",
-        requires=_has_named_joint,
+        requires=lambda model, file: any(model.joint(i).name for i in range(model.njnt)),
     ),
     Habit("named access by id", "data.joint(joint_id).qpos", cheaper="hoisted accessor"),
     Habit(
@@ -109,11 +97,7 @@ HABITS = (
         "joint = data.joint(joint_id)",
         cheaper="hoisted joint view",
     ),
-    Habit(
-        "hoisted view",
-        "qpos[0]",
-        "qpos = data.joint(joint_id).qpos",
-    ),
+    Habit("hoisted view", "qpos[0]", "qpos = data.joint(joint_id).qpos"),
     Habit("hoisted joint view", "qpos", "qpos = data.joint(joint_id).qpos"),
     Habit("attribute qpos", "data.qpos", cheaper="hoisted qpos"),
     Habit("hoisted qpos", "qpos", "qpos = data.qpos"),
@@ -137,12 +121,7 @@ HABITS = (
     ),
     Habit("allocate zeros", "np.zeros(model_nv)", "model_nv = model.nv", cheaper="zeros in place"),
     Habit("zeros in place", "row.fill(0.0)", "row = np.empty(model.nv)", value="row"),
-    Habit(
-        "concatenate",
-        "np.concatenate((qpos, qvel))",
-        _QPOS_QVEL,
-        cheaper="slices of an array",
-    ),
+    Habit("concatenate", "np.concatenate((qpos, qvel))", _QPOS_QVEL, cheaper="slices of an array"),
     Habit("hstack", "np.hstack((qpos, qvel))", _QPOS_QVEL, cheaper="slices of an array"),
     Habit(
         "concatenate into array",
@@ -156,44 +135,28 @@ HABITS = (
         f"{_QPOS_QVEL}\n{_ROW}\nnq = model.nq",
         value="row",
     ),
-    Habit("control element", "data.ctrl[0] = 0.1", value="data.ctrl", requires=_has_actuators),
-    Habit(
-        "control slice",
-        "data.ctrl[:1] = control",
-        "control = np.array(data.ctrl[:1])",
-        value="data.ctrl",
-        requires=_has_actuators,
-    ),
-    Habit(
+    _control_habit("control element", "data.ctrl[0] = 0.1"),
+    _control_habit("control slice", "data.ctrl[:1] = control", "control = np.array(data.ctrl[:1])"),
+    _control_habit(
         "control whole",
         "data.ctrl[:] = control",
         "control = np.array(data.ctrl)",
         cheaper="control hoisted",
-        value="data.ctrl",
-        requires=_has_actuators,
     ),
-    Habit(
+    _control_habit(
         "control by assignment",
         "data.ctrl = control",
         "control = np.array(data.ctrl)",
         cheaper="control hoisted",
-        value="data.ctrl",
-        requires=_has_actuators,
     ),
-    Habit(
+    _control_habit(
         "control by accessor",
         "data.actuator(0).ctrl = control",
         "control = np.array(data.actuator(0).ctrl)",
         cheaper="control hoisted",
-        value="data.ctrl",
-        requires=_has_actuators,
     ),
-    Habit(
-        "control hoisted",
-        "ctrl[:] = control",
-        "ctrl = data.ctrl\ncontrol = np.array(data.ctrl)",
-        value="data.ctrl",
-        requires=_has_actuators,
+    _control_habit(
+        "control hoisted", "ctrl[:] = control", "ctrl = data.ctrl\ncontrol = np.array(data.ctrl)"
     ),
     Habit(
         "state get",
@@ -238,9 +201,5 @@ HABITS = (
 
 
 def find(name: str) -> Habit:
-    """Return the habit called `name`.
-
-    Raises:
-      KeyError: there is none.
-    """
+    """Return the habit called `name`; raise KeyError without one."""
     return {habit.name: habit for habit in HABITS}[name]

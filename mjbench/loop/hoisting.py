@@ -17,28 +17,20 @@ import ast
 import builtins
 import keyword
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
-from mjbench.loop.certain_names import DATA, MODEL, CertainNames, Loop
-from mjbench.loop.lint_repeats import COMPREHENSIONS
+from mjbench.loop.certain_names import DATA, MODEL, CertainNames
 from mjbench.loop.lint_rules import NAMED_ACCESS
-from mjbench.loop.python_source import Program
-from mjbench.loop.script_names import dotted_name, last_name
-from mjbench.loop.stepping_script import SteppingScript
+from mjbench.loop.script_syntax import COMPREHENSIONS, dotted_name, is_call
+from mjbench.loop.stepping_script import Loop
 
 _NAME_TO_ID, _ELEMENT_TYPES = "mujoco.mj_name2id", "mujoco.mjtObj."
 
 
 @dataclass(frozen=True)
 class Hoist:
-    """Accesses that become one name.
-
-    Attributes:
-      name: that is bound before the loop.
-      loop: before which it is bound.
-      calls: that are replaced by the name; all have the same syntax.
-    """
+    """Accesses with the same syntax that become a name, which is bound before their loop."""
 
     name: str
     loop: Loop
@@ -60,91 +52,60 @@ class Refusal:
     reason: str
 
 
-@dataclass(frozen=True)
-class HoistPlan:
-    """What can be hoisted, in the order of the script, and what cannot."""
-
-    hoists: Sequence[Hoist]
-    refusals: Sequence[Refusal]
-
-
-@dataclass
-class _Group:
-    """Calls with the same syntax in one loop."""
-
-    loop: Loop
-    calls: list[ast.Call] = field(default_factory=list)
-
-
 class Hoisting:
     """What is known of a script for hoisting."""
 
-    def __init__(self, program: Program, script: SteppingScript, names: CertainNames):
-        """Look at a script.
-
-        Args:
-          program: the script.
-          script: what follows from its syntax.
-          names: what is known of its names.
-        """
-        self._script = script
+    def __init__(self, names: CertainNames):
+        self._script = names.script
         self._names = names
         self._bindings = names.bindings
-        self._lines = [line.text for line in program.lines]
+        self._lines = [line.text for line in names.program.lines]
         # a new name is none of these; where strings may hold code, nothing that the script contains
         texts = self._lines if self._bindings.reaches_names else names.commands
         tokens = {token for text in texts for token in re.findall(r"\w+", text)}
         self._taken = {*tokens, *self._bindings.identifiers, *dir(builtins), *keyword.kwlist}
 
-    def plan(self, calls: Sequence[ast.Call]) -> HoistPlan:
-        """Return which of some named accesses can be hoisted, each out of which loop.
+    def plan(self, calls: Sequence[ast.Call]) -> tuple[list[Hoist], list[Refusal]]:
+        """Return which named accesses can be hoisted, each out of which loop; and which not.
 
         Args:
           calls: accesses in loops that step, such as `data.joint("hip")`, in the script's order.
         """
         refusals = []
-        groups: dict[str, list[_Group]] = {}
-        waiting = []
+        movable, waiting = [], []
+        loops: dict[str, list[Loop]] = {}  # that calls can leave, by their syntax
         for call in calls:
             loop = self._script.step_loop_around(call)
             reason = self._refusal(call, loop)
             if loop is None or reason:
                 refusals.append(Refusal(NAMED_ACCESS, call, reason))
             elif self._always_runs(call, loop):
-                _group_for(groups, call, self._widest_loop(call, loop)).calls.append(call)
+                movable.append((call, self._widest_loop(call, loop)))
+                loops.setdefault(ast.dump(call), []).append(movable[-1][1])
             else:
-                waiting.append(call)
-        for call in waiting:  # the name is bound already, if another call needs it
-            group = self._outermost_around(groups.get(ast.dump(call), ()), call)
-            if group is None:
+                waiting.append(call)  # the name is bound already, if another call needs it
+        hoisted: dict[str, dict[Loop, list[ast.Call]]] = {}
+        for call, loop in (*movable, *((call, None) for call in waiting)):
+            syntax = ast.dump(call)
+            outermost = self._outermost_around(loop or call, loops.get(syntax, ())) or loop
+            if outermost is None:
                 reason = "not every step reaches it, and a wrong name would raise"
                 refusals.append(Refusal(NAMED_ACCESS, call, reason))
             else:
-                group.calls.append(call)
-        return HoistPlan(list(self._hoists(self._merged(groups))), refusals)
+                hoisted.setdefault(syntax, {}).setdefault(outermost, []).append(call)
+        return list(self._hoists(hoisted.values())), refusals
 
-    def _hoists(self, groups: Mapping[str, Sequence[_Group]]) -> Iterator[Hoist]:
-        for same in groups.values():
-            name = self._new_name(same[0].calls[0], same[0].loop)
-            for group in same:
-                yield Hoist(name, group.loop, group.calls)
+    def _hoists(self, hoisted: Iterable[Mapping[Loop, Sequence[ast.Call]]]) -> Iterator[Hoist]:
+        for calls_of in hoisted:
+            (loop, (first, *_)), *_ = calls_of.items()
+            name = self._new_name(first, loop)
+            for loop, calls in calls_of.items():
+                yield Hoist(name, loop, calls)
 
-    def _merged(self, groups: Mapping[str, Sequence[_Group]]) -> Mapping[str, Sequence[_Group]]:
-        """Return the groups without those in the loop of another one, which has their calls."""
-        for same in groups.values():
-            for group in same:
-                outer = self._outermost_around(same, group.loop)
-                if outer is not None:
-                    outer.calls += group.calls
-                    group.calls.clear()
-        nonempty = {key: [g for g in same if g.calls] for key, same in groups.items()}
-        return {key: same for key, same in nonempty.items() if same}
-
-    def _outermost_around(self, groups: Sequence[_Group], node: ast.AST) -> _Group | None:
-        """Return the group whose loop is the outermost around a node, in the node's scope."""
-        group_of = {group.loop: group for group in groups}
+    def _outermost_around(self, node: ast.AST, loops: Sequence[Loop]) -> Loop | None:
+        """Return the outermost of some loops that are around a node, in its scope."""
         scope = self._bindings.scope_of(node)
-        around = [group_of[n] for n in self._script.above(node, scope) if n in group_of]
+        around = [n for n in self._script.above(node, scope) if isinstance(n, Loop) and n in loops]
         return around[-1] if around else None
 
     def _refusal(self, call: ast.Call, loop: Loop | None) -> str:
@@ -168,20 +129,17 @@ class Hoisting:
             return "a name bound in the body of a class becomes its attribute"
         if call.keywords or any(isinstance(argument, ast.Starred) for argument in call.args):
             return "its arguments are not plain"
-        if last_name(call.func) == "mj_name2id":
+        if is_call(call, "mj_name2id"):
             return self._variation_of_id(call, loop)
         assert isinstance(call.func, ast.Attribute)  # the rule matches nothing else
         owner = call.func.value
         if not isinstance(owner, ast.Name):
-            shown = ast.unparse(owner)
-            return f"{shown} may be another object in the next step; bind it to a name first"
+            return self._may_be_another(owner)
         if len(call.args) != 1:
             return "its arguments are not plain"
         if not any(self._names.is_certainly(owner.id, kind, loop) for kind in (DATA, MODEL)):
             return f"{owner.id} is not certain to be an MjData or an MjModel of mujoco"
-        return self._names.rebinding(owner.id, loop) or self._variation_of_argument(
-            call.args[0], loop
-        )
+        return self._variation_of_names(owner.id, call.args[0], loop)
 
     def _variation_of_id(self, call: ast.Call, loop: Loop) -> str:
         if self._bindings.origin(dotted_name(call.func)) != _NAME_TO_ID:
@@ -190,18 +148,22 @@ class Hoisting:
             return "its arguments are not plain"
         model, kind, name = call.args
         if not isinstance(model, ast.Name):
-            shown = ast.unparse(model)
-            return f"{shown} may be another object in the next step; bind it to a name first"
+            return self._may_be_another(model)
         is_plain = isinstance(kind, ast.Constant) and isinstance(kind.value, int)
         if not (is_plain or self._bindings.origin(dotted_name(kind)).startswith(_ELEMENT_TYPES)):
             return "its arguments are not plain"
-        return self._names.rebinding(model.id, loop) or self._variation_of_argument(name, loop)
+        return self._variation_of_names(model.id, name, loop)
 
-    def _variation_of_argument(self, argument: ast.expr, loop: Loop) -> str:
-        if isinstance(argument, ast.Constant) and isinstance(argument.value, str | int):
-            return ""
-        if isinstance(argument, ast.Name):
-            return self._names.rebinding(argument.id, loop)
+    def _may_be_another(self, owner: ast.expr) -> str:
+        shown = ast.unparse(owner)
+        return f"{shown} may be another object in the next step; bind it to a name first"
+
+    def _variation_of_names(self, owner: str, element: ast.expr, loop: Loop) -> str:
+        reason = self._names.rebinding(owner, loop)
+        if reason or (isinstance(element, ast.Constant) and isinstance(element.value, str | int)):
+            return reason
+        if isinstance(element, ast.Name):
+            return self._names.rebinding(element.id, loop)
         return "its arguments are not plain"
 
     def _widest_loop(self, call: ast.Call, loop: Loop) -> Loop:
@@ -241,16 +203,6 @@ class Hoisting:
         return name
 
 
-def _group_for(groups: dict[str, list[_Group]], call: ast.Call, loop: Loop) -> _Group:
-    """Return the group of the calls with the syntax of `call` in a loop, a new one if need be."""
-    same = groups.setdefault(ast.dump(call), [])
-    for group in same:
-        if group.loop is loop:
-            return group
-    same.append(_Group(loop))
-    return same[-1]
-
-
 def _describing_name(call: ast.Call) -> str:
     """Return `hip_joint` for `data.joint("hip")`, `hip_id` for `mj_name2id(model, 3, "hip")`."""
     argument = call.args[-1]
@@ -260,11 +212,7 @@ def _describing_name(call: ast.Call) -> str:
         assert isinstance(argument, ast.Constant)
         element = str(argument.value)
     element = re.sub(r"[^0-9A-Za-z]+", "_", element).strip("_").lower()
-    if last_name(call.func) == "mj_name2id":
-        kind = "id"
-    else:
-        assert isinstance(call.func, ast.Attribute)
-        kind = call.func.attr
+    kind = "id" if is_call(call, "mj_name2id") else getattr(call.func, "attr", "")
     if not element:
         return f"named_{kind}"
     if element[0].isdigit():
@@ -301,9 +249,7 @@ def _reaches(above: ast.AST, child: ast.AST) -> bool:
 def _may_end(statement: ast.AST, is_in_inner: bool = False) -> bool:
     """Return whether a statement may end the iteration, or the loop, in whose body it is.
 
-    Args:
-      statement: the statement.
-      is_in_inner: whether it is in a loop inside that one.
+    It may be in a loop inside that one.
     """
     if isinstance(statement, ast.Return | ast.Raise):
         return True

@@ -16,14 +16,14 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from mjbench.errors import Failure, InputError, one_line
+from mjbench.errors import InputError, one_line
 from mjbench.instrument import isolate, stats
 from mjbench.instrument.bounds import CompressedText, NonNegativeFloat, Share, check_measured
 from mjbench.instrument.isolate import Channel
 from mjbench.instrument.limits import TIME_LIMIT_S
 from mjbench.simulation import compat, models, sampling, starts, work
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.sampling import Sample, SampleRequest
+from mjbench.simulation.sampling import SampleRequest
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
 from mjbench.simulation.work import Work
 from mjbench.simulation.workload import Workload, whole_holds
@@ -57,16 +57,7 @@ class Pace(enum.StrEnum):
 
 @dataclass(frozen=True)
 class LatencyRequest:
-    """What is measured on a model.
-
-    Attributes:
-      source: the model.
-      nstep: steps; None chooses them.
-      rate_hz: of paced steps; None for real time.
-      hold: steps for which each control is held.
-      seed: of start states and controls.
-      starts: where start states are to come from.
-    """
+    """What is measured on a model; None chooses the number of steps, and real time as the rate."""
 
     source: ModelSource
     nstep: int | None = None
@@ -81,14 +72,10 @@ class StepSamples:
     """The steps of one pace, one entry each.
 
     Attributes:
-      pace: when steps begin.
       rate_hz: of paced steps; None for free-running ones.
-      timestep_s: of the model.
       work: of a step of this workload, on average.
-      latency_ns: of each step.
       features: what happened in each step, by name: contacts, solver iterations, garbage
         collections, page faults, preemptions, and by how much it began late.
-      starts: where start states came from.
     """
 
     pace: Pace
@@ -163,17 +150,8 @@ class LatencyRow:
     starts: Starts | None = None
 
     def __post_init__(self) -> None:
-        """Check that what was measured is there.
-
-        Raises:
-          ValueError: it is not.
-        """
+        """Raise ValueError unless what was measured is there."""
         check_measured(self, "pace", "nstep", "deadline_s", "missed", "max_ns", "work")
-
-    @classmethod
-    def failed(cls, model: str, failure: Failure) -> "LatencyRow":
-        """Return the row of a model that could not be measured."""
-        return cls(model=model, status=failure.status, detail=failure.detail)
 
 
 QUANTILES = (0.5, 0.99, 0.999)
@@ -182,12 +160,8 @@ QUANTILES = (0.5, 0.99, 0.999)
 def measure(request: LatencyRequest, limit_s: float = TIME_LIMIT_S) -> list[StepSamples]:
     """Return the steps of a model at each pace, measured in a child process.
 
-    Args:
-      request: what to measure.
-      limit_s: seconds of silence after which the child is killed.
-
     Raises:
-      MjbenchError: the child failed.
+      MjbenchError: the child failed, or was killed after `limit_s` seconds of silence.
     """
     samples: list[StepSamples] = []
     isolate.run("mjbench.loop.latency:measure_in_child", request, samples.append, limit_s).check()
@@ -198,8 +172,6 @@ def row(model: str, samples: StepSamples, deadline_s: float | None) -> LatencyRo
     """Return what the steps of one pace say of latency.
 
     Args:
-      model: its name.
-      samples: of the steps.
       deadline_s: by which a step should end; None for the time between two paced steps, or the
         model's timestep.
     """
@@ -214,7 +186,10 @@ def row(model: str, samples: StepSamples, deadline_s: float | None) -> LatencyRo
         rate_hz=samples.rate_hz,
         deadline_s=deadline_s,
         missed=int((latency_ns > 1e9 * deadline_s).sum()),
-        quantiles=[_quantile(latency_ns, quantile) for quantile in QUANTILES],
+        quantiles=[
+            Quantile(q, float(np.quantile(latency_ns, q)), *stats.quantile_interval(latency_ns, q))
+            for q in QUANTILES
+        ],
         max_ns=float(latency_ns.max()),
         slow=[
             SlowFeature(name, float(values[slow].mean()), float(values.mean()))
@@ -225,12 +200,6 @@ def row(model: str, samples: StepSamples, deadline_s: float | None) -> LatencyRo
         histogram=_histogram(latency_ns),
         starts=samples.starts,
     )
-
-
-def _quantile(latency_ns: np.ndarray, quantile: float) -> Quantile:
-    """Return a quantile with its interval, by order statistics; it takes steps as independent."""
-    low, high = stats.quantile_interval(latency_ns, quantile)
-    return Quantile(quantile, float(np.quantile(latency_ns, quantile)), low, high)
 
 
 def _histogram(latency_ns: np.ndarray) -> str:
@@ -271,7 +240,11 @@ def measure_in_child(request: LatencyRequest, channel: Channel) -> None:
     nstep = request.nstep or min(NSTEP, affordable)
     nrun = -(-(nstep + WARM_UP_NSTEP) // RUN_NSTEP)
     channel.allow_silence(_PATIENCE * step_s * (nrun + 1) * RUN_NSTEP)
-    sample = _draw(model, request, nrun, starts.max_settling_nstep(step_s))
+    run_nstep, max_nstep = whole_holds(RUN_NSTEP, request.hold), starts.max_settling_nstep(step_s)
+    sample_request = SampleRequest(
+        nrun, run_nstep, request.hold, request.seed, request.starts, max_nstep, may_shorten=True
+    )
+    sample = sampling.draw(model, sample_request)
     timestep_s = float(model.opt.timestep)
     rate_hz = request.rate_hz or 1 / timestep_s
     for pace in Pace:
@@ -294,22 +267,6 @@ def measure_in_child(request: LatencyRequest, channel: Channel) -> None:
                 sample.starts,
             )
         )
-
-
-def _draw(
-    model: mujoco.MjModel, request: LatencyRequest, nrun: int, max_settling_nstep: int
-) -> Sample:
-    """Return `nrun` simulations to step, one after the other."""
-    sample_request = SampleRequest(
-        nrun,
-        whole_holds(RUN_NSTEP, request.hold),
-        request.hold,
-        request.seed,
-        request.starts,
-        max_settling_nstep,
-        may_shorten=True,
-    )
-    return sampling.draw(model, sample_request)
 
 
 class _Recorder:
@@ -385,10 +342,7 @@ _FEATURES = (
 
 
 def _usage_function() -> Callable[[], Any]:
-    """Return a function that returns what the operating system counts of this thread.
-
-    Without Linux, it counts of the whole process.
-    """
+    """Return a function for what the system counts of this thread; of the process without Linux."""
     import resource  # Windows has none, and imports this module
 
     who = getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF)
@@ -396,11 +350,7 @@ def _usage_function() -> Callable[[], Any]:
 
 
 class _Collections:
-    """Counts Python's garbage collections, while it is entered.
-
-    Attributes:
-      count: of those that have ended.
-    """
+    """Counts Python's garbage collections that end while it is entered."""
 
     def __init__(self) -> None:
         self.count = 0

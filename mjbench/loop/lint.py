@@ -4,16 +4,13 @@ The rules are in lint_rules.py; stepping_script.py describes a script to them.
 """
 
 import contextlib
-import json
 import re
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 
 from mjbench.errors import InputError
-from mjbench.loop.lint_match import Match
-from mjbench.loop.lint_rules import RULES, Rule
+from mjbench.loop.lint_rule import Match, Rule
+from mjbench.loop.lint_rules import RULES
 from mjbench.loop.lint_settings import ALL_CODES, ALL_RULES, RuleChoice
 from mjbench.loop.python_source import Program, read_program
 from mjbench.loop.script_files import UncheckedFile, each_checked
@@ -53,10 +50,6 @@ class Finding:
 def check(file: str, codes: Collection[str] = ALL_CODES) -> list[Finding]:
     """Return the findings of a Python file or a notebook, in the order of its lines.
 
-    Args:
-      file: its name.
-      codes: of the rules to check.
-
     Raises:
       InputError: it cannot be read, is neither, or is too large or too deeply nested.
     """
@@ -78,27 +71,8 @@ def refusing_deep_nesting(file: str) -> Iterator[None]:
 def check_all(
     files: Iterable[str | UncheckedFile], choice: RuleChoice = ALL_RULES
 ) -> Iterator[Finding | UncheckedFile]:
-    """Yield the findings of all files in turn; in place of a file's, why it has none.
-
-    Args:
-      files: their names, and those that cannot be checked.
-      choice: of rules.
-    """
+    """Yield the findings of all files in turn; in place of a file's, why it has none."""
     return each_checked(files, lambda file: check(file, choice.codes_for(file)))
-
-
-@cache
-def costs_ns() -> dict[str, float]:
-    """Return about how many ns each habit adds to a step, by the stored overhead table.
-
-    `mjbench overhead cartpole --json mjbench/loop/overhead.json` wrote the table on the machine
-    that it names; on another machine, take the order of magnitude from it.
-    """
-    stored = Path(__file__).with_name("overhead.json")
-    if not stored.is_file():
-        return {}
-    (row,) = json.loads(stored.read_text(encoding="utf-8"))["results"]
-    return {cost["source"]: cost["ns"] for cost in row["costs"]}
 
 
 def findings_of(file: str, program: Program, codes: Collection[str]) -> list[Finding]:
@@ -111,7 +85,7 @@ def findings_of(file: str, program: Program, codes: Collection[str]) -> list[Fin
             col=line.column(match.node.col_offset),
             code=rule.code,
             message=(match.message or rule.message) + _caller(program, match),
-            ns_per_step=costs_ns().get(match.habit),
+            ns_per_step=match.ns_per_step,
             cell=line.cell,
             callee=match.callee,
             instead=match.instead,
@@ -125,13 +99,7 @@ def findings_of(file: str, program: Program, codes: Collection[str]) -> list[Fin
 def matches(
     program: Program, script: SteppingScript, codes: Collection[str] = ALL_CODES
 ) -> list[tuple[Rule, Match]]:
-    """Return what breaks rules in a program and is not suppressed, in the order of its lines.
-
-    Args:
-      program: its source.
-      script: what follows from its syntax.
-      codes: of the rules to check.
-    """
+    """Return what breaks rules in a program and is not suppressed, in the order of its lines."""
     by_place = {}  # and rule: nested loops match the same node twice
     for rule in RULES:
         for match in rule.matches(script) if rule.code in codes else ():
@@ -145,9 +113,7 @@ def _caller(program: Program, match: Match) -> str:
     """Return which loop runs a match in every iteration; nothing where it stands in the loop."""
     if match.loop is None:
         return ""
-    line = program.line_of(match.loop)
-    cell = f"cell {line.cell}, " if line.cell else ""
-    return f"; the loop in {cell}line {line.number} calls this in every iteration"
+    return f"; the loop in {program.line_of(match.loop).place} calls this in every iteration"
 
 
 def _is_suppressed(line: str, code: str) -> bool:

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from mjbench.loop.name_bindings import Scope
-from mjbench.loop.script_names import COPIES, assignments, last_name
+from mjbench.loop.script_syntax import COPIES, is_call, last_name
 from mjbench.loop.stepping_script import (
     FIELDS,
     STORING_METHODS,
@@ -53,12 +53,9 @@ class DataUses:
 
 
 def uses_of(script: SteppingScript, node: ast.Name, with_callers: bool = True) -> DataUses:
-    """Return what a script does with the MjData that a name stands for.
+    """Return what a script does with the MjData that a name stands for where it is used.
 
-    Args:
-      script: the script.
-      node: the name, where it is used.
-      with_callers: whether to look at what the callers of a function do with its argument, too.
+    That includes what the callers of a function do with its argument, unless they are left out.
     """
     owner = script.bindings.owner(node.id, node)
     if owner is None:
@@ -83,11 +80,6 @@ class _Following:
         self._functions: set[str] = set()
         self._is_known = True
         self._is_kept = False
-        self._names: dict[str, list[ast.Name]] = {}
-        for node in script.nodes:
-            if isinstance(node, ast.Name):
-                self._names.setdefault(node.id, []).append(node)
-        self._values = {id(target): value for target, value in assignments(script.tree)}
 
     def follow(self, scope: Scope, name: str) -> DataUses:
         waiting, followed = [(scope, name)], set()
@@ -102,21 +94,18 @@ class _Following:
     def _from(self, scope: Scope, name: str) -> Iterator[tuple[Scope, str]]:
         """Count the uses of a name, and yield the other names of the same MjData."""
         bindings = self._script.bindings
-        if bindings.is_declared(name):
+        if name in bindings.declared:
             self._is_known = False
         for binding in bindings.bindings(name, scope):
             yield from self._of_binding(binding, scope)
-        for node in self._names.get(name, []):
-            is_read = isinstance(node.ctx, ast.Load) and bindings.owner(name, node) is scope
-            if is_read:
+        for node in self._script.names.get(name, []):
+            if isinstance(node.ctx, ast.Load) and bindings.owner(name, node) is scope:
                 yield from self._of_use(node)
 
     def _of_binding(self, binding: ast.AST, scope: Scope) -> Iterator[tuple[Scope, str]]:
-        value = self._values.get(id(binding))
-        is_fresh = isinstance(value, ast.Call) and last_name(value.func) in {"MjData", *COPIES}
-        is_alias = isinstance(value, ast.Name) and self._with_callers
-        if is_alias:
-            assert isinstance(value, ast.Name)
+        value = self._script.values.get(binding)
+        is_fresh = is_call(value, "MjData", *COPIES)
+        if isinstance(value, ast.Name) and self._with_callers:
             yield from self._place(value)
         elif isinstance(binding, ast.arg) and isinstance(scope, ast.FunctionDef):
             if self._with_callers:
@@ -127,15 +116,15 @@ class _Following:
     def _in_callers(self, function: ast.FunctionDef, parameter: str) -> Iterator[tuple[Scope, str]]:
         functions = self._script.functions
         calls = functions.calls_of(function)
-        references = [n for n in self._names.get(function.name, []) if isinstance(n.ctx, ast.Load)]
+        named = self._script.names.get(function.name, [])
+        references = [name for name in named if isinstance(name.ctx, ast.Load)]
         if not calls or len(references) != len(calls):  # also called from elsewhere
             self._is_known = False
         for call in calls:
-            given = functions.arguments(call, function)
-            argument = given.get(parameter) if given is not None else None
+            argument = (functions.arguments(call, function) or {}).get(parameter)
             if isinstance(argument, ast.Name):
                 yield from self._place(argument)
-            elif not (isinstance(argument, ast.Call) and last_name(argument.func) in COPIES):
+            elif not is_call(argument, *COPIES):
                 self._is_known = False
 
     def _place(self, name: ast.Name) -> Iterator[tuple[Scope, str]]:
@@ -173,14 +162,10 @@ class _Following:
         if name.startswith("mj_") or name in COPIES:
             self._functions.add(name)
             return
-        functions = self._script.functions.called(call)
-        self._is_known = self._is_known and bool(functions)
-        for function in functions:
-            given = self._script.functions.arguments(call, function)
-            parameters = [k for k, v in (given or {}).items() if v is node]
-            self._is_known = self._is_known and bool(parameters)
-            for parameter in parameters:
-                yield function, parameter
+        receiving = list(self._script.functions.receiving(call, node))
+        self._is_known &= bool(receiving) and all(parameters for _, parameters in receiving)
+        for function, parameters in receiving:
+            yield from ((function, parameter) for parameter in parameters)
 
     def _of_part(self, call: ast.Call, accessor: str) -> None:
         """Count what is read of `data.site("tip")` or the like."""
@@ -196,10 +181,9 @@ class _Following:
 
     def _of_part_name(self, target: ast.Name, accessor: str) -> None:
         owner = self._script.bindings.owner(target.id, target)
-        for node in self._names[target.id]:
-            if isinstance(node.ctx, ast.Store) or (
-                self._script.bindings.owner(target.id, node) is not owner
-            ):
+        for node in self._script.names[target.id]:
+            is_same = self._script.bindings.owner(target.id, node) is owner
+            if isinstance(node.ctx, ast.Store) or not is_same:
                 continue
             parent = self._script.parents[node]
             if isinstance(parent, ast.Attribute):
@@ -214,12 +198,9 @@ class _Following:
 
 
 def _is_kept(script: SteppingScript, field: ast.Attribute, is_row: bool) -> bool:
-    """Return whether a view that begins with a field outlives the expression it stands in.
+    """Return whether a view that begins with a field, such as `data.xpos`, outlives its expression.
 
-    Args:
-      script: the script.
-      field: such as `data.xpos`.
-      is_row: whether it is the row of a named part.
+    A field of a named part is one row.
     """
     if not FIELDS.match(field.attr):
         return False
@@ -240,11 +221,10 @@ def _is_kept(script: SteppingScript, field: ast.Attribute, is_row: bool) -> bool
     if not isinstance(getattr(node, "ctx", ast.Load()), ast.Load):
         return False
     if isinstance(parent, ast.Assign):
-        copies = (
+        return not all(
             isinstance(target, ast.Subscript) and not script.is_container_name(target.value)
             for target in parent.targets
         )
-        return not all(copies)
     if isinstance(parent, ast.Call):
         is_method = isinstance(parent.func, ast.Attribute) and not script.is_numpy_call(parent)
         return is_method and last_name(parent.func) in STORING_METHODS

@@ -27,12 +27,7 @@ from mjbench.loop.stepping_script import SteppingScript
 
 @dataclass(frozen=True)
 class Unfixed:
-    """A finding whose remedy is not certain to be safe there.
-
-    Attributes:
-      finding: the finding; its line is one of the changed file.
-      reason: why it is left as it is, in one sentence without its full stop.
-    """
+    """A finding, in the changed file, whose remedy is not certain to be safe there, and why."""
 
     finding: lint.Finding
     reason: str
@@ -43,7 +38,6 @@ class FixedFile:
     """A file, and what can be changed in it.
 
     Attributes:
-      file: its name.
       before: as it is stored.
       after: as it is with all changes; `before` itself where there are none.
       fixed: number of findings that the changes remove.
@@ -81,76 +75,62 @@ class FixedFile:
         )
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """The changes of a program that are safe, and the findings whose remedy may not be."""
-
-    changes: Changes
-    refusals: Sequence[Refusal]
-
-
 def fix_all(
     files: Iterable[str | UncheckedFile], choice: RuleChoice = ALL_RULES
 ) -> Iterator[FixedFile | UncheckedFile]:
-    """Yield what can be changed in each file; in place of one that cannot be checked, why.
-
-    Args:
-      files: their names, and those that cannot be checked.
-      choice: of rules.
-    """
+    """Yield what can be changed in each file; in place of one that cannot be checked, why."""
     return each_checked(files, lambda file: [fix(file, choice.codes_for(file))])
 
 
 def fix(file: str, codes: Collection[str] = ALL_CODES) -> FixedFile:
     """Return what can be changed in a Python file or a notebook; nothing is written.
 
-    Args:
-      file: its name.
-      codes: of the rules to check.
-
     Raises:
       InputError: it cannot be read, is neither, or is too large or too deeply nested.
     """
     with lint.refusing_deep_nesting(file):
-        before = read_program(file)
-        plan = _plan(before, codes)
-        if not plan.changes.count:
-            return _result(file, before, before, codes, plan)
-        try:
-            after = changed(before, plan.changes)
-        except (SyntaxError, ValueError, LookupError) as error:
-            return _result(file, before, before, codes, _none_of(plan, one_line(error)))
-        rest = _plan(after, codes)
-        return _result(file, before, after, codes, _Plan(plan.changes, rest.refusals))
+        before = after = read_program(file)
+        changes, refusals = _plan(before, codes)
+        if changes.count:
+            try:
+                after = changed(before, changes)
+            except (SyntaxError, ValueError, LookupError) as error:
+                refusals += _refusals(changes, one_line(error))
+                changes = Changes((), ())
+            else:
+                _, refusals = _plan(after, codes)
+        findings = lint.findings_of(file, after, codes)
+        unfixed = list(_unfixed(after, findings, refusals))
+        return FixedFile(file, before, after, changes.count, findings, unfixed)
 
 
-def _none_of(plan: _Plan, reason: str) -> _Plan:
-    """Return a plan that refuses all changes, for one reason."""
-    calls = (call for hoist in plan.changes.hoists for call in hoist.calls)
-    refusals = [Refusal(STORED_VIEW, view, reason) for view in plan.changes.copied]
-    refusals += [Refusal(NAMED_ACCESS, call, reason) for call in calls]
-    return _Plan(Changes((), ()), [*plan.refusals, *refusals])
+def _refusals(changes: Changes, reason: str) -> list[Refusal]:
+    """Return the refusals of all changes, for one reason."""
+    calls = (call for hoist in changes.hoists for call in hoist.calls)
+    copied = [Refusal(STORED_VIEW, view, reason) for view in changes.copied]
+    return [*copied, *(Refusal(NAMED_ACCESS, call, reason) for call in calls)]
 
 
-def _result(
-    file: str, before: Program, after: Program, codes: Collection[str], plan: _Plan
-) -> FixedFile:
-    """Return the result for a file from the changes and the refusals of a plan."""
-    findings = lint.findings_of(file, after, codes)
+def _unfixed(
+    program: Program, findings: Sequence[lint.Finding], refusals: Sequence[Refusal]
+) -> Iterator[Unfixed]:
+    """Yield the findings whose remedy is refused."""
     reasons = {}
-    for refusal in plan.refusals:
-        line = after.line_of(refusal.node)
+    for refusal in refusals:
+        line = program.line_of(refusal.node)
         column = line.column(refusal.node.col_offset)
         reasons[refusal.code, line.cell, line.number, column] = refusal.reason
-    places = [(f, (f.code, f.cell, f.line, f.col)) for f in findings]
-    unfixed = [Unfixed(f, reasons[place]) for f, place in places if place in reasons]
-    return FixedFile(file, before, after, plan.changes.count, findings, unfixed)
+    for finding in findings:
+        place = finding.code, finding.cell, finding.line, finding.col
+        if place in reasons:
+            yield Unfixed(finding, reasons[place])
 
 
-def _plan(program: Program, codes: Collection[str]) -> _Plan:
+def _plan(program: Program, codes: Collection[str]) -> tuple[Changes, list[Refusal]]:
+    """Return the changes of a program that are safe, and the findings whose remedy may not be."""
     script = SteppingScript(program.tree)
     names = CertainNames(program, script)
-    copying = Copying(program, script, names)
+    copying = Copying(names)
     copied: list[ast.expr] = []
     calls: list[ast.Call] = []
     refusals = []
@@ -164,5 +144,5 @@ def _plan(program: Program, codes: Collection[str]) -> _Plan:
         elif rule.code == NAMED_ACCESS:
             assert isinstance(match.node, ast.Call)
             calls.append(match.node)
-    hoisting = Hoisting(program, script, names).plan(calls)
-    return _Plan(Changes(copied, hoisting.hoists), [*refusals, *hoisting.refusals])
+    hoists, not_hoisted = Hoisting(names).plan(calls)
+    return Changes(copied, hoists), [*refusals, *not_hoisted]

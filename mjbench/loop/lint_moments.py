@@ -13,18 +13,16 @@ from dataclasses import dataclass
 from mjbench.instrument.units import listed
 from mjbench.loop.lint_data_uses import PART_PREFIXES
 from mjbench.loop.lint_forward import COMPUTED, STATE, enough_for
-from mjbench.loop.lint_match import Match
-from mjbench.loop.script_names import dotted_name, is_step, last_name, nodes_inside
+from mjbench.loop.lint_rule import Match, rule
+from mjbench.loop.script_syntax import dotted_name, is_step, last_name, nodes_inside, peeled
 from mjbench.loop.stepping_script import (
     FIELDS,
     STORING_METHODS,
     VIEW_METHODS,
     SteppingBody,
-    SteppingMethod,
     SteppingScript,
 )
 from mjbench.loop.stored_views import Store, StoredViews, store_of, stored_views
-from mjbench.loop.view_writes import peeled
 
 # What a step integrates, and what is neither that nor computed from a state.
 _INTEGRATED = ("qpos", "qvel", "act", "time")
@@ -56,11 +54,9 @@ class _Reading:
 
 @dataclass(frozen=True)
 class _LastStep:
-    """The last step before a row.
+    """The last step before a row; `model` and `data` are as they are written.
 
     Attributes:
-      model: that is stepped, as it is written.
-      data: the dotted name of its MjData.
       is_single: whether it is one call for one step, so that the state may be copied before it.
       computed_since: fields of the new state that were computed after it.
     """
@@ -71,21 +67,50 @@ class _LastStep:
     computed_since: frozenset[str]
 
 
+@rule(
+    "MJB015",
+    "a row mixes the new state with what is still computed from the one before",
+    is_wrong_result=True,
+)
 def rows_of_two_moments(script: SteppingScript) -> Iterator[Match]:
-    """Yield rows that hold the new state beside what is computed from another one."""
+    """Yield rows that hold the new state beside what is computed from another one.
+
+    `mj_step` computes positions, contacts, forces and sensors of the state that it begins with, and
+    then integrates. After it, `qpos`, `qvel`, `act` and `time` belong to the new state, and all
+    else to the one before, until something computes it again. In a row with both, one is a step
+    late.
+
+        mujoco.mj_step(model, data)
+        log.append((data.qpos.copy(), data.site("tip").xpos.copy()))
+
+        mujoco.mj_step(model, data)     # instead: both of the new state
+        mujoco.mj_kinematics(model, data)
+        log.append((data.qpos.copy(), data.site("tip").xpos.copy()))
+
+        qpos = data.qpos.copy()         # or: both of the state before, at no cost
+        mujoco.mj_step(model, data)
+        log.append((qpos, data.site("tip").xpos.copy()))
+
+    `mj_kinematics` computes positions of bodies, geoms and sites; contacts, forces and sensors need
+    `mj_forward`. The second way is for single steps of other integrators than `RK4`, after which
+    positions are those of the last of its four stages. A row at the top of a loop mixes the same
+    two moments. What no step moves, such as the position of a fixed body, is right in either state.
+
+    There is no finding for an observation: for what a function returns, or what a policy gets. It
+    may be late on purpose, as in Gymnasium's environments, and a policy that was trained on it
+    expects it.
+
+    Results: the rows hold one moment. In MuJoCo 4.0.0 the simulation stays as it is, bit for bit;
+    in 3.3.1 and before, `mj_forward` changes later states by the solver's tolerance.
+    """
     stored = stored_views(script)
-    bodies: list[SteppingBody] = [*script.loops, *script.methods]
-    for body in bodies:
+    for body in (*script.loops, *script.methods):
         if _sets_state(script, body):
             continue
         for node in body.inner:
-            if stored.loop_around(node) is (None if _is_method(body) else body):
+            if stored.loop_around(node) is (None if body.is_method else body):
                 for row in _logged(script, stored, node, body):
                     yield from _mixed(script, row, body)
-
-
-def _is_method(body: SteppingBody) -> bool:
-    return isinstance(body, SteppingMethod)
 
 
 def _sets_state(script: SteppingScript, body: SteppingBody) -> bool:
@@ -112,9 +137,8 @@ def _logged(
     if script.is_view(store.place) or not stored.adds(store.key, body):
         return
     for value in store.values:
-        if isinstance(value, ast.Lambda):
-            continue
-        yield _assigned_row(script, value, body)
+        if not isinstance(value, ast.Lambda):
+            yield _assigned_row(script, value, body)
 
 
 def _assigned_row(script: SteppingScript, value: ast.expr, body: SteppingBody) -> ast.expr:
@@ -173,7 +197,7 @@ def _last_step(
     calls = [n for n in body.inner if isinstance(n, ast.Call) and n not in own and n not in around]
     calls.sort(key=lambda call: (call.lineno, call.col_offset), reverse=True)
     before = [call for call in calls if (call.lineno, call.col_offset) < place]
-    after = [] if _is_method(body) else calls[: len(calls) - len(before)]
+    after = [] if body.is_method else calls[: len(calls) - len(before)]
     computed: set[str] = set()
     for call in (*before, *after):  # the latest first; what stands after the row ran before it
         if _is_harmless(script, call):

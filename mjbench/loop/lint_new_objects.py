@@ -4,19 +4,49 @@ import ast
 from collections.abc import Iterator
 
 from mjbench.loop.lint_data_uses import DataUses, uses_of, uses_of_parameter
-from mjbench.loop.lint_match import Match
-from mjbench.loop.lint_repeats import CREATES_MODEL, Iteration, iterations, names_in
-from mjbench.loop.script_names import COPIES, assignments, dotted_name, last_name, nodes_inside
+from mjbench.loop.lint_repeats import Iteration, creates_model, iterations
+from mjbench.loop.lint_rule import Match, rule
+from mjbench.loop.script_syntax import (
+    COPIES,
+    dotted_name,
+    is_call,
+    last_name,
+    names,
+    names_in,
+    nodes_inside,
+)
 from mjbench.loop.stepping_script import STORING_METHODS, SteppingScript
 
 _LOADERS = ("from_xml_path", "from_xml_string", "from_binary_path")
 _PHYSICS_LOADERS = ("from_mjcf_model", "from_xml_path", "from_xml_string")
 _RENDERERS = {"mujoco.Renderer", "mujoco.renderer.Renderer"}
-_RESETS = {"mj_resetData", "mj_resetDataKeyframe", "reset"}
 
 
+@rule(
+    "MJB010",
+    "a new MjData in every iteration; create one before the loop, and set it by mj_copyData,"
+    " mj_setState or mj_resetData",
+)
 def copied_data(script: SteppingScript) -> Iterator[Match]:
-    """Yield each MjData that a loop which steps creates, uses and drops in every iteration."""
+    """Yield each MjData that a loop which steps creates, uses and drops in every iteration.
+
+    `copy.copy(data)`, `copy.deepcopy(data)` and `MjData(model)` allocate all memory of a
+    simulation. One MjData from before the loop takes the state instead: `mj_copyData`, in Python
+    from MuJoCo 3.5 on, copies everything; `mj_setState` with `mjSTATE_INTEGRATION` the state, the
+    inputs and the warm start, from which a step computes the rest.
+
+        for plan in plans:
+            cost = follow(copy.deepcopy(data), plan)
+
+        scratch = mujoco.MjData(model)                    # instead
+        for plan in plans:
+            mujoco.mj_copyData(scratch, model, data)
+            cost = follow(scratch, plan)
+
+    There is no finding where the program keeps the copies.
+
+    Results: none change.
+    """
     per_episode = {
         node
         for loop in script.episode_loops
@@ -24,18 +54,38 @@ def copied_data(script: SteppingScript) -> Iterator[Match]:
         if script.is_new_data(node, loop)
     }
     for call in script.calls:
-        name = last_name(call.func)
-        is_copy = name in COPIES and bool(call.args) and script.is_data(call.args[0])
-        if not (is_copy or (name == "MjData" and call.args)) or call in per_episode:
+        if not call.args or call in per_episode:
             continue
-        each = _innermost(script, call)
-        if each is None or _has_new_model(script, each, call) or not _is_dropped(script, call):
-            continue
-        yield Match(call, callee=name)
+        is_copy = is_call(call, *COPIES) and script.is_data(call.args[0])
+        each = _innermost(script, call) if is_copy or is_call(call, "MjData") else None
+        if each and not _has_new_model(script, each, call) and _is_dropped(script, call):
+            yield Match(call, callee=last_name(call.func))
 
 
+@rule(
+    "MJB011",
+    "a model is compiled in every iteration; compile it once, and change the values of the"
+    " compiled model",
+)
 def compiled_models(script: SteppingScript) -> Iterator[Match]:
-    """Yield each model that a loop which steps or resets builds again, from the same parts."""
+    """Yield each model that a loop which steps or resets builds again, from the same parts.
+
+    Loading XML, `MjSpec.compile` and PyMJCF's `Physics.from_mjcf_model` parse and compile the whole
+    model, which takes as long as many steps.
+
+        for episode in range(100):
+            model = mujoco.MjModel.from_xml_string(scene())
+
+        model = mujoco.MjModel.from_xml_string(scene())   # instead
+        for episode in range(100):
+            model.geom_friction[:, 0] = rng.uniform(0.5, 1)
+
+    Masses, sizes, friction, colours and positions can be changed in the compiled model;
+    `mj_setConst` recomputes what follows from masses and `qpos0`. If the number of bodies varies,
+    compile all of them, and move those that are not used away.
+
+    Results: depend on what is changed; bodies that are moved away still cost time in each step.
+    """
     specs = _spec_names(script)
     for call in script.calls:
         if _compiles(call, specs) and not _is_stored(script, call):
@@ -44,20 +94,61 @@ def compiled_models(script: SteppingScript) -> Iterator[Match]:
                 yield Match(call, callee=last_name(call.func))
 
 
+@rule(
+    "MJB012",
+    "a new Renderer in every iteration; create one before the loop, and close it after",
+)
 def new_renderers(script: SteppingScript) -> Iterator[Match]:
-    """Yield each Renderer that a loop which steps creates in every iteration."""
+    """Yield each Renderer that a loop which steps creates in every iteration.
+
+    Each Renderer creates an OpenGL context and uploads all meshes and textures of the model. One
+    that is never closed keeps them.
+
+        for step in range(1000):
+            mujoco.mj_step(model, data)
+            renderer = mujoco.Renderer(model)
+
+        with mujoco.Renderer(model) as renderer:          # instead
+            for step in range(1000):
+                mujoco.mj_step(model, data)
+                renderer.update_scene(data)
+
+    Results: none change; `update_scene` sets the whole scene.
+    """
     for call in script.calls:
-        if last_name(call.func) != "Renderer" or not _is_engine_renderer(script, call):
+        name = dotted_name(call.func)
+        if _RENDERERS.isdisjoint((name, script.bindings.origin(name))) or _is_stored(script, call):
             continue
         each = _innermost(script, call)
-        if each is None or _has_new_model(script, each, call) or _varies(script, each):
-            continue
-        if not _is_stored(script, call):
+        if each and not _has_new_model(script, each, call) and not _varies(script, each):
             yield Match(call, callee="Renderer")
 
 
+@rule(
+    "MJB013",
+    "jax.jit of a function that is new in every iteration traces and compiles each time; jit"
+    " one function before the loop, and pass it what varies",
+)
 def new_jitted_functions(script: SteppingScript) -> Iterator[Match]:
-    """Yield each jax.jit of a function that is new in the iteration which calls it."""
+    """Yield each jax.jit of a function that is new in the iteration which calls it.
+
+    `jax.jit` keeps what it compiled for each function object. A lambda, a local function or a
+    `functools.partial` that an iteration creates is a new object, so JAX traces and compiles it
+    again. With `mjx.step`, that takes seconds to minutes.
+
+        for gain in gains:
+            move = jax.jit(lambda d: mjx.step(mx, d.replace(ctrl=-gain * d.qpos)))
+            data = move(data)
+
+        @jax.jit                                          # instead
+        def move(d, gain):
+            return mjx.step(mx, d.replace(ctrl=-gain * d.qpos))
+
+        for gain in gains:
+            data = move(data, gain)
+
+    Results: up to rounding the same; as an argument, `gain` is no constant of the compiled program.
+    """
     for call in script.calls:
         if _is_jit(script, call.func) and call.args and _is_called(script, call):
             yield from _if_constant(script, call, call.args[0])
@@ -70,10 +161,30 @@ def new_jitted_functions(script: SteppingScript) -> Iterator[Match]:
                 yield from _if_constant(script, function, function)
 
 
+@rule(
+    "MJB014",
+    "rollout starts its threads anew in every iteration; keep a rollout.Rollout(nthread=…)"
+    " open, or pass persistent_pool=True",
+)
 def new_rollout_pools(script: SteppingScript) -> Iterator[Match]:
-    """Yield each call of rollout in a loop that starts threads for itself."""
+    """Yield each call of rollout in a loop that starts threads for itself.
+
+    `rollout.rollout` with several MjData starts threads, and stops them when it is done. An object
+    keeps them between calls.
+
+        for _ in range(100):
+            states, sensors = rollout.rollout(model, datas, starts, plans)
+
+        with rollout.Rollout(nthread=len(datas)) as pool: # instead
+            for _ in range(100):
+                states, sensors = pool.rollout(model, datas, starts, plans)
+
+    `persistent_pool=True` does the same with one pool for the program.
+
+    Results: none change.
+    """
     for call in script.calls:
-        if last_name(call.func) != "rollout" or not _is_module_function(script, call):
+        if script.bindings.origin(dotted_name(call.func)) != "mujoco.rollout.rollout":
             continue
         is_plain = all(k.arg not in (None, "persistent_pool") for k in call.keywords)
         if is_plain and _has_threads(script, call) and any(iterations(script, call)):
@@ -85,14 +196,14 @@ def _innermost(
 ) -> Iteration | None:
     """Return the innermost loop that steps, of those in whose every iteration a node runs."""
     for each in iterations(script, node):
-        steps = script.steps_inside(each.loop) or script.steps_environment_inside(each.loop)
-        if steps or (or_resets and _resets_inside(each.loop)):
+        if script.steps_either_inside(each.loop) or (or_resets and _resets_inside(each.loop)):
             return each
     return None
 
 
 def _resets_inside(loop: ast.AST) -> bool:
-    return any(isinstance(n, ast.Call) and last_name(n.func) in _RESETS for n in nodes_inside(loop))
+    resets = ("mj_resetData", "mj_resetDataKeyframe", "reset")
+    return any(is_call(node, *resets) for node in nodes_inside(loop))
 
 
 def _varies(script: SteppingScript, each: Iteration) -> bool:
@@ -108,10 +219,7 @@ def _takes_data(script: SteppingScript, each: Iteration) -> bool:
 
 def _has_new_model(script: SteppingScript, each: Iteration, call: ast.Call) -> bool:
     """Return whether a call gets a model that is new in each iteration, or that it chooses."""
-    creates = any(
-        isinstance(n, ast.Call) and last_name(n.func) in CREATES_MODEL for n in ast.walk(call)
-    )
-    if creates or each.makes_model():
+    if creates_model(call) or each.makes_model():
         return True
     model: ast.AST = call.args[0] if call.args else call
     if each.functions and isinstance(each.inside, ast.Call):
@@ -128,22 +236,17 @@ def _is_dropped(script: SteppingScript, call: ast.Call) -> bool:
         target = parent.targets[0]
         return isinstance(target, ast.Name) and _drops(uses_of(script, target, False))
     if isinstance(parent, ast.Call) and call in parent.args:
-        given = list(_given(script, parent, call))
+        given = [
+            uses_of_parameter(script, function, parameter)
+            for function, parameters in script.functions.receiving(parent, call)
+            for parameter in parameters
+        ]
         return bool(given) and all(map(_drops, given))
     return False
 
 
 def _drops(uses: DataUses) -> bool:
     return uses.is_known and not uses.is_kept
-
-
-def _given(script: SteppingScript, call: ast.Call, argument: ast.expr) -> Iterator[DataUses]:
-    """Yield what each function that a call may mean does with an argument."""
-    for function in script.functions.called(call):
-        given = script.functions.arguments(call, function) or {}
-        for parameter, value in given.items():
-            if value is argument:
-                yield uses_of_parameter(script, function, parameter)
 
 
 def _is_stored(script: SteppingScript, call: ast.Call) -> bool:
@@ -156,20 +259,11 @@ def _is_stored(script: SteppingScript, call: ast.Call) -> bool:
     return isinstance(parent, ast.Tuple | ast.List | ast.Dict | ast.ListComp | ast.DictComp)
 
 
-def _is_engine_renderer(script: SteppingScript, call: ast.Call) -> bool:
-    name = dotted_name(call.func)
-    return not _RENDERERS.isdisjoint((name, script.bindings.origin(name)))
-
-
-def _is_module_function(script: SteppingScript, call: ast.Call) -> bool:
-    return script.bindings.origin(dotted_name(call.func)) == "mujoco.rollout.rollout"
-
-
 def _spec_names(script: SteppingScript) -> set[str]:
     """Return the names that an MjSpec was assigned to."""
     return {
         dotted_name(target)
-        for target, value in assignments(script.tree)
+        for target, value in script.values.items()
         if isinstance(value, ast.Call) and "MjSpec" in dotted_name(value.func).split(".")
     } - {""}
 
@@ -224,7 +318,8 @@ def _if_constant(
         if body is None:
             return
         varying = _varying_inside(body, each.varying_names(script))
-        if all(_is_number(script, n) for n in ast.walk(body) if _is_one_of(n, varying)):
+        read = (n for n in names(body) if isinstance(n.ctx, ast.Load) and n.id in varying)
+        if all(_is_number(script, name) for name in read):
             yield Match(node, callee="jit")
             return
 
@@ -258,15 +353,8 @@ def _varying_inside(function: ast.AST, varying: set[str]) -> set[str]:
     return varying
 
 
-def _is_one_of(node: ast.AST, names: set[str]) -> bool:
-    return isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and node.id in names
-
-
-def _is_number(script: SteppingScript, name: ast.AST) -> bool:
-    """Return whether a name is an operand of arithmetic, or a default for a parameter.
-
-    Such a value can be an argument.
-    """
+def _is_number(script: SteppingScript, name: ast.Name) -> bool:
+    """Return whether a name is an operand of arithmetic, or a default: it can be an argument."""
     return isinstance(script.parents[name], ast.BinOp | ast.UnaryOp | ast.arguments)
 
 
@@ -275,7 +363,7 @@ def _has_threads(script: SteppingScript, call: ast.Call) -> bool:
     given = {keyword.arg: keyword.value for keyword in call.keywords}
     data = call.args[1] if len(call.args) > 1 else given.get("data")
     if isinstance(data, ast.Name):
-        values = [v for t, v in assignments(script.tree) if dotted_name(t) == data.id]
+        values = script.assigned_anywhere(data.id)
         return bool(values) and all(map(_is_list, values))
     return data is not None and _is_list(data)
 

@@ -9,25 +9,33 @@ import ast
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from mjbench.loop.script_names import FUNCTIONS, dotted_name, is_step, last_name, nodes_inside
-from mjbench.loop.stepping_script import SteppingScript, leaves_after
-from mjbench.loop.view_writes import peeled
+from mjbench.loop.script_syntax import (
+    COMPREHENSIONS,
+    FUNCTIONS,
+    block_around,
+    bound_in,
+    dotted_name,
+    is_call,
+    is_step,
+    last_name,
+    names_in,
+    nodes_inside,
+    peeled,
+)
+from mjbench.loop.stepping_script import SteppingScript
 
-COMPREHENSIONS = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
 Loop = ast.For | ast.While | COMPREHENSIONS
-# Calls that create a model.
-CREATES_MODEL = {
+_CREATE_MODEL = (
     *("from_xml_path", "from_xml_string", "from_binary_path", "from_mjcf_model"),
     *("compile", "recompile", "load_model"),
-}
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Iteration:
-    """A loop in whose every iteration something runs.
+    """A loop, or a comprehension, in whose every iteration something runs.
 
     Attributes:
-      loop: the loop or the comprehension.
       inside: what stands in the loop itself: the part, or the call that leads to it.
       functions: that the calls lead through, from the loop to the part.
     """
@@ -37,19 +45,28 @@ class Iteration:
     functions: tuple[ast.FunctionDef, ...] = ()
 
     def varying_names(self, script: SteppingScript) -> set[str]:
-        """Return the names whose values follow from what the loop runs over."""
-        return _following(self.loop, script)
+        """Return the names that the loop runs over, and those whose values follow from them."""
+        if isinstance(self.loop, ast.For):
+            names = names_in(self.loop.target)
+        elif isinstance(self.loop, ast.While):
+            names = set()
+        else:
+            names = {name for each in self.loop.generators for name in names_in(each.target)}
+        flows = [flow for node in ast.walk(self.loop) for flow in _flows(node)]
+        while more := {
+            name
+            for targets, value in flows
+            if not names_in(value).isdisjoint(names)
+            for name in targets - names
+            if not script.bindings.origin(name)  # a module stays what it is
+        }:
+            names |= more
+        return names
 
     def makes_model(self) -> bool:
         """Return whether what runs gets a model that is new in the iteration."""
-        used = names_in(self.inside)
-        new = _new_models(self.loop) & used
-        return bool(new) or any(_new_models(function) for function in self.functions)
-
-
-def iterations(script: SteppingScript, node: ast.expr | ast.stmt) -> Iterator[Iteration]:
-    """Yield the loops in whose every iteration a node runs, the innermost of each way first."""
-    yield from _iterations(script, node, ())
+        new = _new_models(self.loop) & names_in(self.inside)
+        return bool(new) or any(map(_new_models, self.functions))
 
 
 def step_loop_of_helper(script: SteppingScript, node: ast.expr | ast.stmt) -> Iteration | None:
@@ -71,14 +88,15 @@ def _steps_once(script: SteppingScript, function: ast.FunctionDef) -> bool:
     return any(inner.isdisjoint(script.loops_around(step)) for step in steps)
 
 
-def _iterations(
-    script: SteppingScript,
-    node: ast.expr | ast.stmt,
-    functions: tuple[ast.FunctionDef, ...],
+def iterations(
+    script: SteppingScript, node: ast.expr | ast.stmt, functions: tuple[ast.FunctionDef, ...] = ()
 ) -> Iterator[Iteration]:
+    """Yield the loops in whose every iteration a node runs, the innermost of each way first.
+
+    `functions` are those that calls lead through, from the node on.
+    """
     child: ast.AST = node
-    parent = script.parents.get(node)
-    while parent is not None:
+    for parent in script.above(node):
         if isinstance(parent, ast.Lambda | ast.ClassDef):
             return
         if isinstance(parent, Loop) and _is_repeated(child, parent):
@@ -86,21 +104,13 @@ def _iterations(
                 return
             yield Iteration(parent, node, functions)
         elif isinstance(parent, FUNCTIONS):
-            if isinstance(parent, ast.FunctionDef) and parent not in functions:
-                yield from _in_callers(script, node, parent, functions)
+            if not isinstance(parent, ast.FunctionDef) or parent in functions:
+                return
+            if not _may_run_once(script, node, parent):
+                for call in script.functions.calls_of(parent):
+                    yield from iterations(script, call, (parent, *functions))
             return
-        child, parent = parent, script.parents.get(parent)
-
-
-def _in_callers(
-    script: SteppingScript,
-    node: ast.expr | ast.stmt,
-    function: ast.FunctionDef,
-    functions: tuple[ast.FunctionDef, ...],
-) -> Iterator[Iteration]:
-    if not _may_run_once(script, node, function):
-        for call in script.functions.calls_of(function):
-            yield from _iterations(script, call, (function, *functions))
+        child = parent
 
 
 def _is_repeated(child: ast.AST, loop: Loop) -> bool:
@@ -130,11 +140,18 @@ def _may_run_once(
             return True
         if isinstance(parent, ast.BoolOp) and child is not parent.values[0]:
             return True
-        if not isinstance(limit, ast.FunctionDef) and leaves_after(child, parent):
+        if not isinstance(limit, ast.FunctionDef) and _leaves_after(child, parent):
             return True
         child = parent
     leaves = ast.Return if isinstance(limit, ast.FunctionDef) else ast.Continue
     return any(isinstance(n, leaves) and n.lineno < node.lineno for n in nodes_inside(limit))
+
+
+def _leaves_after(child: ast.AST, parent: ast.AST) -> bool:
+    """Return whether a statement that follows a child in its block ends the loop around both."""
+    block = block_around(child, parent)
+    rest = block[block.index(child) + 1 :] if isinstance(child, ast.stmt) and block else []
+    return any(isinstance(node, ast.Return | ast.Break | ast.Raise) for node in rest)
 
 
 def _expects_error(node: ast.With) -> bool:
@@ -155,37 +172,7 @@ def _is_regular(branch: ast.AST, limit: Loop | ast.FunctionDef) -> bool:
     is_plain = all(
         isinstance(part, ast.Name | ast.Not | ast.UnaryOp | ast.expr_context) for part in parts
     )
-    bound = {n.id for n in ast.walk(limit) if isinstance(n, ast.Name) and _is_bound(n)}
-    return is_plain and names_in(branch.test).isdisjoint(bound)
-
-
-def _is_bound(name: ast.Name) -> bool:
-    return not isinstance(name.ctx, ast.Load)
-
-
-def names_in(node: ast.AST) -> set[str]:
-    """Return the names that stand in a node."""
-    return {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
-
-
-def _following(loop: Loop, script: SteppingScript) -> set[str]:
-    """Return the names that a loop runs over, and those whose values follow from them."""
-    if isinstance(loop, ast.For):
-        names = names_in(loop.target)
-    elif isinstance(loop, ast.While):
-        names = set()
-    else:
-        names = {name for each in loop.generators for name in names_in(each.target)}
-    flows = [flow for node in ast.walk(loop) for flow in _flows(node)]
-    while more := {
-        name
-        for targets, value in flows
-        if not names_in(value).isdisjoint(names)
-        for name in targets - names
-        if not script.bindings.origin(name)  # a module stays what it is
-    }:
-        names |= more
-    return names
+    return is_plain and names_in(branch.test).isdisjoint(bound_in(limit))
 
 
 def _flows(node: ast.AST) -> Iterator[tuple[set[str], ast.AST]]:
@@ -202,8 +189,7 @@ def _flows(node: ast.AST) -> Iterator[tuple[set[str], ast.AST]]:
         receivers = [node.func.value] if isinstance(node.func, ast.Attribute) else []
         yield {name for each in receivers for name in _roots(each)}, node
     elif isinstance(node, ast.If | ast.While):  # what is assigned under a condition
-        bound = {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and _is_bound(n)}
-        yield bound, node.test
+        yield bound_in(node), node.test
 
 
 def _roots(target: ast.AST) -> set[str]:
@@ -213,17 +199,19 @@ def _roots(target: ast.AST) -> set[str]:
     return {name.partition(".")[0] for name in dotted} - {""}
 
 
+def creates_model(node: ast.AST, by_any_call: bool = False) -> bool:
+    """Return whether a call in a node creates a model, or any call is said to."""
+    calls = (n for n in ast.walk(node) if isinstance(n, ast.Call))
+    return any(by_any_call or is_call(call, *_CREATE_MODEL) for call in calls)
+
+
 def _new_models(scope: Loop | ast.FunctionDef) -> set[str]:
     """Return the names to which a loop or a function assigns a new model."""
     return {
         name
         for node in ast.walk(scope)
         if isinstance(node, ast.Assign)
-        and any(
-            isinstance(n, ast.Call)
-            and (last_name(n.func) in CREATES_MODEL or isinstance(node.targets[0], ast.Tuple))
-            for n in ast.walk(node.value)
-        )
+        and creates_model(node.value, by_any_call=isinstance(node.targets[0], ast.Tuple))
         for target in node.targets
         for name in names_in(target)
     }

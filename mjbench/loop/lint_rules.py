@@ -1,15 +1,12 @@
 """The rules of `mjbench lint`: what each one looks for in a stepping script.
 
-A new rule is a function that yields matches, and a line of `RULES`.
+A new rule is a function that yields matches, with its explanation, and a line of `RULES`.
 """
 
 import ast
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
-from mjbench.loop import lint_explanations as explanations
 from mjbench.loop.lint_forward import forward_after_step
-from mjbench.loop.lint_match import Match
 from mjbench.loop.lint_moments import rows_of_two_moments
 from mjbench.loop.lint_new_objects import (
     compiled_models,
@@ -18,101 +15,129 @@ from mjbench.loop.lint_new_objects import (
     new_renderers,
     new_rollout_pools,
 )
-from mjbench.loop.lint_repeats import Loop, names_in, step_loop_of_helper
+from mjbench.loop.lint_repeats import Loop, step_loop_of_helper
+from mjbench.loop.lint_rule import Match, rule
 from mjbench.loop.lint_written_views import written_views
 from mjbench.loop.lint_wrong_results import halves_of_runge_kutta, shared_data
-from mjbench.loop.script_names import dotted_name, last_name
-from mjbench.loop.stepping_script import SteppingLoop, SteppingScript
+from mjbench.loop.script_syntax import (
+    dotted_name,
+    is_call,
+    is_step,
+    last_name,
+    names_in,
+    nodes_inside,
+)
+from mjbench.loop.stepping_script import SteppingBody, SteppingScript
 from mjbench.loop.stored_views import stored_views
 
 # The codes of the rules on views that outlive their step, and on names looked up in every step.
 STORED_VIEW, NAMED_ACCESS = "MJB001", "MJB002"
-# Habits of the overhead table (mjbench/loop/habits.py) by which rules say what a match costs.
-NAMED_ACCESS_HABIT = "named access by name"
+# About how many ns a habit of mjbench/loop/habits.py adds to a step of the cart-pole, as stored in
+# results/overhead.json; on another machine, only the order of magnitude is the same.
+COSTS_NS = {
+    "named access by name": 1316.000330677059,
+    "allocate zeros": 315.11347004333663,
+    "concatenate": 1209.4139383725874,
+    "hstack": 3636.139767674077,
+}
 # Functions of NumPy that allocate an array, with the habit that costs about as much.
 _CREATE = (
-    "zeros",
-    "ones",
-    "empty",
-    "full",
-    "zeros_like",
-    "ones_like",
-    "empty_like",
-    "array",
-    "eye",
+    *("zeros", "ones", "empty", "full", "zeros_like", "ones_like", "empty_like", "array", "eye"),
 )
-ALLOCATION_HABITS = {
+_ALLOCATIONS = {
     **dict.fromkeys(_CREATE, "allocate zeros"),
     **dict.fromkeys(("concatenate", "append", "tile"), "concatenate"),
     **dict.fromkeys(("hstack", "vstack", "stack"), "hstack"),
 }
 # Calls that begin an episode.
-_EPISODE_STARTS = {"mj_resetData", "mj_resetDataKeyframe", "mj_setState", "MjData"}
+_EPISODE_STARTS = ("mj_resetData", "mj_resetDataKeyframe", "mj_setState", "MjData")
 
 
-@dataclass(frozen=True)
-class Rule:
-    """What is looked for.
+@rule(
+    STORED_VIEW,
+    "a view is stored: every entry will show the last state; add .copy()",
+    is_wrong_result=True,
+)
+def logged_views(script: SteppingScript) -> Iterator[Match]:
+    """Yield views that outlive the iteration in which they were taken.
 
-    Attributes:
-      code: as in `# noqa: MJB001`.
-      message: what is wrong, and what to write instead.
-      matches: yields the nodes of a script that break the rule.
-      explanation: what happens, why, what to write instead, and what that changes in results.
-      is_wrong_result: whether the program computes or records something else than it says; the
-        other rules are about time.
+    `data.qpos` is a view: an array that shows the memory of the MjData. Storing it stores no
+    values, so every entry shows the state of the last step, and `np.array(log)` has the same row
+    everywhere. This holds for the fields of an MjData, for their slices and reshapes, and for those
+    of named parts; also where a function of the script returns or yields the view.
+
+        mujoco.mj_step(model, data)
+        log.append(data.qpos)           # write: log.append(data.qpos.copy())
+
+    Results: the log holds one row for each step. The simulation stays as it is.
     """
-
-    code: str
-    message: str
-    matches: Callable[[SteppingScript], Iterator[Match]]
-    explanation: str
-    is_wrong_result: bool = False
-
-
-def _returned(view: ast.expr) -> Match:
-    """Return the match of a view in the function that returns or yields it."""
-    return Match(
-        view,
-        message="a view is returned, and the caller stores it: every entry will show the last"
-        " state; add .copy()",
+    returned = (
+        "a view is returned, and the caller stores it: every entry will show the last state; add"
+        " .copy()"
     )
-
-
-def _stored_views(script: SteppingScript) -> Iterator[Match]:
-    """Yield views that outlive the iteration in which they were taken."""
     for stored in stored_views(script).all():
-        yield _returned(stored.view) if stored.is_returned else Match(stored.view)
+        yield Match(stored.view, message=returned if stored.is_returned else "")
 
 
-def _named_access(script: SteppingScript) -> Iterator[Match]:
-    """Yield calls that look a name up in every step."""
-    names = [
-        call
-        for call in script.calls
-        if script.is_named_access(call) or last_name(call.func) == "mj_name2id"
-    ]
+@rule(
+    NAMED_ACCESS,
+    "named access inside a stepping loop; hoist it: x = data.joint('x').qpos before the loop",
+)
+def named_access(script: SteppingScript) -> Iterator[Match]:
+    """Yield calls that look a name up in every step.
+
+    `data.joint("hip")` looks the name up each time. MuJoCo keeps one object for each element, whose
+    arrays are views, so the object from before the loop shows the present values in every step.
+
+        for _ in range(1000):
+            mujoco.mj_step(model, data)
+            angle = data.joint("hip").qpos[0]
+
+        hip = data.joint("hip")         # instead
+        for _ in range(1000):
+            mujoco.mj_step(model, data)
+            angle = hip.qpos[0]
+
+    Results: none change. A wrong name raises before the loop.
+    """
+    calls = [c for c in script.calls if script.is_named_access(c) or is_call(c, "mj_name2id")]
     loops = [*script.loops, *script.environment_loops]
-    for call, loop in _in_steps(script, names, loops):
-        yield Match(call, NAMED_ACCESS_HABIT, loop=loop)
+    for call, loop in _in_steps(script, calls, loops):
+        yield Match(call, COSTS_NS["named access by name"], loop=loop)
 
 
-def _allocations(script: SteppingScript) -> Iterator[Match]:
-    """Yield calls that allocate an array; not those under an `if`, which may run only once."""
+@rule(
+    "MJB003",
+    "a new array in every step; create one before the loop and write into its slices (x[:n] =)",
+)
+def allocations(script: SteppingScript) -> Iterator[Match]:
+    """Yield calls that allocate an array; not those under an `if`, which may run only once.
+
+    Each call allocates an array and fills it; in a small model this costs as much as part of a
+    step.
+
+        observation = np.concatenate([data.qpos, data.qvel])
+
+        observation = np.empty(model.nq + model.nv)       # instead, before the loop
+        observation[: model.nq] = data.qpos
+        observation[model.nq :] = data.qvel
+
+    Results: none change, unless the program keeps the arrays: then it needs one for each step.
+    """
     arrays = [
         call
         for call in script.calls
-        if last_name(call.func) in ALLOCATION_HABITS
+        if is_call(call, *_ALLOCATIONS)
         and script.is_numpy_call(call)
         and not any(keyword.arg == "out" for keyword in call.keywords)
     ]
     for call, loop in _in_steps(script, arrays, script.loops):
         if not script.is_conditional(call):
-            yield Match(call, ALLOCATION_HABITS[last_name(call.func)], loop=loop)
+            yield Match(call, COSTS_NS[_ALLOCATIONS[last_name(call.func)]], loop=loop)
 
 
 def _in_steps(
-    script: SteppingScript, calls: Sequence[ast.Call], loops: Sequence[SteppingLoop]
+    script: SteppingScript, calls: Sequence[ast.Call], loops: Sequence[SteppingBody]
 ) -> Iterator[tuple[ast.Call, Loop | None]]:
     """Yield calls that run in every step of one of some loops.
 
@@ -127,25 +152,79 @@ def _in_steps(
             yield call, each.loop
 
 
-def _new_data_per_episode(script: SteppingScript) -> Iterator[Match]:
-    """Yield each new MjData of an episode, but not one of a model that is new as well."""
+@rule(
+    "MJB005",
+    "a new MjData for every episode; create one and call mj_resetData",
+)
+def new_data_per_episode(script: SteppingScript) -> Iterator[Match]:
+    """Yield each new MjData of an episode, but not one of a model that is new as well.
+
+    `MjData(model)` allocates all memory of a simulation. `mj_resetData` sets the same values in the
+    memory that is there.
+
+        for episode in range(100):
+            data = mujoco.MjData(model)
+
+        data = mujoco.MjData(model)                       # instead
+        for episode in range(100):
+            mujoco.mj_resetData(model, data)
+
+    Results: none change, unless the program keeps the MjData of earlier episodes, or their views.
+    """
     for loop in script.episode_loops:
         yield from (Match(node) for node in loop.inner if script.is_new_data(node, loop))
 
 
-def _serial_simulations(script: SteppingScript) -> Iterator[Match]:
-    """Yield loops that begin a simulation in each iteration, and step it in a loop inside."""
+@rule(
+    "MJB006",
+    "a loop over simulations around a loop over steps; mujoco.rollout or mujoco.batch does both"
+    " on threads (mjbench compare says which)",
+)
+def serial_simulations(script: SteppingScript) -> Iterator[Match]:
+    """Yield loops that begin a simulation in each iteration, and step it in a loop inside.
+
+    Simulations that do not depend on each other run one after another, on one core, and Python runs
+    between the steps. `mujoco.rollout`, from MuJoCo 3.2.7 on, and `mujoco.batch` step them on
+    threads, and `mjbench compare` says which is fastest for a model.
+
+        for plan in plans:
+            mujoco.mj_resetData(model, data)
+            for ctrl in plan:
+                data.ctrl[:] = ctrl
+                mujoco.mj_step(model, data)
+
+        states, sensors = rollout.rollout(model, datas, starts, plans)    # instead
+
+    Results: none change where the controls are known before the steps.
+    """
     for loop in script.episode_loops:
-        begins = any(
-            isinstance(node, ast.Call) and last_name(node.func) in _EPISODE_STARTS
-            for node in loop.inner
-        )
-        if begins and any(script.is_for_over_steps(node) for node in loop.inner):
+        begins = any(is_call(node, *_EPISODE_STARTS) for node in loop.inner)
+        inner = (node for node in loop.inner if isinstance(node, ast.For))
+        if begins and any(any(map(is_step, nodes_inside(each))) for each in inner):
             yield Match(loop.node)
 
 
-def _steps_in_a_row(script: SteppingScript) -> Iterator[Match]:
-    """Yield calls of mj_step that a loop does nothing but repeat, a given number of times."""
+@rule(
+    "MJB017",
+    "nothing happens between these steps: take them in one call, mj_step(model, data, nstep)",
+)
+def steps_in_a_row(script: SteppingScript) -> Iterator[Match]:
+    """Yield calls of mj_step that a loop does nothing but repeat, a given number of times.
+
+    Each call of `mj_step` passes from Python to C and back. Where nothing is read or written
+    between steps, as while an action is held, one call takes them all.
+
+        data.ctrl[:] = policy(data)
+        for _ in range(frame_skip):
+            mujoco.mj_step(model, data)
+
+        data.ctrl[:] = policy(data)     # instead
+        mujoco.mj_step(model, data, frame_skip)
+
+    There is no finding where the loop does anything else, such as to ask the policy.
+
+    Results: none change, bit for bit.
+    """
     for call in script.calls:
         statement = script.parents[call]
         loop = script.parents.get(statement)
@@ -153,119 +232,27 @@ def _steps_in_a_row(script: SteppingScript) -> Iterator[Match]:
             continue
         is_range = isinstance(loop.iter, ast.Call) and dotted_name(loop.iter.func) == "range"
         inner = [n for n in ast.walk(statement) if isinstance(n, ast.Call)]
-        is_plain = last_name(call.func) == "mj_step" and len(call.args) == 2 and not call.keywords
-        if not (is_range and is_plain and inner == [call]):
-            continue
-        if names_in(loop.target).isdisjoint(names_in(call)):
+        is_plain = is_call(call, "mj_step") and len(call.args) == 2 and not call.keywords
+        is_same_step = names_in(loop.target).isdisjoint(names_in(call))
+        if is_range and is_plain and inner == [call] and is_same_step:
             yield Match(call, callee="mj_step")
 
 
 RULES = (
-    Rule(
-        STORED_VIEW,
-        "a view is stored: every entry will show the last state; add .copy()",
-        _stored_views,
-        explanations.STORED_VIEW,
-        is_wrong_result=True,
-    ),
-    Rule(
-        NAMED_ACCESS,
-        "named access inside a stepping loop; hoist it: x = data.joint('x').qpos before the loop",
-        _named_access,
-        explanations.NAMED_ACCESS,
-    ),
-    Rule(
-        "MJB003",
-        "a new array in every step; create one before the loop and write into its slices (x[:n] =)",
-        _allocations,
-        explanations.NEW_ARRAY,
-    ),
-    Rule(
-        "MJB005",
-        "a new MjData for every episode; create one and call mj_resetData",
-        _new_data_per_episode,
-        explanations.NEW_DATA,
-    ),
-    Rule(
-        "MJB006",
-        "a loop over simulations around a loop over steps; mujoco.rollout or mujoco.batch does both"
-        " on threads (mjbench compare says which)",
-        _serial_simulations,
-        explanations.SERIAL_SIMULATIONS,
-    ),
-    Rule(
-        "MJB007",
-        "mj_forward after mj_step computes another step's worth, of which little is read",
-        forward_after_step,
-        explanations.FORWARD_AFTER_STEP,
-    ),
-    Rule(
-        "MJB008",
-        "mj_step2 integrates by Euler, but the model has the RK4 integrator; call mj_step",
-        halves_of_runge_kutta,
-        explanations.HALVES_OF_RUNGE_KUTTA,
-        is_wrong_result=True,
-    ),
-    Rule(
-        "MJB009",
-        "several threads step one MjData and overwrite its state; create an MjData for each thread"
-        " (they may share the model)",
-        shared_data,
-        explanations.SHARED_DATA,
-        is_wrong_result=True,
-    ),
-    Rule(
-        "MJB010",
-        "a new MjData in every iteration; create one before the loop, and set it by mj_copyData,"
-        " mj_setState or mj_resetData",
-        copied_data,
-        explanations.COPIED_DATA,
-    ),
-    Rule(
-        "MJB011",
-        "a model is compiled in every iteration; compile it once, and change the values of the"
-        " compiled model",
-        compiled_models,
-        explanations.COMPILED_MODEL,
-    ),
-    Rule(
-        "MJB012",
-        "a new Renderer in every iteration; create one before the loop, and close it after",
-        new_renderers,
-        explanations.NEW_RENDERER,
-    ),
-    Rule(
-        "MJB013",
-        "jax.jit of a function that is new in every iteration traces and compiles each time; jit"
-        " one function before the loop, and pass it what varies",
-        new_jitted_functions,
-        explanations.NEW_JITTED_FUNCTION,
-    ),
-    Rule(
-        "MJB014",
-        "rollout starts its threads anew in every iteration; keep a rollout.Rollout(nthread=…)"
-        " open, or pass persistent_pool=True",
-        new_rollout_pools,
-        explanations.NEW_ROLLOUT_POOL,
-    ),
-    Rule(
-        "MJB015",
-        "a row mixes the new state with what is still computed from the one before",
-        rows_of_two_moments,
-        explanations.ROW_OF_TWO_MOMENTS,
-        is_wrong_result=True,
-    ),
-    Rule(
-        "MJB016",
-        "this writes into the simulation, through a view that a function returns; copy it",
-        written_views,
-        explanations.WRITTEN_VIEW,
-        is_wrong_result=True,
-    ),
-    Rule(
-        "MJB017",
-        "nothing happens between these steps: take them in one call, mj_step(model, data, nstep)",
-        _steps_in_a_row,
-        explanations.STEPS_IN_A_ROW,
-    ),
+    logged_views,
+    named_access,
+    allocations,
+    new_data_per_episode,
+    serial_simulations,
+    forward_after_step,
+    halves_of_runge_kutta,
+    shared_data,
+    copied_data,
+    compiled_models,
+    new_renderers,
+    new_jitted_functions,
+    new_rollout_pools,
+    rows_of_two_moments,
+    written_views,
+    steps_in_a_row,
 )

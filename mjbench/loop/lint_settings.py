@@ -7,9 +7,8 @@ command line, `--select` and `--ignore` replace `select` and `ignore` of its `[t
 
 import fnmatch
 import tomllib
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +58,7 @@ class RuleChoice:
 
     select: tuple[str, ...] = ()
     ignore: tuple[str, ...] = ()
+    _by_folder: dict[Path, LintSettings] = field(default_factory=dict, init=False, compare=False)
 
     def codes_for(self, file: str) -> list[str]:
         """Return the codes of the rules to check in a file.
@@ -82,21 +82,13 @@ class RuleChoice:
                 known[folder] = LintSettings() if is_root else self._settings_of(folder.parent)
         return known[folder]
 
-    @cached_property
-    def _by_folder(self) -> dict[Path, LintSettings]:
-        return {}
-
 
 # Those that pyproject.toml selects; without one, all.
 ALL_RULES = RuleChoice()
 
 
 def codes(select: Iterable[str], ignore: Iterable[str]) -> list[str]:
-    """Return the codes of the rules to check.
-
-    Args:
-      select: codes, or how they begin; none for all.
-      ignore: likewise; they take precedence.
+    """Return the codes of the rules to check; to ignore takes precedence, and all are the default.
 
     Raises:
       InputError: no rule has such a code.
@@ -150,12 +142,8 @@ def read_settings(file: Path) -> LintSettings:
 def _codes_of(values: Any, place: str) -> tuple[str, ...]:
     if not (isinstance(values, list) and all(isinstance(value, str) for value in values)):
         raise InputError(f'{place} is not a list of codes, such as ["MJB001"]')
-    _checked(values, place)
-    return tuple(values)
-
-
-def _checked(beginnings: Collection[str], place: str) -> None:
     try:
-        _matching(beginnings)
+        _matching(values)
     except InputError as error:
         raise InputError(f"{place}: {error}") from error
+    return tuple(values)

@@ -12,12 +12,10 @@ import ast
 import re
 from collections.abc import Iterator
 
-from mjbench.loop.lint_helper_views import Source, source_of_binding
-from mjbench.loop.lint_match import Match
-from mjbench.loop.lint_repeats import names_in
-from mjbench.loop.script_names import last_name
+from mjbench.loop.lint_rule import Match, rule
+from mjbench.loop.script_syntax import last_name, names_in
 from mjbench.loop.stepping_script import FIELDS, SteppingScript
-from mjbench.loop.stored_views import stored_views
+from mjbench.loop.stored_views import Source, StoredViews, stored_views
 from mjbench.loop.view_writes import WRITING_FUNCTIONS, WRITING_METHODS
 
 # What does not write through a view: `resize` raises an error, and `setflags(write=False)` prevents
@@ -29,19 +27,41 @@ _SETS = re.compile(r"(mj_(forward|kinematics|fwdPosition|setState)|(re)?set(_\w+
 _PROMISES_VIEW = re.compile(r"(^|_)(view|ref|pointer|ptr|proxy|buffer)s?(_|$)")
 
 
+@rule(
+    "MJB016",
+    "this writes into the simulation, through a view that a function returns; copy it",
+    is_wrong_result=True,
+)
 def written_views(script: SteppingScript) -> Iterator[Match]:
-    """Yield what writes into a view that a name got from a function of the script."""
+    """Yield what writes into a view that a name got from a function of the script.
+
+    A function that returns `data.qpos`, or a slice of it, returns a view: an array that shows the
+    memory of the MjData. A caller that writes into it, to scale or clip an observation, writes into
+    the simulation, and the next step goes on from there.
+
+        def state(self):
+            return self.data.qpos       # write: return self.data.qpos.copy()
+
+        obs = env.state()
+        obs -= mean                     # or here: obs = env.state() - mean
+
+    There is no finding where the caller seems to set the state: where `mj_forward` or the like
+    follows, in a method called `reset` or `set_...`, or where the function is named after the field
+    or as a view.
+
+    Results: the simulation keeps its own state, so all later states differ.
+    """
     if not any(isinstance(n, ast.Attribute) and FIELDS.match(n.attr) for n in script.nodes):
         return
-    helpers = stored_views(script).helpers
+    stored = stored_views(script)
     for node in script.nodes:
         if not isinstance(node, ast.expr | ast.stmt):
             continue
         for name in _written(node):
-            source = _source(script, name)
+            source = _source(script, stored, name)
             if source is None or _sets_state(script, node):
                 continue
-            for function, view in helpers.given(source):
+            for function, view in stored.returned(source):
                 if not _promises_view(function, view):
                     yield Match(node, message=_message(name, function, view))
 
@@ -74,12 +94,11 @@ def _replaces_all(part: ast.Subscript, value: ast.expr) -> bool:
     return is_whole and names_in(part.value).isdisjoint(names_in(value))
 
 
-def _source(script: SteppingScript, name: ast.Name) -> Source | None:
+def _source(script: SteppingScript, stored: StoredViews, name: ast.Name) -> Source | None:
     """Return where the one value of a name comes from; None where it has others."""
-    owner = script.bindings.owner(name.id, name)
-    bindings = script.bindings.bindings(name.id, owner) if owner else ()
+    bindings = script.bindings.of_name(name)
     values = [b for b in bindings if not isinstance(script.parents.get(b), ast.AugAssign)]
-    return source_of_binding(script, values[0]) if len(values) == 1 else None
+    return stored.source_of_binding(values[0]) if len(values) == 1 else None
 
 
 def _sets_state(script: SteppingScript, node: ast.expr | ast.stmt) -> bool:

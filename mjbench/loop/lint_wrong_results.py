@@ -4,19 +4,45 @@ import ast
 import re
 from collections.abc import Iterator
 
-from mjbench.loop.lint_match import Match
 from mjbench.loop.lint_repeats import iterations
-from mjbench.loop.script_names import assignments, dotted_name, is_step, last_name, nodes_inside
+from mjbench.loop.lint_rule import Match, rule
+from mjbench.loop.script_syntax import (
+    bound_in,
+    dotted_name,
+    is_call,
+    is_step,
+    last_name,
+    nodes_inside,
+)
 from mjbench.loop.stepping_script import SteppingScript
 
 _RK4_TEXT = re.compile(r"""integrator\s*=\s*["']RK4["']""")
-_LOADS_TEXT = "from_xml_string"
 
 
+@rule(
+    "MJB008",
+    "mj_step2 integrates by Euler, but the model has the RK4 integrator; call mj_step",
+    is_wrong_result=True,
+)
 def halves_of_runge_kutta(script: SteppingScript) -> Iterator[Match]:
-    """Yield calls of mj_step2 with a model that the script itself gives the RK4 integrator."""
+    """Yield calls of mj_step2 with a model that the script itself gives the RK4 integrator.
+
+    `mj_step` with `integrator="RK4"` computes four stages. `mj_step1` and `mj_step2` cannot:
+    `mj_step2` integrates by Euler, without a warning, so states differ from those of `mj_step`.
+
+        mujoco.mj_step1(model, data)
+        data.ctrl[:] = policy(data)
+        mujoco.mj_step2(model, data)
+
+        data.ctrl[:] = policy(data)     # instead: the policy sees positions of the step before
+        mujoco.mj_step(model, data)
+
+    Or choose `implicitfast`, which both ways of stepping compute.
+
+    Results: the states become those of the integrator that the model asks for.
+    """
     for call in script.calls:
-        if last_name(call.func) == "mj_step2" and call.args:
+        if is_call(call, "mj_step2") and call.args:
             model = dotted_name(call.args[0])
             if model and _is_runge_kutta(script, model):
                 yield Match(call, callee="mj_step2")
@@ -24,12 +50,10 @@ def halves_of_runge_kutta(script: SteppingScript) -> Iterator[Match]:
 
 def _is_runge_kutta(script: SteppingScript, model: str) -> bool:
     """Return whether all that a script shows of a model's integrator is RK4."""
-    values = list(assignments(script.tree))
-    integrators = [v for t, v in values if dotted_name(t) == f"{model}.opt.integrator"]
+    integrators = script.assigned_anywhere(f"{model}.opt.integrator")
     if integrators:
         return all("mjINT_RK4" in dotted_name(_without_cast(v)) for v in integrators)
-    models = [v for t, v in values if dotted_name(t) == model]
-    texts = [_text_of(values, value) for value in models]
+    texts = [_text_of(script, value) for value in script.assigned_anywhere(model)]
     return bool(texts) and all(_RK4_TEXT.search(text) for text in texts)
 
 
@@ -38,33 +62,49 @@ def _without_cast(node: ast.AST) -> ast.AST:
     return node.args[0] if isinstance(node, ast.Call) and len(node.args) == 1 else node
 
 
-def _text_of(values: list[tuple[ast.AST, ast.AST]], model: ast.AST) -> str:
+def _text_of(script: SteppingScript, model: ast.AST) -> str:
     """Return the XML that a model is loaded from, where the script holds it; else nothing."""
-    if not (isinstance(model, ast.Call) and last_name(model.func) == _LOADS_TEXT and model.args):
+    if not (is_call(model, "from_xml_string") and model.args):
         return ""
-    text = model.args[0]
-    if isinstance(text, ast.Name):
-        texts = [value for target, value in values if dotted_name(target) == text.id]
-        text = texts[0] if len(texts) == 1 and isinstance(texts[0], ast.expr) else text
-    parts = ast.walk(text)
-    return "".join(
-        part.value
-        for part in parts
-        if isinstance(part, ast.Constant) and isinstance(part.value, str)
-    )
+    text: ast.AST = model.args[0]
+    texts = script.assigned_anywhere(text.id) if isinstance(text, ast.Name) else []
+    if len(texts) == 1:
+        (text,) = texts
+    constants = (part.value for part in ast.walk(text) if isinstance(part, ast.Constant))
+    return "".join(value for value in constants if isinstance(value, str))
 
 
+@rule(
+    "MJB009",
+    "several threads step one MjData and overwrite its state; create an MjData for each thread"
+    " (they may share the model)",
+    is_wrong_result=True,
+)
 def shared_data(script: SteppingScript) -> Iterator[Match]:
-    """Yield where a loop hands one MjData to several threads, each of which steps it."""
-    starts = [c for c in script.calls if last_name(c.func) in ("Thread", "submit", "map")]
+    """Yield where a loop hands one MjData to several threads, each of which steps it.
+
+    An MjData holds one state and all that is computed from it. `mj_step` releases Python's lock, so
+    threads that step one MjData write to the same memory at the same time: states are wrong, differ
+    from run to run, and the program may crash.
+
+        for _ in range(4):
+            threading.Thread(target=simulate, args=(model, data)).start()
+
+        for _ in range(4):              # instead
+            threading.Thread(target=simulate, args=(model, mujoco.MjData(model))).start()
+
+    A model that no thread changes may be shared. `mujoco.rollout` has threads of its own.
+
+    Results: each thread simulates its own state.
+    """
+    starts = [call for call in script.calls if is_call(call, "Thread", "submit", "map")]
     executors = _executor_names(script) if starts else set()
     for call in starts:
         work = _work(call, executors)
         function = script.functions.named(work[0]) if work else None
         if function is None or _is_locked(function):
             continue
-        is_map = last_name(call.func) == "map"
-        if not is_map and not _starts_several(script, call):
+        if not is_call(call, "map") and not _starts_several(script, call):
             continue
         if _steps_outer_data(script, function) or _steps_given_data(script, function, call, work):
             yield Match(call, callee=last_name(call.func))
@@ -72,26 +112,22 @@ def shared_data(script: SteppingScript) -> Iterator[Match]:
 
 def _executor_names(script: SteppingScript) -> set[str]:
     """Return the names of pools of several threads."""
-    made = [(t, v) for t, v in assignments(script.tree)]
-    made += [
+    created = list(script.values.items())
+    created += [
         (item.optional_vars, item.context_expr)
         for node in script.nodes
         if isinstance(node, ast.With)
         for item in node.items
         if item.optional_vars is not None
     ]
-    return {dotted_name(target) for target, value in made if _is_thread_pool(value)} - {""}
+    return {dotted_name(target) for target, value in created if _is_thread_pool(value)} - {""}
 
 
 def _is_thread_pool(node: ast.AST) -> bool:
-    if not (
-        isinstance(node, ast.Call) and last_name(node.func) in ("ThreadPoolExecutor", "ThreadPool")
-    ):
+    if not is_call(node, "ThreadPoolExecutor", "ThreadPool"):
         return False
-    sizes = [
-        *node.args[:1],
-        *(k.value for k in node.keywords if k.arg in ("max_workers", "processes")),
-    ]
+    named = (k.value for k in node.keywords if k.arg in ("max_workers", "processes"))
+    sizes = [*node.args[:1], *named]
     return not any(isinstance(size, ast.Constant) and size.value == 1 for size in sizes)
 
 
@@ -136,18 +172,13 @@ def _steps_given_data(
     """Return whether a function steps an argument that is the same in all iterations."""
     parameters = [a.arg for a in (*function.args.posonlyargs, *function.args.args)]
     given = dict(zip(parameters, work[1:], strict=False))
-    loops = [each.loop for each in iterations(script, call)]
-    new = {
-        n.id
-        for loop in loops[:1]
-        for n in ast.walk(loop)
-        if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
-    }
-    for data in _stepped(function):
-        argument = given.get(dotted_name(data))
-        if isinstance(argument, ast.Name) and argument.id not in new and script.is_data(argument):
-            return True
-    return False
+    innermost = next(iterations(script, call), None)
+    new = bound_in(innermost.loop) if innermost is not None else set()
+    arguments = (given.get(dotted_name(data)) for data in _stepped(function))
+    return any(
+        isinstance(argument, ast.Name) and argument.id not in new and script.is_data(argument)
+        for argument in arguments
+    )
 
 
 def _stepped(function: ast.FunctionDef) -> Iterator[ast.expr]:

@@ -26,13 +26,7 @@ LEAST_NSTEP, RUN_S = 5, 1e-4
 
 @dataclass(frozen=True)
 class LoopRequest:
-    """What a child process of `profile` or `overhead` measures.
-
-    Attributes:
-      source: of the model.
-      starts: where start states are to come from.
-      seed: of start states and controls.
-    """
+    """What a child process of `profile` or `overhead` measures."""
 
     source: ModelSource
     starts: StartPlan = DEFAULT_STARTS
@@ -40,19 +34,12 @@ class LoopRequest:
 
 
 class StartsInTurn:
-    """Restores one start state after the other, and the first after the last.
-
-    Attributes:
-      count: starts so far.
-    """
+    """Restores one start state after the other, the first after the last, and counts them."""
 
     def __init__(self, model: mujoco.MjModel, states: np.ndarray, repeats: int = 1):
-        """Prepare to start.
+        """Prepare to restore (nstart, nstate) rows of mjSTATE_INTEGRATION, with controls in them.
 
-        Args:
-          model: to step.
-          states: (nstart, nstate) rows of mjSTATE_INTEGRATION, which include the controls.
-          repeats: how often each is restored before the next.
+        Each is restored `repeats` times before the next.
         """
         self._rows, self._repeats = list(states), repeats
         self._spec, self._has_reset = compat.state_spec("INTEGRATION"), compat.has_sleep(model)
@@ -68,24 +55,12 @@ class StartsInTurn:
 
 
 class LoopStarts:
-    """Start states for loops that hold the controls of their start.
-
-    Attributes:
-      starts: where they came from.
-      observation: what the steps of all runs did.
-      nstep: steps of a run.
-    """
+    """Start states for loops that hold the controls of their start for `nstep` steps of a run."""
 
     def __init__(
         self, model: mujoco.MjModel, plan: StartPlan, nstep: int | None = None, seed: int = 0
     ):
-        """Draw starts.
-
-        Args:
-          model: to step.
-          plan: where the states are to come from.
-          nstep: steps of a run; None for as many as take about RUN_S.
-          seed: of states and controls.
+        """Draw starts for runs of `nstep` steps; None for as many as take about RUN_S.
 
         Raises:
           InputError: the file does not fit the model, or every simulation diverges.
@@ -95,9 +70,8 @@ class LoopStarts:
         affordable = int(DRAWING_S / (self.nstep * step_s))
         nstart = min(NSTART, max(LEAST_NSTART, affordable))
         max_nstep = starts.max_settling_nstep(step_s)
-        sample = sampling.draw(
-            model, SampleRequest(nstart, self.nstep, self.nstep, seed, plan, max_nstep)
-        )
+        request = SampleRequest(nstart, self.nstep, self.nstep, seed, plan, max_nstep)
+        sample = sampling.draw(model, request)
         self.starts: Starts = sample.starts
         self.observation: Observation = sample.observation
         self._states = sample.workload.initial_state

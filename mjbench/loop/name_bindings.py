@@ -33,12 +33,6 @@ class NameBindings:
     """
 
     def __init__(self, tree: ast.Module, parents: Mapping[ast.AST, ast.AST]):
-        """Find them.
-
-        Args:
-          tree: the script.
-          parents: the node above each of its nodes.
-        """
         self._parents = parents
         self._bindings: defaultdict[tuple[Scope, str], list[ast.AST]] = defaultdict(list)
         self._origins: defaultdict[str, set[str]] = defaultdict(set)
@@ -74,9 +68,10 @@ class NameBindings:
         """Return the nodes that bind a name in a scope."""
         return self._bindings.get((scope, name), [])
 
-    def is_declared(self, name: str) -> bool:
-        """Return whether a `global` or `nonlocal` statement names it."""
-        return name in self.declared
+    def of_name(self, name: ast.Name) -> Sequence[ast.AST]:
+        """Return the nodes that bind what a name means where it stands."""
+        owner = self.owner(name.id, name)
+        return self.bindings(name.id, owner) if owner is not None else ()
 
     def rebinding(self, name: str, loop: ast.For | ast.While) -> str:
         """Return why a name may change its value during a loop; empty where it cannot."""

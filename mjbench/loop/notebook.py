@@ -31,18 +31,20 @@ _NEWLINE = re.compile(r"\r\n?")
 
 
 @dataclass(frozen=True)
-class CodeCell:
-    """A code cell.
+class Part:
+    """A code cell of a notebook, or a whole Python file.
 
     Attributes:
-      number: of the cell in its notebook, from 1; cells of text count.
-      text: as it is stored.
-      python: the same lines without the commands of IPython.
+      text: as stored.
+      python: what is parsed: the same lines without the commands of IPython.
+      cell: number in the notebook, from 1, where cells of text count; None for a Python file.
+      lines_before: how many lines of the program are in parts before it.
     """
 
-    number: int
     text: str
     python: str
+    cell: int | None = None
+    lines_before: int = 0
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class _Notebook:
     metadata: _Metadata = _Metadata()
 
 
-def code_cells(data: bytes) -> list[CodeCell]:
+def code_cells(data: bytes) -> list[Part]:
     """Return the code cells of a notebook file, in its order.
 
     Raises:
@@ -95,16 +97,12 @@ def code_cells(data: bytes) -> list[CodeCell]:
         if cell.cell_type == "code":
             source = cell.source or cell.input
             text = _NEWLINE.sub("\n", source if isinstance(source, str) else "".join(source))
-            cells.append(CodeCell(number, text, _python(text)))
+            cells.append(Part(text, _python(text), number))
     return cells
 
 
 def with_texts(data: bytes, texts: Mapping[int, str]) -> bytes:
-    """Return a notebook file with other texts in some cells; every other byte stays.
-
-    Args:
-      data: the file.
-      texts: the new text of a cell, by its number.
+    """Return a notebook file with other texts in some cells, by number; every other byte stays.
 
     Raises:
       ValueError: its JSON is not laid out as Jupyter does it, so that it would change elsewhere.
@@ -140,11 +138,7 @@ def _stored_cell(document: Any, number: int) -> dict[str, Any]:
 
 
 def _set_text(cell: dict[str, Any], text: str) -> None:
-    """Replace the text of a cell, which is stored as one string or as a list of its lines.
-
-    Raises:
-      ValueError: it is stored otherwise.
-    """
+    """Replace the text of a cell, which is stored as one string or as a list of its lines."""
     key = "source" if cell.get("source") else "input"
     stored = cell[key]
     if isinstance(stored, str) and "\r" not in stored:

@@ -9,10 +9,9 @@ import gc
 import random
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import ClassVar
 
-from mjbench.errors import Failure
 from mjbench.instrument import isolate, stats, timing
 from mjbench.instrument.isolate import Channel
 from mjbench.loop import habits
@@ -57,38 +56,19 @@ class HabitCost:
 
 
 @dataclass(frozen=True)
-class OverheadTable:
-    """What the habits cost for one model.
+class OverheadRow:
+    """What the habits cost for one model; figures are None where the measurement failed.
 
     Attributes:
       model: its name.
+      status: `ok`, `input` or `failed`.
+      detail: why it failed, in one line; empty when ok.
       bare_ns: a step of the bare loop; median over launches.
       engine_ns: a step in one call for many steps.
       binding_ns: a call that steps nothing, made after a step.
       nstep: steps of a run of the loop, which is an episode; median over launches.
       costs: of the habits, the most expensive first.
       starts: where start states came from; None in older files, for keyframe 0.
-    """
-
-    model: str
-    bare_ns: float
-    engine_ns: float
-    binding_ns: float
-    nstep: int
-    costs: Sequence[HabitCost]
-    starts: Starts | None = None
-
-
-@dataclass(frozen=True)
-class OverheadRow:
-    """What the run file and `mjbench overhead --json` hold for one model.
-
-    The other attributes are those of `OverheadTable`, and None where the measurement failed.
-
-    Attributes:
-      model: its name.
-      status: `ok`, `input` or `failed`.
-      detail: why it failed, in one line; empty when ok.
     """
 
     record_type: ClassVar[str] = "overhead"
@@ -102,58 +82,26 @@ class OverheadRow:
     costs: Sequence[HabitCost] | None = None
     starts: Starts | None = None
 
-    @classmethod
-    def measured(cls, table: OverheadTable) -> "OverheadRow":
-        """Return the row of a model whose habits were measured."""
-        return cls(**vars(table))
-
-    def table(self) -> OverheadTable | None:
-        """Return what was measured; None where that failed."""
-        if None in (self.bare_ns, self.engine_ns, self.binding_ns, self.nstep, self.costs):
-            return None
-        values = {field.name: getattr(self, field.name) for field in fields(OverheadTable)}
-        return OverheadTable(**values)
-
-    @classmethod
-    def failed(cls, model: str, failure: Failure) -> "OverheadRow":
-        """Return the row of a model whose measurement failed."""
-        return cls(model, failure.status, failure.detail)
+    @property
+    def is_measured(self) -> bool:
+        """Whether all figures are there."""
+        return None not in (self.bare_ns, self.engine_ns, self.binding_ns, self.nstep, self.costs)
 
 
 @dataclass(frozen=True)
-class HabitTime:
-    """From a launch: what a habit added to each step, in ns; the median over its quads."""
-
-    name: str
-    added_ns: float
-
-
-@dataclass(frozen=True)
-class BareTime:
-    """From a launch, last: what the bare loop did.
+class Launch:
+    """From a child: what one launch measured.
 
     Attributes:
-      nstep: steps of a run.
-      step_ns: of a step; the median over quads.
-      starts: where start states came from.
+      nstep: steps of a run of the bare loop.
+      bare_ns: a step of it; the median over quads.
+      added_ns: to each step by a habit, by its name; medians over quads.
     """
 
     nstep: int
-    step_ns: float
-    starts: Starts
-
-
-@dataclass(frozen=True)
-class _Launch:
-    """What one launch measured.
-
-    Attributes:
-      bare: time of the bare loop.
-      added_ns: added to each step by a habit, by its name.
-    """
-
-    bare: BareTime
+    bare_ns: float
     added_ns: Mapping[str, float]
+    starts: Starts
 
 
 def measure(
@@ -161,22 +109,22 @@ def measure(
     limit_s: float = 60.0,
     launches: int = LAUNCHES,
     starts: StartPlan = DEFAULT_STARTS,
-) -> OverheadTable:
+) -> OverheadRow:
     """Return what every habit costs on a model.
 
     Args:
-      source: of the model.
       limit_s: a launch is killed after this long without a message.
       launches: processes that measure, one after the other.
-      starts: where start states are to come from.
 
     Raises:
       InputError: the model cannot be loaded, or the file does not fit it.
       MachineError: a launch crashed or hung.
     """
-    requests = [LoopRequest(source, starts, seed) for seed in range(launches)]
-    measured = [_launch_in_child(request, limit_s) for request in requests]
-    bare_ns = statistics.median(launch.bare.step_ns for launch in measured)
+    measured: list[Launch] = []
+    for seed in range(launches):
+        request = LoopRequest(source, starts, seed)
+        isolate.run("mjbench.loop.overhead:launch", request, measured.append, limit_s).check()
+    bare_ns = statistics.median(launch.bare_ns for launch in measured)
     added_ns = {
         name: [launch.added_ns[name] for launch in measured] for name in measured[0].added_ns
     }
@@ -186,23 +134,15 @@ def measure(
         for name, values in added_ns.items()
         if name != ZERO_STEPS.name
     ]
-    return OverheadTable(
+    return OverheadRow(
         model=source.name,
         bare_ns=bare_ns,
         engine_ns=bare_ns + mean_ns[ONE_CALL.name],
         binding_ns=mean_ns[ZERO_STEPS.name],
-        nstep=int(statistics.median(launch.bare.nstep for launch in measured)),
+        nstep=int(statistics.median(launch.nstep for launch in measured)),
         costs=sorted(costs, key=lambda cost: -cost.ns),
-        starts=measured[0].bare.starts,
+        starts=measured[0].starts,
     )
-
-
-def _launch_in_child(request: LoopRequest, limit_s: float) -> _Launch:
-    messages: list[HabitTime | BareTime] = []
-    isolate.run("mjbench.loop.overhead:launch", request, messages.append, limit_s).check()
-    (bare,) = (message for message in messages if isinstance(message, BareTime))
-    times = (message for message in messages if isinstance(message, HabitTime))
-    return _Launch(bare, {time.name: time.added_ns for time in times})
 
 
 def launch(request: LoopRequest, channel: Channel) -> None:
@@ -218,6 +158,7 @@ def launch(request: LoopRequest, channel: Channel) -> None:
         if habit is not BARE and habit.requires(model, file)
     }
     bare_ns: list[float] = []
+    added_ns: dict[str, float] = {}
     gc.disable()
     for name in random.sample(sorted(runs), len(runs)):
         channel.doing(f"timing {name}")
@@ -226,11 +167,10 @@ def launch(request: LoopRequest, channel: Channel) -> None:
         start.count = len(bare_ns) * _BLOCKS_PER_QUAD  # all blocks of a quad start from one state
         quads = timing.quads(run_bare, runs[name], QUADS)
         bare_ns += [1e9 * quad.baseline_s / nstep for quad in quads]
-        added_ns = statistics.median(
+        added_ns[name] = statistics.median(
             1e9 * (quad.candidate_s - quad.baseline_s) / nstep for quad in quads
         )
-        channel.send(HabitTime(name, added_ns))
-    channel.send(BareTime(nstep, statistics.median(bare_ns), starts.starts))
+    channel.send(Launch(nstep, statistics.median(bare_ns), added_ns, starts.starts))
 
 
 def _cost(

@@ -16,7 +16,6 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from mjbench.errors import Failure
 from mjbench.instrument import isolate, timing
 from mjbench.instrument.bounds import AnyFloat, Nanoseconds, Share, Timestep, check_measured
 from mjbench.instrument.isolate import Channel
@@ -69,13 +68,7 @@ class StepTimes:
 
 @dataclass(frozen=True)
 class StepProfile:
-    """Where a step's time goes, and what a frame costs.
-
-    Attributes:
-      model: its name.
-      steps: times of a step.
-      frames: what rendering costs, by backend.
-    """
+    """Where a step's time goes, and what a frame costs, by backend."""
 
     model: str
     steps: StepTimes
@@ -130,11 +123,7 @@ class ProfileRow:
     simulated_second: Mapping[str, float] | None = None
 
     def __post_init__(self) -> None:
-        """Check that what was measured is there.
-
-        Raises:
-          ValueError: it is not.
-        """
+        """Raise ValueError unless what was measured is there."""
         names = ("timestep", "loop_ns", "engine_ns", "work", "stages", "warnings", "frames")
         check_measured(self, *names)
 
@@ -156,21 +145,11 @@ class ProfileRow:
         steps = StepTimes(**{field.name: getattr(self, field.name) for field in fields(StepTimes)})
         return StepProfile(self.model, steps, self.frames)
 
-    @classmethod
-    def failed(cls, model: str, failure: Failure) -> "ProfileRow":
-        """Return the row of a model whose measurement failed."""
-        return cls(model, failure.status, failure.detail)
-
 
 def measure(
     source: ModelSource, limit_s: float = TIME_LIMIT_S, starts: StartPlan = DEFAULT_STARTS
 ) -> StepProfile:
-    """Return the profile of a model.
-
-    Args:
-      source: of the model.
-      limit_s: seconds of silence after which a child is killed.
-      starts: where start states are to come from.
+    """Return the profile of a model; a child that is silent for `limit_s` seconds is killed.
 
     Raises:
       InputError: it cannot be loaded, diverges, or the file does not fit it.
@@ -185,12 +164,9 @@ def measure(
 
 @dataclass(frozen=True)
 class Block:
-    """The runs of a block.
+    """Runs of `nstep` steps each, from another start, whose controls they hold.
 
-    Attributes:
-      nrun: runs, each from another start.
-      nstep: steps of each, which hold the controls of its start.
-      new_start: returns what restores the starts, from the first on.
+    `new_start` returns what restores the starts, from the first on.
     """
 
     nrun: int
@@ -251,15 +227,6 @@ def _step_ns(model: mujoco.MjModel, block: Block, *of_habits: Habit) -> list[flo
 
 def stages(model: mujoco.MjModel, block: Block) -> dict[str, float]:
     """Return the share of a step by stage, from the engine's timers: medians over blocks."""
-    timer_s = _timer_s(model, block)
-    timers = {name: compat.timer(name) for name in engine_stages.TIMERS}
-    return engine_stages.shares(
-        {name: float(timer_s[timer]) for name, timer in timers.items() if timer is not None}
-    )
-
-
-def _timer_s(model: mujoco.MjModel, block: Block) -> np.ndarray:
-    """Return (ntimer,) seconds by mjtTimer that a block takes: the median over blocks."""
     data, start = mujoco.MjData(model), block.new_start()
     needs_clock = not has_clock(model)
     if needs_clock:
@@ -277,4 +244,8 @@ def _timer_s(model: mujoco.MjModel, block: Block) -> np.ndarray:
     finally:
         if needs_clock:
             mujoco.set_mjcb_time(None)
-    return np.asarray(np.median(blocks[1:], axis=0))  # the first touches all memory
+    timer_s = np.median(blocks[1:], axis=0)  # by mjtTimer; the first block touches all memory
+    timers = {name: compat.timer(name) for name in engine_stages.TIMERS}
+    return engine_stages.shares(
+        {name: float(timer_s[timer]) for name, timer in timers.items() if timer is not None}
+    )

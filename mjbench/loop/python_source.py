@@ -15,6 +15,7 @@ from pathlib import Path
 
 from mjbench.errors import InputError, one_line
 from mjbench.loop import notebook
+from mjbench.loop.notebook import Part
 
 NOTEBOOK_SUFFIX = ".ipynb"
 # The parser needs up to 1 GB of memory for 1 MB of Python; outputs make notebooks large.
@@ -39,26 +40,14 @@ class SourceLine:
     number: int
     cell: int | None
 
+    @property
+    def place(self) -> str:
+        """How people name it: `line 3`, or `cell 2, line 3`."""
+        return f"cell {self.cell}, line {self.number}" if self.cell else f"line {self.number}"
+
     def column(self, utf8_offset: int) -> int:
         """Return the column, from 1, of an offset in bytes of UTF-8."""
         return len(self.text.encode()[:utf8_offset].decode(errors="ignore")) + 1
-
-
-@dataclass(frozen=True)
-class Part:
-    """A cell of a notebook, or a whole Python file.
-
-    Attributes:
-      text: as stored.
-      python: what is parsed; its lines have the numbers of those of `text`.
-      cell: number of the cell; None for a Python file.
-      lines_before: how many lines of the program are in parts before it.
-    """
-
-    text: str
-    python: str
-    cell: int | None = None
-    lines_before: int = 0
 
 
 @dataclass(frozen=True)
@@ -66,9 +55,7 @@ class Program:
     """A Python file, or all code cells of a notebook as one.
 
     Attributes:
-      tree: its syntax.
       lines: the lines that the line numbers of `tree` count, from 1.
-      parts: the cells of a notebook, or the one part of a Python file.
       data: the bytes of the file.
       encoding: of a Python file; None for a notebook.
     """
@@ -89,7 +76,6 @@ class Program:
         Raises:
           ValueError: they are not Python, or cannot be encoded so; or all else in the notebook
             cannot be kept as it is.
-          RecursionError, MemoryError: they are nested too deeply, or too large, for the parser.
         """
         if self.encoding is None:
             changed = {
@@ -128,7 +114,6 @@ def parse_python(data: bytes) -> Program:
 
     Raises:
       SyntaxError, ValueError, LookupError: they are not Python, or not in their encoding.
-      RecursionError, MemoryError: as of `read_program`.
     """
     encoding = _encoding(data)
     text = data.decode(encoding)
@@ -140,10 +125,8 @@ def parse_notebook(data: bytes) -> Program:
 
     Raises:
       ValueError: it is no notebook of Python.
-      RecursionError, MemoryError: as of `read_program`.
     """
-    cells = notebook.code_cells(data)
-    return _parse([Part(cell.text, cell.python, cell.number) for cell in cells], data, None)
+    return _parse(notebook.code_cells(data), data, None)
 
 
 def _read(path: Path) -> bytes:
@@ -198,5 +181,4 @@ def _parse_part(part: Part) -> ast.Module:
     except SyntaxError as error:
         places = [f"cell {part.cell}"] if part.cell else []
         places += [f"line {error.lineno}"] if error.lineno else []
-        place = f"{', '.join(places)}: " if places else ""
-        raise ValueError(f"{place}{error.msg}") from error
+        raise ValueError(": ".join(filter(None, (", ".join(places), error.msg)))) from error

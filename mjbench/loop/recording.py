@@ -161,11 +161,7 @@ def _stage(model: mujoco.MjModel, name: str) -> _Stage:
 
 
 class _Follower:
-    """An MjData that is brought to the state of another one, to compute what follows from it.
-
-    Attributes:
-      data: that fields are read from.
-    """
+    """An MjData that is brought to the state of another one, to compute what follows from it."""
 
     def __init__(self, model: mujoco.MjModel, source: mujoco.MjData, names: Sequence[str]):
         self.data = mujoco.MjData(model)

@@ -44,16 +44,9 @@ class RenderRequest:
     backend: str
 
 
-@dataclass(frozen=True)
-class FrameSeconds:
-    """From the child: the median time of a frame."""
-
-    seconds: float
-
-
 def measure(model: ModelSource, backend: str, limit_s: float) -> FrameTime:
     """Return how long a frame takes; a backend that does not work, crashes or hangs says why."""
-    messages: list[FrameSeconds] = []
+    messages: list[FrameTime] = []
     request = RenderRequest(model, backend)
     ended = isolate.run(
         "mjbench.loop.rendering:render",
@@ -90,7 +83,7 @@ def render(request: RenderRequest, channel: Channel) -> None:
         renderer.update_scene(data)
         renderer.render()
         seconds.append(time.perf_counter() - begin)
-    channel.send(FrameSeconds(statistics.median(seconds[1:])))
+    channel.send(FrameTime(request.backend, statistics.median(seconds[1:])))
 
 
 def _not_available(backend: str, error: Exception) -> MachineError:

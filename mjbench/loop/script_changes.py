@@ -8,13 +8,14 @@ import ast
 import copy
 import re
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import Any
 
 from mjbench.loop.hoisting import Hoist
-from mjbench.loop.python_source import Part, Program
+from mjbench.loop.notebook import Part
+from mjbench.loop.python_source import Program
 
 _LINE = re.compile(r".*?(?:\r\n|\r|\n|\Z)", re.DOTALL)
 _LINE_END = re.compile(rb"\r\n|\r|\n")
@@ -23,12 +24,7 @@ _OF_IDENTIFIER = re.compile(rb"[\w\x80-\xff]")
 
 @dataclass(frozen=True)
 class Changes:
-    """What to change in a script.
-
-    Attributes:
-      copied: expressions that get `.copy()`.
-      hoists: calls that are bound to a name before their loop.
-    """
+    """What to change in a script: expressions that get `.copy()`, and calls that become names."""
 
     copied: Sequence[ast.expr]
     hoists: Sequence[Hoist]
@@ -65,9 +61,6 @@ class _PartText:
         assert node.end_col_offset is not None
         return self._starts[node.end_lineno - self._lines_before - 1] + node.end_col_offset
 
-    def copying(self, view: ast.expr) -> _Edit:
-        return _Edit(self.end(view), self.end(view), b".copy()")
-
     def replacing(self, call: ast.Call, name: str) -> _Edit:
         start, end = self.start(call), self.end(call)
         before, after = self.data[start - 1 : start], self.data[end : end + 1]
@@ -79,11 +72,7 @@ class _PartText:
         return _Edit(start, end, text)
 
     def binding(self, hoist: Hoist) -> _Edit:
-        """Return the edit that binds a name on a line of its own before the loop.
-
-        Raises:
-          ValueError: the loop does not stand on lines of its own.
-        """
+        """Return the edit that binds a name on a line before the loop, which has its own lines."""
         first = hoist.calls[0]
         source = self.data[self.start(first) : self.end(first)]
         if _LINE_END.search(source):
@@ -116,8 +105,7 @@ def changed(program: Program, changes: Changes) -> Program:
     """Return a program after changes.
 
     Raises:
-      SyntaxError, ValueError, LookupError: the changes cannot be applied, or it would be another
-        program.
+      SyntaxError, ValueError, LookupError: they cannot be applied, or would change anything else.
     """
     try:
         expected = ast.dump(_expected(program.tree, changes))
@@ -137,7 +125,8 @@ def _edited(program: Program, number: int, changes: Changes) -> str:
     following = program.parts[number + 1 :]
     last_line = following[0].lines_before if following else len(program.lines)
     text = _PartText(part.text, part.lines_before)
-    edits = [text.copying(view) for view in changes.copied if _is_in(view, part, last_line)]
+    ends = [text.end(view) for view in changes.copied if _is_in(view, part, last_line)]
+    edits = [_Edit(end, end, b".copy()") for end in ends]
     for hoist in changes.hoists:
         if _is_in(hoist.loop, part, last_line):
             edits.append(text.binding(hoist))
@@ -153,38 +142,28 @@ def _expected(tree: ast.Module, changes: Changes) -> ast.AST:
     """Return what the changes make of a script's syntax, which itself stays as it is."""
     copies: dict[int, Any] = {}
     new = copy.deepcopy(tree, copies)
-    transformer = _Transformer()
-    for view in changes.copied:
-        transformer.copied.add(copies[id(view)])
-    for hoist in changes.hoists:
-        transformer.hoists.setdefault(copies[id(hoist.loop)], []).append(hoist)
-        transformer.names.update({copies[id(call)]: hoist.name for call in hoist.calls})
-    return transformer.visit(new)  # type: ignore[no-any-return]
+    return _Transformer(changes, copies).visit(new)  # type: ignore[no-any-return]
 
 
 class _Transformer(ast.NodeTransformer):
-    """Makes changes in a tree.
+    """Makes changes in a tree, whose nodes are the copies of those that the changes name."""
 
-    Attributes:
-      copied: expressions that get `.copy()`.
-      hoists: what is bound before a loop, in this order.
-      names: that replace calls.
-    """
-
-    def __init__(self) -> None:
-        self.copied: set[ast.AST] = set()
-        self.hoists: dict[ast.AST, list[Hoist]] = {}
-        self.names: dict[ast.AST, str] = {}
+    def __init__(self, changes: Changes, copies: Mapping[int, Any]):
+        self._copied = {copies[id(view)] for view in changes.copied}
+        self._names = {copies[id(c)]: hoist.name for hoist in changes.hoists for c in hoist.calls}
+        self._hoists: dict[ast.AST, list[Hoist]] = {}
+        for hoist in changes.hoists:
+            self._hoists.setdefault(copies[id(hoist.loop)], []).append(hoist)
 
     def visit(self, node: ast.AST) -> Any:
-        if node in self.names:
-            return ast.Name(self.names[node], ast.Load())
+        if node in self._names:
+            return ast.Name(self._names[node], ast.Load())
         self.generic_visit(node)
-        if node in self.copied:
+        if node in self._copied:
             assert isinstance(node, ast.expr)
             return ast.Call(ast.Attribute(node, "copy", ast.Load()), [], [])
         bindings = [
             ast.Assign([ast.Name(hoist.name, ast.Store())], hoist.calls[0])
-            for hoist in self.hoists.get(node, ())
+            for hoist in self._hoists.get(node, ())
         ]
         return [*bindings, node] if bindings else node

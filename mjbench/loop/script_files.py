@@ -27,11 +27,6 @@ class UncheckedFile:
     file: str
     detail: str
 
-    @classmethod
-    def of(cls, file: str, error: InputError) -> "UncheckedFile":
-        """Return a file with the error that names it."""
-        return cls(file, str(error).removeprefix(f"{file}: "))
-
 
 def script_files(names: Sequence[str]) -> list[str | UncheckedFile]:
     """Return the files that are named, and all Python files and notebooks below the folders.
@@ -48,12 +43,7 @@ def script_files(names: Sequence[str]) -> list[str | UncheckedFile]:
 def each_checked(
     files: Iterable[str | UncheckedFile], check: Callable[[str], Iterable[_Result]]
 ) -> Iterator[_Result | UncheckedFile]:
-    """Yield the results of all files in turn; in place of those of a file, why it has none.
-
-    Args:
-      files: their names, and those that cannot be checked.
-      check: returns the results of a file, or raises InputError.
-    """
+    """Yield the results of all files in turn; in place of those of a file, why it has none."""
     for file in files:
         if isinstance(file, UncheckedFile):
             yield file
@@ -61,7 +51,7 @@ def each_checked(
         try:
             yield from check(file)
         except InputError as error:
-            yield UncheckedFile.of(file, error)
+            yield UncheckedFile(file, str(error).removeprefix(f"{file}: "))
 
 
 def regular_files(files: Sequence[str | UncheckedFile]) -> list[Path]:

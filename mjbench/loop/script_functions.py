@@ -8,32 +8,21 @@ A call means a function where its name is bound once, by a `def` without decorat
 
 import ast
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 from mjbench.loop.name_bindings import NameBindings
-from mjbench.loop.script_names import FUNCTIONS, dotted_name
+from mjbench.loop.script_syntax import FUNCTIONS, dotted_name
 
 
+@dataclass(frozen=True, eq=False)
 class ScriptFunctions:
     """The functions of a script and their calls."""
 
-    def __init__(
-        self,
-        bindings: NameBindings,
-        parents: Mapping[ast.AST, ast.AST],
-        calls: Sequence[ast.Call],
-    ):
-        """Remember the script.
-
-        Args:
-          bindings: of its names.
-          parents: the node above each of its nodes.
-          calls: all its calls.
-        """
-        self._bindings = bindings
-        self._parents = parents
-        self._calls = calls
+    _bindings: NameBindings
+    _parents: Mapping[ast.AST, ast.AST]
+    _calls: Sequence[ast.Call]
 
     def called(self, node: ast.AST) -> Sequence[ast.FunctionDef]:
         """Return the functions that a call, or a property, may mean; none if they are unknown."""
@@ -62,9 +51,16 @@ class ScriptFunctions:
         starred = any(isinstance(argument, ast.Starred) for argument in call.args)
         if starred or len(call.args) > len(parameters) or any(k.arg is None for k in call.keywords):
             return None
-        given = dict(zip(parameters, call.args, strict=False))
-        given |= {keyword.arg: keyword.value for keyword in call.keywords if keyword.arg}
-        return given
+        by_name = {keyword.arg: keyword.value for keyword in call.keywords if keyword.arg}
+        return {**dict(zip(parameters, call.args, strict=False)), **by_name}
+
+    def receiving(
+        self, call: ast.Call, argument: ast.expr
+    ) -> Iterator[tuple[ast.FunctionDef, Sequence[str]]]:
+        """Yield the functions that a call may mean, with the parameters that get an argument."""
+        for function in self.called(call):
+            given = self.arguments(call, function) or {}
+            yield function, [name for name, value in given.items() if value is argument]
 
     @cached_property
     def _calls_of(self) -> Mapping[ast.FunctionDef, list[ast.Call]]:
@@ -78,11 +74,9 @@ class ScriptFunctions:
         self, name: ast.Name, may_be_loop_variable: bool = False
     ) -> Sequence[ast.FunctionDef]:
         binding = self._binding(name)
-        if binding is None:
-            return ()
         if isinstance(binding, ast.FunctionDef):
             return () if binding.decorator_list else (binding,)
-        loop = self._parents.get(binding)
+        loop = self._parents.get(binding) if binding is not None else None
         if may_be_loop_variable and isinstance(loop, ast.For) and loop.target is binding:
             choices = loop.iter.elts if isinstance(loop.iter, ast.Tuple | ast.List) else []
             functions = [self.named(choice) for choice in choices]
@@ -120,6 +114,5 @@ class ScriptFunctions:
 
     def _binding(self, name: ast.Name) -> ast.AST | None:
         """Return the one node that binds a name; None where there are others."""
-        owner = self._bindings.owner(name.id, name)
-        bindings = self._bindings.bindings(name.id, owner) if owner else ()
+        bindings = self._bindings.of_name(name)
         return bindings[0] if len(bindings) == 1 else None

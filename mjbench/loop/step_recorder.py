@@ -12,13 +12,12 @@ import threading
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import mujoco
+import numpy as np
 
 from mjbench.loop.engine_functions import EngineFunction
-from mjbench.loop.followed_steps import FollowedSteps
-from mjbench.loop.window_sample import WindowSample
 from mjbench.simulation import compat
 from mjbench.simulation.capture_header import ModelLayout, model_name
 from mjbench.simulation.model_digest import model_digest
@@ -31,16 +30,148 @@ MAX_MODELS = 16
 # A window ends when its MjData took no step during so many steps of others.
 _PATIENCE_NSTEP = 100_000
 _SEED = 0
+# Fields of mjSTATE_INTEGRATION that steps change: a program that sets one begins a new segment.
+_MOVED = frozenset(("time", "qpos", "qvel", "act", "history", "plugin_state", "plastic"))
+# If a step takes another time than the timestep, by more than this share, the engine was reset.
+_TIME_SHARE = 0.5
+
+
+_Window = TypeVar("_Window")
+
+
+class FollowedSteps:
+    """The states of one MjData over some of its steps.
+
+    A *segment* is a state and those after each further step. A replay from one of these states,
+    with the controls of those that follow, repeats the program to the last bit, as long as the
+    program sets only controls between its steps. If it changes the state itself, as by a reset, a
+    new segment begins. If it sets another input, such as a force, the segment goes on, and
+    `changed_inputs` names the MjData field.
+    """
+
+    def __init__(
+        self, reader: StateReader, model: mujoco.MjModel, data: mujoco.MjData, most_states: int
+    ):
+        self._reader = reader
+        self._get_state = mujoco.mj_getState
+        self._timestep = float(model.opt.timestep)
+        self._data = weakref.ref(data)  # the program decides how long it lives
+        self.changed_inputs: set[str] = set()
+        self._states = np.empty((most_states, reader.nstate))
+        self._count = 0
+        self._begins: list[int] = []  # of segments, as rows of the states
+        self._before = np.empty(reader.nstate)
+        self._last: np.ndarray | None = None
+
+    @property
+    def data(self) -> mujoco.MjData | None:
+        """The one that is followed; None where the program has dropped it."""
+        return self._data()
+
+    def follows(self, data: mujoco.MjData) -> bool:
+        """Return whether this is the one that is followed, and there is room for another state."""
+        return self._data() is data and self._count < len(self._states)
+
+    def step(
+        self, function: EngineFunction, model: mujoco.MjModel, data: mujoco.MjData, nstep: int
+    ) -> int:
+        """Take steps of the MjData one by one, and store the states after them.
+
+        Returns:
+          How many were taken: at least 1, and fewer than `nstep` without room for more states.
+        """
+        before, last, spec = self._before, self._last, self._reader.spec
+        self._get_state(model, data, before, spec)
+        if last is None or self._is_elsewhere(before, last):
+            self._begins.append(self._count)
+            self._states[self._count] = before
+            self._count += 1
+        self._last = None  # and stays so where a step raises
+        for taken in range(1, nstep + 1):
+            begin_s = data.time
+            function(model, data)
+            if abs(data.time - begin_s - self._timestep) > _TIME_SHARE * self._timestep:
+                return taken  # the engine started the simulation anew, from a bad state
+            if self._count == len(self._states):
+                return taken
+            after = self._states[self._count]
+            self._get_state(model, data, after, spec)
+            self._count += 1
+        self._last = after
+        return nstep
+
+    def _is_elsewhere(self, before: np.ndarray, last: np.ndarray) -> bool:
+        """Return whether the program has changed the state since the last step; note inputs."""
+        changed = self._reader.differing(before, last)
+        if changed & _MOVED:
+            return True
+        self.changed_inputs |= changed
+        return False
+
+    def segments(self) -> list[np.ndarray]:
+        """Return (count, nstate) states of each segment that has a step.
+
+        A segment ends before a state that is not finite; the engine may be set to continue from it.
+        """
+        ends = [*self._begins[1:], self._count]
+        pairs = zip(self._begins, ends, strict=True)
+        finite = [_until_not_finite(self._states[begin:end]) for begin, end in pairs]
+        return [segment for segment in finite if len(segment) > 1]
+
+
+def _until_not_finite(states: np.ndarray) -> np.ndarray:
+    is_bad = ~np.isfinite(states).all(axis=1)
+    return states[: int(is_bad.argmax())] if is_bad.any() else states
+
+
+class WindowSample(Generic[_Window]):
+    """A bounded number of windows, spread evenly over a run of unknown length.
+
+    The run is divided into strata of `stride` steps. A stratum has at most one window, which begins
+    at a random step of it: windows at fixed distances would always meet the same part of an
+    episode. When there are too many, neighbouring strata become one, which keeps one of its two
+    windows, at random, and the stride doubles. So at any time windows lie everywhere in the run
+    with equal density.
+
+    Attributes:
+      due: step of the run at which the next window is to begin.
+    """
+
+    def __init__(self, most: int, nstep: int, rng: random.Random):
+        """Prepare a sample of `most` windows, at least 1, of `nstep` steps."""
+        self._most, self._nstep, self._rng = most, nstep, rng
+        self._by_stratum: dict[int, _Window] = {}
+        self.stride = nstep
+        self.due = 0
+
+    def add(self, window: _Window, end: int) -> None:
+        """Take the window that was due and ended at a step, and decide when the next is due."""
+        self._by_stratum[self.due // self.stride] = window
+        while len(self._by_stratum) > self._most:
+            self._halve()
+        stratum = max(self.due // self.stride + 1, end // self.stride)
+        room = self.stride - self._nstep
+        while (due := stratum * self.stride + self._rng.randint(0, room)) < end:
+            stratum += 1
+        self.due = due
+
+    def windows(self) -> list[_Window]:
+        """Return the sample, in the order of the run."""
+        return [self._by_stratum[stratum] for stratum in sorted(self._by_stratum)]
+
+    def _halve(self) -> None:
+        """Make each two neighbouring strata one."""
+        self.stride *= 2
+        merged: dict[int, _Window] = {}
+        for stratum in sorted(self._by_stratum):
+            if stratum // 2 not in merged or self._rng.random() < 0.5:
+                merged[stratum // 2] = self._by_stratum[stratum]
+        self._by_stratum = merged
 
 
 @dataclass(frozen=True)
 class Window:
-    """A piece of the run of a program.
-
-    Attributes:
-      steps: that were followed.
-      digest: of the model, as it was when the window began.
-    """
+    """A piece of the run of a program, and the digest of the model when it began."""
 
     steps: FollowedSteps
     digest: str
@@ -50,10 +181,7 @@ class RecordedModel:
     """The steps of one model, and states of some of them.
 
     Attributes:
-      name: of the model.
-      layout: of the model.
       timestep_s: of the model, as it was first.
-      reader: of its states.
       nstep: that the program took, of what is to be captured.
     """
 
@@ -80,14 +208,7 @@ class RecordedModel:
     def take(
         self, function: EngineFunction, model: mujoco.MjModel, data: mujoco.MjData, nstep: int
     ) -> None:
-        """Have the engine take steps, one by one while a window follows them.
-
-        Args:
-          function: `mj_step`, or `mj_step2` with one step.
-          model: that is stepped.
-          data: that is stepped.
-          nstep: steps.
-        """
+        """Have `mj_step`, or `mj_step2`, take steps, one by one while a window follows them."""
         while nstep > 0:
             window = self._window
             if window is None or not window.steps.follows(data):
@@ -142,7 +263,11 @@ class RecordedModel:
 
 
 class StepRecorder:
-    """The replacements of MuJoCo's stepping functions, and what they have seen."""
+    """The replacements of MuJoCo's stepping functions, and what they have seen.
+
+    Attributes:
+      on_model: called when a model is first seen, before its first step; None for nothing.
+    """
 
     def __init__(
         self,
@@ -150,7 +275,6 @@ class StepRecorder:
         window_nstep: int,
         model: mujoco.MjModel | None = None,
         data: mujoco.MjData | None = None,
-        on_model: Callable[[RecordedModel, mujoco.MjModel], None] = lambda recorded, model: None,
     ):
         """Prepare to record.
 
@@ -159,11 +283,11 @@ class StepRecorder:
           window_nstep: steps of a window.
           model: only this one is captured, and those with the same digest; None for all.
           data: only this one is captured; None for all.
-          on_model: called when a model is first seen, before its first step.
         """
         self._max_states, self._window_nstep = max_states, window_nstep
         self._digest = None if model is None else model_digest(model)
-        self._data, self._on_model = data, on_model
+        self._data = data
+        self.on_model: Callable[[RecordedModel, mujoco.MjModel], None] | None = None
         self._by_layout: dict[tuple[str, ModelLayout, int], RecordedModel] = {}
         # by the identity of the MjModel, as long as that lives; None for one that is not captured
         self._by_identity: dict[int, RecordedModel | None] = {}
@@ -237,8 +361,9 @@ class StepRecorder:
         if key not in self._by_layout and len(self._by_layout) < MAX_MODELS:
             recorded = RecordedModel(model, self._max_states, self._window_nstep)
             # without a lock, which a forked child could wait for: another thread may be first
-            if self._by_layout.setdefault(key, recorded) is recorded:
-                self._on_model(recorded, model)
+            is_first = self._by_layout.setdefault(key, recorded) is recorded
+            if is_first and self.on_model is not None:
+                self.on_model(recorded, model)
         return self._by_layout.get(key)
 
     def _forget(self, identity: int) -> None:

@@ -10,27 +10,29 @@ argument of `mj_step`, and what `MjModel.from_xml_path(…)` was assigned to. An
 
 import ast
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 from mjbench.loop.name_bindings import NameBindings
 from mjbench.loop.script_functions import ScriptFunctions
-from mjbench.loop.script_names import (
+from mjbench.loop.script_syntax import (
     FUNCTIONS,
     assignments,
     creates_container,
-    data_names,
     dotted_name,
-    environment_names,
+    is_call,
     is_step,
     last_name,
-    model_names,
     nodes_inside,
 )
 
-# Methods that step an environment; that of Gymnasium's MujocoEnv, which no other class has.
-_ENVIRONMENT_STEPS, _SIMULATION_STEPS = {"step", "step_wait"}, {"do_simulation"}
+# Methods that step an environment.
+_ENVIRONMENT_STEPS = {"step", "step_wait"}
+# What creates an environment.
+_CREATES_ENVIRONMENT = re.compile(r"(make|make_vec|make_env|load|\w*(Env|VectorEnv|Environment))$")
+_ENVIRONMENT_PACKAGES = {"gym", "gymnasium", "suite", "metaworld", "robosuite"}
+_LOADS_MODEL = re.compile(r"from_(binary_path|xml_path|xml_string)$")
 # Names of environments.
 _ENVIRONMENTS = {"env", "envs", "environment", "physics", "venv", "vec_env"}
 # Methods that return the part of an MjData or an MjModel that belongs to a named element.
@@ -64,49 +66,42 @@ _MATRICES = re.compile(
 )
 
 
+Loop = ast.For | ast.While
+
+
 @dataclass(frozen=True, eq=False)
-class SteppingLoop:
-    """A `for` or `while` loop that steps.
+class SteppingBody:
+    """A loop that steps, or a method that does, such as `step` of an environment.
+
+    Somebody calls such a method in a loop.
 
     Attributes:
-      node: the loop.
       inner: the expressions and statements inside it, without those of functions that are
         defined there.
     """
 
-    node: ast.For | ast.While
+    node: Loop | ast.FunctionDef | ast.AsyncFunctionDef
     inner: Sequence[ast.expr | ast.stmt]
 
-
-@dataclass(frozen=True, eq=False)
-class SteppingMethod:
-    """A method that steps, such as `step` of an environment: somebody calls it in a loop.
-
-    Attributes:
-      node: the method.
-      inner: as of a `SteppingLoop`.
-    """
-
-    node: ast.FunctionDef | ast.AsyncFunctionDef
-    inner: Sequence[ast.expr | ast.stmt]
-
-
-SteppingBody = SteppingLoop | SteppingMethod
+    @property
+    def is_method(self) -> bool:
+        """Whether it is a method."""
+        return isinstance(self.node, FUNCTIONS)
 
 
 class SteppingScript:
     """The syntax of a script, and what follows from it.
 
     Attributes:
-      loops: that step.
-      environment_loops: those of the others that step an environment.
-      methods: that step, the engine or an environment.
-      episode_loops: those of them, all `for`, that have another one inside.
-      comprehensions: list comprehensions that step.
-      tree: the syntax.
-      nodes: all of its nodes.
+      nodes: all nodes of the tree.
       parents: the node above each node.
       calls: of functions and methods, everywhere in it.
+      values: that are assigned, by their targets.
+      loops: that step.
+      environment_loops: those of the others that step an environment.
+      episode_loops: those of `loops`, all `for`, that have another one inside.
+      methods: that step, the engine or an environment.
+      comprehensions: list comprehensions that step either.
     """
 
     def __init__(self, tree: ast.Module):
@@ -121,27 +116,55 @@ class SteppingScript:
             for node in self.nodes
             if isinstance(node, FUNCTIONS) and any(is_step(n) for n in ast.walk(node))
         }
-        self._environment_names = environment_names(tree)
+        self.values = dict(assignments(tree))
+        self._environment_names = self._assigned_names(_creates_environment)
         self._environment_functions = {
             node.name
             for node in self.nodes
             if isinstance(node, FUNCTIONS) and any(map(self._steps_environment, ast.walk(node)))
         }
-        self._data_names = data_names(tree)
-        self._model_names = model_names(tree)
-        self._values = dict(assignments(tree))
-        self._values_of_attributes: dict[str, list[ast.AST | None]] = {}
-        for target, value in self._values.items():
-            self._values_of_attributes.setdefault(dotted_name(target), []).append(value)
+        arguments = [call.args for call in self.calls if is_step(call)]
+        created = self._assigned_names(lambda call: is_call(call, "MjData"))
+        self._data_names = created | ({dotted_name(a[1]) for a in arguments if len(a) > 1} - {""})
+        loaded = self._assigned_names(lambda c: bool(_LOADS_MODEL.match(last_name(c.func))))
+        self._model_names = loaded | ({dotted_name(a[0]) for a in arguments if a} - {""})
+        self._values_of_names: dict[str, list[ast.AST]] = {}
+        for target, value in self.values.items():
+            self._values_of_names.setdefault(dotted_name(target), []).append(value)
         steps = (n for n in self.nodes if is_step(n) or self._steps_environment(n))
         # the innermost loop around each call that steps
         self._step_loops = {next(self.loops_around(node), None) for node in steps}
-        loops = [node for node in self.nodes if isinstance(node, ast.For | ast.While)]
-        self.loops = self._stepping_loops(loops)
-        self.environment_loops = self._environment_loops(loops)
-        self.episode_loops = self._episode_loops()
-        self.methods = self._methods()
-        self.comprehensions = self._comprehensions()
+        loops = [node for node in self.nodes if isinstance(node, Loop)]
+        stepping = {loop for loop in loops if self.steps_inside(loop)}
+        self.loops = [_body(loop) for loop in loops if loop in stepping]
+        self.environment_loops = [
+            _body(loop)
+            for loop in loops
+            if loop not in stepping and self.steps_environment_inside(loop)
+        ]
+        self.episode_loops = [
+            loop
+            for loop in self.loops
+            if isinstance(loop.node, ast.For) and stepping.intersection(loop.inner)
+        ]
+        self.methods = [
+            _body(node)
+            for node in self.nodes
+            if isinstance(node, FUNCTIONS)
+            and isinstance(self.parents.get(node), ast.ClassDef)
+            and self.steps_either_inside(node)
+        ]
+        self.comprehensions = [
+            node
+            for node in self.nodes
+            if isinstance(node, ast.ListComp) and self.steps_either_inside(node)
+        ]
+
+    def _assigned_names(self, is_value: Callable[[ast.Call], bool]) -> set[str]:
+        """Return the dotted names to which the script assigns the result of such a call."""
+        values = self.values.items()
+        named = {dotted_name(t) for t, v in values if isinstance(v, ast.Call) and is_value(v)}
+        return named - {""}
 
     @cached_property
     def bindings(self) -> NameBindings:
@@ -154,6 +177,15 @@ class SteppingScript:
         return ScriptFunctions(self.bindings, self.parents, self.calls)
 
     @cached_property
+    def names(self) -> Mapping[str, Sequence[ast.Name]]:
+        """All places of each name."""
+        names: dict[str, list[ast.Name]] = {}
+        for node in self.nodes:
+            if isinstance(node, ast.Name):
+                names.setdefault(node.id, []).append(node)
+        return names
+
+    @cached_property
     def _indirect_functions(self) -> set[ast.FunctionDef]:
         """The functions that call, through others of the script, one that calls `mj_step`."""
         if not self._stepping_functions:
@@ -163,53 +195,12 @@ class SteppingScript:
         indirect: set[ast.FunctionDef] = set()
         while waiting:
             for call in self.functions.calls_of(waiting.pop()):
-                caller = self._function_around(call)
-                if caller is not None and caller not in indirect:
+                functions = (n for n in self.above(call) if isinstance(n, FUNCTIONS | ast.Lambda))
+                caller = next(functions, None)
+                if isinstance(caller, ast.FunctionDef) and caller not in indirect:
                     indirect.add(caller)
                     waiting.append(caller)
         return indirect
-
-    def _function_around(self, node: ast.AST) -> ast.FunctionDef | None:
-        above = self.parents.get(node)
-        while above is not None and not isinstance(above, FUNCTIONS | ast.Lambda):
-            above = self.parents.get(above)
-        return above if isinstance(above, ast.FunctionDef) else None
-
-    def _stepping_loops(self, loops: Iterable[ast.For | ast.While]) -> list[SteppingLoop]:
-        return [SteppingLoop(loop, nodes_inside(loop)) for loop in loops if self.steps_inside(loop)]
-
-    def _environment_loops(self, loops: Iterable[ast.For | ast.While]) -> list[SteppingLoop]:
-        stepping = {loop.node for loop in self.loops}
-        return [
-            SteppingLoop(loop, nodes_inside(loop))
-            for loop in loops
-            if loop not in stepping and self.steps_environment_inside(loop)
-        ]
-
-    def _episode_loops(self) -> list[SteppingLoop]:
-        stepping = {loop.node for loop in self.loops}
-        return [
-            loop
-            for loop in self.loops
-            if isinstance(loop.node, ast.For) and stepping.intersection(loop.inner)
-        ]
-
-    def _methods(self) -> list[SteppingMethod]:
-        return [
-            SteppingMethod(node, nodes_inside(node))
-            for node in self.nodes
-            if isinstance(node, FUNCTIONS)
-            and isinstance(self.parents.get(node), ast.ClassDef)
-            and (self.steps_inside(node) or self.steps_environment_inside(node))
-        ]
-
-    def _comprehensions(self) -> list[ast.ListComp]:
-        return [
-            node
-            for node in self.nodes
-            if isinstance(node, ast.ListComp)
-            and (self.steps_inside(node) or self.steps_environment_inside(node))
-        ]
 
     def is_view(self, node: ast.AST) -> bool:
         """Return whether an expression is a view of MuJoCo's memory."""
@@ -239,13 +230,14 @@ class SteppingScript:
         None stands for what a name gets by other means, as a parameter does.
         """
         if not isinstance(node, ast.Name):
-            name = dotted_name(node)
-            return self._values_of_attributes.get(name, []) if name else []
+            return list(self.assigned_anywhere(dotted_name(node)))
         if node.id in self.bindings.declared:
             return [None]
-        owner = self.bindings.owner(node.id, node)
-        targets = self.bindings.bindings(node.id, owner) if owner is not None else ()
-        return [self._values.get(target) for target in targets]
+        return [self.values.get(target) for target in self.bindings.of_name(node)]
+
+    def assigned_anywhere(self, name: str) -> Sequence[ast.AST]:
+        """Return what was assigned to a dotted name, in whatever scope."""
+        return self._values_of_names.get(name, []) if name else []
 
     def attribute_of_self(self, node: ast.AST) -> bool:
         """Return whether a statement or a call stores something in an attribute of `self`."""
@@ -264,7 +256,7 @@ class SteppingScript:
             and dotted_name(node.func.value) in self._model_names
         )
 
-    def step_loop_around(self, node: ast.AST) -> ast.For | ast.While | None:
+    def step_loop_around(self, node: ast.AST) -> Loop | None:
         """Return the innermost loop around a node that calls `mj_step` itself; None without one."""
         return next((n for n in self.loops_around(node) if n in self._step_loops), None)
 
@@ -281,17 +273,13 @@ class SteppingScript:
                 return True
         return False
 
-    def is_new_data(self, node: ast.AST, loop: SteppingLoop) -> bool:
+    def is_new_data(self, node: ast.AST, loop: SteppingBody) -> bool:
         """Return whether a node creates an MjData of a model that `loop` does not assign."""
-        if not (isinstance(node, ast.Call) and last_name(node.func) == "MjData" and node.args):
+        if not (is_call(node, "MjData") and node.args):
             return False
         assignments = (n for n in loop.inner if isinstance(n, ast.Assign))
         assigned = {dotted_name(target) for n in assignments for target in n.targets}
         return dotted_name(node.args[0]) not in assigned
-
-    def is_for_over_steps(self, node: ast.AST) -> bool:
-        """Return whether a node is a `for` loop that calls `mj_step` itself."""
-        return isinstance(node, ast.For) and any(is_step(n) for n in nodes_inside(node))
 
     def steps_inside(self, node: ast.AST) -> bool:
         """Return whether `mj_step`, or a function that calls it, is called inside a node."""
@@ -303,6 +291,10 @@ class SteppingScript:
             return True
         indirect = self._indirect_functions
         return bool(indirect) and not indirect.isdisjoint(self.functions.called(call))
+
+    def steps_either_inside(self, node: ast.AST) -> bool:
+        """Return whether `mj_step` is called inside a node, or an environment is stepped."""
+        return self.steps_inside(node) or self.steps_environment_inside(node)
 
     def steps_environment_inside(self, node: ast.AST) -> bool:
         """Return whether an environment is stepped inside a node, there or in a function."""
@@ -316,7 +308,7 @@ class SteppingScript:
         """Return whether a node is a call such as `env.step(…)` or `self.do_simulation(…)`."""
         if not isinstance(node, ast.Call):
             return False
-        if last_name(node.func) in _SIMULATION_STEPS:
+        if is_call(node, "do_simulation"):  # of Gymnasium's MujocoEnv; no other class has it
             return True
         owner, _, method = dotted_name(node.func).rpartition(".")
         if method not in _ENVIRONMENT_STEPS:
@@ -355,32 +347,32 @@ class SteppingScript:
             yield above
             above = self.parents.get(above)
 
-    def loops_around(self, node: ast.AST) -> Iterator[ast.For | ast.While]:
+    def loops_around(self, node: ast.AST) -> Iterator[Loop]:
         """Yield the loops in whose every iteration a node runs, the innermost first."""
         child, parent = node, self.parents.get(node)
         while parent is not None:
-            if isinstance(parent, ast.For | ast.While):
+            if isinstance(parent, Loop):
                 is_iterable = isinstance(parent, ast.For) and child is parent.iter
                 if not (is_iterable or child in parent.orelse):  # these are evaluated once
                     yield parent
             child, parent = parent, self.parents.get(parent)
 
 
-def leaves_after(child: ast.AST, parent: ast.AST) -> bool:
-    """Return whether a statement that follows a child in its block ends the loop around both."""
-    for block in (getattr(parent, name, None) for name in ("body", "orelse", "finalbody")):
-        if isinstance(block, list) and child in block:
-            rest = block[block.index(child) + 1 :]
-            return any(isinstance(n, ast.Return | ast.Break | ast.Raise) for n in rest)
-    return False
+def _body(node: Loop | ast.FunctionDef | ast.AsyncFunctionDef) -> SteppingBody:
+    return SteppingBody(node, nodes_inside(node))
+
+
+def _creates_environment(call: ast.Call) -> bool:
+    package, _, function = dotted_name(call.func).rpartition(".")
+    is_of_package = bool(_ENVIRONMENT_PACKAGES.intersection(package.split(".")))
+    is_class = function[:1].isupper()
+    return bool(_CREATES_ENVIRONMENT.match(function)) and (is_class or is_of_package)
 
 
 def index_gives_view(node: ast.Subscript, is_row: bool) -> bool:
     """Return whether indexing a view of MuJoCo's memory gives a view again, and not a number.
 
-    Args:
-      node: the index.
-      is_row: whether the view has one dimension, as that of a named element has.
+    The view of a named element is a row: it has one dimension.
     """
     index = node.slice
     parts = index.elts if isinstance(index, ast.Tuple) else [index]

@@ -5,26 +5,41 @@ steps, every iteration adds an entry, and all entries are the same memory of the
 steps there. A registry that is filled once, for live reading, and an entry that is replaced in each
 step are no logs. Views of inputs, such as `ctrl`, are left out: a program may store them to write
 through them. So is what is stored where the script writes through it.
+
+A view may come out of a function of the script:
+
+    def snapshot(data):
+        return {"qpos": data.qpos}
+
+    log.append(snapshot(data))
+
+The fault is in the helper: there the view gets its `.copy()`. A helper whose views the script may
+write through is left out.
 """
 
 import ast
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
-from mjbench.loop.lint_helper_views import HelperViews
-from mjbench.loop.script_names import (
+from mjbench.loop.script_syntax import (
     FUNCTIONS,
+    assignments,
+    block_around,
     creates_container,
     dotted_name,
+    elements,
+    is_call,
     is_input,
     is_step,
     last_name,
+    names,
     nodes_inside,
+    peeled,
 )
-from mjbench.loop.stepping_script import SteppingBody, SteppingLoop, SteppingMethod, SteppingScript
-from mjbench.loop.view_writes import WritesThrough, peeled
+from mjbench.loop.stepping_script import SteppingBody, SteppingScript
+from mjbench.loop.view_writes import WRITING_FUNCTIONS, WRITING_METHODS, WritesThrough
 
 # Methods of a list or a deque that store an argument.
 _STORING_METHODS = {"append", "appendleft", "insert"}
@@ -51,22 +66,31 @@ class Store:
 
 @dataclass(frozen=True)
 class StoredView:
-    """A view that a script stores.
-
-    Attributes:
-      view: the expression.
-      is_returned: whether a function of the script gives it to the caller, which stores it.
-    """
+    """A view that a script stores; `is_returned` where a function returns it to be stored."""
 
     view: ast.expr
     is_returned: bool = False
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a value comes from: a call of a function of the script.
+
+    Attributes:
+      call: the attribute, where the function is a property.
+      yields: whether the value is what the function yields, not what it returns.
+      index: of the part, in a tuple or a dict that the function creates; None for all of it.
+    """
+
+    call: ast.expr
+    yields: bool = False
+    index: object = None
 
 
 class StoredViews:
     """The views that a script stores."""
 
     def __init__(self, script: SteppingScript):
-        """Look at a script."""
         self._script = script
         self._loops = {loop.node: loop for loop in (*script.loops, *script.environment_loops)}
         self._counted = {
@@ -82,12 +106,7 @@ class StoredViews:
 
     @cached_property
     def _writes(self) -> WritesThrough:
-        return WritesThrough(self._script.tree)
-
-    @cached_property
-    def helpers(self) -> HelperViews:
-        """The views that functions of the script give to their callers."""
-        return HelperViews(self._script, self._writes, self._views_in)
+        return WritesThrough(self._script.nodes)
 
     def all(self) -> Iterator[StoredView]:
         """Yield them."""
@@ -102,7 +121,7 @@ class StoredViews:
         for comprehension in self._script.comprehensions:
             yield from self._collected(comprehension)
 
-    def loop_around(self, node: ast.AST) -> SteppingLoop | None:
+    def loop_around(self, node: ast.AST) -> SteppingBody | None:
         """Return the innermost loop around a node that steps in any way; None without one."""
         around = (self._loops.get(loop) for loop in self._script.loops_around(node))
         return next((loop for loop in around if loop is not None), None)
@@ -116,18 +135,17 @@ class StoredViews:
             for view in self._views_in(value):
                 if self._is_of_the_one_data(view, body.inner):
                     yield StoredView(view)
-            renewed = _bound(body.inner) - _bound_by_inner_loops(body.inner)
-            for view in self.helpers.stored(value, renewed):
+            for view in self._of_helpers(value, _renewed(body.inner)):
                 yield StoredView(view, is_returned=True)
 
     def _collected(self, comprehension: ast.ListComp) -> Iterator[StoredView]:
         """Yield the views of which a comprehension that steps makes a list."""
         statement = self._script.parents.get(comprehension)
-        names = map(dotted_name, statement.targets) if isinstance(statement, ast.Assign) else ()
-        if any(map(self._writes.through_entries, names)):
+        targets = statement.targets if isinstance(statement, ast.Assign) else ()
+        if any(self._writes.through_entries(dotted_name(target)) for target in targets):
             return
         inner, element = nodes_inside(comprehension), comprehension.elt
-        for view in self.helpers.stored(element, ()):
+        for view in self._of_helpers(element, ()):
             yield StoredView(view, is_returned=True)
         for view in element.elts if isinstance(element, ast.Tuple) else [element]:
             if self._script.is_view(view) and self._is_of_the_one_data(view, inner):
@@ -141,7 +159,7 @@ class StoredViews:
         place = dotted_name(peeled(store.place))
         if self._writes.through_entries(place) or place in _bound(body.inner):
             return False
-        if isinstance(body, SteppingMethod) and body.node.name == "__init__":
+        if getattr(body.node, "name", "") == "__init__":
             return False
         assigned = self._script.assigned(store.place)
         is_unknown = store.key is None and not any(isinstance(v, ast.Call) for v in assigned)
@@ -153,13 +171,11 @@ class StoredViews:
         """Return whether a key is another one in each iteration of a body."""
         if key is None:
             return True
-        counts = self._counted
-        if isinstance(body, SteppingLoop):
-            counts = counts | (_bound(body.inner) - _bound_by_inner_loops(body.inner))
+        counts = self._counted | (set() if body.is_method else _renewed(body.inner))
         return any(
             dotted_name(node) in counts
             or (isinstance(node, ast.Attribute) and node.attr == "time")
-            or (isinstance(node, ast.Call) and last_name(node.func) == "len")
+            or is_call(node, "len")
             for node in ast.walk(key)
         )
 
@@ -176,25 +192,16 @@ class StoredViews:
                 is_periodic = any(isinstance(n, ast.Mod) for n in parts)
                 if (is_single and not is_periodic) or place in map(dotted_name, parts):
                     return False
-            block = next((b for b in _blocks(node) if child in b), None)
-            last = block[-1] if block and isinstance(body, SteppingLoop) else None
-            if isinstance(last, ast.Break | ast.Return | ast.Raise):
+            last = block_around(child, node)[-1:] if not body.is_method else []
+            if any(isinstance(each, ast.Break | ast.Return | ast.Raise) for each in last):
                 return False
         return True
 
-    def _views_in(self, node: ast.AST) -> Iterator[ast.expr]:
+    def _views_in(self, value: ast.expr) -> Iterator[ast.expr]:
         """Yield the view that an expression is, or those in the tuple, list or dict it creates."""
-        if isinstance(node, ast.expr) and (self._script.is_view(node) or self._is_alias(node)):
-            yield node
-        elif isinstance(node, ast.Tuple | ast.List):
-            for element in node.elts:
-                yield from self._views_in(element)
-        elif isinstance(node, ast.Dict):
-            for value in node.values:
-                yield from self._views_in(value)
-        elif isinstance(node, ast.Call) and last_name(node.func) == "dict":
-            for keyword in node.keywords:
-                yield from self._views_in(keyword.value)
+        for part in elements(value):
+            if self._script.is_view(part) or self._is_alias(part):
+                yield part
 
     def _is_alias(self, node: ast.expr) -> bool:
         """Return whether nothing but views were assigned to a name."""
@@ -204,11 +211,8 @@ class StoredViews:
     def _is_of_the_one_data(self, view: ast.expr, inner: Sequence[ast.AST]) -> bool:
         """Return whether a view is the same memory of the MjData that steps, in each iteration."""
         again = _bound(inner)
-        stepped = {
-            dotted_name(node.args[1])
-            for node in inner
-            if isinstance(node, ast.Call) and is_step(node) and len(node.args) > 1
-        }
+        steps = (node for node in inner if is_step(node) and len(node.args) > 1)
+        stepped = {dotted_name(step.args[1]) for step in steps}
         for expression in self._behind(view):
             data = next((n for n in ast.walk(expression) if self._script.is_data(n)), None)
             if is_input(view) or is_input(expression) or data is None or self._is_renewed(data):
@@ -217,19 +221,19 @@ class StoredViews:
                 return False
             if again.intersection(map(dotted_name, ast.walk(data))):
                 return False
-            varying = again - _bound_by_inner_loops(inner)
-            if any(n.id in varying and not self._is_resolved(n) for n in _names(expression)):
+            varying = _renewed(inner)
+            if any(n.id in varying and not self._is_resolved(n) for n in names(expression)):
                 return False
         return True
 
     def _behind(self, view: ast.expr) -> Iterator[ast.expr]:
         """Yield what a view is an array of: itself, or what was assigned to a name in it."""
-        names = [n for n in ast.walk(view) if self._is_resolved(n)]
-        for name in names:
+        resolved = [n for n in ast.walk(view) if self._is_resolved(n)]
+        for name in resolved:
             for value in self._script.assigned(name):
                 assert isinstance(value, ast.expr)
                 yield from self._behind(value)
-        if not names:
+        if not resolved:
             yield view
 
     def _is_resolved(self, node: ast.AST) -> bool:
@@ -244,6 +248,102 @@ class StoredViews:
         if isinstance(node, ast.Name):
             return node.id in self._script.bindings.declared
         return last_name(node) in self._renewed_attributes
+
+    def _of_helpers(self, value: ast.expr, renewed: Collection[str]) -> Iterator[ast.expr]:
+        """Yield the views in a value that functions of the script return, or yield, to be stored.
+
+        Those of calls that get a name which stands for something else in each iteration are not.
+        """
+        for part in elements(value):
+            for source in self._sources(part):
+                given = {dotted_name(node) for node in ast.walk(source.call)}
+                if given.isdisjoint(renewed):
+                    for function, view in self.returned(source):
+                        if not any(map(self._writes_into, self._uses(function))):
+                            yield view
+
+    def returned(self, source: Source) -> Iterator[tuple[ast.FunctionDef, ast.expr]]:
+        """Yield the views that a value is, or holds, each with the function that returns it."""
+        for function in self._script.functions.called(source.call):
+            for result in _results(function, source.yields):
+                part = result if source.index is None else _part(result, source.index)
+                for view in self._views_in(part) if part is not None else ():
+                    if not is_input(view) and not self._is_local(view, function):
+                        yield function, view
+
+    def _sources(self, value: ast.expr) -> list[Source]:
+        """Return the calls that a value comes from; none if it may come from elsewhere."""
+        if is_call(value, "list") and len(value.args) == 1:
+            (inner,) = value.args
+            return [Source(inner, yields=True)] if isinstance(inner, ast.Call) else []
+        if isinstance(value, ast.Call | ast.Attribute):
+            return [Source(value)]
+        if isinstance(value, ast.Subscript) and isinstance(value.value, ast.Call):
+            key = value.slice.value if isinstance(value.slice, ast.Constant) else None
+            return [Source(value.value, index=key)] if key is not None else []
+        bindings = self._script.bindings.of_name(value) if isinstance(value, ast.Name) else ()
+        sources = list(map(self.source_of_binding, bindings))
+        known = [source for source in sources if source is not None]
+        return known if len(known) == len(sources) else []
+
+    def source_of_binding(self, binding: ast.AST) -> Source | None:
+        """Return where what a name is bound to comes from; None where that is not a plain call."""
+        index, target, parent = None, binding, self._script.parents[binding]
+        if isinstance(parent, ast.Tuple):
+            index = parent.elts.index(binding)  # type: ignore[arg-type]
+            target, parent = parent, self._script.parents[parent]
+        if isinstance(parent, ast.Assign):
+            value = parent.value
+            is_known = isinstance(value, ast.Call) or self._script.functions.called(value)
+            return Source(value, index=index) if is_known else None
+        if isinstance(parent, ast.For | ast.comprehension) and parent.target is target:
+            return _source_of_iteration(parent.iter, index)
+        return None
+
+    def _is_local(self, view: ast.expr, function: ast.FunctionDef) -> bool:
+        """Return whether the MjData of a view belongs to one call of a function."""
+        bindings = self._script.bindings
+        return any(
+            bindings.owner(name.id, name) is function
+            and not all(isinstance(b, ast.arg) for b in bindings.bindings(name.id, function))
+            for name in names(view)
+        )
+
+    def _uses(self, function: ast.FunctionDef) -> Iterator[ast.expr]:
+        """Yield the calls of a function; of a property, the attributes that are called so."""
+        if function.decorator_list:
+            attributes = (node for node in self._script.nodes if isinstance(node, ast.Attribute))
+            return (attribute for attribute in attributes if attribute.attr == function.name)
+        return (call for call in self._script.calls if is_call(call, function.name))
+
+    def _writes_into(self, use: ast.expr) -> bool:
+        """Return whether the script may write through what a call, or a property, returns."""
+        parents = self._script.parents
+        node: ast.AST = use
+        parent = parents[node]
+        while isinstance(parent, ast.Subscript | ast.Attribute) and parent.value is node:
+            if isinstance(parent, ast.Attribute) and parent.attr in WRITING_METHODS:
+                return True
+            node, parent = parent, parents[parent]
+            if isinstance(parent, ast.Call) and parent.func is node:
+                node, parent = parent, parents[parent]
+        if not isinstance(getattr(node, "ctx", None), ast.Load | None):
+            return True
+        if isinstance(parent, ast.Call):
+            return last_name(parent.func) in WRITING_FUNCTIONS
+        if isinstance(parent, ast.keyword):
+            return parent.arg == "out"
+        targets: list[ast.expr] = []
+        if isinstance(parent, ast.Assign):
+            targets = parent.targets
+        elif isinstance(parent, ast.For | ast.comprehension):
+            targets = [parent.target]
+        return any(map(self._is_written, targets))
+
+    def _is_written(self, target: ast.expr) -> bool:
+        if isinstance(target, ast.Subscript):  # it holds the value as an entry
+            return self._writes.through_entries(dotted_name(peeled(target)))
+        return any(self._writes.into(dotted_name(n)) for n in ast.walk(target))
 
 
 @lru_cache(maxsize=1)
@@ -267,10 +367,6 @@ def store_of(node: ast.AST) -> Store | None:
     return None
 
 
-def _names(node: ast.AST) -> Iterator[ast.Name]:
-    return (n for n in ast.walk(node) if isinstance(n, ast.Name))
-
-
 def _bound(inner: Sequence[ast.AST]) -> set[str]:
     """Return the names and attributes that some nodes bind."""
     bound = (
@@ -281,14 +377,54 @@ def _bound(inner: Sequence[ast.AST]) -> set[str]:
     return {*bound} - {""}
 
 
-def _bound_by_inner_loops(inner: Sequence[ast.AST]) -> set[str]:
-    """Return the names that loops inside a body bind, which take the same values each time."""
+def _renewed(inner: Sequence[ast.AST]) -> set[str]:
+    """Return what nodes bind, without the names of their loops, which repeat their values."""
     loops = (node for node in inner if isinstance(node, ast.For))
-    return {name.id for loop in loops for name in _names(loop.target)}
+    return _bound(inner) - {name.id for loop in loops for name in names(loop.target)}
 
 
-def _blocks(node: ast.AST) -> Iterator[list[ast.stmt]]:
-    """Yield the lists of statements below a node."""
-    for _, value in ast.iter_fields(node):
-        if isinstance(value, list) and value and isinstance(value[0], ast.stmt):
-            yield value
+def _source_of_iteration(iterable: ast.expr, index: int | None) -> Source | None:
+    if not isinstance(iterable, ast.Call):
+        return None
+    method = iterable.func.attr if isinstance(iterable.func, ast.Attribute) else ""
+    inner = iterable.func.value if isinstance(iterable.func, ast.Attribute) else None
+    if isinstance(inner, ast.Call):  # a key is no view, a value may be
+        takes_value = (method, index) in (("items", 1), ("values", None))
+        return Source(inner) if takes_value else None
+    if last_name(iterable.func) == "enumerate" and index == 1 and iterable.args:
+        return _source_of_iteration(iterable.args[0], None)
+    return Source(iterable, yields=True, index=index)
+
+
+def _results(function: ast.FunctionDef, yields: bool) -> Iterator[ast.expr]:
+    """Yield what a function returns, or yields."""
+    inside = nodes_inside(function)
+    is_generator = any(isinstance(n, ast.Yield | ast.YieldFrom) for n in inside)
+    kind = ast.Yield if yields else ast.Return
+    if is_generator is yields:
+        for node in inside:
+            if isinstance(node, kind) and node.value is not None:
+                yield _assigned(function, node.value)
+
+
+def _assigned(function: ast.FunctionDef, value: ast.expr) -> ast.expr:
+    """Return what a name was assigned, where a function does so once; else the value itself."""
+    if isinstance(value, ast.Name):
+        module = ast.Module(body=function.body, type_ignores=[])
+        values = [v for t, v in assignments(module) if dotted_name(t) == value.id]
+        if len(values) == 1 and isinstance(values[0], ast.expr):
+            return values[0]
+    return value
+
+
+def _part(result: ast.expr, index: object) -> ast.expr | None:
+    """Return the part of a tuple, a list or a dict with an index; None where it is not plain."""
+    if isinstance(result, ast.Dict):
+        for key, value in zip(result.keys, result.values, strict=True):
+            if isinstance(key, ast.Constant) and key.value == index:
+                return value
+    if isinstance(result, ast.Tuple | ast.List) and isinstance(index, int):
+        starred = any(isinstance(element, ast.Starred) for element in result.elts)
+        if not starred and -len(result.elts) <= index < len(result.elts):
+            return result.elts[index]
+    return None

@@ -8,7 +8,14 @@ import ast
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.loop.name_bindings import bound_by
-from mjbench.loop.script_names import FUNCTIONS, dotted_name, is_input, last_name
+from mjbench.loop.script_syntax import (
+    FUNCTIONS,
+    WHOLE,
+    dotted_name,
+    is_input,
+    last_name,
+    peeled,
+)
 
 # Methods of an array that write to it, and functions that write to an argument.
 WRITING_METHODS = {"fill", "itemset", "partition", "put", "resize", "setfield", "setflags", "sort"}
@@ -16,28 +23,14 @@ WRITING_FUNCTIONS = {
     *("at", "copyto", "fill_diagonal", "partial", "place", "put", "put_along_axis", "putmask"),
     *("setitem", "shuffle"),
 }
-# Functions that return new memory, and what is the array itself.
+# Functions that return new memory.
 _COPYING = {
     *("array", "concatenate", "copy", "deepcopy", "float", "hstack", "len", "max", "mean", "min"),
     *("norm", "print", "range", "repr", "stack", "std", "str", "sum", "tolist", "vstack"),
 }
-_WHOLE = {"T", "flat"}
 # State that programs write, beside the inputs of a step.
 _STATE = {"qpos", "qvel", "qacc_warmstart"}
 _Function = ast.FunctionDef | ast.AsyncFunctionDef
-
-
-def peeled(node: ast.AST) -> ast.AST:
-    """Return what is indexed, or whose methods are called, in an expression: `a` of `a[0][:].T`."""
-    while True:
-        if isinstance(node, ast.Subscript | ast.Starred):
-            node = node.value
-        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-            node = node.func.value
-        elif isinstance(node, ast.Attribute) and (not dotted_name(node) or node.attr in _WHOLE):
-            node = node.value
-        else:
-            return node
 
 
 class WritesThrough:
@@ -47,9 +40,8 @@ class WritesThrough:
     `rows[0][0] = x`, into an entry of `rows`. `rows[i] = x` alone replaces an entry.
     """
 
-    def __init__(self, tree: ast.Module):
-        """Find them."""
-        nodes = list(ast.walk(tree))
+    def __init__(self, nodes: Sequence[ast.AST]):
+        """Find them in all nodes of a script."""
         indexed = {name for node in nodes for name in _indexed(node)}
         self._names = {name for node in nodes for name in _written(node)} - {""}
         functions = {node.name: node for node in nodes if isinstance(node, FUNCTIONS)}
@@ -86,7 +78,7 @@ def _written(node: ast.AST) -> Iterator[str]:
         if not isinstance(node.value, ast.List | ast.ListComp):  # `log += [x]`
             yield dotted_name(peeled(node.target))
     elif isinstance(node, ast.Subscript) and not isinstance(node.ctx, ast.Load):
-        is_whole = isinstance(node.value, ast.Attribute) and node.value.attr in _WHOLE
+        is_whole = isinstance(node.value, ast.Attribute) and node.value.attr in WHOLE
         if is_whole or isinstance(node.value, ast.Subscript | ast.Call):
             yield dotted_name(peeled(node.value))
     elif isinstance(node, ast.Call):

@@ -40,14 +40,7 @@ _CHANGES = (Outcome.SLOWER, Outcome.FASTER)
 
 @dataclass(frozen=True)
 class Conditions:
-    """What the command of a run decided about its comparisons.
-
-    Attributes:
-      min_effect: smallest change that matters.
-      hold: steps for which each control is held.
-      seed: of start states and controls.
-      as_shipped: whether builds were compared with their code where it lies.
-    """
+    """What the command of a run decided about its comparisons."""
 
     min_effect: float = MIN_EFFECT
     hold: int = 1
@@ -74,10 +67,6 @@ class MachineRow:
     """A verdict that was measured on a machine.
 
     Attributes:
-      machine: its name.
-      row: the verdict.
-      confidence: that its run was asked for.
-      conditions: that its run decided.
       files: of its models, start states and controls, where they are the user's.
     """
 
@@ -93,12 +82,9 @@ class MachineVerdict:
     """What one machine says of a comparison.
 
     Attributes:
-      machine: its name.
-      outcome: what it counts as.
       verdict: of its measurements; None where they differ, and where there is none.
       ratio: of the measurement with the widest interval; None where nothing was measured.
       count: how often it measured the comparison.
-      changed_work: whether the two targets do other work; None where that is not known.
       detail: why it is undecided, in a few words; empty otherwise.
     """
 
@@ -116,16 +102,8 @@ class MachineComparison:
     """One comparison on all machines that measured it.
 
     Attributes:
-      model: of the candidate.
-      path: of the candidate.
-      old: MuJoCo release of the baseline.
-      new: MuJoCo release of the candidate.
       sides: baseline and candidate, as the first machine had them.
-      metric: what ratios compare.
       nbatch: simulations of a run; None where it was never measured.
-      nstep: steps of each.
-      starts: where start states came from.
-      machines: what each says.
     """
 
     model: str
@@ -169,7 +147,6 @@ class AcrossMachines:
 
     Attributes:
       comparisons: in the order that they were first measured.
-      machines: names of all machines that measured one.
       confidence: of the verdicts that are named slower, a share of at most 1 - confidence is
         expected to be false alarms, and so of those named faster.
     """
@@ -185,12 +162,7 @@ class AcrossMachines:
 
 
 def rows_of(runs: Sequence[Run], machines: Sequence[str]) -> list[MachineRow]:
-    """Return the verdicts of runs.
-
-    Args:
-      runs: of any command.
-      machines: the name of each run's machine.
-    """
+    """Return the verdicts of runs."""
     return [
         MachineRow(
             machine,
@@ -214,9 +186,6 @@ def decide(rows: Sequence[MachineRow]) -> AcrossMachines:
     """Return what verdicts of several machines show together.
 
     Of runs that were asked for different confidences, the highest holds for all.
-
-    Args:
-      rows: of all machines.
     """
     confidence = max((row.confidence for row in rows), default=CONFIDENCE)
     groups = _by_comparison(rows)
@@ -281,12 +250,7 @@ def _by_machine(rows: Sequence[MachineRow]) -> dict[str, list[VerdictRow]]:
 def _certain(
     measurements: Sequence[Sequence[VerdictRow]], confidence: float
 ) -> list[Verdict | None]:
-    """Return the verdict of each machine on each comparison; None where it is not certain.
-
-    Args:
-      measurements: of each.
-      confidence: of all changes together (see `AcrossMachines`).
-    """
+    """Return the verdict of each machine on each comparison; None where it is not certain."""
     agreed = [_agreed(rows) for rows in measurements]
     certain: list[Verdict | None] = [v if v == Verdict.SAME else None for v in agreed]
     for change in (Verdict.SLOWER, Verdict.FASTER):

@@ -1,7 +1,7 @@
 """How many cores threads get, measured in a process of its own."""
 
 from mjbench.instrument import machine
-from mjbench.paired import requests
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
@@ -16,7 +16,7 @@ def count_cores(process: WorkerProcess, nthread: int) -> float | None:
       TargetError: the process failed, crashed or did not answer in time.
     """
     count = min(machine.usable_cores(), nthread)
-    return process.call(requests.CountCores(count)) if count > 1 else None
+    return process.call(Worker.count_cores, count) if count > 1 else None
 
 
 class Calibrator:

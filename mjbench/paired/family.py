@@ -21,10 +21,8 @@ class Family:
 
     Attributes:
       slower: comparisons whose candidate is slower, and not because of where its code lies.
-      faster: likewise.
       undecided: those that are inconclusive or failed, or whose change is not certain enough for
         their number or may be due to where code lies.
-      count: of all comparisons.
     """
 
     slower: Sequence[VerdictRow]
@@ -45,7 +43,6 @@ def decide(rows: Sequence[VerdictRow], confidence: float) -> Family:
     """Return what comparisons show together.
 
     Args:
-      rows: of the comparisons.
       confidence: such as 0.99; of the slower ones that are named, a share of at most
         1 - confidence is expected to be false alarms, and so of the faster ones.
     """

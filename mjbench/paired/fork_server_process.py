@@ -3,7 +3,6 @@
 import contextlib
 import shutil
 import socket
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -14,11 +13,10 @@ from mjbench.paired import fork_server
 
 
 class ForkedWorker:
-    """A worker that a fork server was asked for; nothing waits for it until it must be known.
+    """A worker that a fork server was asked for; its process id is awaited when it is needed.
 
     Attributes:
       mark: that what it starts has in its environment (`child.MARK`).
-      output_file: for what it prints.
       deadline_s: until when its server has time to fork it.
     """
 
@@ -54,11 +52,7 @@ class ForkedWorker:
 
 
 class ForkServerProcess:
-    """A program that forks workers of one release.
-
-    Attributes:
-      process: the program itself.
-    """
+    """A program that forks workers of one release."""
 
     def __init__(
         self,
@@ -71,20 +65,15 @@ class ForkServerProcess:
         """Take over a server.
 
         Args:
-          process: the program.
           control: to the program; it keeps messages apart.
           limit_s: seconds without an answer after which the program is killed.
-          output_file: of the program.
-          clock: returns seconds.
         """
-        self.process = process
+        self.process, self.has_forked = process, False
         self._control, self._output_file = control, output_file
         self._limit_s, self._clock = limit_s, clock
         self._is_retired = False
         self._pending: dict[str, ForkedWorker] = {}  # by mark
         self._workers: set[ForkedWorker] = set()
-        # Launches at the same time ask from threads of their own.
-        self._receiving = threading.Lock()
 
     @property
     def has_ended(self) -> bool:
@@ -96,32 +85,29 @@ class ForkServerProcess:
 
         Args:
           connection: descriptor of the worker's end of its connection.
-          output_file: for what it prints.
 
         Raises:
           MachineError: the server has ended, or the file cannot be written.
         """
+        self.has_forked = True
         mark = child.new_mark()
         worker = ForkedWorker(self, mark, output_file, self._clock() + self._limit_s)
         with writing(output_file):
             output = output_file.open("wb")
-        self._pending[mark] = worker
-        self._workers.add(worker)
         try:
             with output:
                 self._control.settimeout(self._limit_s)
                 socket.send_fds(self._control, [mark.encode()], [connection, output.fileno()])
         except OSError as error:
-            del self._pending[mark]
-            self._workers.discard(worker)
             raise MachineError(f"cannot start a process: {one_line(error)}") from error
+        self._pending[mark] = worker
+        self._workers.add(worker)
         return worker
 
     def await_fork(self, worker: ForkedWorker) -> None:
-        """Wait until it is known whether a worker was forked; any thread may ask."""
-        with self._receiving:
-            while worker.mark in self._pending:
-                self._receive(worker.deadline_s)
+        """Wait until it is known whether a worker was forked."""
+        while worker.mark in self._pending:
+            self._receive(worker.deadline_s)
 
     def _receive(self, deadline_s: float) -> None:
         """Receive one answer, which may be about another worker."""
@@ -147,8 +133,8 @@ class ForkServerProcess:
     def forget(self, worker: ForkedWorker) -> None:
         """Note that a worker has ended; the last one of a retired server ends the server."""
         self._workers.discard(worker)
-        if self._is_retired and not self._workers:
-            self.end()
+        if self._is_retired:
+            self.retire()
 
     def retire(self) -> None:
         """End the server as soon as all of its workers have ended."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from mjbench.instrument import anytime
 from mjbench.instrument.anytime import Evidence, Interval
+from mjbench.instrument.ratio import Ratio
 from mjbench.paired.outcomes import Verdict
 
 # A verdict of faster or slower is final when its interval's half-width is at most this share of the
@@ -22,20 +23,13 @@ class Judgement:
     """What launches show about the ratio of candidate time to baseline time.
 
     Attributes:
-      verdict: the outcome.
       ratio: estimate of candidate time over baseline time.
-      low: lower end of its interval.
-      high: upper end of its interval.
-      launches: number of launches.
       enough: whether more launches are unnecessary for the verdict and precision asked for.
       e_slower: e-value against "not slower" (see `anytime.Fit.e_values`); 1 or less is no evidence.
-      e_faster: e-value against "not faster".
     """
 
     verdict: Verdict
-    ratio: float
-    low: float
-    high: float
+    ratio: Ratio
     launches: int
     enough: bool
     e_slower: float = 1.0
@@ -63,12 +57,8 @@ def judge(
     suffices for any number of changes in the family (see `anytime.e_benjamini_hochberg`).
 
     Args:
-      log_ratios: one per launch.
-      min_effect: smallest effect that matters, such as 0.01.
       confidence: such as 0.99; of the whole procedure, however often it is called.
-      precision: such as 0.005.
       residues: of the launches' placements; None if libraries stay where they are.
-      family: number of comparisons that are decided together.
     """
     evidence = anytime.evidence(log_ratios, confidence, residues)
     return conclude(evidence, min_effect, confidence, precision, family)
@@ -77,15 +67,7 @@ def judge(
 def conclude(
     evidence: Evidence, min_effect: float, confidence: float, precision: float, family: int = 1
 ) -> Judgement:
-    """Judge what launches show; see `judge` for the rule and the other arguments.
-
-    Args:
-      evidence: interval and e-values of the log ratios.
-      min_effect: smallest effect that matters.
-      confidence: of the interval.
-      precision: half-width at which to stop.
-      family: number of comparisons that are decided together.
-    """
+    """Judge what launches show; see `judge` for the rule and the other arguments."""
     interval = evidence.interval
     log_effect = float(np.log1p(min_effect))
     has_launches = interval.count >= MIN_LAUNCHES
@@ -98,9 +80,7 @@ def conclude(
     is_sure = not is_change or e_value * (1 - confidence) >= family
     return Judgement(
         verdict,
-        float(np.exp(interval.mean)),
-        float(np.exp(interval.low)),
-        float(np.exp(interval.high)),
+        Ratio.of_log(interval.mean, interval.half_width),
         interval.count,
         has_launches and (verdict == Verdict.SAME or (is_narrow and is_sure)),
         evidence.e_positive,

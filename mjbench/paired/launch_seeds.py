@@ -42,12 +42,7 @@ def launches_of_a_program() -> int:
 
 
 def schedule(rng: random.Random, launches: int) -> Iterator[LaunchSeeds]:
-    """Yield the seeds of one launch after the other, endlessly.
-
-    Args:
-      rng: draws them.
-      launches: after how many other programs are to be started.
-    """
+    """Yield the seeds of launches, endlessly; after `launches` of them, those of other programs."""
     while True:
         program = rng.randrange(2**32)
         for _ in range(launches):

@@ -37,9 +37,7 @@ class Noise:
     """What launches of identical targets showed.
 
     Attributes:
-      launches: how many there were.
       deviation: standard deviation of their log ratios.
-      launch_s: seconds of one.
       ratio: their estimate, which should be 1.
     """
 

@@ -1,18 +1,24 @@
-"""Check, once for each release, that moved libraries do what the installed ones do."""
+"""Whether libraries can be moved: checked once for each release, by what moved ones do.
 
+A comparison averages over placements of machine code where those of both releases can.
+"""
+
+import itertools
 import random
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from mjbench.errors import InputError
-from mjbench.paired import requests
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError, WorkerProcess
-from mjbench.releases import movable
+from mjbench.releases import movable, placement
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.moved_image import ImmovableError
-from mjbench.releases.placement import RESIDUES, Placement
+from mjbench.releases.placement import AS_SHIPPED, RESIDUES, Placement, PlacementPair
 from mjbench.simulation import models
 from mjbench.simulation.sampling import SampleRequest
 from mjbench.simulation.starts import KEYFRAME_STARTS
@@ -27,10 +33,6 @@ def check(pool: WorkerPool, release: ReleaseSpec) -> None:
     Moved libraries must load, report the version of the release, and step a model to the same
     states to the last bit. A release that passed is not checked again, and one that did not is not
     as long as the pool lasts.
-
-    Args:
-      pool: starts the processes.
-      release: of MuJoCo; installed first if it is missing.
 
     Raises:
       ImmovableError: it cannot.
@@ -78,10 +80,10 @@ def _as_shipped(
     source = models.resolve(_MODEL)
     pool.wait_for(process, release)
     try:
-        process.call(requests.LoadModel(source.name, source.path, {}))
-        request = requests.MakeWorkload(SampleRequest(_NBATCH, _NSTEP, starts=KEYFRAME_STARTS))
-        workload = pool.save(process.call(request).workload)
-        return workload, process.call(requests.Observe(workload)).final_state
+        process.call(Worker.load_model, source.name, source.path, {})
+        request = SampleRequest(_NBATCH, _NSTEP, starts=KEYFRAME_STARTS)
+        workload = pool.save(process.call(Worker.make_workload, request).workload)
+        return workload, process.call(Worker.observe, workload).final_state
     except InputError as error:
         raise ImmovableError(f"it cannot be checked: {error}") from error
 
@@ -97,9 +99,48 @@ def _compare(
     source = models.resolve(_MODEL)
     try:
         pool.wait_for(process, release)
-        process.call(requests.LoadModel(source.name, source.path, {}))
-        states = process.call(requests.Observe(workload)).final_state
+        process.call(Worker.load_model, source.name, source.path, {})
+        states = process.call(Worker.observe, workload).final_state
     except (InputError, TargetError) as error:
         raise ImmovableError(f"with moved libraries it fails: {error}") from error
     if not np.array_equal(states, expected):
         raise ImmovableError("with moved libraries it steps to other states")
+
+
+@dataclass(frozen=True)
+class Averaging:
+    """How the launches of a comparison place the libraries of both targets.
+
+    Attributes:
+      is_on: whether they are moved from launch to launch.
+      problem: why they cannot be; empty where they are, or were not to be.
+    """
+
+    is_on: bool
+    problem: str = ""
+
+    def placements(self) -> Iterator[PlacementPair]:
+        """Return the placements of one launch after the other."""
+        if self.is_on:
+            return placement.schedule(random.Random())
+        return itertools.repeat(AS_SHIPPED)
+
+    def launches_with(self, judged: int) -> int:
+        """Return the number of launches that hold at least `judged` ones for a verdict."""
+        return placement.launches_with(judged) if self.is_on else judged
+
+
+def averaging(pool: WorkerPool, baseline: ReleaseSpec, candidate: ReleaseSpec) -> Averaging:
+    """Return that placements are averaged, if the libraries of both releases can be moved.
+
+    Raises:
+      InputError: a release does not exist.
+      MachineError: a release cannot be installed.
+    """
+    for release in (baseline, candidate):
+        try:
+            check(pool, release)
+        except ImmovableError as error:
+            problem = f"the code of MuJoCo {release.version} cannot be moved: {error}"
+            return Averaging(False, problem)
+    return Averaging(True)

@@ -30,7 +30,6 @@ class PreparedOperation:
     """An operation that can be timed as often as one likes.
 
     Attributes:
-      run: one block.
       result: does it once more and returns what it computed, as a vector of floats, which is to be
         the same in all releases.
     """
@@ -44,7 +43,6 @@ class Operation:
     """Something that programs do with a model.
 
     Attributes:
-      name: in results.
       title: in Python, as people write it.
       model: that it is done with; empty where it builds its own.
       repeats: how often a block does it.

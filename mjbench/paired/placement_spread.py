@@ -18,16 +18,15 @@ from mjbench.instrument import anytime
 from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt, Version
 from mjbench.instrument.json_form import in_json
 from mjbench.instrument.ratio import Ratio
-from mjbench.paired import moved_check
-from mjbench.paired.ending import ENDING_ERRORS, ending_of
+from mjbench.paired import launches, moved_check
+from mjbench.paired.launches import StopRule, Sufficiency
 from mjbench.paired.preparation import WorkCheck
-from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
-from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.verdict import CONFIDENCE
 from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.moved_image import ImmovableError
 from mjbench.releases.placement import RESIDUES, Placement, PlacementPair
 from mjbench.status import FINISHED, Status
@@ -44,12 +43,16 @@ class SpreadPlan:
       launches: of each residue.
       time_limit_s: seconds from when the model is loaded, after which no launch begins; see
         `time_limit`.
-      sizes: of a run.
     """
 
     launches: int = 14
     time_limit_s: float = 180.0
     sizes: Sizes = field(default_factory=Sizes)
+
+    @property
+    def most_launches(self) -> int:
+        """How many launches all residues get together."""
+        return self.launches * len(RESIDUES)
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,6 @@ class ResidueRow:
     Attributes:
       residue: bytes modulo 64 by which the code was moved.
       ratio: time of a step at such placements over that of the release as shipped.
-      launches: how many.
     """
 
     residue: NonNegativeInt
@@ -72,10 +74,8 @@ class Spread:
     """By how much the slowest residue is slower than the fastest, as a share.
 
     Attributes:
-      estimate: of the residues' estimates.
       low: by how much it is slower at least, if all their intervals hold the truth; 0 where the
         intervals overlap, so that no dependence was seen; None without intervals.
-      high: by how much at most.
     """
 
     estimate: NonNegativeFloat
@@ -89,18 +89,9 @@ class SpreadRecord:
     """How far the time of a model's step depends on where the code lies; None is not known.
 
     Attributes:
-      model: its name.
-      release: of MuJoCo.
       build: tells builds of one version apart.
-      status: how the measurement ended.
       detail: one line; empty when ok, unless time ran out.
       spread: of the residues; None where one of them has no launch.
-      residues: those that have launches.
-      nbatch: simulations of a run.
-      nstep: steps of each.
-      launches: in all.
-      seconds: from start to end.
-      samples: raw times of every launch.
     """
 
     record_type: ClassVar[str] = "placement"
@@ -133,7 +124,7 @@ def schedule(rng: random.Random) -> Iterator[PlacementPair]:
             yield PlacementPair(None, Placement.draw(residue, rng))
 
 
-def residue_rows(launches: Sequence[Launch]) -> list[ResidueRow]:
+def residue_rows(launches: Sequence[LaunchRow]) -> list[ResidueRow]:
     """Return what launches say of each residue that they took."""
     log_ratios: dict[int, list[float]] = {}
     for launch in launches:
@@ -164,6 +155,31 @@ def spread_of(residues: Sequence[ResidueRow]) -> Spread | None:
     return Spread(estimate, max(0.0, max(lows) / min(highs) - 1), max(highs) / min(lows) - 1)
 
 
+class _SpreadRule(StopRule):
+    """Launch until every residue has its launches."""
+
+    purpose = "a spread"
+
+    def __init__(self, plan: SpreadPlan, release: ReleaseSpec, on_launch: Callable[[int], None]):
+        self._plan, self._release, self._on_launch = plan, release, on_launch
+
+    def placements(self, pool: WorkerPool) -> Iterator[PlacementPair]:
+        try:
+            moved_check.check(pool, self._release)
+        except ImmovableError as error:
+            raise MachineError(f"its code cannot be moved: {error}") from error
+        return schedule(random.Random())
+
+    def min_launches(self) -> int:
+        return min(MIN_LAUNCHES, self._plan.launches) * len(RESIDUES)
+
+    def look(self, launches: Sequence[LaunchRow], work_check: WorkCheck) -> Sufficiency:
+        # with fewer launches for an answer, a residue has no interval
+        count = len(launches)
+        self._on_launch(count)
+        return Sufficiency(count >= self._plan.most_launches, count >= MIN_LAUNCHES * len(RESIDUES))
+
+
 def measure(
     pool: WorkerPool,
     target: Target,
@@ -173,98 +189,26 @@ def measure(
 ) -> SpreadRecord:
     """Compare a release with itself moved, until every residue has its launches or time is up.
 
-    Where it crashes, hangs or fails, or Ctrl-C is pressed, the record says so, and holds what was
-    measured until then.
-
     Args:
-      pool: starts the processes.
-      target: the release, and the model to step.
-      plan: how many launches, and for how long.
       on_launch: called after each launch, with their number so far.
-      clock: returns seconds.
     """
-    begin_s = clock()
-    launches: list[Launch] = []
-    pair: TargetPair | None = None
-    status, detail = Status.OK, ""
-    try:
-        _check_movable(pool, target)
-        needed = min(MIN_LAUNCHES, plan.launches) * len(RESIDUES)
-        time_limit = TimeLimit(plan.time_limit_s, needed, clock, "a spread")
-        placements = schedule(random.Random())
-        pair = TargetPair(pool, target, target, plan.sizes, time_limit, placements)
-        detail = launch_all(pair.launch, plan, time_limit, launches, on_launch)
-    except ENDING_ERRORS as error:
-        ending = ending_of(error)
-        status, detail = ending.status, ending.detail
-    finally:
-        if pair is not None:
-            pair.close()
-    work_check = pair.work_check if pair else None
-    return _record(target, status, detail, work_check, launches, clock() - begin_s)
-
-
-def launch_all(
-    launch: Callable[[], Launch],
-    plan: SpreadPlan,
-    time_limit: TimeLimit,
-    launches: list[Launch],
-    on_launch: Callable[[int], None],
-) -> str:
-    """Add launches to a list until every residue has its number, or time is up.
-
-    Args:
-      launch: measures once.
-      plan: how many.
-      time_limit: that has been started.
-      launches: those so far.
-      on_launch: called after each launch, with their number so far.
-
-    Returns:
-      That time is up; empty where every residue has its launches.
-
-    Raises:
-      OutOfTimeError: time is up, and a residue has too few launches for an interval.
-    """
-    before_s, most = time_limit.spent_s(), plan.launches * len(RESIDUES)
-    while True:
-        launches.append(launch())
-        on_launch(len(launches))
-        if len(launches) >= most:
-            return ""
-        has_intervals = len(launches) >= MIN_LAUNCHES * len(RESIDUES)
-        if not time_limit.allows_another(len(launches), before_s, has_intervals):
-            return f"time ran out after {len(launches)} of {most} launches"
-
-
-def _check_movable(pool: WorkerPool, target: Target) -> None:
-    """Raise a MachineError where a release cannot be moved here."""
-    try:
-        moved_check.check(pool, target.release)
-    except ImmovableError as error:
-        raise MachineError(f"its code cannot be moved: {error}") from error
-
-
-def _record(
-    target: Target,
-    status: Status,
-    detail: str,
-    work_check: WorkCheck | None,
-    launches: Sequence[Launch],
-    seconds: float,
-) -> SpreadRecord:
-    residues = residue_rows(launches)
+    rule = _SpreadRule(plan, target.release, on_launch)
+    launched = launches.launch(pool, (target, target), plan.sizes, rule, plan.time_limit_s, clock)
+    samples, check, detail = launched.launches, launched.work_check, launched.detail
+    if launched.status == Status.OK and not detail and not launched.is_enough:
+        detail = f"time ran out after {len(samples)} of {plan.most_launches} launches"
+    residues = residue_rows(samples)
     return SpreadRecord(
         model=target.model.name,
         release=target.release.version,
         build=target.release.key,
-        status=status,
+        status=launched.status,
         detail=detail,
         spread=spread_of(residues),
         residues=residues,
-        nbatch=work_check.nbatch if work_check else None,
-        nstep=work_check.nstep if work_check else None,
-        launches=len(launches),
-        seconds=seconds,
-        samples=[launch.row() for launch in launches],
+        nbatch=check.nbatch if check else None,
+        nstep=check.nstep if check else None,
+        launches=len(samples),
+        seconds=launched.seconds,
+        samples=samples,
     )

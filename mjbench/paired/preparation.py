@@ -15,11 +15,12 @@ import numpy as np
 from mjbench import paths
 from mjbench.comparison import step_costs
 from mjbench.errors import InputError
-from mjbench.paired import requests
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.run_sizes import DRAWN_PER_RUN, RunSize, Sizes, run_size
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit, launch_s
+from mjbench.paired.worker import Worker
+from mjbench.paired.worker_answers import DrawnWorkload, Observed
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.simulation import agreement, starts, work_check
@@ -44,18 +45,12 @@ class WorkCheck:
     """Whether both targets do the same work.
 
     Attributes:
-      baseline: work per step of the baseline.
-      candidate: work per step of the candidate.
       drift: how far qpos, qvel and act differ; None where the models differ in size.
       diverged: simulations that diverged in the baseline, and in the candidate; none of those is
         timed.
       warnings: how many other simulations raised each warning, in the baseline, and in the
         candidate.
-      nbatch: simulations of a run.
-      nstep: steps of each that are timed.
-      starts: where the start states of the baseline came from.
       candidate_starts: where those of the candidate came from; None where both start alike.
-      timesteps_s: of the baseline's model, and of the candidate's.
     """
 
     baseline: Work
@@ -95,7 +90,6 @@ class Preparation:
       workloads: files of the `PortableWorkload`s, final states included.
       nsim: simulations in each workload file.
       nsection: sections that the run is divided into (see `loop_sections`); 1 for no division.
-      work_check: whether the two do the same work.
     """
 
     models: tuple[Path, Path]
@@ -110,18 +104,15 @@ class _ChosenSizes:
     """What is drawn and timed.
 
     Attributes:
-      sizes: as the user asked.
-      run: what follows from them.
       faster_step_s: seconds of a step of the target that is faster, as tables have it; None where
         no run is divided into sections.
-      request: draws the workload.
       sleep_alike: whether both models enable sleeping, or neither does.
     """
 
     sizes: Sizes
     run: RunSize
     faster_step_s: float | None
-    request: requests.MakeWorkload
+    request: SampleRequest
     sleep_alike: bool
 
     def nsection(self, nbatch: int) -> int:
@@ -150,9 +141,6 @@ def prepare(
     The files of the result last as long as the pool.
 
     Args:
-      pool: starts the processes.
-      targets: baseline and candidate.
-      sizes: of a run.
       time_limit: starts when the models are loaded.
       roles: what error messages call the two.
 
@@ -183,8 +171,8 @@ def _load(
     models = (pool.new_file(".mjb"), pool.new_file(".mjb"))
     for process, target, file in zip(processes, targets, models, strict=True):
         source, options = target.model, dict(target.model_options)
-        process.call(requests.LoadModel(source.name, source.path, options))
-        process.call(requests.SaveModel(file))
+        process.call(Worker.load_model, source.name, source.path, options)
+        process.call(Worker.save_model, file)
     return models
 
 
@@ -206,9 +194,9 @@ def _choose_sizes(
     step_s, costs_s, settling_nstep = 0.0, list[float](), 0
     sleeps, is_plain_loop = list[bool](), _is_plain_loop(targets, sizes)
     for process in processes:
-        request = requests.MeasureStepCost(sizes.starts, sizes.nbatch or NSTART, sizes.hold)
-        now = process.call(request)
-        settled = functools.partial(process.call, requests.MeasureSettledCost())
+        nstart = sizes.nbatch or NSTART
+        now = process.call(Worker.measure_step_cost, sizes.starts, nstart, sizes.hold)
+        settled = functools.partial(process.call, Worker.measure_settled_cost)
         step_s = max(step_s, now.step_s)
         costs_s.append(step_costs.step_cost_s(now.digest, settled))
         cost_s = max(costs_s)
@@ -242,8 +230,7 @@ def _choose_sizes(
         lead_in=whole_holds(LEAD_IN, sizes.hold) if any(sleeps) and is_plain_loop else 0,
         perturbs=sizes.perturbs,
     )
-    making = requests.MakeWorkload(sample)
-    return _ChosenSizes(sizes, run, faster_step_s, making, len(set(sleeps)) == 1)
+    return _ChosenSizes(sizes, run, faster_step_s, sample, len(set(sleeps)) == 1)
 
 
 def _is_plain_loop(targets: Sequence[Target], sizes: Sizes) -> bool:
@@ -267,19 +254,10 @@ def _prepared(
     targets: tuple[Target, Target],
     processes: Sequence[WorkerProcess],
     models: tuple[Path, Path],
-    drawn: tuple[requests.DrawnWorkload, requests.DrawnWorkload],
+    drawn: tuple[DrawnWorkload, DrawnWorkload],
     chosen: _ChosenSizes,
 ) -> Preparation:
-    """See what each target does with its workload; save what is to be timed.
-
-    Args:
-      pool: holds the files.
-      targets: baseline and candidate.
-      processes: of the targets.
-      models: files of the models.
-      drawn: workloads of the targets.
-      chosen: sizes of what is timed.
-    """
+    """See what each target does with its workload; save what is to be timed."""
     shared = drawn[0] is drawn[1]
     workloads = [each.workload for each in drawn]
     nbatch, nsection = chosen.run.nbatch, chosen.nsection(chosen.run.nbatch)
@@ -287,7 +265,7 @@ def _prepared(
     observed = []
     for process, workload in zip(processes, workloads, strict=True):
         with pool.saved(workload) as file:
-            observed.append(process.call(requests.Observe(file, drawn_nsection)))
+            observed.append(process.call(Worker.observe, file, drawn_nsection))
     baseline, candidate = observed
     rows = _rows_to_time(targets, (baseline, candidate), shared)
     nsim = len(rows[0])
@@ -314,17 +292,17 @@ def _prepared(
 
 def _draw(
     targets: Sequence[Target], processes: Sequence[WorkerProcess], chosen: _ChosenSizes
-) -> tuple[requests.DrawnWorkload, requests.DrawnWorkload]:
+) -> tuple[DrawnWorkload, DrawnWorkload]:
     """Return the workload of each target: the same one for one model, in whatever releases.
 
     Two models each settle by themselves: what one comes to is no typical state of the other. Where
     their states have the same fields, the candidate steps from the baseline's probe nevertheless,
     so that results are compared.
     """
-    drawn = processes[0].call(chosen.request)
+    drawn = processes[0].call(Worker.make_workload, chosen.request)
     if targets[0].model == targets[1].model and chosen.sleep_alike:
         return drawn, drawn
-    own = processes[1].call(chosen.request)
+    own = processes[1].call(Worker.make_workload, chosen.request)
     probe = drawn.workload.probe
     if _widths(drawn.workload.fields) != _widths(own.workload.fields):
         return drawn, own
@@ -336,7 +314,7 @@ def _widths(fields: Mapping[str, np.ndarray]) -> dict[str, int]:
 
 
 def _rows_to_time(
-    targets: Sequence[Target], observed: tuple[requests.Observed, requests.Observed], shared: bool
+    targets: Sequence[Target], observed: tuple[Observed, Observed], shared: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the simulations that each target is timed with: as many, and none that diverges.
 
@@ -364,9 +342,7 @@ def _rows_to_time(
     return baseline[:count], candidate[:count]
 
 
-def _drift(
-    baseline: requests.Observed, candidate: requests.Observed, shared: bool
-) -> StateDrift | None:
+def _drift(baseline: Observed, candidate: Observed, shared: bool) -> StateDrift | None:
     """Return how far the states of two targets differ; None where the sizes differ."""
     is_compared = baseline.healthy & candidate.healthy if shared else baseline.healthy
     return work_check.drift(baseline.followed, candidate.followed, is_compared, shared)

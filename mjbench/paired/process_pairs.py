@@ -4,7 +4,7 @@ import contextlib
 import itertools
 import random
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mjbench.errors import MjbenchError
 from mjbench.instrument import machine
@@ -24,11 +24,12 @@ class ProcessPair:
 
     Attributes:
       processes: of the baseline and of the candidate.
-      placements: of their libraries.
+      core: that they are measured on; None for all, and before they are.
     """
 
     processes: tuple[WorkerProcess, WorkerProcess]
     placements: PlacementPair
+    core: int | None = None
 
 
 class ProcessPairs:
@@ -48,11 +49,8 @@ class ProcessPairs:
         """Start the processes of the first launch; `equip` tells all of them what they need.
 
         Args:
-          pool: starts the processes.
-          releases: of the baseline and of the candidate.
-          names: of the two, for error messages.
-          placements: of their libraries, launch by launch, as `placement.schedule` yields them;
-            None for as shipped.
+          names: of baseline and candidate, for error messages.
+          placements: of their libraries, launch by launch; None for as shipped.
         """
         self._pool, self._releases, self._names = pool, releases, names
         self._placements = placements or itertools.repeat(AS_SHIPPED)
@@ -95,7 +93,7 @@ class ProcessPairs:
 
     @contextlib.contextmanager
     def launch(self, core: int | None) -> Iterator[ProcessPair]:
-        """Yield the processes of a launch, which must be ready.
+        """Yield the processes of a launch, which must be ready, with this thread on their core.
 
         The processes of the next launch start on other cores meanwhile. Ask nothing of the
         processes of this launch after the block: they are ended now or later.
@@ -109,7 +107,8 @@ class ProcessPairs:
         try:
             ahead = self._start_ahead(others) if others else None
             self._end_finished()
-            yield pair
+            with cores.pinned(core):
+                yield replace(pair, core=core)
             if ahead is not None:
                 cores.confine([process.pid for process in ahead.processes], cores.USABLE)
         finally:

@@ -12,14 +12,13 @@ the programs of the next start on the other cores.
 import math
 import random
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from mjbench.instrument import stats, timing
-from mjbench.paired import cores, preparation, requests
-from mjbench.paired.balanced_draws import BalancedDraws
+from mjbench.instrument import timing
+from mjbench.paired import cores, preparation
 from mjbench.paired.calibrator import Calibrator
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.records import LaunchRow
@@ -32,85 +31,75 @@ from mjbench.paired.time_limit import (
     layout_count,
     quad_count,
 )
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.placement import PlacementPair
 
 
-@dataclass(frozen=True, eq=False)
-class Launch:
-    """What one launch measured.
+class StepWork:
+    """The simulations that two targets step, as often as it takes.
 
     Attributes:
-      core: that both targets ran on; None where they may use all.
-      cores: that as many threads as the targets have got just before; None for one thread.
-      orders: of each quad, `ABBA` or `BAAB`, layout by layout; A is the baseline.
-      ns: (quads, 4) nanoseconds of each block, in the order they ran.
-      placements: of the targets' libraries.
-      layouts: how many quads each layout of memory has, in the order they ran.
-      runs: which run each layout did: numbers that are equal where the simulations are.
-      nsection: sections of a run, which the quads of a layout take in turn.
+      workloads: files of the `PortableWorkload`s, final states included.
     """
 
-    core: int | None
-    cores: float | None
-    orders: Sequence[str]
-    ns: np.ndarray
-    placements: PlacementPair
-    layouts: Sequence[int]
-    runs: Sequence[int]
-    nsection: int = 1
+    def __init__(
+        self,
+        pool: WorkerPool,
+        targets: tuple[Target, Target],
+        sizes: Sizes,
+        time_limit: TimeLimit,
+        roles: tuple[str, str] = preparation.ROLES,
+    ):
+        """Load the models, and make sure that both targets can do it; see `preparation.prepare`."""
+        self._targets, self._sizes = targets, sizes
+        prepared = preparation.prepare(pool, targets, sizes, time_limit, roles)
+        self.nsection, self.work_check = prepared.nsection, prepared.work_check
+        self.workloads, self._models = prepared.workloads, prepared.models
+        # Simulations may differ in how much slower they are, so they are timed equally often.
+        self._times_drawn = [0] * prepared.nsim
 
-    def pair_log_ratios(self) -> np.ndarray:
-        """Return (quads, 2) log ratios of pairs (see `stats.pair_log_ratios`)."""
-        return stats.pair_log_ratios(self.orders, self.ns)
+    def draw(self) -> list[int]:
+        """Return simulations of a run."""
+        return draw_least(self._times_drawn, self.work_check.nbatch)
 
-    @property
-    def log_ratio(self) -> float:
-        """The log ratio of all that was timed (see `stats.total_log_ratio`).
+    def equip(self, processes: Sequence[WorkerProcess]) -> None:
+        """Have the processes of a launch read model and workload, without waiting."""
+        for process, target, model, workload in zip(
+            processes, self._targets, self._models, self.workloads, strict=True
+        ):
+            process.ask(Worker.equip, model, workload, target.path)
 
-        Its parts are the sections of each run.
-        """
-        return stats.total_log_ratio(self.orders, self.ns, self._parts())
+    def lay_out(self, pair: ProcessPair, simulations: Sequence[int]) -> tuple[int, int]:
+        """Lay out memory anew; return the nanoseconds of one block of each section, of both."""
+        ns = {}
+        for i in random.sample((0, 1), 2):
+            target = self._targets[i]
+            ns[i] = pair.processes[i].call(
+                Worker.prepare,
+                target.path,
+                dict(target.options),
+                cores.usable(pair.core),
+                simulations,
+                callback=target.callback,
+                slowdown=target.slowdown,
+                returns=self._sizes.returns,
+                metric=self._sizes.metric,
+                nsection=self.nsection,
+            )
+        return ns[0], ns[1]
 
-    @property
-    def baseline_run_ns(self) -> float:
-        """How long a run of the baseline takes, in nanoseconds.
-
-        It is the sum of the medians of its sections; of several runs, it is the median.
-        """
-        blocks, _ = stats.blocks_by_target(self.orders, self.ns)
-        parts = self._parts()
-        medians = [np.median(blocks[parts == part]) for part in np.unique(parts)]
-        return float(np.median(np.reshape(medians, (-1, self.nsection)).sum(axis=1)))
-
-    def _parts(self) -> np.ndarray:
-        """Return (quads,) numbers that are equal where quads timed the same section of a run."""
-        return np.concatenate(
-            [
-                run * self.nsection + np.arange(count) % self.nsection
-                for run, count in zip(self.runs, self.layouts, strict=True)
-            ]
-        )
-
-    def row(self) -> LaunchRow:
-        """Return the launch as a run file stores it."""
-        return LaunchRow(
-            self.core,
-            self.cores,
-            list(self.orders),
-            self.ns.tolist(),
-            self.placements,
-            list(self.layouts),
-            self.nsection,
-        )
+    def close(self) -> None:
+        """Remove all files but the baseline's workload."""
+        for file in (*self._models, self.workloads[1]):
+            file.unlink(missing_ok=True)
 
 
 class TargetPair:
     """Two targets, ready to be launched as often as it takes.
 
     Attributes:
-      work_check: whether they do the same work.
       baseline_workload: file of the baseline's `PortableWorkload`, final states included; it lasts
         as long as the pool.
     """
@@ -127,9 +116,6 @@ class TargetPair:
         """Load the models, and make sure that both targets can do the same work.
 
         Args:
-          pool: starts the processes.
-          baseline: the one target.
-          candidate: the other.
           sizes: of a run; None for the usual ones.
           time_limit: starts when the models are loaded; None for no limit.
           placements: of the targets' libraries, launch by launch, as `placement.schedule` yields
@@ -140,28 +126,23 @@ class TargetPair:
           TargetError: a target crashed, hung or failed.
           OutOfTimeError: the limit does not allow a launch.
         """
-        self._pool, self._targets = pool, (baseline, candidate)
-        sizes = sizes or Sizes()
-        self._returns, self._metric = sizes.returns, sizes.metric
+        targets = baseline, candidate
         self._nthread = max(baseline.nthread, candidate.nthread)
         self._calibrator = Calibrator(pool, baseline.release, self._nthread)
         self._time_limit, self._has_timed = time_limit or TimeLimit(), False
-        releases = baseline.release, candidate.release
-        names = preparation.describe(self._targets)
+        names = preparation.describe(targets)
         # those of the first launch import MuJoCo while the work is prepared
-        self._pairs = ProcessPairs(pool, releases, names, placements)
+        self._pairs = ProcessPairs(pool, (baseline.release, candidate.release), names, placements)
         try:
-            self._prepared = preparation.prepare(pool, self._targets, sizes, self._time_limit)
+            self._work = StepWork(pool, targets, sizes or Sizes(), self._time_limit)
         except BaseException:
             self._pairs.close()
             raise
-        self._pairs.equip(self._equip)
-        self.work_check = self._prepared.work_check
-        # Simulations may differ in how much slower they are, so they are timed equally often.
-        self._draws = BalancedDraws(self._prepared.nsim, random.Random())
-        self.baseline_workload: Path = self._prepared.workloads[0]
+        self._pairs.equip(self._work.equip)
+        self.work_check = self._work.work_check
+        self.baseline_workload: Path = self._work.workloads[0]
 
-    def launch(self) -> Launch:
+    def launch(self) -> LaunchRow:
         """Measure once, in fresh processes, on a free core.
 
         Raises:
@@ -173,69 +154,44 @@ class TargetPair:
         # targets with threads get all cores, so nothing may start on one of them meanwhile
         threaded = self._nthread > 1
         calibrated = self._calibrator.count() if threaded else None
-        core = None if threaded else cores.freest_core()
-        with self._pairs.launch(core) as pair, cores.pinned(core):
-            launch = self._measure(pair, core)
+        with self._pairs.launch(None if threaded else cores.freest_core()) as pair:
+            launch = self._measure(pair)
         self._has_timed = True
         return replace(launch, cores=calibrated)
 
-    def _measure(self, pair: ProcessPair, core: int | None) -> Launch:
-        """Measure a launch on a core, or on all; the first one only if it fits the time limit."""
+    def _measure(self, pair: ProcessPair) -> LaunchRow:
+        """Measure a launch; the first one only if it fits the time limit."""
         layouts: list[tuple[list[str], np.ndarray]] = []
-        all_blocks_s, nsection = math.inf, self._prepared.nsection
+        all_blocks_s, nsection = math.inf, self._work.nsection
         rows: list[int] = []
         while len(layouts) < layout_count(all_blocks_s, nsection) or (
             len(layouts) < MAX_LAYOUTS and not self._pairs.is_next_ready()
         ):
             if not rows or nsection == 1:
-                rows = self._draws.draw(self.work_check.nbatch)
-            now_s = self._lay_out(pair.processes, core, rows)
+                rows = self._work.draw()
+            now_s = 1e-9 * sum(self._work.lay_out(pair, rows))
             if not self._has_timed and not layouts:  # steps may be heavier than those at the start
                 self._time_limit.check_first_launch(launch_s(now_s, nsection))
             all_blocks_s = min(all_blocks_s, now_s)
             layouts.append(time_quads(*pair.processes, quad_count(now_s, nsection)))
         orders = [order for layout_orders, _ in layouts for order in layout_orders]
-        ns = np.concatenate([ns for _, ns in layouts])
+        ns = np.concatenate([ns for _, ns in layouts]).tolist()
         sizes = [len(layout_orders) for layout_orders, _ in layouts]
-        # sections need many pairs each, so all layouts of a launch do the same run
-        runs = range(len(layouts)) if nsection == 1 else [0] * len(layouts)
-        return Launch(core, None, orders, ns, pair.placements, sizes, runs, nsection)
+        return LaunchRow(pair.core, None, orders, ns, pair.placements, sizes, nsection)
 
     def close(self) -> None:
         """End the processes that were started ahead; remove all files but the baseline workload."""
         self._pairs.close()
         self._calibrator.close()
-        for file in (*self._prepared.models, self._prepared.workloads[1]):
-            file.unlink(missing_ok=True)
+        self._work.close()
 
-    def _equip(self, processes: Sequence[WorkerProcess]) -> None:
-        """Have the processes of a launch read model and workload, without waiting."""
-        for process, target, model, workload in zip(
-            processes, self._targets, self._prepared.models, self._prepared.workloads, strict=True
-        ):
-            process.ask(requests.Equip(model, workload, target.path))
 
-    def _lay_out(
-        self, processes: Sequence[WorkerProcess], core: int | None, rows: Sequence[int]
-    ) -> float:
-        """Lay out memory anew; return the seconds that `quad_count` takes."""
-        ns = 0
-        for i in random.sample((0, 1), 2):
-            target = self._targets[i]
-            ns += processes[i].call(
-                requests.Prepare(
-                    path=target.path,
-                    options=dict(target.options),
-                    cores=cores.usable(core),
-                    simulations=rows,
-                    callback=target.callback,
-                    slowdown=target.slowdown,
-                    returns=self._returns,
-                    metric=self._metric,
-                    nsection=self._prepared.nsection,
-                )
-            )
-        return 1e-9 * ns
+def draw_least(times_drawn: list[int], count: int) -> list[int]:
+    """Return indices that were drawn least often, ties at random; count them as drawn."""
+    order = sorted(range(len(times_drawn)), key=lambda i: (times_drawn[i], random.random()))
+    for i in order[:count]:
+        times_drawn[i] += 1
+    return order[:count]
 
 
 def time_quads(
@@ -244,7 +200,7 @@ def time_quads(
     """Time `count` quads; return their orders and (count, 4) nanoseconds."""
     processes = {"A": baseline, "B": candidate}
     for process in processes.values():
-        process.ask(requests.TimeBlocks())
+        process.ask(Worker.time_blocks)
     orders = timing.draw_orders(count)
     ns = np.array([[processes[letter].time_block() for letter in order] for order in orders])
     for process in processes.values():

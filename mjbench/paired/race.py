@@ -13,8 +13,8 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from mjbench.errors import InputError
-from mjbench.paired.ending import ENDING_ERRORS, ending_of
 from mjbench.paired.race_record import MIN_FINAL_LAUNCHES, RaceLaunch, RaceRecord, UnableVariant
+from mjbench.paired.time_limit import ENDING_ERRORS, ending_of
 
 # Launches in all at most before the race is over, and after it.
 MAX_LAUNCHES, FINAL_LAUNCHES = 100, 8

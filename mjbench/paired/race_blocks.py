@@ -7,14 +7,16 @@ compared, outside the timed region.
 """
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from mjbench import paths
 from mjbench.comparison.verification import ReferenceCase
 from mjbench.errors import InputError, MachineError
-from mjbench.paired.requests import PrepareEntrant, TimedEntrant, TimeEntrant
+from mjbench.paired.worker_answers import TimedEntrant
 from mjbench.simulation.model_guard import ModelGuard
 
 
@@ -34,19 +36,19 @@ class RaceBlocks:
     def __post_init__(self) -> None:
         self._guard = ModelGuard(self.case.workload.model)
 
-    def prepare(self, request: PrepareEntrant) -> None:
+    def prepare(self, path_name: str, options: Mapping[str, Any]) -> None:
         """Prepare a path after the others, and run it twice, the first time to check it.
 
         Raises:
           InputError: it cannot run, or returns something else than the plain loop.
           MachineError: it changes the model, which all paths share.
         """
-        path, workload = paths.find(request.path), self.case.workload
+        path, workload = paths.find(path_name), self.case.workload
         reason = path.unavailable() or path.cannot_return(workload.returns)
-        reason = reason or path.unsuited(workload, request.options)
+        reason = reason or path.unsuited(workload, options)
         if reason:
             raise InputError(reason)
-        prepared = path.prepare(workload, request.options, self.case.resources)
+        prepared = path.prepare(workload, options, self.case.resources)
         if difference := self.case.difference(prepared.verified_states(), prepared):
             raise InputError(f"in a fresh process: {difference}")
         prepared.clear()
@@ -54,15 +56,15 @@ class RaceBlocks:
         self._check_model()
         self._prepared.append(prepared)
 
-    def time(self, request: TimeEntrant) -> TimedEntrant:
+    def time(self, number: int, reorders: bool) -> TimedEntrant:
         """Run one block of a path, and compare what it returns.
 
         Raises:
           MachineError: the path changes the model, which all of them share.
         """
-        if request.reorders:
+        if reorders:
             self.case.reorder(self.rng)
-        prepared, clock = self._prepared[request.number], time.perf_counter_ns
+        prepared, clock = self._prepared[number], time.perf_counter_ns
         prepared.clear()
         run = prepared.run
         begin = clock()

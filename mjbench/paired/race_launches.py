@@ -1,17 +1,18 @@
 """The launches of a race: a fresh process each, in which paths are timed in turns (see `race`)."""
 
+import functools
 import random
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from mjbench.comparison.compare import ModelChildren
 from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError
-from mjbench.paired import cores, launch_seeds, requests
+from mjbench.paired import cores, launch_seeds
 from mjbench.paired.calibrator import count_cores
 from mjbench.paired.race import UnableError
 from mjbench.paired.race_record import RaceLaunch, UnableVariant
-from mjbench.paired.requests import Request
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError, WorkerProcess
 from mjbench.paths.parallelism import nthread
@@ -50,22 +51,23 @@ class RaceLaunches:
         process = self._pool.start(self._release, name, seeds=next(self._seeds))
         try:
             process.ask(
-                requests.EquipRace(
-                    files.model,
-                    files.workload,
-                    plan.returns,
-                    sorted(cores.USABLE),
-                    plan.import_from,
-                )
+                Worker.equip_race,
+                files.model,
+                files.workload,
+                plan.returns,
+                sorted(cores.USABLE),
+                plan.import_from,
             )
             self._pool.wait_for(process, self._release)
             threads = max(nthread(self._variants[i].options) for i in positions)
             had = count_cores(process, threads)
             prepared = random.sample(list(positions), len(positions))
             for position in prepared:
-                variant = self._variants[position]
-                request = requests.PrepareEntrant(variant.path, dict(variant.options))
-                self._ask(process, position, request, "preparing")
+                path, options = self._variants[position].path, self._variants[position].options
+                prepare = functools.partial(
+                    process.call, Worker.prepare_entrant, path, dict(options)
+                )
+                self._ask(process, position, prepare, "preparing")
             rows = [self._time_round(process, prepared, o) for o in _orders(len(prepared))]
         finally:
             self._pool.end([process])
@@ -80,24 +82,24 @@ class RaceLaunches:
         row = [0] * len(order)
         for place, number in enumerate(order):
             position = prepared[number]
-            request = requests.TimeEntrant(number, reorders=place == 0)
-            timed = self._ask(process, position, request, "timing")
+            time = functools.partial(process.call, Worker.time_entrant, number, reorders=place == 0)
+            timed = self._ask(process, position, time, "timing")
             if timed.difference:
                 raise UnableError(UnableVariant(position, Status.DISAGREES, timed.difference))
             row[number] = timed.ns
         return row
 
     def _ask(
-        self, process: WorkerProcess, position: int, request: Request[_T], activity: str
+        self, process: WorkerProcess, position: int, call: Callable[[], _T], activity: str
     ) -> _T:
-        """Return the answer to a request about one variant.
+        """Return the answer to a call about one variant.
 
         Raises:
           UnableError: the variant cannot run, or ended the process.
           TargetError: it is the plain loop that ended the process.
         """
         try:
-            return process.call(request)
+            return call()
         except InputError as error:
             status, cause = Status.FAILED, str(error).removeprefix(f"{process.name}: ")
         except TargetError as error:

@@ -291,15 +291,12 @@ class RaceRecord:
         """Return the launches that give a variant's figures.
 
         Launches of slow variants follow the race, but are not of its winners: they give figures of
-        the slow ones alone.
+        the slow ones, and of others only where there are none else.
         """
-        is_slow = position in self.slow
-        timed = [
-            launch
-            for launch in self.launches
-            if position in launch.variants
-            and (is_slow or set(self.slow).isdisjoint(launch.variants))
-        ]
+        timed = [launch for launch in self.launches if position in launch.variants]
+        if position not in self.slow:
+            slow = set(self.slow)
+            timed = [each for each in timed if slow.isdisjoint(each.variants)] or timed
         final = [launch for launch in timed if launch.is_final]
         return final if len(final) >= MIN_FINAL_LAUNCHES else timed
 

@@ -6,8 +6,12 @@ candidate `new`, as on the command line.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
+from functools import cached_property
 from typing import Any, ClassVar, Generic, TypeVar
 
+import numpy as np
+
+from mjbench.instrument import stats
 from mjbench.instrument.bounds import (
     NonNegativeFloat,
     NonNegativeInt,
@@ -33,12 +37,8 @@ class TargetRow:
     """One of the two targets.
 
     Attributes:
-      release: of MuJoCo.
-      model: its name.
-      path: way of stepping.
-      options: of the path.
       model_options: fields of `model.opt` that were set, by name.
-      slowdown: injected, as a share of the work; 0 in a real comparison.
+      slowdown: share of its time by which each block lasts longer; 0 in a real comparison.
       build: tells builds of one version apart; empty where it is unknown.
       callback: function of the engine called inside each step; empty in a real comparison.
     """
@@ -84,31 +84,21 @@ class VerdictRow:
     """One paired comparison, as people and programs read it; None is what cannot be said.
 
     Attributes:
-      model: of the candidate.
-      path: of the candidate.
-      old: MuJoCo release of the baseline.
-      new: MuJoCo release of the candidate.
-      sides: baseline and candidate.
       metric: what `ratio` compares.
-      status: how the comparison ended.
       detail: one line; empty when ok.
       verdict: None where nothing was measured.
       ratio: of time, or of instructions; of the time of a simulated second where timesteps differ.
       e_slower: evidence that it is slower, as an e-value (see `anytime.Fit.e_values`), and at
         most MAX_E_VALUE; None for instructions.
-      e_faster: the same that it is faster.
       cause: why the times of two builds differ; None where they do not, or the targets differ in
         more than the build.
       placement: of machine code; None for instructions.
-      changed_work: whether the two do other work.
       work: contacts, constraints, solver iterations per step.
       drift: largest difference of qpos, qvel and act one step after the same states, at several
         points of the run, relative to each field (see `work_check.StateDrift`).
       run_drift: the same for runs from the same starts, at several points.
       diverged: simulations that diverged; none of them is timed.
       warnings: how many of the others raised each warning of MuJoCo.
-      nbatch: simulations of a run.
-      nstep: steps of each.
       starts: where start states came from; those of the baseline where `candidate_starts` is given.
       candidate_starts: where those of the candidate came from, where each model settled by itself.
       timesteps_s: where the two differ; None elsewhere.
@@ -151,12 +141,13 @@ class VerdictRow:
 class LaunchRow:
     """Raw times of one launch.
 
+    Where the run is divided into sections, all layouts do the same run; otherwise each draws anew.
+
     Attributes:
       core: that both targets ran on; None where they used all.
       cores: that as many threads as the targets have got just before; None for one thread.
       orders: of each quad, `ABBA` or `BAAB`; A is the baseline.
       ns: (quads, 4) nanoseconds of each block, in the order they ran.
-      placements: of the targets' libraries.
       layouts: how many quads each layout of memory has, in the order they ran.
       nsection: sections of a run, which the quads of a layout take in turn; a block is one section.
     """
@@ -179,6 +170,31 @@ class LaunchRow:
             raise ValueError("ns has four times for each order")
         if not set(self.orders) <= {"ABBA", "BAAB"}:
             raise ValueError("an order is ABBA or BAAB")
+
+    @cached_property
+    def log_ratio(self) -> float:
+        """The log ratio of all that was timed (see `stats.total_log_ratio`).
+
+        Its parts are the sections of each run.
+        """
+        runs = range(len(self.layouts)) if self.nsection == 1 else [0] * len(self.layouts)
+        parts = section_numbers(self.layouts, runs, self.nsection)
+        return stats.total_log_ratio(self.orders, np.asarray(self.ns, dtype=float), parts)
+
+
+def section_numbers(layouts: Sequence[int], runs: Sequence[int], nsection: int) -> np.ndarray:
+    """Return (quads,) numbers that are equal where quads timed the same section of a run.
+
+    Args:
+      layouts: quads of each layout, which take the sections in turn.
+      runs: which run each layout did: numbers that are equal where the simulations are.
+    """
+    return np.concatenate(
+        [
+            run * nsection + np.arange(count) % nsection
+            for run, count in zip(runs, layouts, strict=True)
+        ]
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -33,7 +33,6 @@ def command(code: str, core: Path, install: Path | None) -> list[str]:
     """Return the command that runs Python code in the environment of a release.
 
     Args:
-      code: to run.
       core: a folder that `link_mjbench` filled.
       install: the folder of a release; None for the environment of this process.
     """
@@ -47,9 +46,6 @@ def environment(install: Path | None) -> dict[str, str]:
     """Return environment variables, without those that change how Python runs.
 
     PYTHONPATH stays only where no release is given.
-
-    Args:
-      install: the folder of a release; None for the environment of this process.
     """
     variables = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
     # nothing is drawn, and importing the window library is a third of importing MuJoCo
@@ -69,8 +65,6 @@ def padded(
     begin elsewhere.
 
     Args:
-      command: with its arguments.
-      variables: to add to.
       stack_bytes: further down by as much, less than _STACK_UNIT_BYTES.
     """
     missing = -(len(command) + len(variables)) % _POINTER_UNIT or _POINTER_UNIT

@@ -13,13 +13,14 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from mjbench.errors import Failure, InputError, MachineError, failure_of
-from mjbench.paired import averaging, cores
-from mjbench.paired.averaging import Averaging
-from mjbench.paired.ending import ENDING_ERRORS, ending_of
+from mjbench.instrument import stats
+from mjbench.paired import cores, moved_check
+from mjbench.paired.moved_check import Averaging
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
-from mjbench.paired.protocol import Launch, time_quads
+from mjbench.paired.protocol import time_quads
+from mjbench.paired.records import section_numbers
 from mjbench.paired.release_tasks import ReleaseTask
-from mjbench.paired.time_limit import quad_count
+from mjbench.paired.time_limit import ENDING_ERRORS, ending_of, quad_count
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import release_ratios
 from mjbench.releases.release_ratios import LaunchRatio, RatioRecord
@@ -57,11 +58,9 @@ def measure_each(
     what was measured until then.
 
     Args:
-      pool: starts the processes.
       releases: the tasks of each, one or more, which are of the same two releases.
       on_launch: called after each launch, with the index of the release and the share of its
         launches that is done, at least.
-      clock: returns seconds.
 
     Yields:
       The records of a release once it is complete, one for each of its tasks, in their order. After
@@ -105,11 +104,7 @@ def _measure_in_turns(group: Sequence["_Measurement"]) -> Iterator[list[RatioRec
 
 
 class _Measurement:
-    """One release, which is measured in one turn or several.
-
-    Attributes:
-      is_interrupted: whether Ctrl-C was pressed in one of its turns.
-    """
+    """One release, which is measured in one turn or several."""
 
     def __init__(
         self,
@@ -133,11 +128,7 @@ class _Measurement:
         return [task for task in self._tasks if not task.is_complete and task.failure is None]
 
     def take_turn(self, launches: int | None) -> None:
-        """Launch until all tasks are known well enough, or as often as a turn allows.
-
-        Args:
-          launches: of the turn, at most; None for no bound.
-        """
+        """Launch until all tasks are known well enough; `launches` times at most, if given."""
         begin_s = self._clock()
         try:
             self._launch(launches)
@@ -170,7 +161,7 @@ class _Measurement:
         reference, release = self._tasks[0].releases
         is_first = self._averaging is None
         if self._averaging is None:
-            self._averaging = averaging.averaging(self._pool, reference, release)
+            self._averaging = moved_check.averaging(self._pool, reference, release)
         names = f"reference (MuJoCo {reference.version})", f"release (MuJoCo {release.version})"
         placements = self._averaging.placements()
         pairs = ProcessPairs(self._pool, (reference, release), names, placements)
@@ -199,54 +190,49 @@ class _Measurement:
 
 
 def _launch_once(tasks: Sequence[ReleaseTask], pairs: ProcessPairs) -> None:
-    """Time all tasks in one launch."""
+    """Time all tasks once; one that fails says how, and ends the launch if its process may have."""
     pairs.wait()
-    core = cores.freest_core()
-    with pairs.launch(core) as pair, cores.pinned(core):
-        _time_all(random.sample(tasks, len(tasks)), pair, core, pairs.is_next_ready)
-
-
-def _time_all(
-    tasks: Sequence[ReleaseTask],
-    pair: ProcessPair,
-    core: int | None,
-    is_next_ready: Callable[[], bool],
-) -> None:
-    """Time each task once; one that fails says how, and ends the launch if its process may have."""
-    is_enough = is_next_ready if len(tasks) == 1 else lambda: True
-    for task in tasks:
-        try:
-            launch = _time(task, pair, core, is_enough)
-        except (InputError, MachineError) as error:
-            task.failure = failure_of(error)
-            if isinstance(error, MachineError):
-                return
-        else:
-            task.add(LaunchRatio(launch.log_ratio, pair.placements.new), launch.baseline_run_ns)
+    is_enough = pairs.is_next_ready if len(tasks) == 1 else lambda: True
+    with pairs.launch(cores.freest_core()) as pair:
+        for task in random.sample(tasks, len(tasks)):
+            try:
+                log_ratio, reference_ns = _time(task, pair, is_enough)
+            except (InputError, MachineError) as error:
+                task.failure = failure_of(error)
+                if isinstance(error, MachineError):
+                    return
+            else:
+                task.add(LaunchRatio(log_ratio, pair.placements.new), reference_ns)
 
 
 def _time(
-    task: ReleaseTask, pair: ProcessPair, core: int | None, is_enough: Callable[[], bool]
-) -> Launch:
-    """Time a task in a few layouts of memory, each with fewer quads than a verdict's."""
+    task: ReleaseTask, pair: ProcessPair, is_enough: Callable[[], bool]
+) -> tuple[float, float]:
+    """Time a task in a few layouts of memory, each with fewer quads than a verdict's.
+
+    Returns:
+      The log ratio of all that was timed, and the nanoseconds that the reference takes for all
+      sections of a run: the sum of their medians; of several runs, the median.
+    """
     orders: list[str] = []
     ns: list[np.ndarray] = []
-    processes = pair.processes
-    task.equip(processes)
+    task.equip(pair.processes)
     while len(ns) < _LAYOUTS or (len(ns) < _MAX_LAYOUTS and not is_enough()):
-        task.all_blocks_s = min(task.all_blocks_s, 1e-9 * sum(task.ready(processes, core)))
+        task.all_blocks_s = min(task.all_blocks_s, 1e-9 * sum(task.lay_out(pair)))
         count = quad_count(task.all_blocks_s, task.nsection, _LAYOUT_S)
         # the first quad warms up both: what was prepared last would have the advantage in it
-        layout_orders, layout_ns = time_quads(*processes, count + 1)
+        layout_orders, layout_ns = time_quads(*pair.processes, count + 1)
         orders += layout_orders[1:]
         ns.append(layout_ns[1:])
-    return Launch(
-        core=core,
-        cores=None,
-        orders=orders,
-        ns=np.concatenate(ns),
-        placements=pair.placements,
-        layouts=[len(each) for each in ns],
-        runs=range(len(ns)),  # each layout draws simulations anew
-        nsection=task.nsection,
-    )
+    # each layout draws simulations anew
+    parts = section_numbers([len(each) for each in ns], range(len(ns)), task.nsection)
+    blocks = np.concatenate(ns)
+    log_ratio = stats.total_log_ratio(orders, blocks, parts)
+    return log_ratio, run_ns(orders, blocks, parts, task.nsection)
+
+
+def run_ns(orders: Sequence[str], ns: np.ndarray, parts: np.ndarray, nsection: int) -> float:
+    """Return the nanoseconds of a run of the baseline; see `records.section_numbers`."""
+    blocks, _ = stats.blocks_by_target(orders, ns)
+    medians = [np.median(blocks[parts == part]) for part in np.unique(parts)]
+    return float(np.median(np.reshape(medians, (-1, nsection)).sum(axis=1)))

@@ -3,6 +3,7 @@
 All tasks of two releases share their launches, so that processes start once for all of them.
 """
 
+import contextlib
 import math
 import pickle
 import random
@@ -15,13 +16,14 @@ from typing import ClassVar
 import numpy as np
 
 from mjbench.errors import Failure, InputError, UnavailableError
-from mjbench.paired import cores, preparation, requests
-from mjbench.paired.balanced_draws import BalancedDraws
+from mjbench.paired import cores, preparation
 from mjbench.paired.operations import Operation
-from mjbench.paired.preparation import Preparation
+from mjbench.paired.process_pairs import ProcessPair
+from mjbench.paired.protocol import StepWork
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
@@ -46,13 +48,7 @@ Releases = tuple[ReleaseSpec, ReleaseSpec]
 class ReleaseTask(ABC):
     """Something that is timed in two releases, the reference and another.
 
-    Class attributes:
-      record_type: of its record.
-
     Attributes:
-      releases: the reference, and the other.
-      launches: so far.
-      is_complete: whether they are enough.
       failure: why there are no more before they are; None while there may be.
       all_blocks_s: see `time_limit.quad_count`: the shortest so far. The number of blocks of a
         layout follows from it, so that a disturbed block does not decide it.
@@ -89,15 +85,10 @@ class ReleaseTask(ABC):
         """
 
     def equip(self, processes: Processes) -> None:  # noqa: B027 (most tasks need nothing)
-        """Have both processes of a launch read what they need.
-
-        Raises:
-          InputError: a release cannot read it.
-          TargetError: a release crashed, hung or failed.
-        """
+        """Have both processes of a launch read what they need; raises what `lay_out` does."""
 
     @abstractmethod
-    def ready(self, processes: Processes, core: int | None) -> tuple[int, int]:
+    def lay_out(self, pair: ProcessPair) -> tuple[int, int]:
         """Have both processes ready to time blocks, with their memory laid out anew.
 
         Returns:
@@ -110,20 +101,10 @@ class ReleaseTask(ABC):
 
     @abstractmethod
     def record(self, problem: str, seconds: float) -> RatioRecord:
-        """Return what was measured.
-
-        Args:
-          problem: why the libraries were not moved; empty where they were.
-          seconds: that it took.
-        """
+        """Return what was measured; `problem` says why the libraries were not moved."""
 
     def add(self, launch: LaunchRatio, reference_ns: float) -> None:
-        """Store a launch.
-
-        Args:
-          launch: its ratio.
-          reference_ns: nanoseconds that the reference takes for all its sections.
-        """
+        """Store a launch, and the nanoseconds that the reference took for all its sections."""
         self.launches.append(launch)
         self._reference_ns.append(reference_ns)
 
@@ -161,9 +142,7 @@ class StepTask(ReleaseTask):
         super().__init__(releases)
         self.model = model
         self._targets = Target(releases[0], model), Target(releases[1], model)
-        self._prepared: Preparation | None = None
-        # Simulations differ in how much slower they are. So all of them are timed equally often.
-        self._draws: BalancedDraws | None = None
+        self._work: StepWork | None = None
         self._digest = ""
 
     @property
@@ -174,55 +153,40 @@ class StepTask(ReleaseTask):
     @property
     def nsection(self) -> int:
         """See `ReleaseTask.nsection`."""
-        return self._prepared.nsection if self._prepared else 1
+        return self._work.nsection if self._work else 1
 
     def prepare(self, pool: WorkerPool) -> None:
         """See `ReleaseTask.prepare`."""
         try:
-            self._prepared = preparation.prepare(pool, self._targets, SIZES, TimeLimit(), ROLES)
+            self._work = StepWork(pool, self._targets, SIZES, TimeLimit(), ROLES)
         except InputError as error:
             # if the reference can do it, the release lacks something; if not, the model is wrong
             reference = self._targets[0]
             preparation.prepare(pool, (reference, reference), SIZES, TimeLimit(), ROLES)
             raise UnavailableError(str(error)) from error
-        workload: PortableWorkload = pickle.loads(self._prepared.workloads[0].read_bytes())
+        workload: PortableWorkload = pickle.loads(self._work.workloads[0].read_bytes())
         self._digest = workload.digest()
-        self._draws = BalancedDraws(self._prepared.nsim, random.Random())
 
     def equip(self, processes: Processes) -> None:
         """See `ReleaseTask.equip`."""
-        prepared = self._prepared
-        assert prepared is not None, "a task is prepared before it is timed"
-        for process, target, model, workload in zip(
-            processes, self._targets, prepared.models, prepared.workloads, strict=True
-        ):
-            process.call(requests.Equip(model, workload, target.path))
+        assert self._work is not None, "a task is prepared before it is timed"
+        self._work.equip(processes)
+        with contextlib.ExitStack() as waiting:  # for both, also where one cannot read it
+            for process in processes:
+                waiting.callback(process.wait)
 
-    def ready(self, processes: Processes, core: int | None) -> tuple[int, int]:
-        """See `ReleaseTask.ready`."""
-        prepared, draws = self._prepared, self._draws
-        assert prepared is not None, "a task is prepared before it is timed"
-        assert draws is not None, "a task is prepared before it is timed"
-        rows = draws.draw(prepared.work_check.nbatch)
-        ns = {}
-        for i in random.sample((0, 1), 2):
-            request = requests.Prepare(
-                path=self._targets[i].path,
-                options={},
-                cores=cores.usable(core),
-                simulations=rows,
-                nsection=prepared.nsection,
-            )
-            ns[i] = processes[i].call(request)
-        return ns[0], ns[1]
+    def lay_out(self, pair: ProcessPair) -> tuple[int, int]:
+        """See `ReleaseTask.lay_out`."""
+        assert self._work is not None, "a task is prepared before it is timed"
+        return self._work.lay_out(pair, self._work.draw())
 
     def record(self, problem: str, seconds: float) -> StepRatioRecord:
         """See `ReleaseTask.record`."""
         common = self._common(self.model.name, problem, seconds)
         record = StepRatioRecord(**vars(common), workload=self._digest)
-        if self._prepared is None:
+        if self._work is None:
             return record
-        check = self._prepared.work_check
+        check = self._work.work_check
         return replace(
             record,
             work=check.candidate,
@@ -239,9 +203,9 @@ class StepTask(ReleaseTask):
 
     def close(self) -> None:
         """See `ReleaseTask.close`."""
-        if self._prepared is not None:
-            for file in (*self._prepared.models, *self._prepared.workloads):
-                file.unlink(missing_ok=True)
+        if self._work is not None:
+            self._work.close()
+            self._work.workloads[0].unlink(missing_ok=True)
 
 
 class OperationTask(ReleaseTask):
@@ -263,10 +227,13 @@ class OperationTask(ReleaseTask):
     def prepare(self, pool: WorkerPool) -> None:
         """See `ReleaseTask.prepare`: there is nothing to prepare."""
 
-    def ready(self, processes: Processes, core: int | None) -> tuple[int, int]:
-        """See `ReleaseTask.ready`."""
-        request = requests.PrepareOperation(self.operation.name, self._file, cores.usable(core))
-        ready = {i: processes[i].call(request) for i in random.sample((0, 1), 2)}
+    def lay_out(self, pair: ProcessPair) -> tuple[int, int]:
+        """See `ReleaseTask.lay_out`."""
+        name, allowed = self.operation.name, cores.usable(pair.core)
+        ready = {
+            i: pair.processes[i].call(Worker.prepare_operation, name, self._file, allowed)
+            for i in random.sample((0, 1), 2)
+        }
         reference, release = ready[0], ready[1]
         self._drift = None
         if reference.result.shape == release.result.shape:

@@ -34,11 +34,6 @@ class Sizes:
 
     Attributes:
       nbatch: simulations; None chooses them from what a step costs.
-      nstep: steps of each simulation; None chooses them from what a step costs.
-      hold: steps for which each control is held.
-      seed: of start states and controls.
-      starts: where start states are to come from.
-      returns: what a run returns.
       metric: what is compared: the time of blocks, or that of their slowest steps.
       perturbs: whether velocities of start states are perturbed (see `SampleRequest`).
     """
@@ -78,7 +73,6 @@ class RunSize(NamedTuple):
 
         Args:
           step_s: seconds of a step of the target that is faster; None where no run is divided.
-          hold: steps per control.
         """
         if step_s is None:
             return 1
@@ -91,7 +85,6 @@ def run_size(sizes: Sizes, nthread: int, step_s: float, most_nstep: int | None =
     """Return a size such that a run takes about RUN_S where the user leaves it open.
 
     Args:
-      sizes: as the user asked.
       nthread: threads of the target that has more.
       step_s: seconds of a step of the target that is slower, as tables have it.
       most_nstep: steps of a simulation at most, unless the user asked for more; None for no bound.

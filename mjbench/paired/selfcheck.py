@@ -37,10 +37,6 @@ def run(
     and callback.
 
     Args:
-      pool: starts the processes.
-      cases: of the trials.
-      plan: of every verdict.
-      on_trial: called after each trial.
       on_failure: called with each case that is not tried again, and why.
 
     Raises:
@@ -74,10 +70,6 @@ def trial(pool: WorkerPool, case: Case, plan: VerdictPlan) -> TrialRecord:
 
 def record_of(case: Case, result: PairedResult) -> TrialRecord:
     """Return the record of a trial.
-
-    Args:
-      case: that was tried.
-      result: of the comparison.
 
     Raises:
       InputError: a target cannot do the work.

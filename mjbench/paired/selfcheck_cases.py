@@ -14,13 +14,7 @@ from mjbench.simulation.models import ModelSource
 
 @dataclass(frozen=True)
 class Case:
-    """Two targets, and how they differ.
-
-    Attributes:
-      arm: kind of difference.
-      baseline: the one target.
-      candidate: the other.
-    """
+    """Two targets, and how they differ."""
 
     arm: Arm
     baseline: Target
@@ -67,7 +61,6 @@ def remaining(cases: Sequence[Case], trials: int, records: Sequence[TrialRecord]
     """Yield a case for each trial to do, in turns, so that a change of the machine hits all.
 
     Args:
-      cases: to try.
       trials: of each case.
       records: of trials that were done before.
     """

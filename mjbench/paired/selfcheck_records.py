@@ -18,13 +18,10 @@ class CaseRow:
     """What a trial of `mjbench selfcheck` compares; the truth about it is known.
 
     Attributes:
-      arm: how the two targets differ.
-      model: its name.
       slowdown: of the candidate, as a share of the baseline's time: 0 where the two are the same;
         None where its size is unknown.
       callback: function of the engine that the candidate calls inside each step; empty for none.
       old: MuJoCo release of the baseline; empty where an earlier version of mjbench stored it.
-      new: MuJoCo release of the candidate, likewise.
     """
 
     arm: Arm = Arm.SLOWDOWN
@@ -45,14 +42,11 @@ class TrialRecord(CaseRow):
     """One comparison of `mjbench selfcheck`.
 
     Attributes:
-      verdict: what was decided.
       cause: why the times differ; None where they do not, or where more differs than the build.
       estimate: candidate over baseline time.
       low: lower end of its interval; None with too few launches.
-      high: upper end of its interval.
       placement: what the placement of code has to do with it; None where an earlier version of
         mjbench stored it, which compared as shipped.
-      seconds: from start to verdict.
       launches: log ratio of each that the verdict rests on.
       residues: of the placements of these launches; empty where they are as shipped.
       as_shipped: log ratio of each launch as shipped beside them.
@@ -102,7 +96,6 @@ class SelfcheckRow(CaseRow):
     Attributes:
       averaged: whether they average the placement of code out; they compare as shipped otherwise.
       problem: why they do not, although they were to; empty otherwise.
-      trials: how many.
       detected: share called slower.
       wrong: share called faster, or called slower where the two are the same.
       by_code: share called different because of the code; None where more differs than the build,
@@ -112,7 +105,6 @@ class SelfcheckRow(CaseRow):
       inconclusive: share without a verdict.
       covered: share of intervals that hold the truth; None where its size is unknown.
       error: mean of estimate minus truth; None where its size is unknown.
-      seconds: mean time of a comparison.
       launches: mean number of launches that a verdict rests on.
       launch_sd: their standard deviation, of the log ratio; None with one launch each.
     """

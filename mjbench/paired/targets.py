@@ -23,11 +23,6 @@ class Target:
     """One of the two things that a paired comparison compares.
 
     Attributes:
-      release: of MuJoCo.
-      model: to load.
-      path: way of stepping.
-      options: of the path.
-      model_options: fields of `model.opt` to set, by name.
       slowdown: share of its time by which each block lasts longer, a slowdown of known size.
       callback: function of the engine that every timed step calls (see `engine_library`), a
         slowdown of unknown size; empty for none.

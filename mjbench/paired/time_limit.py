@@ -9,6 +9,9 @@ import math
 import time
 from collections.abc import Callable
 
+from mjbench.errors import Failure, InputError, MachineError, failure_of
+from mjbench.status import Status
+
 # How often a launch lays out its memory anew. Layouts of one program differ about as much as
 # programs do, and take less time.
 LAYOUTS = 5
@@ -31,14 +34,25 @@ class OutOfTimeError(Exception):
     """The limit does not allow what a verdict needs; the message is a sentence for people."""
 
 
+# What ends a measurement whose launches so far are worth keeping.
+ENDING_ERRORS = (OutOfTimeError, InputError, MachineError, KeyboardInterrupt)
+
+
+def ending_of(error: BaseException) -> Failure:
+    """Return how a measurement ended; running out of time is no failure, but has a line."""
+    if isinstance(error, OutOfTimeError):
+        return Failure(Status.OK, str(error))
+    if isinstance(error, KeyboardInterrupt):
+        return Failure(Status.INTERRUPTED, "interrupted")
+    return failure_of(error)
+
+
 def quad_count(all_blocks_s: float, nsection: int = 1, layout_s: float = LAYOUT_S) -> int:
     """Return the number of quads of a layout: equally many of each section of the run.
 
     Args:
       all_blocks_s: seconds that both targets together take for one block of each section, untimed
         warm-ups included.
-      nsection: sections of the run.
-      layout_s: seconds of the blocks of the layout.
     """
     fewest = _fewest_rounds(nsection)
     most = max(fewest, MAX_QUADS // nsection)
@@ -72,14 +86,7 @@ class TimeLimit:
         clock: Callable[[], float] = time.monotonic,
         purpose: str = "a verdict",
     ):
-        """Set the limit; it begins to count with `start`.
-
-        Args:
-          seconds: of the verdict.
-          min_launches: that it needs.
-          clock: returns seconds.
-          purpose: what it is, for messages.
-        """
+        """Set the limit of what needs `min_launches`; it begins to count with `start`."""
         self._purpose = purpose
         self._seconds, self._min_launches, self._clock = seconds, min_launches, clock
         self._begin_s: float | None = None
@@ -96,7 +103,6 @@ class TimeLimit:
         """Refuse to go on where the first launch would exceed the limit and is not brief.
 
         Args:
-          launch_s: about how long a launch takes.
           preparation_s: what comes before the launch.
 
         Raises:
@@ -113,7 +119,6 @@ class TimeLimit:
         """Return whether another launch fits, if it takes as long as the average one.
 
         Args:
-          launches: so far.
           before_s: what was spent before the first of them.
           can_judge: whether they are enough for a verdict.
 

@@ -1,24 +1,21 @@
 """Decide which of two targets is faster: launch them until the verdict is certain.
 
-`judge` decides from the launches so far; `decide` launches until `judge` has enough.
+`judge` decides from the launches so far; `decide` launches until it has enough.
 """
 
-import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 from mjbench.instrument import anytime
 from mjbench.instrument.anytime import Evidence
 from mjbench.instrument.ratio import Ratio
-from mjbench.paired import outcomes
-from mjbench.paired.averaging import Averaging, averaging
-from mjbench.paired.ending import ENDING_ERRORS, ending_of
+from mjbench.paired import launches, outcomes
 from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, conclude, judge
+from mjbench.paired.launches import Launched, StopRule, Sufficiency
+from mjbench.paired.moved_check import Averaging, averaging
 from mjbench.paired.outcomes import Cause, Metric, Verdict
 from mjbench.paired.preparation import WorkCheck
-from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.records import (
     MAX_E_VALUE,
     LaunchRow,
@@ -29,8 +26,9 @@ from mjbench.paired.records import (
 )
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
-from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases.installs import ReleaseSpec
+from mjbench.releases.placement import PlacementPair
 from mjbench.status import Status
 
 # Unless another is asked for.
@@ -47,7 +45,6 @@ class VerdictPlan:
       precision: half-width of the interval at which to stop in any case.
       time_limit_s: seconds from when the models are loaded, after which no launch begins; see
         `time_limit`.
-      sizes: of a run.
       as_shipped: whether code stays where each build has it, instead of being moved from launch to
         launch, so that its placement averages out.
       family: number of comparisons that are decided together; a change needs more evidence.
@@ -62,38 +59,22 @@ class VerdictPlan:
     family: int = 1
 
 
-@dataclass(frozen=True, eq=False)
-class PairedResult:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PairedResult(Launched):
     """How a comparison ended.
 
     Attributes:
-      baseline: the one target.
-      candidate: the other.
-      status: `OK`, `INPUT`, `FAILED` or `INTERRUPTED`.
-      detail: one line; empty when ok, unless time ran out before there were enough launches.
-      metric: what was compared.
-      work_check: whether it was the same work; None where the comparison ended before that.
-      workload_file: the baseline's `PortableWorkload`, which lasts as long as the pool; None where
-        the comparison ended before that.
-      launches: what each launch measured.
       averaging: whether launches moved the libraries; None where the comparison ended before that.
       judgement: of the launches that moved them, or of all if none did; None without any.
       as_shipped: of the launches as shipped, beside them; None without any.
-      seconds: from start to verdict, the workers' start included.
     """
 
     baseline: Target
     candidate: Target
-    status: Status
-    detail: str = ""
     metric: Metric = Metric.TIME
-    work_check: WorkCheck | None = None
-    workload_file: Path | None = None
-    launches: Sequence[Launch] = ()
     averaging: Averaging | None = None
     judgement: Judgement | None = None
     as_shipped: Judgement | None = None
-    seconds: float = 0.0
 
     def row(self) -> VerdictRow:
         """Return the comparison as people and programs read it."""
@@ -108,7 +89,7 @@ class PairedResult:
             status=self.status,
             detail=self.detail,
             verdict=self._verdict(),
-            ratio=ratio_of(judgement) if judgement else None,
+            ratio=judgement.ratio if judgement else None,
             e_slower=min(judgement.e_slower, MAX_E_VALUE) if judgement else None,
             e_faster=min(judgement.e_faster, MAX_E_VALUE) if judgement else None,
             cause=self._cause(),
@@ -167,44 +148,62 @@ class PairedResult:
         if self.as_shipped is None:
             return PlacementEffect(True)
         return PlacementEffect(
-            True, as_shipped=ratio_of(self.as_shipped), effect=self._placement_effect()
+            True, as_shipped=self.as_shipped.ratio, effect=self._placement_effect()
         )
 
     def _placement_effect(self) -> Ratio | None:
         """Return the ratio as shipped over the averaged one; None where one was not measured."""
         if self.judgement is None or self.as_shipped is None:
             return None
-        return _quotient(ratio_of(self.as_shipped), ratio_of(self.judgement))
+        return _quotient(self.as_shipped.ratio, self.judgement.ratio)
 
     def record(self) -> VerdictRecord:
         """Return the comparison as a run file stores it, with every launch's raw times."""
-        return record_of(self.row(), [launch.row() for launch in self.launches])
+        return record_of(self.row(), self.launches)
 
 
 def record_of(row: VerdictRow, samples: Sequence[LaunchRow] = ()) -> VerdictRecord:
-    """Return a verdict as a run file stores it.
-
-    Args:
-      row: the verdict.
-      samples: raw times of every launch; none where instructions were compared.
-    """
+    """Return a verdict as a run file stores it, with the raw times of launches, if any."""
     return VerdictRecord(**vars(row), samples=samples)
-
-
-def ratio_of(judgement: Judgement) -> Ratio:
-    """Return estimate and interval; both ends are None where launches are too few for one."""
-    if not math.isfinite(judgement.high):
-        return Ratio(judgement.ratio, None, None)
-    return Ratio(judgement.ratio, judgement.low, judgement.high)
 
 
 def _quotient(numerator: Ratio, denominator: Ratio) -> Ratio:
     """Return a ratio over another; its interval holds the truth if both of theirs do."""
-    estimate = numerator.estimate / denominator.estimate
-    if None in (numerator.low, numerator.high, denominator.low, denominator.high):
-        return Ratio(estimate, None, None)
-    assert numerator.low and numerator.high and denominator.low and denominator.high
-    return Ratio(estimate, numerator.low / denominator.high, numerator.high / denominator.low)
+    low, high = (
+        None if end is None or other is None else end / other
+        for end, other in ((numerator.low, denominator.high), (numerator.high, denominator.low))
+    )
+    return Ratio(numerator.estimate / denominator.estimate, low, high)
+
+
+class _VerdictRule(StopRule):
+    """Launch until the verdict is certain; `averaging` is None until it is known."""
+
+    purpose = "a verdict"
+
+    def __init__(
+        self,
+        plan: VerdictPlan,
+        releases: tuple[ReleaseSpec, ReleaseSpec],
+        on_launch: Callable[[Judgement], None],
+    ):
+        self._plan, self._releases, self._on_launch = plan, releases, on_launch
+        self.averaging: Averaging | None = None
+
+    def placements(self, pool: WorkerPool) -> Iterator[PlacementPair]:
+        as_shipped = self._plan.as_shipped
+        self.averaging = Averaging(False) if as_shipped else averaging(pool, *self._releases)
+        return self.averaging.placements()
+
+    def min_launches(self) -> int:
+        assert self.averaging is not None, "`placements` is called first"
+        return self.averaging.launches_with(MIN_LAUNCHES)
+
+    def look(self, launches: Sequence[LaunchRow], work_check: WorkCheck) -> Sufficiency:
+        judgement = _judge_launches(launches, self._plan, _log_scale(work_check, self._plan))
+        assert judgement is not None, "there is a launch"
+        self._on_launch(judgement)
+        return Sufficiency(judgement.enough, judgement.launches >= MIN_LAUNCHES)
 
 
 def decide(
@@ -215,93 +214,40 @@ def decide(
     on_launch: Callable[[Judgement], None] = lambda judgement: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> PairedResult:
-    """Compare two targets until the verdict is certain, or time is up.
-
-    Where a target crashes, hangs or fails, or Ctrl-C is pressed, the result says so, and holds what
-    was measured until then.
+    """Compare two targets until the verdict is certain, or time is up (see `launches.launch`).
 
     Args:
-      pool: starts the processes.
-      baseline: the one target.
-      candidate: the other.
-      plan: how certain, and for how long.
       on_launch: called after each launch, with what all launches say so far.
-      clock: returns seconds.
     """
-    begin = clock()
-    launches: list[Launch] = []
-    pair: TargetPair | None = None
-    averaged: Averaging | None = None
-    status, detail = Status.OK, ""
-    try:
-        averaged = (
-            Averaging(False)
-            if plan.as_shipped
-            else averaging(pool, baseline.release, candidate.release)
-        )
-        time_limit = TimeLimit(plan.time_limit_s, averaged.launches_with(MIN_LAUNCHES), clock)
-        placements = averaged.placements()
-        pair = TargetPair(pool, baseline, candidate, plan.sizes, time_limit, placements)
-        _launch_until_enough(pair, plan, time_limit, launches, on_launch)
-    except ENDING_ERRORS as error:
-        ending = ending_of(error)
-        status, detail = ending.status, ending.detail
-    finally:
-        if pair is not None:
-            pair.close()
-    log_scale = _log_scale(pair, plan) if pair else 0.0
+    targets = baseline, candidate
+    rule = _VerdictRule(plan, (baseline.release, candidate.release), on_launch)
+    launched = launches.launch(pool, targets, plan.sizes, rule, plan.time_limit_s, clock)
+    log_scale = _log_scale(launched.work_check, plan)
+    has_moved = rule.averaging is not None and rule.averaging.is_on
     return PairedResult(
-        baseline,
-        candidate,
-        status,
-        detail,
-        plan.sizes.metric,
-        work_check=pair.work_check if pair else None,
-        workload_file=pair.baseline_workload if pair else None,
-        launches=launches,
-        averaging=averaged,
-        judgement=_judge_launches(launches, plan, log_scale),
-        as_shipped=(
-            _judge_as_shipped(launches, plan, log_scale) if averaged and averaged.is_on else None
-        ),
-        seconds=clock() - begin,
+        **vars(launched),
+        baseline=baseline,
+        candidate=candidate,
+        metric=plan.sizes.metric,
+        averaging=rule.averaging,
+        judgement=_judge_launches(launched.launches, plan, log_scale),
+        as_shipped=(_judge_as_shipped(launched.launches, plan, log_scale) if has_moved else None),
     )
 
 
-def _launch_until_enough(
-    pair: TargetPair,
-    plan: VerdictPlan,
-    time_limit: TimeLimit,
-    launches: list[Launch],
-    on_launch: Callable[[Judgement], None],
-) -> None:
-    """Add launches to a list until they are enough, or time is up; see `decide`.
-
-    Raises:
-      OutOfTimeError: time is up before there are enough launches for a verdict.
-    """
-    before_s, log_scale = time_limit.spent_s(), _log_scale(pair, plan)
-    while True:
-        launches.append(pair.launch())
-        judgement = _judge_launches(launches, plan, log_scale)
-        assert judgement is not None, "there is a launch"
-        on_launch(judgement)
-        can_judge = judgement.launches >= MIN_LAUNCHES
-        if judgement.enough or not time_limit.allows_another(len(launches), before_s, can_judge):
-            return
-
-
-def _log_scale(pair: TargetPair, plan: VerdictPlan) -> float:
+def _log_scale(work_check: WorkCheck | None, plan: VerdictPlan) -> float:
     """Return what turns log ratios of the time of a step into those that are judged.
 
     Where timesteps differ, they are of the time of a simulated second; not the slowest steps, which
     have to keep up with a rate.
     """
-    return pair.work_check.log_scale if plan.sizes.metric == Metric.TIME else 0.0
+    if work_check is None or plan.sizes.metric != Metric.TIME:
+        return 0.0
+    return work_check.log_scale
 
 
 def _judge_launches(
-    launches: Sequence[Launch], plan: VerdictPlan, log_scale: float
+    launches: Sequence[LaunchRow], plan: VerdictPlan, log_scale: float
 ) -> Judgement | None:
     """Judge the launches in which code was moved, or all if it never was; None without any."""
     moved = [launch for launch in launches if launch.placements.is_moved]
@@ -319,7 +265,7 @@ def _judge_launches(
 
 
 def _judge_as_shipped(
-    launches: Sequence[Launch], plan: VerdictPlan, log_scale: float
+    launches: Sequence[LaunchRow], plan: VerdictPlan, log_scale: float
 ) -> Judgement | None:
     """Judge the launches as shipped beside those in which code was moved; None without any."""
     moved = [launch for launch in launches if launch.placements.is_moved]

@@ -1,4 +1,4 @@
-"""The process of one target: it prepares runs and times blocks as `protocol` asks.
+"""The process of one target: it does tasks, as its parent asks (see `worker_process`).
 
 Where code and data lie in memory decides 1 % of a process's speed, sometimes 3 %, for all its life,
 and one layout is not a sample. So each launch is a new process, which maps MuJoCo's libraries
@@ -14,7 +14,6 @@ NumPy and MuJoCo, and imports MuJoCo after it has mapped that other memory.
 import copy
 import gc
 import itertools
-import mmap
 import os
 import pickle
 import random
@@ -25,52 +24,63 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from mjbench.errors import InputError, MachineError, failure_of
 from mjbench.instrument import child, platforms
-from mjbench.paired import requests
+from mjbench.paired import memory_layout
 from mjbench.paired.outcomes import Metric
-from mjbench.paired.requests import BLOCK, NANOSECONDS, Done, Request
+from mjbench.paired.worker_answers import (
+    BLOCK,
+    NANOSECONDS,
+    Done,
+    DrawnWorkload,
+    Move,
+    Observed,
+    ReadyOperation,
+    StepCost,
+    TimedEntrant,
+)
 
 if TYPE_CHECKING:
     import mujoco
     import numpy as np
 
-    from mjbench.paired.loop_sections import Section
+    from mjbench.paired.loop_sections import Section, TimedSteps
     from mjbench.paired.race_blocks import RaceBlocks
-    from mjbench.paired.single_steps import TimedSteps
     from mjbench.paths import Resources, States
-    from mjbench.simulation.workload import PortableWorkload, Workload
+    from mjbench.simulation.rounding_reference import RoundingReference
+    from mjbench.simulation.sampling import SampleRequest
+    from mjbench.simulation.starts import StartPlan
+    from mjbench.simulation.workload import PortableWorkload, Product, Workload
 
-# Random allocations before each layout: how many, and the largest of each kind, in bytes.
-_SMALL, _SMALL_BYTES = 400, 4096
-_LARGE, _LARGE_BYTES = 8, 1 << 21
 # What moves the memory of a layout is freed after as many more of them.
 _SCATTERED_LAYOUTS = 12
 # A layout runs below fewer frames of the C stack than this.
 _DEPTH = 24
-# Memory mapped before MuJoCo's libraries are: fewer pieces, each of fewer pages, than these. Linux
-# maps large libraries at multiples of 2 MiB; so the pieces are large, and nothing uses them.
-_MAPS, _MAP_PAGES = 8, 1 << 14
+
+_Task = TypeVar("_Task", bound=Callable[..., Any])
+
+
+def activity(doing: str) -> Callable[[_Task], _Task]:
+    """Note of a task what the worker is doing in it, for error messages."""
+
+    def note(task: _Task) -> _Task:
+        task.__dict__["activity"] = doing
+        return task
+
+    return note
 
 
 class Worker:
-    """What the process of one target holds, and how it answers each request.
+    """What the process of one target holds, and the tasks that it can be asked to do.
 
     Attributes:
-      connection: to the parent.
-      model: loaded by LoadModel or Equip.
-      workload: restored from a file.
       final_state: (nbatch, nstate) where each simulation of `workload` must end; None if unknown.
-      sections: of the run, which blocks time one after the other.
       single_steps: what blocks run where their slowest steps are compared; None elsewhere.
-      resources: of that run; None before the first.
-      race: the paths of a race's launch; None in other launches.
       slowdown: share of its time by which a block lasts longer.
       padding: memory that moves whatever is allocated after it.
       scattered: the same, of the last layouts.
-      rng: draws the padding, and how deep in the stack blocks run.
     """
 
     model: "mujoco.MjModel"
@@ -87,36 +97,17 @@ class Worker:
         self.padding: list[Any] = []
         self.scattered: deque[list[object]] = deque(maxlen=_SCATTERED_LAYOUTS)
         self.rng = random.Random()
-        self._handlers: Mapping[type[Request[Any]], Callable[[Any], Any]] = {
-            requests.StartRelease: self._start_release,
-            requests.LoadModel: self._load_model,
-            requests.SaveModel: self._save_model,
-            requests.MeasureStepCost: self._measure_step_cost,
-            requests.MeasureSettledCost: self._measure_settled_cost,
-            requests.MakeWorkload: self._make_workload,
-            requests.Observe: self._observe,
-            requests.Trace: self._trace,
-            requests.ListFiles: self._list_files,
-            requests.Equip: self._equip,
-            requests.EquipRace: self._equip_race,
-            requests.PrepareEntrant: self._prepare_entrant,
-            requests.TimeEntrant: self._time_entrant,
-            requests.Prepare: self._prepare,
-            requests.PrepareOperation: self._prepare_operation,
-            requests.TimeBlocks: self._time_blocks,
-            requests.CountCores: self._count_cores,
-        }
 
     def serve(self) -> None:
-        """Answer requests until the parent hangs up."""
+        """Do tasks until the parent hangs up."""
         while True:
             try:
-                request = self.connection.recv()
+                task, arguments, named = self.connection.recv()
             except (EOFError, OSError):
                 os._exit(0)
             answer: Any
             try:
-                answer = Done(self._handlers[type(request)](request))
+                answer = Done(task(self, *arguments, **named))
             except BaseException as error:  # a path of the user's own may raise SystemExit
                 answer = failure_of(error)
             try:
@@ -124,15 +115,24 @@ class Worker:
             except OSError:  # the parent hung up in the meantime
                 os._exit(0)
 
-    def _start_release(self, request: requests.StartRelease) -> None:
-        self.rng.seed(request.seed)
-        self.padding = [_mapped(self.rng) for _ in range(self.rng.randrange(1, _MAPS))]
+    @activity("importing MuJoCo")
+    def start_release(
+        self, version: str, check_files: bool, seed: int, move: "Move | None" = None
+    ) -> None:
+        """Import MuJoCo, and make sure that it is the release meant.
+
+        Args:
+          check_files: whether to check the whole install, rather than the version alone.
+          seed: of the places in memory that this process draws (see `LaunchSeeds`).
+          move: how to move its libraries first; None imports it as installed.
+        """
+        self.rng.seed(seed)
+        self.padding = [*memory_layout.mapped(self.rng)]
         # MuJoCo's types lie elsewhere, too: the bindings look them up by their address
-        self.padding += _scattered(self.rng)
+        self.padding += memory_layout.scattered(self.rng)
         package: Path | None = None
-        if request.move is not None:
-            movable = pickle.loads(request.move.movable_file.read_bytes())
-            move = request.move
+        if move is not None:
+            movable = pickle.loads(move.movable_file.read_bytes())
             package = movable.use(move.folder, move.others, move.placement)
         import mujoco  # now, so that its libraries lie behind the padding
 
@@ -141,120 +141,160 @@ class Worker:
             raise MachineError(f"imported {imported} instead of the moved {package}")
         from mjbench.releases import install_check
 
-        if request.check_files:
-            problem = install_check.imported_problem(request.version)
-        else:
-            problem = install_check.engine_problem(request.version)
-        if problem:
+        check = install_check.imported_problem if check_files else install_check.engine_problem
+        if problem := check(version):
             raise MachineError(problem)
 
-    def _load_model(self, request: requests.LoadModel) -> None:
+    @activity("loading the model")
+    def load_model(self, name: str, file: Path, options: Mapping[str, str]) -> None:
+        """Compile a model, and set fields of its `opt` to a number, or to the name of a choice."""
         from mjbench.simulation import model_options, models
 
-        self.model = models.load(models.ModelSource(request.name, request.file))
-        for field, text in request.options.items():
+        self.model = models.load(models.ModelSource(name, file))
+        for field, text in options.items():
             model_options.set_option(self.model, field, text)
 
-    def _save_model(self, request: requests.SaveModel) -> None:
+    @activity("saving the model")
+    def save_model(self, file: Path) -> None:
+        """Save the loaded model, so that launches need not compile it again."""
         import mujoco
 
-        mujoco.mj_saveModel(self.model, str(request.file), None)
+        mujoco.mj_saveModel(self.model, str(file), None)
         # mj_saveModel does not report a disk that is full
-        size = request.file.stat().st_size if request.file.exists() else 0
+        size = file.stat().st_size if file.exists() else 0
         if size < mujoco.mj_sizeModel(self.model):
-            raise MachineError(f"cannot write {request.file}: is the disk full?")
+            raise MachineError(f"cannot write {file}: is the disk full?")
 
-    def _measure_step_cost(self, request: requests.MeasureStepCost) -> requests.StepCost:
+    @activity("measuring a step")
+    def measure_step_cost(self, plan: "StartPlan", nstart: int, hold: int) -> StepCost:
+        """Return about how long one step takes now, at the start, and the model's digest."""
         from mjbench.simulation import compat, sampling, starts, work
         from mjbench.simulation.model_digest import model_digest
 
-        return requests.StepCost(
+        return StepCost(
             model_digest(self.model),
             work.step_s(self.model),
-            starts.settling_nstep(self.model, request.starts),
-            sampling.most_nstep(self.model, request.starts, request.nstart, request.hold),
+            starts.settling_nstep(self.model, plan),
+            sampling.most_nstep(self.model, plan, nstart, hold),
             compat.has_sleep(self.model),
         )
 
-    def _measure_settled_cost(self, request: requests.MeasureSettledCost) -> float:
+    @activity("measuring a step")
+    def measure_settled_cost(self) -> float:
+        """Return about how many seconds one step takes in the model's typical regime."""
         from mjbench.simulation import sampling
 
         return sampling.settled_step_s(self.model)
 
-    def _make_workload(self, request: requests.MakeWorkload) -> requests.DrawnWorkload:
+    @activity("making the workload")
+    def make_workload(self, request: "SampleRequest") -> DrawnWorkload:
+        """Draw a workload for the loaded model (see `sampling.draw`)."""
         from mjbench.comparison.sizes import check_memory
         from mjbench.simulation import sampling, work_check
 
-        check_memory(self.model, request.sample.nbatch, request.sample.nstep)
-        sample = sampling.draw(self.model, request.sample)
-        return requests.DrawnWorkload(work_check.portable(sample.workload), sample.starts)
+        check_memory(self.model, request.nbatch, request.nstep)
+        sample = sampling.draw(self.model, request)
+        return DrawnWorkload(work_check.portable(sample.workload), sample.starts)
 
-    def _observe(self, request: requests.Observe) -> requests.Observed:
+    @activity("stepping the model")
+    def observe(self, workload_file: Path, nsection: int = 1) -> Observed:
+        """Read a pickled `PortableWorkload`, do it once the plain way, and return what it was.
+
+        Args:
+          nsection: sections that all simulations of it together are to be divided into (see
+            `loop_sections`); 1 for no division.
+        """
         from mjbench.paired import loop_sections
         from mjbench.simulation import work, work_check
 
-        portable = self._read_workload(request.workload_file)
+        portable = self._read_workload(workload_file)
         assert portable.probe is not None, "a workload is drawn with states along it"
         observation = work.observe(self.workload)
-        return requests.Observed(
+        return Observed(
             work=observation.work,
             healthy=observation.healthy,
             diagnosis=observation.diagnosis(),
             warnings=observation.other_warnings(),
             final_state=observation.final_state,
             followed=work_check.follow(self.workload, portable.probe),
-            can_divide=loop_sections.can_divide(
-                self.workload.only(observation.healthy), request.nsection
-            ),
+            can_divide=loop_sections.can_divide(self.workload.only(observation.healthy), nsection),
             timestep_s=float(self.model.opt.timestep),
         )
 
-    def _trace(self, request: requests.Trace) -> requests.Traced:
+    @activity("stepping the model")
+    def trace(self, workload_file: Path, seed: int) -> "RoundingReference":
+        """Return what C does with a workload; the seed is of the shadow's moves."""
         from mjbench.simulation import rounding_reference
 
-        self._read_workload(request.workload_file)
-        return requests.Traced(rounding_reference.trace(self.workload, request.seed))
+        self._read_workload(workload_file)
+        return rounding_reference.trace(self.workload, seed)
 
-    def _list_files(self, request: requests.ListFiles) -> tuple[str, ...]:
+    @activity("listing the model's files")
+    def list_files(self, file: Path) -> tuple[str, ...]:
+        """Return which files a model is compiled from: its own, and all that it names."""
         from mjbench.simulation import model_files
 
-        return model_files.of(request.file)
+        return model_files.of(file)
 
-    def _equip(self, request: requests.Equip) -> None:
+    @activity("reading the workload")
+    def equip(self, model_file: Path, workload_file: Path, path: str) -> None:
+        """Read a saved model and a pickled `PortableWorkload`, and import a path."""
         from mjbench import paths
         from mjbench.simulation import models
 
-        self.model = models.load(models.ModelSource("", request.model_file))
-        self._read_workload(request.workload_file)
-        paths.find(request.path)  # imports it
+        self.model = models.load(models.ModelSource("", model_file))
+        self._read_workload(workload_file)
+        paths.find(path)  # imports it
 
-    def _equip_race(self, request: requests.EquipRace) -> None:
+    @activity("reading the workload")
+    def equip_race(
+        self,
+        model_file: Path,
+        workload_file: Path,
+        returns: "Product",
+        cores: Sequence[int],
+        import_from: str | None = None,
+    ) -> None:
+        """Read a saved model, and a workload with its final states, for the paths of a race.
+
+        Args:
+          import_from: a folder that paths of the user's own may be imported from.
+        """
         import numpy as np
 
         from mjbench.comparison.verification import ReferenceCase
         from mjbench.paired.race_blocks import RaceBlocks
         from mjbench.simulation import models
 
-        if request.import_from:
-            sys.path.append(request.import_from)
-        self._lay_out_memory(request.cores)
-        self.model = models.load(models.ModelSource("", request.model_file))
-        self._read_workload(request.workload_file)
+        if import_from:
+            sys.path.append(import_from)
+        self._lay_out_memory(cores)
+        self.model = models.load(models.ModelSource("", model_file))
+        self._read_workload(workload_file)
         assert self.final_state is not None, "a race is run with final states to compare"
         rng = np.random.default_rng(self.rng.randrange(2**32))
-        workload = self.workload.returning(request.returns)
+        workload = self.workload.returning(returns)
         self.race = RaceBlocks(ReferenceCase.of_states(workload, self.final_state), rng)
 
-    def _prepare_entrant(self, request: requests.PrepareEntrant) -> None:
-        assert self.race is not None, "EquipRace comes first"
-        self.scattered.append(_scattered(self.rng))
-        self.race.prepare(request)
+    @activity("preparing a run")
+    def prepare_entrant(self, path: str, options: Mapping[str, Any]) -> None:
+        """Prepare one more path of a race, and check it."""
+        assert self.race is not None, "equip_race comes first"
+        self.scattered.append(memory_layout.scattered(self.rng))
+        self.race.prepare(path, options)
 
-    def _time_entrant(self, request: requests.TimeEntrant) -> requests.TimedEntrant:
-        assert self.race is not None, "EquipRace comes first"
-        if request.reorders:
+    @activity("timing a block")
+    def time_entrant(self, number: int, reorders: bool) -> TimedEntrant:
+        """Run one block of a path of a race.
+
+        Args:
+          number: of the path, in the order in which they were prepared.
+          reorders: whether the simulations are reordered first, as they are before each round.
+        """
+        assert self.race is not None, "equip_race comes first"
+        if reorders:
             _collect_garbage()
-        return self.race.time(request)
+        return self.race.time(number, reorders)
 
     def _read_workload(self, file: Path) -> "PortableWorkload":
         from mjbench.simulation import workload
@@ -268,9 +308,37 @@ class Worker:
         """Run on these cores from now on, and allocate what follows elsewhere."""
         if cores:
             platforms.set_affinity(0, cores)
-        self.scattered.append(_scattered(self.rng))
+        self.scattered.append(memory_layout.scattered(self.rng))
 
-    def _prepare(self, request: requests.Prepare) -> int:
+    @activity("preparing a run")
+    def prepare(
+        self,
+        path_name: str,
+        options: Mapping[str, Any],
+        cores: Sequence[int],
+        simulations: Sequence[int],
+        callback: str = "",
+        slowdown: float = 0.0,
+        returns: "Product | None" = None,
+        metric: Metric = Metric.TIME,
+        nsection: int = 1,
+        has_timer: bool = True,
+    ) -> int:
+        """Prepare a path's run in fresh memory, and check it.
+
+        Args:
+          simulations: rows of the workload to do.
+          callback: function of the engine that steps call (see `engine_library`).
+          slowdown: share of its time by which each block lasts longer: the process spins meanwhile.
+          returns: what the run returns; None for final states.
+          metric: whether blocks give their time, or that of their slowest steps.
+          nsection: sections of the run, which blocks time one after the other (see
+            `loop_sections`); 1 with any path but the plain loop.
+          has_timer: whether steps read the timer of MuJoCo's Python package.
+
+        Returns:
+          How many nanoseconds one block of each section takes, untimed warm-ups included.
+        """
         from mjbench import paths
         from mjbench.paired import loop_sections
         from mjbench.paths import States
@@ -278,44 +346,46 @@ class Worker:
         from mjbench.simulation.engine_clock import engine_clock
         from mjbench.simulation.workload import Product, Workload
 
-        self._lay_out_memory(request.cores)
+        self._lay_out_memory(cores)
         model = copy.copy(self.model)
-        workload, previous, rows = self.workload, self.resources, list(request.simulations)
+        workload, previous, rows = self.workload, self.resources, list(simulations)
         selected = Workload(
             model,
             workload.initial_state[rows],
             workload.control[rows],
             workload.hold,
             workload.seed,
-            request.returns or Product.FINAL,
+            returns or Product.FINAL,
             workload.lead_in,
         )
-        path = paths.find(request.path)
+        path = paths.find(path_name)
         reason = path.unavailable() or path.cannot_return(selected.returns)
-        reason = reason or path.unsuited(selected, request.options)
+        reason = reason or path.unsuited(selected, options)
         if reason:
             raise InputError(reason)
-        if request.callback:
-            engine_library.install_callback(model, request.callback)
-        if not request.has_timer:
+        if callback:
+            engine_library.install_callback(model, callback)
+        if not has_timer:
             engine_clock(False)
-        self.slowdown = request.slowdown
+        self.slowdown = slowdown
         self.resources = paths.Resources(selected)
         self.single_steps = None
-        name = f"path {request.path}"
-        if request.callback:
-            name += f" with {request.callback} called inside each step"
-        if request.metric == Metric.P99:
-            self.single_steps, states = _single_steps(selected)
+        name = f"path {path_name}"
+        if callback:
+            name += f" with {callback} called inside each step"
+        if metric == Metric.P99:
+            self.single_steps = loop_sections.TimedSteps(selected)
+            self.single_steps.run()
             self.sections = [loop_sections.Section(self.single_steps.run)]
-        elif request.nsection > 1:
-            self.sections = loop_sections.sections(self.resources, request.nsection)
+            states = States(self.single_steps.final_state)
+        elif nsection > 1:
+            self.sections = loop_sections.sections(self.resources, nsection)
             states = States(self.resources.final_state())
         elif selected.lead_in:
             self.sections = [loop_sections.after_lead_in(self.resources)]
             states = States(self.resources.final_state())
         else:
-            prepared = path.prepare(selected, request.options, self.resources)
+            prepared = path.prepare(selected, options, self.resources)
             self.sections = [loop_sections.Section(prepared.run)]
             states = prepared.verified_states()
         self._check_final_states(name, states, rows)
@@ -343,19 +413,27 @@ class Worker:
         if not np.array_equal(states.values[mask], self.final_state[rows][mask]):
             raise MachineError(f"{name} does not reach the final states of the plain loop")
 
-    def _prepare_operation(self, request: requests.PrepareOperation) -> requests.ReadyOperation:
+    @activity("preparing an operation")
+    def prepare_operation(self, name: str, file: Path, cores: Sequence[int]) -> ReadyOperation:
+        """Prepare an operation (see `operations`) in fresh memory, and do it."""
         from mjbench.paired import loop_sections, operations
 
-        self._lay_out_memory(request.cores)
-        prepared = operations.registry()[request.name].prepared(request.file)
+        self._lay_out_memory(cores)
+        prepared = operations.registry()[name].prepared(file)
         section = loop_sections.Section(prepared.run)
         self.sections = [section]
         result = prepared.result()
         _collect_garbage()
-        return requests.ReadyOperation(self._block(section), result)
+        return ReadyOperation(self._block(section), result)
 
-    def _time_blocks(self, request: requests.TimeBlocks) -> None:
-        _call_deeper(self.rng.randrange(_DEPTH), self._answer_blocks)
+    @activity("running a block")
+    def time_blocks(self) -> None:
+        """Run a block for every BLOCK byte that follows, until an END byte.
+
+        The first two blocks are of the first section of the run, the next two of the second, and so
+        on; after the last section, the first is next. So the blocks of a quad are of one section.
+        """
+        memory_layout.call_deeper(self.rng.randrange(_DEPTH), self._answer_blocks)
 
     def _answer_blocks(self) -> None:
         receive, send, pack = (
@@ -368,10 +446,12 @@ class Worker:
         while receive() == BLOCK:
             send(pack(self._block(next(sections))))
 
-    def _count_cores(self, request: requests.CountCores) -> float:
+    @activity("counting cores")
+    def count_cores(self, nthread: int) -> float:
+        """Return how many cores `nthread` threads get now (see `machine.Calibration`)."""
         from mjbench.instrument.machine import Calibration
 
-        calibration = Calibration(request.nthread)
+        calibration = Calibration(nthread)
         seconds = []
         for run in (calibration.single, calibration.together) * 2:
             begin = time.perf_counter()
@@ -395,16 +475,6 @@ class Worker:
         return ns
 
 
-def _single_steps(workload: "Workload") -> "tuple[TimedSteps, States]":
-    """Return steps that are timed one by one, and the states that a first run ended in."""
-    from mjbench.paired.single_steps import TimedSteps
-    from mjbench.paths import States
-
-    single_steps = TimedSteps(workload)
-    single_steps.run()
-    return single_steps, States(single_steps.final_state)
-
-
 def _collect_garbage() -> None:
     """Collect garbage now, and none while blocks run."""
     gc.collect()
@@ -412,36 +482,8 @@ def _collect_garbage() -> None:
     gc.disable()
 
 
-def _mapped(rng: random.Random) -> mmap.mmap:
-    """Map a random number of pages, which move whatever is mapped after them."""
-    size = mmap.PAGESIZE * rng.randrange(1, _MAP_PAGES)
-    flags = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS
-    return mmap.mmap(-1, size, flags=flags, prot=mmap.PROT_READ)  # takes up no memory
-
-
-def _scattered(rng: random.Random) -> list[object]:
-    """Return blocks of memory that move whatever is allocated after them to random places."""
-    import numpy as np
-
-    small = [bytearray(rng.randrange(16, _SMALL_BYTES)) for _ in range(_SMALL)]
-    # of NumPy, which writes nothing to them: that would take 5 ms
-    large = [np.empty(rng.randrange(1 << 12, _LARGE_BYTES), np.uint8) for _ in range(_LARGE)]
-    # half of them are freed at once: holes that the allocator fills with some of what comes next
-    return [*rng.sample(small, _SMALL // 2), *rng.sample(large, _LARGE // 2)]
-
-
-def _call_deeper(levels: int, function: Callable[[], None]) -> None:
-    """Call `function` below `levels` further frames of the C stack."""
-    if levels == 0:
-        function()
-    else:
-        # Since Python 3.11 a call from Python to Python adds no frame to the C stack. `map` is
-        # written in C and calls back into Python, so each level adds frames of C.
-        list(map(lambda _: _call_deeper(levels - 1, function), (None,)))  # noqa: C417
-
-
 def main(descriptor: int, parent: int) -> None:
-    """Answer requests on the inherited socket, for the process `parent`."""
+    """Do tasks on the inherited socket, for the process `parent`."""
     child.die_with_parent(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.set_inheritable(descriptor, False)  # what a path starts must not hold or write to it

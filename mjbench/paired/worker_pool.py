@@ -1,22 +1,53 @@
-"""Processes in the environment of any release, each answering requests (see `requests`)."""
+"""Processes in the environment of any release, each doing tasks (see `worker`).
+
+Workers are forked of programs where that is possible, and are programs else. Where the system
+allows it, the kernel draws no addresses for them: workers draw their own.
+"""
 
 import contextlib
+import os
 import pickle
 import random
+import socket
+import subprocess
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mjbench.errors import writing
-from mjbench.instrument import platforms, scratch
-from mjbench.paired import launch_seeds, release_python, requests
+from mjbench.instrument import child, child_connection, platforms, scratch
+from mjbench.instrument.child_connection import Process
+from mjbench.paired import cores as affinity
+from mjbench.paired import launch_seeds, release_python
+from mjbench.paired.fork_server_process import ForkServerProcess
 from mjbench.paired.launch_seeds import LaunchSeeds
+from mjbench.paired.worker import Worker
+from mjbench.paired.worker_answers import Move
 from mjbench.paired.worker_process import WorkerProcess
-from mjbench.paired.worker_programs import WorkerProgram, WorkerPrograms
 from mjbench.releases import installs, movable
+from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.moved_image import ImmovableError
 from mjbench.releases.moved_install import MovableInstall
 from mjbench.releases.placement import Placement
+
+# Programs that wait for requests, at most: those of two sides, for the releases used last; and
+# those among them that were started early.
+_MAX_SERVERS, _MAX_EARLY = 6, 2
+
+
+@dataclass(frozen=True)
+class _Program:
+    """What a worker is, or is forked from.
+
+    Attributes:
+      side: 0 or 1 for baseline and candidate.
+      seed: see `LaunchSeeds`.
+    """
+
+    release: ReleaseSpec
+    side: int
+    seed: int
 
 
 class WorkerPool:
@@ -34,6 +65,9 @@ class WorkerPool:
         self.immovable: dict[str, ImmovableError] = {}
         self._closing = contextlib.ExitStack()
         self._processes: list[WorkerProcess] = []
+        # The one used last is the last.
+        self._servers: dict[_Program, ForkServerProcess] = {}
+        self._retired: list[ForkServerProcess] = []
         # By the key of a release: its install, what moves in it, and the file that holds that.
         self._installs: dict[str, Path | None] = {}
         self._movable: dict[str, MovableInstall] = {}
@@ -52,14 +86,14 @@ class WorkerPool:
             with writing(self._root):
                 release_python.link_mjbench(self._root)
                 self._work.mkdir()
-            self._programs = WorkerPrograms(self._root, self._work, self.limit_s)
             self._closing = closing.pop_all()
         return self
 
     def __exit__(self, *exception: object) -> None:
         with self._closing:  # folders and locks last until no process uses them
             self.end(list(self._processes))
-            self._programs.end()
+            for server in (*self._servers.values(), *self._retired):
+                server.end()
 
     def new_file(self, suffix: str) -> Path:
         """Return a new path in a folder that lasts as long as this pool."""
@@ -99,7 +133,7 @@ class WorkerPool:
 
     def start(
         self,
-        release: installs.ReleaseSpec,
+        release: ReleaseSpec,
         name: str = "",
         placement: Placement | None = None,
         side: int = 0,
@@ -121,25 +155,30 @@ class WorkerPool:
           MachineError: it cannot be installed, or no process can be started.
           ImmovableError: its libraries cannot be moved.
         """
-        install, output_file = self._install(release), self.new_file(".output")
+        self._install(release)
+        output_file = self.new_file(".output")
         move = None
         if placement is not None:
             movable_file, others = self._movable_files(release)
-            move = requests.Move(movable_file, others, self.new_file(".moved"), placement)
+            move = Move(movable_file, others, self.new_file(".moved"), placement)
         self._seeds = seeds or self._seeds
-        program = WorkerProgram(release.key, install, side, self._seeds.program)
-        connection, process = self._programs.start(program, output_file, cores)
+        program = _Program(release, side, self._seeds.program)
+        connection, theirs = child_connection.pair(self.limit_s)
+        try:
+            with theirs:
+                process = self._start_worker(program, theirs, output_file, cores)
+        except BaseException:
+            connection.close()
+            raise
         name = name or f"MuJoCo {release.version}"
         moved_install = move.folder if move else None
         worker = WorkerProcess(connection, name, self.limit_s, process, output_file, moved_install)
         self._processes.append(worker)
         check_files = release.key not in self._checked
-        worker.ask(requests.StartRelease(release.version, check_files, self._seeds.memory, move))
+        worker.ask(Worker.start_release, release.version, check_files, self._seeds.memory, move)
         return worker
 
-    def seeds(
-        self, releases: tuple[installs.ReleaseSpec, installs.ReleaseSpec]
-    ) -> Iterator[LaunchSeeds]:
+    def seeds(self, releases: tuple[ReleaseSpec, ReleaseSpec]) -> Iterator[LaunchSeeds]:
         """Return the seeds of the next launches of two releases.
 
         Programs that fork their workers are always started for both at the same time. Comparisons
@@ -153,23 +192,25 @@ class WorkerPool:
         return self._schedules[keys]
 
     def start_program_early(
-        self, release: installs.ReleaseSpec, side: int, cores: Collection[int], seeds: LaunchSeeds
+        self, release: ReleaseSpec, side: int, cores: Collection[int], seeds: LaunchSeeds
     ) -> None:
         """Start the program that workers of a later launch are forked from, where they are forked.
 
-        Args:
-          release: of MuJoCo.
-          side: 0 or 1 for baseline and candidate.
-          cores: that it may run on, for now; none for all that this process may use.
-          seeds: of the launch.
+        Those that were started early before, and not used, may end.
 
         Raises:
           MachineError: no process can be started.
         """
-        program = WorkerProgram(release.key, self._install(release), side, seeds.program)
-        self._programs.start_early(program, cores)
+        program = _Program(release, side, seeds.program)
+        if not platforms.can_adopt() or program in self._servers:
+            return
+        self._install(release)
+        early = [each for each, server in self._servers.items() if not server.has_forked]
+        if len(early) >= _MAX_EARLY:
+            self._retire(early[0])
+        self._server(program, cores)
 
-    def movable(self, release: installs.ReleaseSpec) -> MovableInstall:
+    def movable(self, release: ReleaseSpec) -> MovableInstall:
         """Return what moves in a release; it is installed first if it is missing.
 
         Raises:
@@ -182,8 +223,8 @@ class WorkerPool:
             self._movable[release.key] = movable.read(site)
         return self._movable[release.key]
 
-    def wait_for(self, process: WorkerProcess, release: installs.ReleaseSpec) -> None:
-        """Wait until a process has imported its release and answered all other requests.
+    def wait_for(self, process: WorkerProcess, release: ReleaseSpec) -> None:
+        """Wait until a process has imported its release and done all other tasks.
 
         Raises:
           InputError: what was asked for cannot be.
@@ -203,14 +244,13 @@ class WorkerPool:
         if process in self._processes:
             self._processes.remove(process)
 
-    def _install(self, release: installs.ReleaseSpec) -> Path | None:
+    def _install(self, release: ReleaseSpec) -> Path | None:
         """Return the folder of a release's install, which lasts as long as this pool."""
         if release.key not in self._installs:
-            install = self._closing.enter_context(installs.use(release))
-            self._installs[release.key] = install
+            self._installs[release.key] = self._closing.enter_context(installs.use(release))
         return self._installs[release.key]
 
-    def _movable_files(self, release: installs.ReleaseSpec) -> tuple[Path, Path]:
+    def _movable_files(self, release: ReleaseSpec) -> tuple[Path, Path]:
         """Return the file that holds what moves in a release, and the folder of what does not."""
         if release.key not in self._moves:
             install, others = self.movable(release), self.new_file(".others")
@@ -218,3 +258,67 @@ class WorkerPool:
                 install.link_others(others)
             self._moves[release.key] = self.save(install), others
         return self._moves[release.key]
+
+    def _start_worker(
+        self,
+        program: _Program,
+        theirs: socket.socket,
+        output_file: Path,
+        cores: Collection[int],
+    ) -> Process:
+        if not platforms.can_adopt():
+            process = self._start_program("mjbench.paired.worker", program, theirs, output_file)
+            affinity.confine([process.pid], cores or affinity.USABLE)
+            return process
+        used = [each for each, server in self._servers.items() if server.has_forked]
+        for other in used:
+            if other != program and (other.release, other.side) == (program.release, program.side):
+                self._retire(other)
+        return self._server(program, cores).fork(theirs.fileno(), output_file)
+
+    def _server(self, program: _Program, cores: Collection[int]) -> ForkServerProcess:
+        """Return a program that forks workers, which start on some cores."""
+        if program in self._servers and self._servers[program].has_ended:
+            self._retire(program)  # its workers may go on
+        server = self._servers.pop(program, None)
+        if server is None:
+            if len(self._servers) >= _MAX_SERVERS:
+                self._retire(next(iter(self._servers)))
+            output_file = self.new_file(".server")
+            ours, theirs = child_connection.sockets(socket.SOCK_SEQPACKET)
+            with theirs:
+                module = "mjbench.paired.fork_server"
+                process = self._start_program(module, program, theirs, output_file)
+            server = ForkServerProcess(process, ours, self.limit_s, output_file)
+        self._servers[program] = server
+        affinity.confine([server.process.pid], cores or affinity.USABLE)
+        return server
+
+    def _retire(self, program: _Program) -> None:
+        """End a server as soon as its workers have ended; it forks no others."""
+        server = self._servers.pop(program)
+        self._retired = [other for other in self._retired if not other.has_ended]
+        self._retired.append(server)
+        server.retire()
+
+    def _start_program(
+        self, module: str, program: _Program, theirs: socket.socket, output_file: Path
+    ) -> child.Child:
+        """Start `main` of a module in the environment of a release, with an inherited socket."""
+        code = f"from {module} import main; main({theirs.fileno()}, {os.getpid()})"
+        install = self._install(program.release)
+        command = release_python.command(code, self._root, install)
+        environment = release_python.environment(install)
+        environment["PYTHONHASHSEED"] = str(program.seed)
+        # how much further down the stack begins: a multiple of 16 within a page
+        stack_bytes = 16 * (program.seed % 256)
+        with writing(output_file), output_file.open("wb") as output, platforms.fixed_addresses():
+            return child.Child(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                cwd=self._work,
+                env=release_python.padded(command, environment, stack_bytes),
+                pass_fds=[theirs.fileno()],
+            )

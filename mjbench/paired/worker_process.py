@@ -1,22 +1,25 @@
 """A process in the environment of one release, seen from its parent."""
 
 import contextlib
-import pickle
 import shutil
 from collections import deque
+from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar
 
-from mjbench.errors import Failure, InputError, MachineError, UnavailableError, one_line
-from mjbench.instrument import child, machine
-from mjbench.paired import requests
-from mjbench.paired.requests import Request
+from mjbench.errors import Failure, InputError, MachineError, UnavailableError
+from mjbench.instrument import machine
+from mjbench.instrument.child_connection import ChildConnection, ChildError, Process
+from mjbench.paired import worker_answers
+from mjbench.paired.worker import Worker
+from mjbench.paired.worker_answers import Done
 from mjbench.status import Status
 
+_P = ParamSpec("_P")
 _T = TypeVar("_T")
-# A worker that has closed its connection has ended, or does within this many seconds.
-_EXIT_S = 5.0
+# What a worker can be asked: a method of `Worker`, which runs there.
+Task = Callable[Concatenate[Worker, _P], _T]
 # A failure is no longer than this.
 _MAX_FAILURE_BYTES = 1 << 16
 
@@ -34,25 +37,10 @@ class TargetError(MachineError):
         self.ending, self.cause = ending, cause or message
 
 
-class Process(Protocol):
-    """What a worker runs in; see `child.ChildProcess`."""
-
-    @property
-    def pid(self) -> int:
-        """Its process id."""
-
-    def wait(self, timeout_s: float | None = None) -> int | None:
-        """Return its exit code, or None if it goes on for longer than this."""
-
-    def end(self) -> object:
-        """Kill it with everything that it started."""
-
-
 class WorkerProcess:
-    """A worker, seen from its parent: it answers requests in the order they were sent.
+    """A worker, seen from its parent: it does tasks in the order they were asked for.
 
     Attributes:
-      connection: to the worker.
       name: for error messages, such as `baseline (MuJoCo 4.0.0, cartpole)`.
       limit_s: seconds without an answer after which the process is killed.
     """
@@ -67,89 +55,80 @@ class WorkerProcess:
         moved_install: Path | None = None,
     ):
         self.connection, self.name, self.limit_s = connection, name, limit_s
-        self._process, self._output_file = process, output_file
-        self._moved_install = moved_install
-        self._pending: deque[Request[Any]] = deque()
+        self._answers = ChildConnection(connection, process, output_file)
+        self._output_file, self._moved_install = output_file, moved_install
+        # What the process is doing, and what it will do next.
+        self._activities: deque[str] = deque()
 
     @property
     def pid(self) -> int:
         """The process id."""
-        return self._process.pid
+        return self._answers.process.pid
 
-    def call(self, request: Request[_T]) -> _T:
-        """Send a request and return its answer; no other request may be pending.
+    def call(self, task: Task[_P, _T], *args: _P.args, **kwargs: _P.kwargs) -> _T:
+        """Have a task done and return its answer; no other task may be pending.
 
         Raises:
           InputError: what was asked for cannot be.
           TargetError: the process failed, crashed or did not answer in time.
         """
-        self.ask(request)
+        self.ask(task, *args, **kwargs)
         answer: _T = self._answer()
         return answer
 
-    def ask(self, request: Request[Any]) -> None:
-        """Send a small request, without waiting for its answer."""
-        self._pending.append(request)
+    def ask(self, task: Task[_P, Any], *args: _P.args, **kwargs: _P.kwargs) -> None:
+        """Ask for a task with small arguments, without waiting for its answer."""
+        self._activities.append(task.__dict__["activity"])
         with contextlib.suppress(OSError):  # a dead worker is reported when its answer is read
-            self.connection.send(request)
+            self.connection.send((task, args, kwargs))
 
     def wait(self) -> None:
-        """Wait for the answers to all pending requests.
-
-        Raises:
-          InputError: what was asked for cannot be.
-          TargetError: the process failed, crashed or did not answer in time.
-        """
-        while self._pending:
+        """Wait for the answers to all pending tasks; raise what `call` does."""
+        while self._activities:
             self._answer()
 
     def is_ready(self) -> bool:
-        """Return whether all requests are answered, without waiting for one.
-
-        Raises:
-          InputError: what was asked for cannot be.
-          TargetError: the process failed or crashed.
-        """
-        while self._pending and self.connection.poll():
+        """Return whether all tasks are done, without waiting for one; raise what `call` does."""
+        while self._activities and self.connection.poll():
             self._answer()
-        return not self._pending
+        return not self._activities
 
     def time_block(self) -> int:
-        """Have one block run, after `TimeBlocks` was asked; return its nanoseconds.
+        """Have one block run, after `Worker.time_blocks` was asked; return its nanoseconds.
 
         Raises:
           TargetError: the process failed, crashed or did not answer in time.
         """
         with contextlib.suppress(OSError):
-            self.connection.send_bytes(requests.BLOCK)
-        content = self._receive(requests.NANOSECONDS.size + _MAX_FAILURE_BYTES)
-        if len(content) != requests.NANOSECONDS.size:  # the block failed, and ended `TimeBlocks`
+            self.connection.send_bytes(worker_answers.BLOCK)
+        content = self._receive(worker_answers.NANOSECONDS.size + _MAX_FAILURE_BYTES)
+        if len(content) != worker_answers.NANOSECONDS.size:  # the block failed, and ended the task
             raise TargetError(f"{self.name}: {self._unpickled(content, Failure).detail}")
-        ns = int(requests.NANOSECONDS.unpack(content)[0])
+        ns = int(worker_answers.NANOSECONDS.unpack(content)[0])
         if ns <= 0:
             raise TargetError(f"{self.name}: reports that a block took {ns} ns")
         return ns
 
     def end_blocks(self) -> None:
-        """End `TimeBlocks`."""
+        """End `Worker.time_blocks`."""
         with contextlib.suppress(OSError):
-            self.connection.send_bytes(requests.END)
+            self.connection.send_bytes(worker_answers.END)
         self._answer()
 
     def end(self) -> None:
         """End the process, whatever it is doing."""
         self.connection.close()
-        self._process.end()
+        self._answers.process.end()
         self._output_file.unlink(missing_ok=True)
         if self._moved_install is not None:
             shutil.rmtree(self._moved_install, ignore_errors=True)
 
     def _answer(self) -> Any:
-        """Return the answer to the oldest pending request."""
+        """Return the answer to the oldest pending task."""
         content = self._receive(machine.available_memory_bytes())
-        answer: requests.Done[Any] | Failure = self._unpickled(content, requests.Done, Failure)
-        self._pending.popleft()
-        if isinstance(answer, requests.Done):
+        answer: Done[Any] | Failure = self._unpickled(content, Done, Failure)
+        self._activities.popleft()
+        if isinstance(answer, Done):
             return answer.value
         message = f"{self.name}: {answer.detail}"
         kinds = {Status.INPUT: InputError, Status.UNAVAILABLE: UnavailableError}
@@ -159,44 +138,16 @@ class WorkerProcess:
 
     def _receive(self, max_bytes: int) -> bytes:
         """Return the bytes of the next answer, `max_bytes` at most."""
-        activity = self._pending[0].activity
-        if not self.connection.poll(self.limit_s):
-            self._process.end()
-            output = child.last_line(self._output_file)
-            cause = f"no answer within {self.limit_s:g} s"
-            message = f"{self.name}: {cause} while {activity}{output}"
-            raise TargetError(message, Status.TIMEOUT, cause)
         try:
-            return self.connection.recv_bytes(max_bytes)
-        except (EOFError, OSError):
-            cause = self._describe_end()
-            output = child.last_line(self._output_file)
-            message = f"{self.name}: {cause} while {activity}{output}"
-            raise TargetError(message, Status.CRASHED, cause) from None
-
-    def _describe_end(self) -> str:
-        """Describe how the process ended; one that goes on sent an answer that is too long."""
-        code = self._process.wait(_EXIT_S)
-        if code is not None:
-            return child.describe_exit(code)
-        self._process.end()
-        return "sent an invalid answer, killed"
+            return self._answers.receive(self.limit_s, self._activities[0], max_bytes)
+        except ChildError as error:
+            self._fail(error)
 
     def _unpickled(self, content: bytes, *kinds: type) -> Any:
-        """Return the answer that bytes stand for.
-
-        Raises:
-          TargetError: they stand for nothing of these kinds.
-        """
         try:
-            answer = pickle.loads(content)
-        except Exception as error:  # damaged bytes raise whatever they spell
-            answer = error
-        if not isinstance(answer, kinds):
-            self._process.end()
-            activity = self._pending[0].activity
-            raise TargetError(
-                f"{self.name}: sent an invalid answer, killed while {activity}"
-                f" ({one_line(repr(content[:20]))})"
-            )
-        return answer
+            return self._answers.unpickled(content, self._activities[0], *kinds)
+        except ChildError as error:
+            self._fail(error)
+
+    def _fail(self, error: ChildError) -> NoReturn:
+        raise TargetError(f"{self.name}: {error}", error.ending, error.cause) from None

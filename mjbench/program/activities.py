@@ -47,7 +47,7 @@ class Activity(enum.StrEnum):
     LOADING = "loading models"
     """MuJoCo reads or compiles a model."""
     BUILDING = "building models"
-    """Python writes the elements of a model, such as those of `dm_control.mjcf`."""
+    """Python adds the elements of a model, such as those of `MjSpec` or `dm_control.mjcf`."""
     COPYING = "creating and copying MjData"
     """`MjData(model)`, copies of one, and states that are read or set as a whole."""
     COMPILING = "compiling by JAX"
@@ -141,6 +141,13 @@ _LINES = (
     (re.compile(r"\bprint\(|\.(write|flush|savez?|tofile)\("), Activity.LOGGING),
     (re.compile(r"\b(np|numpy|scipy)\.|\.(copy|mean|sum|dot|clip)\(| @ "), Activity.NUMPY),
     (re.compile(r"\.(joint|body|geom|site|sensor|actuator)\("), Activity.BINDINGS),
+    (
+        re.compile(
+            r"\.(add_(body|frame|geom|site|(free)?joint|camera|light|mesh|hfield|texture|material"
+            r"|tendon|actuator|sensor|equality|pair|exclude|key|flex)|attach_(body|frame))\("
+        ),
+        Activity.BUILDING,
+    ),
 )
 # Lines of multiprocessing between its functions and the call that waits.
 _NEAR = 4
@@ -150,7 +157,6 @@ def activity(stack: Sequence[Frame], has_native: bool = True) -> Activity | None
     """Return what a stack shows; None where only the line's other samples can tell.
 
     Args:
-      stack: outermost frame first.
       has_native: whether stacks of libraries were read. Where they were not, a line of Python that
         steps counts as physics.
     """
@@ -237,7 +243,7 @@ def _by_caller(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | 
             return Activity.LOGGING
         if _THREADED_ENGINE.search(file):
             return Activity.PHYSICS
-        if _IMPORTS.match(file):
+        if imports(frame):
             return Activity.IMPORT
     return None
 
@@ -323,6 +329,11 @@ def is_own(frame: Frame) -> bool:
     """Return whether a frame is a line of the user's own code."""
     is_source = frame.is_python and not frame.file.startswith("<")
     return is_source and not package_of(frame.file) and "/program/hook/" not in frame.file
+
+
+def imports(frame: Frame) -> bool:
+    """Return whether a frame finds or executes a module."""
+    return _IMPORTS.match(frame.file) is not None
 
 
 def steps_on_threads(stack: Sequence[Frame]) -> bool:

@@ -1,8 +1,9 @@
 """Where the time of a program's stepping loops goes, from samples of its stacks."""
 
+import itertools
 from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mjbench.program import activities, timed_loops
 from mjbench.program.activities import Activity, Place, is_own
@@ -15,13 +16,16 @@ from mjbench.program.loop_time import (
     large,
     shares_of,
 )
-from mjbench.program.samples import Frame, ThreadSamples
+from mjbench.program.samples import Frame, Thread, ThreadSamples
 from mjbench.program.source_loops import SourceLoop, outermost_loop, source_line
 
 # Loops with a smaller share of the time of all loops that step are left out.
 LEAST_LOOP_SHARE = 0.05
-# Share of a line's samples that may show a step that it does not make.
-_MOST_TORN_SHARE = 0.05
+# Share of a line's samples that may show a step that it does not make; of a few, one sample may.
+_MOST_TORN_SHARE, _FEW_TORN_SHARE = 0.05, 0.25
+# Average gaps between timed calls that may lie beyond the first and the last by chance: more do in
+# 4 % of the cases, if the gaps are exponentially distributed. Times that samples must see calls.
+_MOST_CHANCE_GAPS, _LEAST_RUNS = 5, 10
 # The `_bootstrap` of this module begins a process, which may be a fork.
 _PROCESS_MODULE = "multiprocessing/process.py"
 
@@ -51,8 +55,6 @@ def loop_times(
     """Return the loops that step, or wait for processes that do; the program's own first.
 
     Args:
-      threads: samples of all threads of all processes.
-      main_pid: the program's first process.
       stepping_pids: processes that are known to step; samples may miss a small share of physics.
       calls: that were timed one by one; they also show loops of which there are no samples.
       collections_s: seconds of garbage collections by process, which samples of Python alone do
@@ -70,15 +72,57 @@ def loop_times(
                 by_loop[loop].append(_Sample(thread, stack, position, activity))
     loading = _loading_lines(calls)
     sampled = [_loop_time(loop, samples, main_pid, loading) for loop, samples in by_loop.items()]
+    timed = {(call.place.file, call.place.line) for call in calls}
+    stretches = [_stretch(samples, timed) for samples in by_loop.values()]
     times = [
         timed_loops.with_collections(
             time, sum((collections_s or {}).get(pid, 0.0) for pid in time.pids)
         )
-        for time in timed_loops.with_calls(sampled, calls, main_pid)
+        for time in timed_loops.with_calls(sampled, calls, main_pid, stretches)
     ]
     return sorted(
         _stepping(times, stepping_pids), key=lambda time: (not time.in_main, -time.seconds)
     )
+
+
+def outside_loops(
+    threads: Sequence[ThreadSamples], main_pid: int, loops: Sequence[LoopTime], wall_s: float
+) -> list[LineTime]:
+    """Return the lines of the main thread that take time outside loops, as shares of `wall_s`.
+
+    Each is the outermost line on its stacks that is on none of a loop: it stands for all that it
+    calls, such as `main_model = build()`. What a line imports is an activity of its own.
+    """
+    of_loops = {time.loop for time in loops}
+    on_loops: set[Place] = set()
+    rest: list[tuple[list[Place], Activity, float]] = []
+    for thread in threads:
+        if not thread.thread.pid == main_pid == thread.thread.tid:
+            continue
+        for stack in thread.stacks:
+            places = _shown_places(stack)
+            if not loops:  # what the module calls is the program itself
+                on_loops.update(places[:-1][:1])
+            position = _loop_frame(stack)
+            loop = None if position is None else _shown_loop(stack[position])
+            if loop in of_loops:
+                on_loops.update(places)
+            else:
+                rest.append((places, _outside_activity(stack, thread), thread.interval_s))
+    seconds: dict[Place, list[tuple[Activity, float]]] = defaultdict(list)
+    for places, activity, interval_s in rest:
+        place = next((each for each in places if each not in on_loops), None)
+        if place is not None:
+            seconds[place].append((activity, interval_s))
+    shares = {place: shares_of(parts, wall_s) for place, parts in seconds.items()}
+    return large(LineTime(place, sum(parts.values()), parts) for place, parts in shares.items())
+
+
+def _outside_activity(stack: Sequence[Frame], thread: ThreadSamples) -> Activity:
+    """Return what a stack outside loops shows; all that a module does when imported is imports."""
+    if any(activities.imports(frame) for frame in stack):
+        return Activity.IMPORT
+    return activities.activity(stack, thread.has_native) or Activity.PYTHON
 
 
 def _stepping(times: Sequence[LoopTime], pids: Collection[int]) -> list[LoopTime]:
@@ -122,6 +166,12 @@ def _loop_frame(stack: Sequence[Frame]) -> int | None:
     return None
 
 
+def _shown_loop(frame: Frame) -> SourceLoop | None:
+    """Return the outermost loop of a frame's line, as results name it."""
+    loop = outermost_loop(frame.file, frame.line)
+    return None if loop is None else replace(loop, file=activities.shown_path(loop.file))
+
+
 def _own_begin(stack: Sequence[Frame]) -> int:
     """Return where the frames of a process begin, behind those of the one that forked it."""
     begins = [
@@ -131,6 +181,35 @@ def _own_begin(stack: Sequence[Frame]) -> int:
         and frame.function.endswith("_bootstrap")
     ]
     return begins[-1] if begins else 0
+
+
+def _stretch(samples: Sequence[_Sample], timed: Collection[tuple[str, int]]) -> float | None:
+    """Return the time of a loop over the time from its first timed call to its last, by samples.
+
+    Only the order of samples counts: how long each stands for is uncertain in a short program. It
+    is 1 where those before the first call and after the last may be there by chance, and None where
+    samples saw too few calls.
+
+    Args:
+      samples: of the loop, by thread, in the order in which they were taken.
+    """
+    by_thread: dict[Thread, list[tuple[float, bool]]] = defaultdict(list)
+    for sample in samples:
+        is_timed = any((each.file, each.line) in timed for each in _own_places(sample))
+        by_thread[sample.thread.thread].append((sample.seconds, is_timed))
+    beyond_s = between_s = 0.0
+    for of_thread in by_thread.values():
+        hits = [i for i, (_, is_timed) in enumerate(of_thread) if is_timed]
+        runs = sum(before + 1 < i for before, i in itertools.pairwise(hits)) + len(hits[:1])
+        total_s = sum(seconds for seconds, _ in of_thread)
+        within_s = sum(seconds for seconds, _ in of_thread[hits[0] : hits[-1] + 1]) if hits else 0.0
+        is_always = len(hits) == len(of_thread)
+        if runs < _LEAST_RUNS and not is_always:
+            return None
+        between_s += within_s
+        if total_s - within_s > _MOST_CHANCE_GAPS / runs * total_s:
+            beyond_s += total_s - within_s
+    return 1 + beyond_s / between_s
 
 
 def _loading_lines(calls: Sequence[CallTime]) -> set[tuple[str, int]]:
@@ -166,7 +245,7 @@ def _loop_time(
     )
     threads = {sample.thread.thread: sample.thread.thread.name for sample in samples}
     return LoopTime(
-        loop=SourceLoop(activities.shown_path(loop.file), loop.first, loop.last),
+        loop=replace(loop, file=activities.shown_path(loop.file)),
         own_files=sorted(
             {
                 activities.shown_path(frame.file)
@@ -242,21 +321,26 @@ def _own_lines(resolved: Sequence[tuple[_Sample, Activity]]) -> list[LineTime]:
 def _building_line(
     resolved: Sequence[tuple[_Sample, Activity]], loading: Collection[tuple[str, int]]
 ) -> LineTime | None:
-    """Return the outermost line under which models are built or loaded, and nothing steps."""
+    """Return the outermost line under which models are built or loaded, and nothing steps.
+
+    Where there are several, it is that with most of their time, and has the time of all.
+    """
     total_s = sum(sample.seconds for sample, _ in resolved)
     by_line: dict[Place, list[tuple[Activity, float]]] = defaultdict(list)
     steps_s: dict[Place, float] = defaultdict(float)
     for sample, activity in resolved:
         is_slow_call = sample.stack[-1].file.endswith(activities.CALL_CLOCK)
-        for place in _own_places(sample):
-            by_line[place].append((activity, sample.seconds))
+        places = _own_places(sample)
+        loads = bool(places) and (places[-1].file, places[-1].line) in loading
+        for place in places:
+            by_line[place].append((Activity.LOADING if loads else activity, sample.seconds))
             if activity == Activity.PHYSICS and not is_slow_call:
                 steps_s[place] += sample.seconds
     # a torn stack may show a step under another line
     without_steps = {
         place
         for place, parts in by_line.items()
-        if steps_s[place] < _MOST_TORN_SHARE * sum(seconds for _, seconds in parts)
+        if steps_s[place] < _most_torn_s([seconds for _, seconds in parts])
     }
     built_s: dict[Place, float] = defaultdict(float)
     for sample, activity in resolved:
@@ -270,13 +354,30 @@ def _building_line(
     if not built_s:
         return None
     place = max(built_s, key=lambda each: built_s[each])
-    shares = shares_of(by_line[place], total_s)
+    of_places = [
+        part
+        for each, seconds in built_s.items()
+        if each == place or 2 * seconds >= sum(part_s for _, part_s in by_line[each])
+        for part in by_line[each]
+    ]
+    shares = shares_of(of_places, total_s)
     return LineTime(place, sum(shares.values()), shares)
+
+
+def _most_torn_s(seconds: Sequence[float]) -> float:
+    """Return the time of a line's samples that may show a step that it does not make."""
+    one_s = min(1.5 * max(seconds), _FEW_TORN_SHARE * sum(seconds))
+    return max(one_s, _MOST_TORN_SHARE * sum(seconds))
 
 
 def _own_places(sample: _Sample) -> list[Place]:
     """Return the lines of the user's code on a stack, from the loop inward, each once."""
-    own = [frame for frame in _inner(sample) if is_own(frame)]
+    return _shown_places(_inner(sample))
+
+
+def _shown_places(stack: Sequence[Frame]) -> list[Place]:
+    """Return the lines of the user's code on a stack, outermost first, each once."""
+    own = [frame for frame in stack if is_own(frame)]
     return list(dict.fromkeys(_shown_place(each.file, each.line, each.function) for each in own))
 
 

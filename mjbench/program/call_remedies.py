@@ -16,7 +16,7 @@ from mjbench.loop.lint_rules import NAMED_ACCESS
 from mjbench.program.activities import Activity, Place
 from mjbench.program.calls import CallTime, Incident
 from mjbench.program.hook import call_clock
-from mjbench.program.loop_time import LEAST_REPEATS, LoopTime
+from mjbench.program.loop_time import FEW_SAMPLES, LEAST_REPEATS, LoopTime
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.program.replacements import Measured, Question, Trial
 from mjbench.simulation import package_timer
@@ -32,11 +32,9 @@ class CallRemedy:
     Attributes:
       callees: the functions, as the call clock names them.
       text: what to do; `{count}` stands for the number of calls.
-      effect: what that changes in results.
       trial: that measures what replaces the call; None where nothing does.
       codes: of lint's rules for the same; a finding's own message is shown instead of `text`.
       needs_finding: whether only lint's finding shows the context, such as what is read afterwards.
-      keeps_first: whether one call remains.
       is_bound: whether the same has to be computed elsewhere, so that less is saved.
       overlaps: whether the rest of the loop could run meanwhile: no more than that rest is saved.
       is_of_loop: whether it is about all these calls in a loop together.
@@ -189,11 +187,7 @@ class _Context:
     """Calls that a remedy is for.
 
     Attributes:
-      remedy: what to do about them.
-      calls: from one line.
-      place: where to change the program.
       finding: of lint for the same; None without one.
-      nstep: steps of the loop, all together.
     """
 
     remedy: CallRemedy
@@ -314,7 +308,8 @@ def _gain_of_objects(loop: LoopTime, context: _Context, measured: Measured) -> f
     """Return what it saves to create an object once.
 
     The pair that was measured holds more than the call: what is done with the new object, whose
-    memory is used for the first time, and the time in which it is freed.
+    memory is used for the first time, and the time in which it is freed. In the program, that is
+    all that samples do not see on other lines, but for the steps that the pair leaves out.
     """
     question = _question(context)
     ratio = measured.ratios[question]
@@ -324,8 +319,12 @@ def _gain_of_objects(loop: LoopTime, context: _Context, measured: Measured) -> f
         for call in loop.calls
         if (call.activity == Activity.RENDERING if is_frame else call.is_step)
     ]
-    at_most = _stands_for(loop, [*context.calls, *beside])
-    return min(at_most, ratio.saved * _share(loop, context.calls) / ratio.created_share)
+    stands_for = _stands_for(loop, [*context.calls, *beside])
+    if loop.samples < FEW_SAMPLES:
+        return min(stands_for, ratio.saved * _share(loop, context.calls) / ratio.created_share)
+    created = sum(call.calls for call in context.calls)
+    left_out = 0.0 if is_frame else 1 - min(1.0, question.steps * created / max(1.0, context.nstep))
+    return ratio.saved * (stands_for - left_out * _share(loop, beside))
 
 
 def _stands_for(loop: LoopTime, calls: Sequence[CallTime]) -> float:
@@ -335,9 +334,11 @@ def _stands_for(loop: LoopTime, calls: Sequence[CallTime]) -> float:
     own = {(call.place.file, call.place.line) for call in calls}
     timed = _share(loop, calls)
     elsewhere = sum(
-        sum(part for activity, part in line.activities.items() if not loop.is_timed(activity))
+        part
         for line in loop.lines
-        if (line.place.file, line.place.line) not in own
+        for activity, part in line.activities.items()
+        if not loop.is_timed(activity)
+        and (activity != Activity.BINDINGS or (line.place.file, line.place.line) not in own)
     )
     elsewhere += loop.activities.get(Activity.COLLECTION, 0.0)
     others = [call for call in loop.calls if (call.place.file, call.place.line) not in own]
@@ -355,10 +356,16 @@ def _gain_of_functions(
     if saved is None:
         return share, Basis.TIMED if not question.functions else Basis.BOUND
     count = sum(call.calls for call in calls)
-    step_s = sum(call.seconds for call in steps_of(loop))
     nstep = sum(call.all_steps for call in steps_of(loop))
-    pair_s = count * (step_s / nstep if nstep else 0.0) + sum(call.seconds for call in calls)
-    return saved * pair_s / loop.seconds, Basis.PAIRED
+    calls_s, steps_s = sum(call.seconds for call in calls), _steps_s(loop)
+    pair_s = calls_s + count * (steps_s / nstep if nstep else 0.0)
+    both = _share_with_python(loop, [*calls, *steps_of(loop)])
+    return saved * both * pair_s / (calls_s + steps_s), Basis.PAIRED
+
+
+def _share_with_python(loop: LoopTime, calls: Sequence[CallTime]) -> float:
+    """Return the share of calls with what Python does to make them, as pairs have it, too."""
+    return _share(loop, calls) if loop.samples < FEW_SAMPLES else _stands_for(loop, calls)
 
 
 def _no_timer(loop: LoopTime) -> Question:
@@ -370,7 +377,7 @@ def _no_timer(loop: LoopTime) -> Question:
 
 def of_steps(loop: LoopTime, measured: Measured) -> Iterator[Remedy]:
     """Yield what to do about the steps themselves."""
-    share = _steps_s(loop) / loop.seconds
+    share = _share_with_python(loop, steps_of(loop))
     saved = measured.saved(_no_timer(loop)) if share else None
     gain = loop.engine_clock if saved is None else saved * share
     if gain >= package_timer.MIN_GAIN:

@@ -31,7 +31,12 @@ _ACTIVITIES: Mapping[str, Activity] = {
     call_clock.PROCESS_START: Activity.STARTING,
 }
 # What the clock notes that is no call.
-_FACTS = (call_clock.SHARED_DATA, call_clock.HALVES, call_clock.SOFTWARE_GL)
+_FACTS = (
+    call_clock.SHARED_DATA,
+    call_clock.HALVES,
+    call_clock.SOFTWARE_GL,
+    call_clock.COPIED_ENVIRONMENT,
+)
 
 
 @dataclass(frozen=True)
@@ -100,8 +105,7 @@ class Incident:
 
     Attributes:
       name: of the engine's warning, such as BADQACC, or one of `call_clock`: SHARED_DATA, HALVES,
-        IN_TURN, SOFTWARE_GL.
-      place: the line at which it was seen.
+        IN_TURN, SOFTWARE_GL, COPIED_ENVIRONMENT.
       count: how often it was seen; of IN_TURN, how many simulations.
     """
 
@@ -120,8 +124,6 @@ class ProgramCalls:
     """The calls of all processes of a program.
 
     Attributes:
-      calls: by line.
-      incidents: what else was seen.
       memory_growth_bytes: by how much the memory of the process that grew most has grown since
         shortly after its first step; None where that is not known.
     """
@@ -132,12 +134,7 @@ class ProgramCalls:
 
 
 def read_all(folder: Path, headers: Mapping[int, Header]) -> ProgramCalls:
-    """Return the calls of all processes whose files are in a folder.
-
-    Args:
-      folder: of the files.
-      headers: of the step clock, by process.
-    """
+    """Return the calls of all processes whose files are in a folder."""
     names = _warning_names(folder / "engine.json")
     calls: list[CallTime] = []
     incidents: list[Incident] = []
@@ -242,13 +239,7 @@ def _loop(stack: Sequence[tuple[str, int, str]]) -> SourceLoop | None:
 def _estimated(
     calls: Sequence[CallTime], slots: Sequence[_Slot], header: Header | None
 ) -> list[CallTime]:
-    """Return the calls with those between bursts, which take no longer than there was time.
-
-    Args:
-      calls: that were timed.
-      slots: of each.
-      header: of the step clock; None where there is none.
-    """
+    """Return the calls with those between bursts, which take no longer than there was time."""
     fast = [slot for call, slot in zip(calls, slots, strict=True) if _is_fast(call.callee)]
     timed_calls = sum(slot.timed_calls for slot in fast)
     if header is None or not timed_calls:

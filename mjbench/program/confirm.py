@@ -35,8 +35,6 @@ class Trial:
 
     Attributes:
       change: that the step clock applies; "" for none.
-      source: file that is run in the program's place; None for its own.
-      copies: of the program that run at once.
     """
 
     change: str = ""
@@ -57,10 +55,7 @@ def confirm(
     """Return the remedies, with what those saved that can be applied without the user.
 
     Args:
-      program: that was observed.
-      remedies: of its loop.
       advance: called before each run with the number of runs done, what runs, and a share of 0.
-      run: runs the program once; None for `launch.time_steps`.
     """
 
     def run_program(change: str, source: Path | None) -> Sequence[StepTimes]:

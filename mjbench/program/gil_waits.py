@@ -31,13 +31,7 @@ _RUNNING = {
 
 @dataclass(frozen=True)
 class Holders:
-    """Samples of the threads that hold the GIL of one process.
-
-    Attributes:
-      pid: the process.
-      threads: only those samples in which the thread holds it.
-      samples: that were taken, also where none held it.
-    """
+    """Samples of the threads that hold the GIL of one process."""
 
     pid: int
     threads: Sequence[ThreadSamples]
@@ -71,8 +65,6 @@ def gil_waits(
     """Return the threads that wait for the GIL, those that wait longest first.
 
     Args:
-      times: of all threads.
-      threads: samples of all threads of Python.
       holders: None where no process has several busy threads.
     """
     if holders is None or not holders.samples:

@@ -51,12 +51,7 @@ _USUAL_SAMPLING = Sampling()
 
 @dataclass(frozen=True)
 class Program:
-    """A program to run.
-
-    Attributes:
-      arguments: what follows the interpreter: a file or `-m` and a module, and its arguments.
-      interpreter: Python that runs it.
-    """
+    """A program to run."""
 
     arguments: Sequence[str]
     interpreter: str = sys.executable
@@ -74,21 +69,11 @@ class Observation:
     Attributes:
       exit_code: of the program; 128 and the number of the signal that ended it.
       was_ended: whether mjbench ended it, since its seconds were over.
-      wall_s: from its start to its end.
-      pid: its first process.
-      threads: samples of its threads, and those of its child processes.
-      steps: what the step clock of each process noted.
-      rate_hz: samples per second.
-      has_native: whether stacks of libraries were asked for.
       paused_share: share of time for which the profiler stopped a process of the program, summed
         over processes; None where that cannot be seen.
       processor: time that the program and those who observe it used; None where that cannot be
         seen, as of a program that ran before.
       problem: why there are no samples, in one line; empty where there are.
-      calls: what its processes called, by line.
-      models: that it stepped, with a few states of each.
-      crash: the line of Python that ran when a process crashed; None where none has.
-      gil_waits: threads that wait for the GIL.
     """
 
     exit_code: int
@@ -144,10 +129,8 @@ def run(
     """Run a program to its end, and return what was seen.
 
     Args:
-      program: to run.
       seconds: after its first step, for which it runs before it is ended as by Ctrl-C; None to let
         it run.
-      sampling: how often, and how deep.
 
     Raises:
       MachineError: the program could not be started.
@@ -158,11 +141,6 @@ def run(
 
 def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> Observation:
     """Sample a program that runs already; it runs on afterwards.
-
-    Args:
-      pid: its process.
-      seconds: to sample for.
-      sampling: how often, and how deep.
 
     Raises:
       InputError: there is no such process.
@@ -264,10 +242,7 @@ def time_steps(
     Its output goes nowhere, and it has no input.
 
     Args:
-      program: to run.
-      seconds: after its first step, for which it runs at most.
       change: that the step clock applies: `step_clock.NO_ENGINE_CLOCK` or `NO_COLLECTION`.
-      source: file that is run in the program's place; None for its own.
 
     Raises:
       MachineError: the program could not be started, did not step, or the change did not apply.

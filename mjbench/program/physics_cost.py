@@ -256,9 +256,6 @@ def _weights(
     """Return the seconds that each pair adds to `mj_collision`, more than one that is far apart.
 
     Args:
-      model: whose filters are changed, and restored.
-      states: that are cycled through.
-      pairs: of geoms.
       far: a pair of geoms that do not touch; none where there is none.
     """
     contype, conaffinity = np.array(model.geom_contype), np.array(model.geom_conaffinity)

@@ -71,13 +71,7 @@ class ProcessorUse:
 
 @dataclass(frozen=True)
 class ProcessorClock:
-    """Processor seconds at one moment.
-
-    Attributes:
-      time_s: on the clock of `time.monotonic`.
-      own_s: of this process.
-      children_s: of child processes that have ended.
-    """
+    """Processor seconds at one moment."""
 
     time_s: float
     own_s: float
@@ -112,23 +106,10 @@ class Profiling:
     again at a lower rate.
 
     Attributes:
-      pid: the program's process.
-      folder: for the profiler's files.
-      rate_hz: samples per second.
-      sampling: what was asked for.
-      sampler: the profiler.
       has_adapted: whether the rate was compared with what samples cost.
-      children: the program's processes but the first, as listed last.
-      looks_listed: how many looks this list has served.
-      looks: how often the program was looked at.
       paused: how often the profiler had stopped it, or one of its child processes, then.
       begin_s: when the profiler began to take samples, on the clock of `time.monotonic`; None
         before that.
-      earlier: samples at earlier rates.
-      has_many_children: whether the program has so many child processes that samples are fewer.
-      earlier_cpu_s: processor seconds of profilers at earlier rates.
-      problem: why samples could not be read; "" where they could.
-      thread_times: of the program's threads.
       holding: the profiler of threads that hold the GIL; None where no process has several busy
         threads.
     """
@@ -267,14 +248,7 @@ class Profiling:
 
 @dataclass
 class _Holding:
-    """The profiler of threads that hold the GIL.
-
-    Attributes:
-      pid: of the process.
-      sampler: the profiler.
-      begin_s: when it was started, on the clock of `time.monotonic`.
-      cpu_s: its processor seconds at the latest look.
-    """
+    """The profiler of threads that hold the GIL."""
 
     pid: int
     sampler: sampler.Sampler

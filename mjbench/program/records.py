@@ -17,7 +17,7 @@ from mjbench.program import (
 from mjbench.program.activities import Place
 from mjbench.program.gil_waits import GilWait
 from mjbench.program.launch import Observation
-from mjbench.program.loop_time import LoopTime
+from mjbench.program.loop_time import LineTime, LoopTime
 from mjbench.program.physics_cost import PhysicsCost
 from mjbench.program.profiling import ProcessorUse
 from mjbench.program.remedy import Remedy
@@ -81,6 +81,8 @@ class ProgramRow:
         model could not be stepped again.
       gil_waits: threads that wait for the GIL, those that wait longest first; none where JAX runs,
         whose waits look alike.
+      outside_loops: lines that take time outside the loops, such as imports and set-up, with all
+        that they call; shares are of `wall_s`.
     """
 
     record_type: ClassVar[str] = "program"
@@ -102,6 +104,7 @@ class ProgramRow:
     crash: Place | None = None
     physics: PhysicsCost | None = None
     gil_waits: Sequence[GilWait] = ()
+    outside_loops: Sequence[LineTime] = ()
 
     @classmethod
     def of(cls, name: str, observation: Observation) -> "ProgramRow":
@@ -143,6 +146,9 @@ class ProgramRow:
             memory_growth_bytes=observation.calls.memory_growth_bytes,
             crash=observation.crash,
             gil_waits=() if runs_jax else observation.gil_waits,
+            outside_loops=attribution.outside_loops(
+                observation.threads, observation.pid, times, observation.wall_s
+            ),
             physics=_physics(observation) if times and times[0].is_mostly_physics else None,
         )
 

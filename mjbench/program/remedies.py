@@ -6,7 +6,7 @@ samples, and their share is an upper bound.
 
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from mjbench.errors import InputError
@@ -17,7 +17,7 @@ from mjbench.program import call_remedies
 from mjbench.program.activities import STANDARD_LIBRARY, Activity, Place
 from mjbench.program.calls import Incident
 from mjbench.program.hook import call_clock
-from mjbench.program.loop_time import FEW_SAMPLES, LineTime, LoopTime
+from mjbench.program.loop_time import FEW_SAMPLES, LEAST_REPEATS, LineTime, LoopTime
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.program.replacements import Measured
 from mjbench.program.step_times import StepTimes
@@ -44,6 +44,9 @@ _BUILDING_ADVICE = (
 )
 # A line that is a call of the engine.
 _ENGINE_CALL = re.compile(r"(mujoco\.)?mj_\w+\([\w\s.,=]*\)$")
+# The rule about arrays that a loop creates, and lines that compute more than that takes.
+_NEW_ARRAY = "MJB003"
+_COMPUTES = re.compile(r"\blinalg\.|\bscipy\.|\bpinv\(|\beinsum\(| @ ")
 # A line that looks up names, or takes views of the engine's arrays.
 _READS_VIEWS = re.compile(
     r"\b(data|d)\.(q|x|c|act|sensor|site|geom|body|joint|ten|subtree|mocap)\w*|\.(joint|body|geom|site)\("
@@ -70,14 +73,7 @@ def remedies(
     measured: Measured | None = None,
     incidents: Sequence[Incident] = (),
 ) -> list[Remedy]:
-    """Return what to do about a loop, by gain.
-
-    Args:
-      loop: where its time goes.
-      findings: of lint, in the program's own files.
-      measured: on the program's model.
-      incidents: that the program showed when it ran.
-    """
+    """Return what to do about a loop, by gain."""
     known = measured or Measured({})
     listed = [*_savings(loop, findings, known), *call_remedies.of_turns(loop, known, incidents)]
     if any(incident.name == call_clock.SOFTWARE_GL for incident in incidents):
@@ -98,12 +94,7 @@ def findings_of(files: Sequence[str]) -> list[Finding]:
 
 
 def copies(steps: Sequence[StepTimes], cores: int) -> Remedy | None:
-    """Return what to do with cores that the program leaves idle; None where it uses several.
-
-    Args:
-      steps: of all processes.
-      cores: that the program may use.
-    """
+    """Return what to do with cores that the program leaves idle; None where it uses several."""
     if cores < 2 or sum(each.step is not None for each in steps) != 1:
         return None
     text = f"run {cores} processes at once, such as environments of a vectorised one"
@@ -122,7 +113,7 @@ def first(listed: Sequence[Remedy]) -> Remedy | None:
 
 def _savings(loop: LoopTime, findings: Sequence[Finding], measured: Measured) -> Iterator[Remedy]:
     """Yield what saves time, in any order."""
-    of_calls = list(call_remedies.of_calls(loop, findings, measured))
+    of_calls = _applicable(loop, call_remedies.of_calls(loop, findings, measured))
     whole = loop.activities.keys() - _OF_LINES - _OF_CALLS
     if _has_building(loop):
         # a model that is built is compiled, too, and has an MjData of its own
@@ -148,7 +139,7 @@ def _savings(loop: LoopTime, findings: Sequence[Finding], measured: Measured) ->
         else:
             for line in lines:
                 if _avoidable(line) >= LEAST_GAIN:
-                    yield from _of_line(loop, line, _finding_at(line.place, findings), measured)
+                    yield from _of_line(loop, line, _findings_at(line.place, findings), measured)
         for line in lines:
             for activity in line.activities.keys() & _OF_LINES:
                 unexplained[activity] -= line.activities[activity]
@@ -157,10 +148,21 @@ def _savings(loop: LoopTime, findings: Sequence[Finding], measured: Measured) ->
             yield _remedy(loop, RemedyKind.ACTIVITY, activity, None, _ADVICE[activity], share)
 
 
-def _finding_at(place: Place, findings: Sequence[Finding]) -> Finding | None:
-    """Return the finding of a line that is about time."""
-    at_line = (each for each in findings if (each.file, each.line) == (place.file, place.line))
-    return next((each for each in at_line if each.ns_per_step is not None), None)
+def _applicable(loop: LoopTime, of_calls: Iterable[Remedy]) -> list[Remedy]:
+    """Return remedies of calls, but for MjData of models that the loop creates as often."""
+    loaded = sum(call.calls for call in loop.calls if call.activity == Activity.LOADING)
+    created = sum(call.calls for call in loop.calls if call.callee == "MjData")
+    follows = loaded >= LEAST_REPEATS and 2 * loaded >= created
+    return [each for each in of_calls if not (follows and each.activity == Activity.COPYING)]
+
+
+def _findings_at(place: Place, findings: Sequence[Finding]) -> list[Finding]:
+    """Return the findings of a line that are about time."""
+    return [
+        each
+        for each in findings
+        if (each.file, each.line) == (place.file, place.line) and each.ns_per_step is not None
+    ]
 
 
 def _of_activity(loop: LoopTime, activity: Activity) -> Remedy:
@@ -175,17 +177,11 @@ def _of_activity(loop: LoopTime, activity: Activity) -> Remedy:
 
 def _has_building(loop: LoopTime) -> bool:
     """Return whether samples show more of the models that are built than the calls that load."""
-    loading = {
-        (call.place.file, call.place.line)
-        for call in loop.calls
-        if call.activity == Activity.LOADING
-    }
-    line = loop.building
-    return (
-        line is not None
-        and loop.samples >= FEW_SAMPLES
-        and (line.place.file, line.place.line) not in loading
-    )
+    if loop.building is None or loop.samples < FEW_SAMPLES:
+        return False
+    loading = [call for call in loop.calls if call.activity == Activity.LOADING]
+    is_call = any(call.place == loop.building.place for call in loading)
+    return not is_call or loop.building.activities.get(Activity.BUILDING, 0.0) >= LEAST_GAIN
 
 
 def _of_building(loop: LoopTime) -> Remedy:
@@ -239,13 +235,18 @@ def _main_cost(lines: Sequence[LineTime]) -> Activity:
 
 
 def _of_line(
-    loop: LoopTime, line: LineTime, finding: Finding | None, measured: Measured
+    loop: LoopTime, line: LineTime, findings: Sequence[Finding], measured: Measured
 ) -> Iterator[Remedy]:
     """Yield what to do about a line: what lint says of it, and about what that leaves."""
     activity, share = _main_cost([line]), _avoidable(line)
-    if _ENGINE_CALL.match(line.place.text) and any(c.place == line.place for c in loop.calls):
-        return  # what samples saw there beside the call is what Python does to make it
-    if finding is not None:
+    of_line = [call for call in loop.calls if call.place == line.place]
+    is_engine_call = bool(of_line) and _ENGINE_CALL.match(line.place.text)
+    if is_engine_call or any(call.activity == Activity.COPYING for call in of_line):
+        return  # what samples saw beside the call makes it, or frees its result
+    is_computed = _COMPUTES.search(line.place.text) is not None
+    if findings and not (is_computed and findings[0].code == _NEW_ARRAY):
+        finding = findings[0]
+        of_names = [each for each in findings if each.code == NAMED_ACCESS]
         remedy = _remedy(loop, RemedyKind.LINE, activity, line.place, finding.message, share)
         remedy = replace(remedy, code=finding.code, effect="nothing")
         ratio = measured.ratios.get(call_remedies.ACCESS_BY_NAME)
@@ -253,7 +254,7 @@ def _of_line(
         if finding.code != NAMED_ACCESS or ratio is None or not nstep:
             yield remedy
             return
-        gain = min(share, max(0.0, ratio.saved_s * nstep / loop.seconds))
+        gain = min(share, max(0.0, len(of_names) * ratio.saved_s * nstep / loop.seconds))
         yield replace(remedy, gain=gain, gain_error=None, basis=Basis.PAIRED, share=share)
         share -= gain
     text = _ADVICE[activity]

@@ -60,9 +60,6 @@ class Question:
     """What to measure.
 
     Attributes:
-      trial: the two ways.
-      functions: that are enough, for `Trial.FUNCTIONS`.
-      simulations: for `Trial.POOL` and `Trial.BATCH`.
       steps: of each simulation, for `Trial.POOL`; after each new MjData; of each call, for
         `Trial.NO_TIMER`.
       frame: height and width in pixels, for `Trial.RENDERER`.
@@ -82,9 +79,6 @@ class TimeRatio:
     """The time of what mjbench suggests, over that of what the program does.
 
     Attributes:
-      estimate: median of the rounds.
-      low: lower end of its 95 % interval.
-      high: upper end.
       saved_s: seconds that are saved each time, by the medians.
       created_share: share of the time of what the program does in which it creates an object:
         calls that are timed in the program hold that alone.
@@ -107,7 +101,6 @@ class Measured:
     """What was measured on the program's own model.
 
     Attributes:
-      ratios: of what mjbench suggests to what the program does.
       computes_forces: whether a step of the model computes `cfrc_ext`, `cfrc_int` and `cacc`; None
         where that is not known.
     """
@@ -157,7 +150,6 @@ def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> M
 
     Args:
       models: of the program; the first that this process's MuJoCo can load is used.
-      questions: what to measure.
     """
     model = loadable(models)
     if model is None:
@@ -205,7 +197,6 @@ class _Way:
     """One way of doing something.
 
     Attributes:
-      run: does it once.
       create: creates an object for `use`, which together do what `run` does; None if it needs none.
       use: does the rest with the object, which the caller frees.
       has_timer: whether steps read the timer of MuJoCo's Python package.
@@ -239,16 +230,18 @@ def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -
 
         return timing.Contender(block, before)
 
-    one_s = min(timing.block_s(contender(present, 1)) for _ in range(3))
+    # other processes on the same core lengthen the wall time alone
+    clock = time.perf_counter if question.trial in _BY_WALL_TIME else time.thread_time
+    one_s = min(timing.block_s(contender(present, 1), clock) for _ in range(3))
     calls = max(1, min(MOST_CALLS, round(BLOCK_S / max(one_s, 1e-9))))
     contenders = [contender(present, calls), contender(suggested, calls)]
-    rounds = list(timing.rounds(contenders, BUDGET_S, LEAST_ROUNDS, MOST_ROUNDS))
+    rounds = list(timing.rounds(contenders, BUDGET_S, LEAST_ROUNDS, MOST_ROUNDS, clock=clock))
     faster = stats.speedup([first for first, _ in rounds], [second for _, second in rounds])
     assert faster.low is not None and faster.high is not None, "there are enough rounds"
     before_s, after_s = (
         statistics.median(seconds) / calls for seconds in zip(*rounds, strict=True)
     )
-    shares = [_created_share(present, data) for _ in range(LEAST_ROUNDS)]
+    shares = [_created_share(present, data, clock) for _ in range(LEAST_ROUNDS)]
     return TimeRatio(
         1 / faster.median,
         1 / faster.high,
@@ -258,16 +251,16 @@ def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -
     )
 
 
-def _created_share(way: _Way, data: mujoco.MjData) -> float:
+def _created_share(way: _Way, data: mujoco.MjData, clock: timing.Clock) -> float:
     """Return the share of the time of a way in which it creates its object."""
     if way.create is None:
         return 1.0
-    begin_ns = time.perf_counter_ns()
+    begin_s = clock()
     created = way.create(data)
-    middle_ns = time.perf_counter_ns()
+    middle_s = clock()
     way.use(created, data)
     del created
-    return (middle_ns - begin_ns) / max(1, time.perf_counter_ns() - begin_ns)
+    return (middle_s - begin_s) / max(1e-9, clock() - begin_s)
 
 
 def _creating(
@@ -372,6 +365,8 @@ _COPIERS: Mapping[Trial, Callable[[mujoco.MjData], mujoco.MjData]] = {
     Trial.COPY_OR_COPY: copy.copy,
     Trial.DEEP_COPY_OR_COPY: copy.deepcopy,
 }
+# Trials of which other threads compute a part, or whose seconds are compared with wall time.
+_BY_WALL_TIME = {Trial.POOL, Trial.BATCH, Trial.RENDERER, Trial.NAMED_ACCESS}
 # What is raised where a release, a model or a machine lacks something; OpenGL raises its own kinds.
 _LACKING = (AttributeError, ImportError, ValueError, RuntimeError)
 _BUILDERS: Mapping[Trial, Callable[[mujoco.MjModel, Question], tuple[_Way, _Way]]] = {

@@ -29,13 +29,7 @@ _REFUSED = ("permission", "operation not permitted", "access denied", "requires 
 
 @dataclass
 class Sampler:
-    """A profiler that samples a process.
-
-    Attributes:
-      process: of the profiler.
-      file: that it writes when it ends.
-      log: what it prints.
-    """
+    """A profiler that samples a process."""
 
     process: subprocess.Popen[bytes]
     file: Path
@@ -127,12 +121,8 @@ def start(
     """Sample a process and those that it starts, until it ends or `Sampler.stop`.
 
     Args:
-      pid: the process.
-      folder: for the profiler's files.
-      rate_hz: samples per second.
       has_native: whether stacks of libraries are read, too, where this platform can; each sample
         then stops the program for a moment.
-      seconds: after which it ends by itself, at the latest; None for never.
       of_holders: whether only the thread that holds the GIL is sampled.
 
     Raises:

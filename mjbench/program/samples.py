@@ -23,7 +23,6 @@ class Frame:
 
     Attributes:
       function: its name; an address where a library has no names.
-      file: path of the Python file, or of the library.
       line: from 1; 0 in a library.
     """
 
@@ -39,13 +38,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Thread:
-    """A thread of the program.
-
-    Attributes:
-      pid: its process.
-      tid: the operating system's number of the thread.
-      name: as Python knows it.
-    """
+    """A thread of the program."""
 
     pid: int
     tid: int
@@ -57,10 +50,7 @@ class ThreadSamples:
     """The stacks of one thread.
 
     Attributes:
-      thread: whose stacks they are.
       stacks: the stack of each sample, outermost frame first.
-      interval_s: time that each sample stands for.
-      has_native: whether stacks of libraries were read.
     """
 
     thread: Thread

@@ -37,10 +37,6 @@ class SourceLoop:
 def outermost_loop(file: str, line: int) -> SourceLoop | None:
     """Return the outermost loop of a function, or of a module, that runs a line of it.
 
-    Args:
-      file: path of the file.
-      line: from 1.
-
     Returns:
       The loop; None where the line is in none, or the file cannot be read.
     """
@@ -50,12 +46,7 @@ def outermost_loop(file: str, line: int) -> SourceLoop | None:
 
 @cache
 def lines_reading(file: str, names: tuple[str, ...]) -> tuple[tuple[int, str], ...]:
-    """Return the lines of a file that read attributes, each with the attribute's name.
-
-    Args:
-      file: path of the file.
-      names: of the attributes.
-    """
+    """Return the lines of a file that read attributes, each with the attribute's name."""
     return tuple(
         (node.lineno, node.attr)
         for node in ast.walk(_tree(file))

@@ -27,16 +27,10 @@ class Header:
     """What stands before the records, in the order of the file.
 
     Attributes:
-      pid: process.
       first_ns: when the first call began, on the clock of `time.perf_counter_ns`; 0 before it.
-      last_ns: when the last call ended that is known.
-      calls_passed: calls that were passed through without one.
       was_away: 1 if calls were made while the clock was away; they are not counted.
       cost_ns: what the clock cost the program, as calibrated.
       timed_ns: what it cost for each call that has a record.
-      collections: garbage collections, from the first call on.
-      collections_ns: time of all of them.
-      longest_collection_ns: time of the longest.
       process_ns: when the process began, on the same clock.
     """
 
@@ -144,10 +138,6 @@ def read_headers(folder: Path) -> dict[int, Header]:
 def read(file: Path, timers: Mapping[str, int]) -> StepTimes:
     """Return the steps of one process.
 
-    Args:
-      file: that its clock wrote.
-      timers: indices of the engine's timers, by name.
-
     Raises:
       InputError: the file is not one of the step clock.
     """
@@ -172,10 +162,7 @@ def step_times(
     """Return what the records of a process say.
 
     Args:
-      header: of the file.
       records: (count,) records, in the order in which they were written.
-      timer_s: seconds by the engine's timers.
-      timers: indices of the engine's timers, by name.
     """
     burst = np.cumsum(records["kind"] == step_file.BURST)
     is_step = records["kind"] == step_file.STEP
@@ -248,11 +235,6 @@ def _stages(timer_s: Sequence[float], timers: Mapping[str, int], step_s: float) 
     """Return the share of a step by stage; nothing where the engine's timers hold no times.
 
     Without MuJoCo's timer they hold anything.
-
-    Args:
-      timer_s: seconds by the engine's timers.
-      timers: indices of the engine's timers, by name.
-      step_s: seconds of the same steps, by the step clock.
     """
     seconds = {name: timer_s[i] for name, i in timers.items() if i < len(timer_s)}
     longest_s = max(seconds.values(), default=0.0)

@@ -17,10 +17,6 @@ class ThreadTime:
     """What one thread did between the first and the last look at it.
 
     Attributes:
-      pid: its process.
-      tid: the operating system's number of the thread.
-      wall_s: from the first look to the last.
-      processor_s: for which it ran.
       queued_s: for which it could have run, and waited for a core.
     """
 
@@ -60,7 +56,6 @@ class ThreadTimes:
         """Look at all threads of processes.
 
         Args:
-          pids: the processes.
           folder: where the system accounts for them; see schedstat in the kernel's documentation.
         """
         for pid in pids:

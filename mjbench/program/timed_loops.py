@@ -1,7 +1,7 @@
 """Loops with the calls that were timed in them; samples divide what these leave."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 from mjbench.program.activities import Activity, Place
@@ -10,24 +10,35 @@ from mjbench.program.hook.call_clock import COMPILE, DISPATCH
 from mjbench.program.loop_time import FEW_SAMPLES, LineTime, LoopTime, large, shares_of
 from mjbench.program.source_loops import SourceLoop
 
-# Where samples saw less than this beside the calls that are timed, they do not divide the rest.
-_LEAST_REST = 0.02
 # Where samples saw a loop for this many times as long as its calls span, they say how long it runs.
 _LEAST_BEYOND = 1.1
+# What samples show of a line that calls what is timed: its own text may tell it.
+_TOLD_BY_LINE = {Activity.PHYSICS, Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY}
+# Where samples saw less than this beside the calls that are timed, they do not divide the rest.
+_LEAST_REST = 0.02
 
 
 def with_calls(
-    sampled: Sequence[LoopTime], calls: Sequence[CallTime], main_pid: int
+    sampled: Sequence[LoopTime],
+    calls: Sequence[CallTime],
+    main_pid: int,
+    stretches: Sequence[float | None],
 ) -> list[LoopTime]:
-    """Return loops with the calls that were timed in them, and loops that only calls show."""
+    """Return loops with the calls that were timed in them, and loops that only calls show.
+
+    Args:
+      stretches: of each, its time over that from its first timed call to its last; None where
+        samples saw too few calls.
+    """
     by_loop: dict[SourceLoop, list[CallTime]] = defaultdict(list)
     for call in calls:
         if call.loop is not None:
             by_loop[call.loop].append(call)
     times = {time.loop: time for time in sampled}
+    stretch = dict(zip(times, stretches, strict=True))
     for loop, of_loop in by_loop.items():
         if loop in times:
-            times[loop] = _timed(times[loop], of_loop)
+            times[loop] = _timed(times[loop], of_loop, stretch[loop])
         elif any(call.is_step or call.callee in (COMPILE, DISPATCH) for call in of_loop):
             times[loop] = _timed(_unsampled(loop, of_loop, main_pid), of_loop)
     return list(times.values())
@@ -91,23 +102,26 @@ def _span_s(calls: Sequence[CallTime]) -> float:
     return max(1e-9, loop_s, sum(call.seconds for call in calls))
 
 
-def _timed(time: LoopTime, calls: Sequence[CallTime]) -> LoopTime:
+def _timed(time: LoopTime, calls: Sequence[CallTime], stretch: float | None = 1.0) -> LoopTime:
     """Return a loop with its calls: what they take is known, and samples divide the rest."""
     has_samples = time.samples >= FEW_SAMPLES
     seconds = _span_s(calls)
-    if has_samples and time.seconds > _LEAST_BEYOND * seconds:
+    if has_samples and stretch is not None:
+        seconds *= stretch
+    elif has_samples and time.seconds > _LEAST_BEYOND * seconds:
         seconds = time.seconds  # it also runs without these calls
     timed = shares_of((call.activity, call.seconds) for call in calls)
     timed_s = sum(call.seconds for call in calls)
     share = min(1.0, timed_s / seconds)
     exact = {activity: part * share for activity, part in timed.items()}
-    slow = {_place_key(c.place) for c in calls if c.activity != Activity.PHYSICS}
+    slow: dict[tuple[str, int], float] = defaultdict(float)
+    for call in calls:
+        if call.activity != Activity.PHYSICS:
+            slow[_place_key(call.place)] += call.seconds / seconds
     rest = {
-        _place_key(line.place): {
-            activity: part
-            for activity, part in line.activities.items()
-            if activity not in exact and _place_key(line.place) not in slow
-        }
+        _place_key(line.place): _beside_slow(time, line, slow[_place_key(line.place)], exact)
+        if _place_key(line.place) in slow
+        else {each: part for each, part in line.activities.items() if each not in exact}
         for line in time.lines
     }
     on_slow_lines = [line for line in time.lines if _place_key(line.place) in slow]
@@ -116,14 +130,23 @@ def _timed(time: LoopTime, calls: Sequence[CallTime]) -> LoopTime:
         for activity, part in time.activities.items()
         if activity not in exact
     }
+    for line in on_slow_lines:
+        for activity, part in rest[_place_key(line.place)].items():
+            rest_by_activity[activity] = rest_by_activity.get(activity, 0.0) + part
     total_rest = sum(rest_by_activity.values())
+    rest_is = Activity.BINDINGS if has_samples else Activity.REST
     if has_samples and total_rest > _LEAST_REST:
         factor = (1 - share) / total_rest
         others = {activity: part * factor for activity, part in rest_by_activity.items()}
     else:
         # samples that are all on the lines of these calls saw the calls themselves
-        rest_is = Activity.BINDINGS if has_samples else Activity.REST
         factor, others = 0.0, {rest_is: 1 - share}
+    loading = {_place_key(call.place) for call in calls if call.activity == Activity.LOADING}
+    beside_loading = (
+        factor * sum(rest[key].get(Activity.BINDINGS, 0.0) for key in loading & rest.keys())
+        if factor
+        else others[rest_is] * exact.get(Activity.LOADING, 0.0) / max(1e-9, sum(slow.values()))
+    )
     parts = {**exact, **{activity: part for activity, part in others.items() if part > 1e-6}}
     return replace(
         time,
@@ -145,7 +168,40 @@ def _timed(time: LoopTime, calls: Sequence[CallTime]) -> LoopTime:
             if factor and line.main_activity not in exact
         ],
         calls=calls,
+        building=None
+        if time.building is None
+        else _timed_building(time.building, exact, factor, beside_loading),
     )
+
+
+def _timed_building(
+    line: LineTime, exact: Mapping[Activity, float], factor: float, beside: float
+) -> LineTime:
+    """Return the line under which models are built, with the timed calls that load them.
+
+    Args:
+      exact: shares of timed calls, by activity.
+      factor: by which samples of what is not timed are scaled.
+      beside: share of what no other line shows, at most.
+    """
+    parts = {each: part * factor for each, part in line.activities.items() if each not in exact}
+    parts[Activity.LOADING] = exact.get(Activity.LOADING, 0.0)
+    parts[Activity.BINDINGS] = parts.get(Activity.BINDINGS, 0.0) + beside
+    return replace(line, share=min(1.0, sum(parts.values())), activities=parts)
+
+
+def _beside_slow(
+    time: LoopTime, line: LineTime, share: float, exact: Collection[Activity]
+) -> Mapping[Activity, float]:
+    """Return what samples saw on the line of a slow call beside the call, such as what frees it."""
+    others = {
+        activity: part
+        for activity, part in line.activities.items()
+        if activity not in {*_TOLD_BY_LINE, *exact}
+    }
+    beside = line.share - share - sum(others.values())
+    is_certain = beside > 2 * time.error(line.share)
+    return {**others, Activity.BINDINGS: beside} if is_certain else others
 
 
 def _timed_lines(

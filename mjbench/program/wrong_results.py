@@ -13,6 +13,16 @@ from mjbench.program.source_loops import lines_reading
 # Fields of MjData that a step computes only for sensors that need them.
 _FORCES = ("cfrc_ext", "cfrc_int", "cacc")
 _DIVERGED = "the simulation diverged, and MuJoCo reset it, unless autoreset is disabled"
+# What else only a run shows, and what to do about it.
+_FACTS: Mapping[str, str] = {
+    call_clock.SHARED_DATA: "two threads step one MjData at the same time: give each thread its"
+    " own",
+    call_clock.HALVES: "mj_step2 integrates by Euler, although the model asks for Runge-Kutta: call"
+    " mj_step, or choose another integrator",
+    call_clock.COPIED_ENVIRONMENT: "a copy of an environment of Gymnasium begins anew, not in the"
+    " state of its original: copy that state with mj_getState and mj_setState"
+    " (mjSTATE_INTEGRATION), and what wrappers hold",
+}
 # What the engine's warnings mean, by name.
 _WARNINGS: Mapping[str, str] = {
     "BADQPOS": _DIVERGED,
@@ -34,22 +44,14 @@ def wrong_results(
     """Return what makes a program's results wrong, whatever it costs.
 
     Args:
-      findings: of lint, in the program's own files.
-      calls: of the program, with what it showed when it ran.
-      files: the program's own.
       computes_forces: whether a step of its model computes what `_FORCES` names; None if unknown.
     """
     listed = list(_unfilled(calls, files) if computes_forces is False else ())
     for incident in calls.incidents:
         if not incident.is_wrong:
             continue
-        if incident.name == call_clock.SHARED_DATA:
-            text = "two threads step one MjData at the same time: give each thread its own"
-        elif incident.name == call_clock.HALVES:
-            text = (
-                "mj_step2 integrates by Euler, although the model asks for Runge-Kutta: call"
-                " mj_step, or choose another integrator"
-            )
+        if incident.name in _FACTS:
+            text = _FACTS[incident.name]
         else:
             meaning = _WARNINGS.get(incident.name, "the engine warned")
             times = "once" if incident.count == 1 else f"{incident.count:,} times"

@@ -62,27 +62,21 @@ def list_releases(history: Path) -> Catalogue:
     except MachineError as error:
         problem = str(error)
     installed = install_check.installed_version()
-    known = {**recorded, **indexed}
+    known = sorted(
+        {**recorded, **indexed}.values(), key=lambda r: (r.uploaded, version_key(r.version))
+    )
+    uploads: dict[str, str | None] = {r.version: r.uploaded.isoformat() for r in known}
+    if installed:
+        uploads.setdefault(installed, None)
     rows = [
         ReleaseRow(
-            version=release.version,
-            uploaded=release.uploaded.isoformat(),
-            tag=release.tag,
-            in_history=release.version in recorded,
-            in_index=None if problem else release.version in indexed,
-            installed=release.version == installed,
+            version=version,
+            uploaded=uploaded,
+            tag=f"v{version}",
+            in_history=version in recorded,
+            in_index=None if problem else version in indexed,
+            installed=version == installed,
         )
-        for release in sorted(known.values(), key=lambda r: (r.uploaded, version_key(r.version)))
+        for version, uploaded in uploads.items()
     ]
-    if installed and installed not in known:
-        rows.append(
-            ReleaseRow(
-                version=installed,
-                uploaded=None,
-                tag=f"v{installed}",
-                in_history=False,
-                in_index=None if problem else False,
-                installed=True,
-            )
-        )
     return Catalogue(rows, problem)

@@ -38,8 +38,6 @@ class Segment:
     Attributes:
       begin: index of the first release.
       end: index after the last release.
-      first: fitted log ratio of the first release.
-      last: fitted log ratio of the last release.
     """
 
     begin: int
@@ -60,10 +58,8 @@ class ChangePoint:
     """A change from one release to the next.
 
     Attributes:
-      before: index of the last release before it.
       index: of the first release after it.
       change: of the log ratio.
-      deviation: standard error of `change`.
     """
 
     before: int
@@ -116,8 +112,6 @@ def changes(
     """Return the change points, the excursions and the drifts of a series.
 
     Args:
-      log_ratios: (n,) one of each release, in order.
-      deviations: (n,) standard error of each.
       min_change: the smallest change that is returned, as a log ratio.
 
     Raises:
@@ -230,14 +224,7 @@ def _is_located(
     log_ratios: Sequence[float],
     deviations: Sequence[float],
 ) -> bool:
-    """Return whether the releases beside a change point are clearly on their own sides of it.
-
-    Args:
-      old: fitted log ratio before it.
-      new: fitted log ratio after it.
-      log_ratios: of all releases.
-      deviations: of all releases.
-    """
+    """Return whether the releases beside a change point are clearly on their own sides of it."""
     for index, own, other in ((point.before, old, new), (point.index, new, old)):
         distances = (log_ratios[index] - other) ** 2 - (log_ratios[index] - own) ** 2
         if distances < _LOCATED * deviations[index] ** 2:

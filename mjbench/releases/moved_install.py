@@ -26,11 +26,7 @@ _RECORD = "RECORD"
 
 @dataclass(frozen=True)
 class FileVersion:
-    """What tells whether a file was replaced; reading it again would take longer.
-
-    Attributes:
-      size: in bytes.
-    """
+    """What tells whether a file was replaced; reading it again would take longer."""
 
     size: int
     modified_ns: int

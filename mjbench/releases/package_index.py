@@ -73,11 +73,7 @@ def _files(uploads_of: Mapping[str, Sequence[Upload]]) -> dict[str, list[str]]:
 
 
 def _final_releases(uploads_of: Mapping[str, Sequence[Upload]]) -> list[Release]:
-    """Return the final releases in upload order, from FIRST on, without yanked ones.
-
-    Args:
-      uploads_of: the files of each release, by version.
-    """
+    """Return the final releases in upload order, from FIRST on, without yanked ones."""
     final = []
     for version, uploads in uploads_of.items():
         times = [

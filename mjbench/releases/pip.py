@@ -77,11 +77,7 @@ def _reason(stderr: str) -> str:
 
 
 def _error(version: str, local: bool, reason: str) -> InputError | MachineError:
-    """Return the error that stands for a failure of pip.
-
-    Args:
-      local: whether from local wheels; the index then had to provide only what they need.
-    """
+    """Return the error that stands for a failure of pip, which was given local wheels or none."""
     try:
         files_of = package_index.files()
     except MachineError as error:
@@ -96,11 +92,7 @@ def _error(version: str, local: bool, reason: str) -> InputError | MachineError:
 
 
 def _available(files_of: Mapping[str, Sequence[str]]) -> list[Version]:
-    """Return the versions of which the index has a wheel for this Python, sorted.
-
-    Args:
-      files_of: the names of the files of each version.
-    """
+    """Return the versions of which the index has a wheel for this Python, sorted."""
     accepted = frozenset(tags.sys_tags())
     return sorted(
         Version(version)

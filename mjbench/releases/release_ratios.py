@@ -63,12 +63,7 @@ class LaunchRatio:
 
 @dataclass(frozen=True)
 class LogEstimate:
-    """The time of a step or an operation in a release over that in the reference.
-
-    Attributes:
-      log_ratio: estimate of its natural logarithm.
-      deviation: standard error of `log_ratio`.
-    """
+    """The time of a step or an operation in a release over that in the reference."""
 
     log_ratio: float
     deviation: float
@@ -130,7 +125,6 @@ def clipped(log_ratios: Sequence[float], residues: Sequence[int] | None = None) 
     smallest as medians fit by themselves. It is at least MIN_DEVIATION.
 
     Args:
-      log_ratios: of launches.
       residues: of their placements; None if all have the same.
     """
     groups = residues or [0] * len(log_ratios)
@@ -146,11 +140,7 @@ def clipped(log_ratios: Sequence[float], residues: Sequence[int] | None = None) 
 
 
 def are_enough(launches: Sequence[LaunchRatio], seconds: float) -> bool:
-    """Return whether no more launches are needed, or too little time is left for them.
-
-    Args:
-      seconds: that they took, with whatever else was timed in them.
-    """
+    """Return whether no more launches are needed, or too little time is left for them."""
     count = len(launches)
     if count < MIN_LAUNCHES or count % SCHEDULE_LAUNCHES:
         return False
@@ -172,8 +162,6 @@ class RatioRecord:
     Attributes:
       model: its name; empty for an operation that builds its own.
       build: tells builds of one version apart.
-      reference: release that it is compared with.
-      launches: in the order they ran.
       problem: why the libraries were not moved; empty where they were.
       drift: largest difference of what both computed.
       reference_s: seconds of one step or operation of the reference, the median of all launches.
@@ -207,10 +195,7 @@ class StepRatioRecord(RatioRecord):
 
     Attributes:
       workload: digest of start states and controls; equal digests are equal work.
-      work: per step of the release.
-      reference_work: per step of the reference.
       diverged: simulations that diverged in the release; none of them is timed.
-      reference_diverged: in the reference.
       run_drift: largest differences for runs from the same starts, at several points.
     """
 
@@ -234,7 +219,6 @@ class OperationRatioRecord(RatioRecord):
     differ in size.
 
     Attributes:
-      operation: its name (see `paired.operations`).
       title: the operation in Python, as people write it.
       repeats: how often a block does it.
     """

@@ -16,11 +16,7 @@ from mjbench.status import Status
 
 @dataclass(frozen=True)
 class Measured:
-    """A model or an operation in one release.
-
-    Attributes:
-      ratio: its time over that in the reference.
-    """
+    """A model or an operation in one release; its ratio is to the reference."""
 
     release: str
     ratio: LogEstimate
@@ -32,7 +28,6 @@ class SpeedSeries:
     """A model or an operation over the releases.
 
     Attributes:
-      name: of the model, or of the operation.
       measured: the releases in which it was measured, one or more, in the order of their versions.
       changes: of its speed; indices are those of `measured`.
     """
@@ -69,9 +64,6 @@ def histories(records: Iterable[RatioRecord]) -> list[SpeedSeries]:
 
     The launches of several records of one release add up where they are of one build and
     one workload; otherwise the last record counts. Records that failed are left out.
-
-    Args:
-      records: of any releases, in the order they were measured.
     """
     by_series: dict[str, dict[str, Measured]] = {}
     for record in records:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from mjbench.loop import habits
 from mjbench.loop.compiled_loop import script
-from mjbench.loop.overhead import HabitCost, OverheadRow, OverheadTable
+from mjbench.loop.overhead import HabitCost, OverheadRow
 from mjbench.report import charts, content, formats
 from mjbench.report.content import (
     Column,
@@ -24,15 +24,15 @@ _MOST_HABITS = 12
 def sections(rows: Sequence[OverheadRow]) -> Iterator[Section]:
     """Yield a section for each model whose loop was measured, or was to be."""
     for row in rows:
-        table = row.table()
-        if table is None:
-            yield content.failure(row.model, row.status, row.detail)
+        if row.is_measured:
+            yield _section(row)
         else:
-            yield _section(table)
+            yield content.failure(row.model, row.status, row.detail)
 
 
-def _section(table: OverheadTable) -> Section:
+def _section(table: OverheadRow) -> Section:
     """Return what a bare loop and the habits beside it cost for one model."""
+    assert table.bare_ns is not None and table.engine_ns is not None and table.costs is not None
     python_ns = table.bare_ns - table.engine_ns
     conclusions = [
         Conclusion(
@@ -64,7 +64,7 @@ def _section(table: OverheadTable) -> Section:
     )
 
 
-def _table(table: OverheadTable) -> DataTable:
+def _table(table: OverheadRow) -> DataTable:
     columns = (
         Column("in the loop"),
         Column("adds ns/step", formats.count),
@@ -73,7 +73,7 @@ def _table(table: OverheadTable) -> DataTable:
         Column("cheaper"),
         Column("saves ns", formats.count),
     )
-    rows = [(c.source, c.ns, c, c.share, c.cheaper, c.saved_ns) for c in table.costs]
+    rows = [(c.source, c.ns, c, c.share, c.cheaper, c.saved_ns) for c in table.costs or ()]
     return DataTable("Habits", columns, rows)
 
 
@@ -85,7 +85,7 @@ def _snippets(cost: HabitCost) -> Iterator[Snippet]:
         yield Snippet(f"cheaper, {cost.cheaper}", script(known[cost.cheaper]))
 
 
-def _waterfall(table: OverheadTable) -> Figure:
+def _waterfall(table: OverheadRow) -> Figure:
     """Return a step, part by part: the engine, the loop, and then each habit on top of it."""
     columns = (
         Column("part"),
@@ -93,6 +93,7 @@ def _waterfall(table: OverheadTable) -> Figure:
         Column("to", formats.count),
         Column("kind"),
     )
+    assert table.bare_ns is not None and table.engine_ns is not None and table.costs is not None
     loop = table.bare_ns
     rows: list[tuple[str, float, float, str]] = [
         ("engine", 0.0, table.engine_ns, "step"),

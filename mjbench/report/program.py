@@ -27,6 +27,8 @@ _LEAST_GROWTH_BYTES = 32 << 20
 _KEEPERS = ("MjData", *COPIES_OF_DATA, "from_xml_path", "from_xml_string", "compile", "Renderer")
 # Activities whose shares do not come from samples, whatever calls are timed.
 _TIMED = (Activity.REST, Activity.COLLECTION)
+# Share of the program's time from which on loops, or a line outside them, come first.
+_LEAST_LOOPS = 0.05
 # Lines and remedies that are printed; the JSON document has all.
 _MOST_LINES, _MOST_REMEDIES = 8, 6
 _MOST_TEXT = 60
@@ -41,11 +43,13 @@ def sections(rows: Sequence[ProgramRow]) -> Iterator[Section]:
     for row in rows:
         tone = Tone.NEUTRAL if row.status == Status.OK else Tone.BAD
         wrong = row.wrong if row.crash is not None else row.wrong[1:]
+        outside = _outside(row) if row.wrong or row.crash is not None else ""
         yield Section(
             row.program,
             [
                 Conclusion(f"{row.program}: {conclusion(row)}", tone),
                 *(Conclusion(f"Then, {_wrong(remedy)}", Tone.BAD) for remedy in wrong),
+                *([Conclusion(f"Outside the loops that step, {outside}.")] if outside else ()),
             ],
             facts=_memory_lines(row),
         )
@@ -56,15 +60,7 @@ def sections(rows: Sequence[ProgramRow]) -> Iterator[Section]:
 
 @dataclass(frozen=True)
 class ActivityRow:
-    """An activity in a loop, for tables of a whole run.
-
-    Attributes:
-      loop: file and lines of the loop.
-      activity: what took the time.
-      share: of the loop's time.
-      share_error: its standard error.
-      seconds: in the loop.
-    """
+    """An activity in a loop, for tables of a whole run."""
 
     program: str
     loop: str
@@ -99,12 +95,19 @@ def conclusion(row: ProgramRow) -> str:
         return "first, " + _wrong(row.wrong[0])
     if row.status != Status.OK:
         return f"no samples were taken: {row.detail}"
+    outside = _outside(row)
     if not row.loops:
-        if row.steps:
-            return "no loop was seen that steps MuJoCo, although it steps; run it for longer"
-        return "no loop was seen that steps MuJoCo"
+        but = ", although it steps; run it for longer" if row.steps and not outside else ""
+        return "no loop was seen that steps MuJoCo" + but + (f"; {outside}" if outside else "")
     loop = row.loops[0]
     remedy = remedies.first(loop.remedies)
+    if outside:
+        loops_s = sum(report.time.seconds for report in row.loops)
+        then = "" if remedy is None else f". Then, {_first(loop.time, remedy)}"
+        return (
+            f"first, look outside the loops that step, which take {plain(loops_s, 2)} s of the"
+            f" program's {plain(row.wall_s, 2)} s: {outside}{then}"
+        )
     is_small = remedy is None or (remedy.gain or 0.0) < 1 - MOSTLY_PHYSICS
     if loop.time.is_mostly_physics and is_small:
         then = "" if remedy is None else f". Then, {_first(loop.time, remedy)}"
@@ -112,6 +115,31 @@ def conclusion(row: ProgramRow) -> str:
     if remedy is None:
         return _nothing_to_do(loop.time)
     return "first, " + _first(loop.time, remedy)
+
+
+def _outside(row: ProgramRow) -> str:
+    """Return what takes time outside loops, where that is more than they take; "" where it is not.
+
+    Imports are made once, however long the program runs: they count where loops take next to
+    nothing.
+    """
+    loops = sum(report.time.seconds for report in row.loops if report.time.in_main) / row.wall_s
+    lines = [line for line in row.outside_loops if line.main_activity != Activity.IMPORT]
+    imports = [line for line in row.outside_loops if line.main_activity == Activity.IMPORT]
+    import_share = sum(line.share for line in imports)
+    largest = max((line.share for line in lines), default=0.0)
+    is_short = loops < _LEAST_LOOPS and import_share + largest > loops
+    if not is_short and (largest < _LEAST_LOOPS or largest < loops):
+        return ""
+    parts = [
+        f"{line.place} takes {plain(line.share * row.wall_s, 2)} s ({line.place.text})"
+        for line in lines[:2]
+        if line.share >= LEAST_GAIN
+    ]
+    if imports and (is_short or import_share > largest):
+        places = ", ".join(str(line.place) for line in imports[:3])
+        parts.append(f"imports take {plain(import_share * row.wall_s, 2)} s ({places})")
+    return "; ".join(parts)
 
 
 def _mostly_physics(row: ProgramRow, time: LoopTime) -> str:

@@ -8,7 +8,7 @@ import os
 import statistics
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from mjbench.instrument import machine, neighbours
 from mjbench.instrument.machine import Calibration, ProcessorTime
@@ -31,6 +31,21 @@ class Limits:
     min_cores: float = machine.ENOUGH_CORES
     max_busy: float = 0.3
     max_stolen: float = 0.1
+
+
+@dataclass(frozen=True)
+class NodeRules:
+    """When nodes are given up, and when they may refuse.
+
+    Attributes:
+      tries: how often a command is begun at most, where nodes die or commands fail.
+      patience_s: seconds after which a busy node gives a command back, and after which a sweep
+        ends in which no node measures.
+    """
+
+    tries: int = 3
+    patience_s: float = 600.0
+    limits: Limits = field(default_factory=Limits)
 
 
 @dataclass(frozen=True)

@@ -14,26 +14,8 @@ from mjbench.sweep.cells import Cell, Kind
 
 
 @dataclass(frozen=True)
-class Option:
-    """An option of a command that a table of the plan can set, by its name without dashes.
-
-    Attributes:
-      name: such as `time-limit`.
-      is_switch: whether it has no value: `true` is `--name`.
-    """
-
-    name: str
-    is_switch: bool = False
-
-
-@dataclass(frozen=True)
 class CommandLine:
-    """A command line without the options that say where results go.
-
-    Attributes:
-      arguments: the command and its options.
-      operands: what follows the options.
-    """
+    """A command line without the options that say where results go."""
 
     arguments: tuple[str, ...]
     operands: tuple[str, ...]
@@ -44,26 +26,23 @@ class Command:
     """How cells of one kind are measured.
 
     Attributes:
-      options: that the plan can set.
+      options: that the plan can set, by their names without dashes, such as `time-limit`.
       name: of the command, and of its group before it.
       needs_quiet: whether anything else on the machine would spoil the result.
       together: what cells must have in common to be measured by one command line.
-      least: as many are measured at once where there are as many, also if nodes are idle.
       most: more are not measured at once.
-      line: the command line for some cells that have that in common.
+      least: as many are measured at once where there are as many, also if nodes are idle.
+      switches: options without a value: `true` is `--name`.
     """
 
-    options: tuple[Option, ...]
+    options: tuple[str, ...]
     name: tuple[str, ...]
-    needs_quiet: bool
     together: Callable[[Cell], tuple[str, ...]]
-    least: int
     most: int
     line: Callable[[Sequence[Cell]], CommandLine]
-
-
-def _options(*names: str) -> tuple[Option, ...]:
-    return tuple(Option(name) for name in names)
+    needs_quiet: bool = True
+    least: int = 1
+    switches: tuple[str, ...] = ()
 
 
 def _version_argument(cell: Cell, version: str) -> str:
@@ -114,32 +93,25 @@ def _history(cells: Sequence[Cell]) -> CommandLine:
 _SIZES = ("nbatch", "nstep", "hold", "seed", "settle")
 COMMANDS: Mapping[Kind, Command] = {
     Kind.VERSIONS: Command(
-        options=(
-            *_options("min-effect", "confidence", "precision", "time-limit"),
-            Option("as-shipped", is_switch=True),
-            *_options(*_SIZES),
-        ),
+        options=("min-effect", "confidence", "precision", "time-limit", "as-shipped", *_SIZES),
         name=("versions",),
-        needs_quiet=True,
         together=lambda c: (c.baseline, c.release, c.path, c.metric or ""),
-        least=1,
         most=10,
         line=_versions,
+        switches=("as-shipped",),
     ),
     Kind.COMPARE: Command(
         options=(
-            *_options("paths", "threads", "chunk", "budget", "returns", "total-steps"),
-            *_options("time-limit", *_SIZES),
+            *("paths", "threads", "chunk", "budget", "returns", "total-steps", "time-limit"),
+            *_SIZES,
         ),
         name=("compare",),
-        needs_quiet=True,
         together=lambda c: (c.model,),
-        least=1,
         most=1,
         line=_compare,
     ),
     Kind.INSTRUCTIONS: Command(
-        options=_options("time-limit", *_SIZES),
+        options=("time-limit", *_SIZES),
         name=("instructions",),
         needs_quiet=False,
         together=lambda c: (c.model,),
@@ -150,9 +122,7 @@ COMMANDS: Mapping[Kind, Command] = {
     Kind.HISTORY: Command(
         options=(),
         name=("history", "measure"),
-        needs_quiet=True,
         together=lambda c: (c.release,),
-        least=1,
         most=10,  # as many as the shipped models, which fit into the time that a release may take
         line=_history,
     ),

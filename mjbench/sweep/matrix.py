@@ -2,17 +2,16 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mjbench.paired.outcomes import Metric
 from mjbench.paths import BASE
 from mjbench.releases.installs import INSTALLED
-from mjbench.simulation.models import ModelSource
 from mjbench.sweep import model_files
 from mjbench.sweep.cells import Cell, Kind
 from mjbench.sweep.commands import COMMANDS, CommandLine
 from mjbench.sweep.model_files import CarriedModel
-from mjbench.sweep.plan import Part, Plan
+from mjbench.sweep.plan import Plan
 from mjbench.sweep.software import Software
 
 
@@ -22,7 +21,6 @@ class Matrix:
 
     Attributes:
       cells: each once, in the order in which they are measured.
-      carried: the user's own models, by name.
     """
 
     plan: Plan
@@ -39,8 +37,7 @@ class Matrix:
         """Return the command line that measures cells which belong together."""
         kind = cells[0].kind
         line = COMMANDS[kind].line(cells)
-        (part,) = (part for part in self.plan.parts if part.kind == kind)
-        arguments = [*line.arguments, *part.options]
+        arguments = [*line.arguments, *self.plan.options[kind]]
         if kind == Kind.VERSIONS:
             arguments += ["--family", str(self.comparisons)]
         return CommandLine(tuple(arguments), line.operands)
@@ -56,10 +53,6 @@ def build(plan: Plan, software: Software) -> Matrix:
 
     Args:
       software: that measures. Results with other versions are other cells.
-
-    Raises:
-      InputError: a model cannot be loaded, or not from a copy.
-      MachineError: loading a model crashed or hung.
     """
     carried = {
         source.name: model_files.carry(source)
@@ -75,66 +68,36 @@ def build(plan: Plan, software: Software) -> Matrix:
     cells = [
         cell
         for machine in plan.machines or ("",)
-        for part in plan.parts
-        for source in plan.models
-        for cell in _cells(plan, part, source, machine, _content(part, software, digests, source))
+        for kind in plan.options
+        for model, digest in digests.items()
+        for cell in _cells(plan, kind, model, machine, _content(plan, kind, software, digest))
     ]
     return Matrix(plan, tuple(cells), carried)
 
 
-def _content(
-    part: Part, software: Software, digests: Mapping[str, str], source: ModelSource
-) -> str:
+def _content(plan: Plan, kind: Kind, software: Software, digest: str) -> str:
     """Return a text for what a result depends on, beside what the cell names."""
     versions = [software.python, software.numpy]
-    if part.kind == Kind.COMPARE:
+    if kind == Kind.COMPARE:
         versions.append(software.mujoco)
-    return json.dumps([part.options, versions, digests[source.name]])
+    return json.dumps([plan.options[kind], versions, digest])
 
 
-def _cells(
-    plan: Plan, part: Part, source: ModelSource, machine: str, content: str
-) -> Iterator[Cell]:
-    """Yield the cells of one part of the plan on one model and machine."""
-    name = source.name
+def _cells(plan: Plan, kind: Kind, model: str, machine: str, content: str) -> Iterator[Cell]:
+    """Yield the cells of one kind on one model and machine."""
+    cell = Cell(kind, model, machine=machine, content=content)
+    if kind == Kind.COMPARE:
+        yield cell
+        return
     installed = "".join(spec.version for spec in plan.releases if spec.name == INSTALLED)
-    match part.kind:
-        case Kind.COMPARE:
-            yield Cell(part.kind, name, machine=machine, content=content)
-        case Kind.VERSIONS:
-            for metric in plan.metrics:
-                for path in plan.paths if metric == Metric.TIME else (BASE,):
-                    for old, new in plan.pairs:
-                        yield Cell(
-                            part.kind,
-                            name,
-                            new.version,
-                            old.version,
-                            installed,
-                            path,
-                            metric,
-                            machine,
-                            content,
-                        )
-        case Kind.INSTRUCTIONS:
-            first = plan.releases[0].version
-            for spec in plan.releases:
-                yield Cell(
-                    part.kind,
-                    name,
-                    spec.version,
-                    first,
-                    installed,
-                    machine=machine,
-                    content=content,
-                )
-        case Kind.HISTORY:
-            for spec in plan.releases:
-                yield Cell(
-                    part.kind,
-                    name,
-                    spec.version,
-                    installed=installed,
-                    machine=machine,
-                    content=content,
-                )
+    cell = replace(cell, installed=installed)
+    if kind == Kind.VERSIONS:
+        for metric in plan.metrics:
+            for path in plan.paths if metric == Metric.TIME else (BASE,):
+                compared = replace(cell, path=path, metric=metric)
+                for old, new in plan.pairs:
+                    yield replace(compared, release=new.version, baseline=old.version)
+        return
+    first = plan.releases[0].version if kind == Kind.INSTRUCTIONS else ""
+    for spec in plan.releases:
+        yield replace(cell, release=spec.version, baseline=first)

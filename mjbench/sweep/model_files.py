@@ -6,7 +6,7 @@ its whole folder along. A copy is loaded before anything is measured: what lacks
 
 import hashlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,43 +23,23 @@ _INDEX = "models.json"
 
 
 @dataclass(frozen=True)
-class CarriedFile:
-    """A file of a model.
-
-    Attributes:
-      path: relative to the folder that holds all files, with `/`.
-    """
-
-    path: str
-    content: bytes
-
-
-@dataclass(frozen=True)
 class CarriedModel:
     """A model with all of its files.
 
     Attributes:
       main: the path of its own file, one of `files`.
+      files: contents by path, relative to the folder that holds all of them, with `/`.
       digest: of `main` and of all files, in hexadecimal.
     """
 
     name: str
     main: str
-    files: tuple[CarriedFile, ...]
+    files: Mapping[str, bytes]
     digest: str
-
-    @classmethod
-    def of(cls, name: str, main: str, files: Sequence[CarriedFile]) -> "CarriedModel":
-        """Return a model with its digest."""
-        return cls(name, main, tuple(files), _digest(main, files))
 
 
 def content_digest(source: ModelSource) -> str:
-    """Return a digest of a model's own file alone, in hexadecimal.
-
-    Raises:
-      InputError: it cannot be read.
-    """
+    """Return a digest of a model's own file alone, in hexadecimal."""
     return hashlib.sha256(_content(source.name, source.path)).hexdigest()
 
 
@@ -73,7 +53,6 @@ def carry(source: ModelSource, limit_s: float = TIME_LIMIT_S) -> CarriedModel:
 
     Raises:
       InputError: MuJoCo does not load it, also not from a copy elsewhere, or it is too large.
-      MachineError: the process that loads it crashed or hung.
     """
     listed: list[_FileList] = []
     # without `..`, as the files that it refers to are listed
@@ -83,8 +62,8 @@ def carry(source: ModelSource, limit_s: float = TIME_LIMIT_S) -> CarriedModel:
         raise MachineError(f"{source.name}: the files that it refers to are not known")
     paths = [Path(path) for path in listed[0].files]
     root = _root(source.name, paths)
-    files = [CarriedFile(_relative(path, root), _content(source.name, path)) for path in paths]
-    return CarriedModel.of(source.name, _relative(source.path, root), files)
+    main, files = _relative(source.path, root), _contents(source.name, paths, root)
+    return CarriedModel(source.name, main, files, _digest(main, files))
 
 
 def unpack(carried: Sequence[CarriedModel], folder: Path) -> Path:
@@ -121,8 +100,7 @@ def list_files(source: ModelSource, channel: Channel) -> None:
     named = _dependencies(source.path)
     files = sorted({source.path, *(_all_below(source) if named is None else named)})
     root = _root(source.name, files)
-    copies = [CarriedFile(_relative(f, root), _content(source.name, f)) for f in files]
-    copy = _write(copies, Path.cwd() / "copy")
+    copy = _write(_contents(source.name, files, root), Path.cwd() / "copy")
     channel.doing(f"loading a copy of {source.name}")
     main = copy / _relative(source.path, root)
     try:
@@ -157,11 +135,7 @@ def _dependencies(file: Path) -> list[Path] | None:
 
 
 def _all_below(source: ModelSource) -> Iterator[Path]:
-    """Yield the files of a model's folder; of a compiled one, only itself.
-
-    Raises:
-      InputError: there are too many.
-    """
+    """Yield the files of a model's folder; of a compiled one, only itself."""
     if source.path.suffix.lower() == ".mjb":
         yield source.path
         return
@@ -181,11 +155,7 @@ def _all_below(source: ModelSource) -> Iterator[Path]:
 
 
 def _root(name: str, files: Sequence[Path]) -> Path:
-    """Return the folder that holds all files.
-
-    Raises:
-      InputError: together they are too large.
-    """
+    """Return the folder that holds all files; refuse too large ones."""
     try:
         size_bytes = sum(file.stat().st_size for file in files)
     except OSError as error:
@@ -202,6 +172,10 @@ def _relative(path: Path, root: Path) -> str:
     return path.relative_to(root).as_posix()
 
 
+def _contents(name: str, files: Sequence[Path], root: Path) -> dict[str, bytes]:
+    return {_relative(file, root): _content(name, file) for file in files}
+
+
 def _content(name: str, path: Path) -> bytes:
     try:
         return path.read_bytes()
@@ -209,17 +183,17 @@ def _content(name: str, path: Path) -> bytes:
         raise InputError(f"{name}: cannot read {printable(path)}: {error.strerror}") from error
 
 
-def _digest(main: str, files: Sequence[CarriedFile]) -> str:
+def _digest(main: str, files: Mapping[str, bytes]) -> str:
     digest = hashlib.sha256(main.encode())
-    for file in sorted(files, key=lambda file: file.path):
-        digest.update(f"\0{file.path}\0".encode())
-        digest.update(hashlib.sha256(file.content).digest())
+    for path, content in sorted(files.items()):
+        digest.update(f"\0{path}\0".encode())
+        digest.update(hashlib.sha256(content).digest())
     return digest.hexdigest()
 
 
-def _write(files: Sequence[CarriedFile], folder: Path) -> Path:
-    for file in files:
-        target = folder / file.path
+def _write(files: Mapping[str, bytes], folder: Path) -> Path:
+    for path, content in files.items():
+        target = folder / path
         target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(file.content)
+        target.write_bytes(content)
     return folder

@@ -20,7 +20,7 @@ from mjbench.instrument.machine import Machine
 from mjbench.simulation import carried_models
 from mjbench.status import ExitCode, Status
 from mjbench.sweep import calibration, model_files, results, software
-from mjbench.sweep.calibration import Limits, NodeState
+from mjbench.sweep.calibration import NodeRules, NodeState
 from mjbench.sweep.cells import Cell
 from mjbench.sweep.commands import CommandLine
 from mjbench.sweep.model_files import CarriedModel
@@ -46,27 +46,13 @@ _FOREIGN_PREFIX = "RAY_"
 
 
 @dataclass(frozen=True)
-class Quiet:
-    """What a node must be to measure time.
-
-    Attributes:
-      patience_s: how long it may take to become so.
-    """
-
-    limits: Limits
-    patience_s: float
-
-
-@dataclass(frozen=True)
 class Request:
     """What a node is to measure.
 
     Attributes:
       cells: in the order in which the command measures them.
-      line: the command line, without where results go.
       record_types: the class of each record of a run file by its `type`.
-      software: that the node must have.
-      quiet: None where the node need not be quiet.
+      rules: None where the node need not be quiet.
       program: what runs the command line; empty for this version of mjbench.
     """
 
@@ -74,7 +60,7 @@ class Request:
     line: CommandLine
     record_types: Mapping[str, type]
     software: Software
-    quiet: Quiet | None = None
+    rules: NodeRules | None = None
     program: tuple[str, ...] = ()
 
 
@@ -83,11 +69,14 @@ class Measured:
     """A cell that a node has measured.
 
     Attributes:
+      label: of its machine; empty without one.
       wall_s: seconds since the command began, or since its earlier cell.
       busy_s: seconds before that, in which the node was not quiet.
       objection: why it was not; empty where it was at once.
     """
 
+    node: str
+    label: str
     result: CellResult
     wall_s: float
     busy_s: float = 0.0
@@ -95,14 +84,9 @@ class Measured:
 
 
 class NotMeasuredError(Exception):
-    """A command ended without all of its results; another attempt may help.
-
-    Attributes:
-      machine: on which it ran.
-    """
+    """A command ended without all of its results; another attempt may help."""
 
     def __init__(self, failure: Failure, on: Machine):
-        """Take how it failed."""
         super().__init__(failure, on)  # so that it can be pickled
         self.failure, self.machine = failure, on
 
@@ -119,6 +103,7 @@ def describe() -> tuple[Software, Machine]:
 def measure(
     request: Request,
     *carried: CarriedModel,
+    name: str = "",
     label: str = "",
     calibrate: Callable[[], NodeState] = calibration.calibrate,
     sleep: Callable[[float], None] = time.sleep,
@@ -126,18 +111,12 @@ def measure(
     """Measure, and yield the cells of a request in their order, each as soon as it is complete.
 
     When the iterator is closed, or an exception passes through, the command ends with all that it
-    has started.
+    has started. It raises BusyError, or NotMeasuredError if the node has other software, too.
 
     Args:
-      carried: the user's models that the command line names.
       label: of this machine, for its results; empty to leave what the environment says.
-      calibrate: says what this machine has of its cores.
-
-    Raises:
-      BusyError: this node did not become quiet.
-      NotMeasuredError: the command failed, or this node has other software.
     """
-    busy_s, objection = _wait_until_quiet(request.quiet, calibrate, sleep)
+    busy_s, objection = _wait_until_quiet(request.rules, calibrate, sleep)
     try:
         difference = software.difference(request.software, software.installed())
         if difference:
@@ -146,7 +125,7 @@ def measure(
             begin = time.perf_counter()
             for result in _run(request, carried, label, folder):
                 now = time.perf_counter()
-                yield Measured(result, now - begin, busy_s, objection)
+                yield Measured(name, label, result, now - begin, busy_s, objection)
                 begin, busy_s, objection = now, 0.0, ""
     except (MjbenchError, NotMeasuredError) as error:
         sleep(_PAUSE_S)
@@ -156,17 +135,13 @@ def measure(
 
 
 def _wait_until_quiet(
-    quiet: Quiet | None, calibrate: Callable[[], NodeState], sleep: Callable[[float], None]
+    rules: NodeRules | None, calibrate: Callable[[], NodeState], sleep: Callable[[float], None]
 ) -> tuple[float, str]:
-    """Return how many seconds this node was busy, and why; nothing if it need not be quiet.
-
-    Raises:
-      BusyError: it does not become quiet.
-    """
+    """Return how many seconds this node was busy, and why; nothing if it need not be quiet."""
     busy_s, first = 0.0, ""
-    while quiet and (objection := calibration.objection(calibrate(), quiet.limits)):
+    while rules and (objection := calibration.objection(calibrate(), rules.limits)):
         first = first or objection
-        if busy_s + _PAUSE_S > quiet.patience_s:
+        if busy_s + _PAUSE_S > rules.patience_s:
             raise BusyError(objection)
         sleep(_PAUSE_S)
         busy_s += _PAUSE_S
@@ -182,7 +157,7 @@ def _run(
     index = model_files.unpack(carried, folder / "models") if carried else None
     program = request.program or (sys.executable, "-c", _PROGRAM, str(os.getpid()))
     storing = ["--results", _RESULTS]  # in its folder, whose name is nobody's business
-    if request.quiet is not None:
+    if request.rules is not None:
         storing.append("--wait")
     with log.open("wb") as errors, (folder / "output.txt").open("wb") as output:
         process = child.Child(
@@ -209,11 +184,7 @@ def _run(
 
 
 def _without_result(cells: Sequence[Cell], code: int, detail: str) -> Iterator[CellResult]:
-    """Yield the cells that no node can measure, because their command line is wrong.
-
-    Raises:
-      NotMeasuredError: it is not.
-    """
+    """Yield the cells that no node can measure, because their command line is wrong."""
     here = machine.describe()
     if code != ExitCode.USAGE:
         is_killed = code < 0 or code == ExitCode.INTERRUPTED
@@ -226,13 +197,7 @@ def _without_result(cells: Sequence[Cell], code: int, detail: str) -> Iterator[C
 def environment(
     own: Mapping[str, str], label: str = "", carried_index: Path | None = None
 ) -> dict[str, str]:
-    """Return the environment of a command.
-
-    Args:
-      own: of this process.
-      label: of the machine; empty to leave what is there.
-      carried_index: list of the user's models; None without any.
-    """
+    """Return the environment of a command, from that of this process; see `measure`."""
     variables = {name: value for name, value in own.items() if not name.startswith(_FOREIGN_PREFIX)}
     root = str(Path(__file__).resolve().parents[2])
     variables["PYTHONPATH"] = os.pathsep.join(filter(None, [root, own.get("PYTHONPATH", "")]))
@@ -262,7 +227,6 @@ class _Tail:
         return tuple(line + b"\n" for line in lines)
 
     def close(self) -> None:
-        """Close the file."""
         if self._file is not None:
             self._file.close()
 

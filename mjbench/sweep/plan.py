@@ -4,7 +4,7 @@ docs/guides/cluster.md shows a plan with all its keys.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +18,9 @@ from mjbench.releases.installs import ReleaseSpec
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.sweep import plan_releases
-from mjbench.sweep.calibration import Limits
+from mjbench.sweep.calibration import Limits, NodeRules
 from mjbench.sweep.cells import Kind
-from mjbench.sweep.commands import COMMANDS, Option
+from mjbench.sweep.commands import COMMANDS
 from mjbench.sweep.plan_file import PlanFile
 
 # Parses a command line of mjbench without running it; raises InputError where it is wrong.
@@ -28,37 +28,9 @@ CheckCommand = Callable[[Sequence[str]], None]
 # Keys of a plan, before the first table and in each.
 _TOP = ("models", "releases", "paths", "metrics", "machines")
 _NODES = ("tries", "patience", "min-cores", "max-busy", "max-stolen")
-# Parts that measure releases, and how many they need.
+# Kinds that measure releases, and how many they need.
 _RELEASES_NEEDED = {Kind.VERSIONS: 2, Kind.INSTRUCTIONS: 1, Kind.HISTORY: 1}
 _MOST_TRIES = 100
-
-
-@dataclass(frozen=True)
-class Part:
-    """What a table of the plan asks for.
-
-    Attributes:
-      options: arguments of the command line that its keys stand for.
-    """
-
-    kind: Kind
-    options: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class NodeRules:
-    """When nodes are given up, and when they may refuse.
-
-    Attributes:
-      tries: how often a command is begun at most, where nodes die or commands fail.
-      patience_s: seconds after which a busy node gives a command back, and after which a sweep
-        ends in which no node measures.
-      limits: what a node must have to measure time.
-    """
-
-    tries: int = 3
-    patience_s: float = 600.0
-    limits: Limits = field(default_factory=Limits)
 
 
 @dataclass(frozen=True)
@@ -66,7 +38,6 @@ class Plan:
     """A plan, complete and checked.
 
     Attributes:
-      models: each once.
       releases: each version once, in the order of the plan.
       pairs: baseline and candidate of each comparison of releases.
       paths: that releases are compared by.
@@ -80,7 +51,7 @@ class Plan:
     paths: tuple[str, ...]
     metrics: tuple[Metric, ...]
     machines: tuple[str, ...]
-    parts: tuple[Part, ...]
+    options: Mapping[Kind, tuple[str, ...]]
     rules: NodeRules
 
 
@@ -92,7 +63,6 @@ def load(
     """Read a plan.
 
     Args:
-      check: parses command lines, to see whether options have values that their command takes.
       known: returns the versions of MuJoCo that there are; none where that is not known.
 
     Raises:
@@ -101,7 +71,7 @@ def load(
     """
     file = PlanFile(path)
     file.check_keys(_known_keys())
-    kinds = [kind for kind in Kind if file.has(kind)] or [Kind.VERSIONS]
+    kinds = [kind for kind in Kind if kind in file.values] or [Kind.VERSIONS]
     releases = plan_releases.releases(file, known)
     for kind in kinds:
         needed = _RELEASES_NEEDED.get(kind, 0)
@@ -122,40 +92,37 @@ def load(
         paths=paths,
         metrics=metrics,
         machines=_machines(file),
-        parts=tuple(Part(kind, _part_options(file, kind, check)) for kind in kinds),
+        options={kind: _options(file, kind, check) for kind in kinds},
         rules=_rules(file),
     )
 
 
 def _known_keys() -> Mapping[str, Sequence[str]]:
-    parts = {kind.value: [option.name for option in COMMANDS[kind].options] for kind in Kind}
-    parts[Kind.VERSIONS] = [plan_releases.AGAINST, *parts[Kind.VERSIONS]]
-    return {"": _TOP, **parts, "nodes": _NODES}
+    tables = {kind.value: COMMANDS[kind].options for kind in Kind}
+    tables[Kind.VERSIONS] = (plan_releases.AGAINST, *tables[Kind.VERSIONS])
+    return {"": _TOP, **tables, "nodes": _NODES}
 
 
 # -- lists ---------------------------------------------------------------------------------------
 
 
 def _models(file: PlanFile) -> tuple[ModelSource, ...]:
-    """Return the models; paths are relative to the plan's folder.
-
-    Raises:
-      InputError: there is no such model, or its name cannot be printed.
-    """
+    """Return the models; paths are relative to the plan's folder."""
     sources: dict[Path, ModelSource] = {}
     for name in file.texts("models", models.shipped()):
-        if not name.isprintable():
-            text = f"{shown(name)}: a name that cannot be printed; give the file another one"
-            raise file.error(text, "", "models", name)
-        beside = file.path.parent / Path(name)
-        try:
-            is_beside = name not in models.shipped() and beside.exists()
-            source = models.resolve(str(beside) if is_beside else name)
-        except (InputError, OSError, ValueError) as error:
-            raise file.error(str(error), "", "models", name) from None
-        if earlier := sources.get(source.path):
-            text = f"{shown(name)} is the same file as {shown(earlier.name)}"
-            raise file.error(text, "", "models", name)
+        with file.at("", "models", name):
+            if not name.isprintable():
+                raise InputError(
+                    f"{shown(name)}: a name that cannot be printed; give the file another one"
+                )
+            beside = file.path.parent / Path(name)
+            try:
+                is_beside = name not in models.shipped() and beside.exists()
+                source = models.resolve(str(beside) if is_beside else name)
+            except (OSError, ValueError) as error:  # a name that no file can have
+                raise InputError(str(error)) from None
+            if earlier := sources.get(source.path):
+                raise InputError(f"{shown(name)} is the same file as {shown(earlier.name)}")
         sources[source.path] = replace(source, name=name)
     return tuple(sources.values())
 
@@ -163,25 +130,25 @@ def _models(file: PlanFile) -> tuple[ModelSource, ...]:
 def _paths(file: PlanFile) -> tuple[str, ...]:
     names = file.texts("paths", [BASE])
     for name in names:
-        try:
-            if ":" in name:
-                raise InputError(
-                    f"{shown(name)}: a path of your own is not on other machines;"
-                    " give paths of mjbench"
-                )
+        with file.at("", "paths", name):
+            _refuse_own([name], "; give paths of mjbench")
             targets.find_path(name)
-        except InputError as error:
-            raise file.error(str(error), "", "paths", name) from None
     return tuple(names)
+
+
+def _refuse_own(names: Sequence[str], advice: str = "") -> None:
+    """Refuse paths that other machines do not have."""
+    for name in names:
+        if ":" in name:
+            raise InputError(f"{shown(name)}: a path of your own is not on other machines{advice}")
 
 
 def _metrics(file: PlanFile) -> tuple[Metric, ...]:
     names = file.texts("metrics", [Metric.TIME])
     for name in names:
-        if name not in [metric.value for metric in Metric]:
-            hint = suggestion(name, [metric.value for metric in Metric])
-            text = f"no metric {shown(name)}{hint}; there are {', '.join(Metric)}"
-            raise file.error(text, "", "metrics", name)
+        if name not in list(Metric):
+            text = f"no metric {shown(name)}{suggestion(name, Metric)}; there are"
+            raise file.error(f"{text} {', '.join(Metric)}", "", "metrics", name)
     return tuple(Metric(name) for name in names)
 
 
@@ -196,68 +163,39 @@ def _machines(file: PlanFile) -> tuple[str, ...]:
 # -- tables --------------------------------------------------------------------------------------
 
 
-def _part_options(file: PlanFile, kind: Kind, check: CheckCommand) -> tuple[str, ...]:
-    """Return the options that the keys of a table stand for.
-
-    Raises:
-      InputError: the command does not take one of them.
-    """
+def _options(file: PlanFile, kind: Kind, check: CheckCommand) -> tuple[str, ...]:
+    """Return the options that the keys of a table stand for."""
     command = COMMANDS[kind]
     options: list[str] = []
-    for option in command.options:
-        value = file.get(kind, option.name)
+    for name in command.options:
+        value = file.get(kind, name)
         if value is None:
             continue
-        try:
-            own = _option_arguments(option, value)
+        with file.at(kind, name):
+            own = _arguments(name, value, name in command.switches)
             check([*command.name, *own])
-            if kind == Kind.COMPARE and option.name == "paths":
-                _check_compared(own[1].split(","))
-        except InputError as error:
-            raise file.error(str(error), kind, option.name) from None
+            if kind == Kind.COMPARE and name == "paths":
+                _refuse_own(own[1].split(","))
+                selection.variants(own[1].split(","))
         options += own
-    try:
-        check([*command.name, *options])  # values that do not fit together
-    except InputError as error:
-        raise file.error(str(error), kind) from None
+    with file.at(kind):  # values that do not fit together
+        check([*command.name, *options])
     return tuple(options)
 
 
-def _option_arguments(option: Option, value: Any) -> list[str]:
-    """Return the arguments by which a command line has a value.
-
-    Raises:
-      InputError: it is of another type.
-    """
-    if isinstance(value, bool) or option.is_switch:
-        if not (isinstance(value, bool) and option.is_switch):
-            kind = "true or false" if option.is_switch else "a number or a text"
-            raise InputError(f"give {kind}")
-        return [f"--{option.name}"] if value else []
+def _arguments(name: str, value: Any, is_switch: bool) -> list[str]:
+    """Return the arguments by which a command line has the value of an option."""
+    if isinstance(value, bool) or is_switch:
+        if not (isinstance(value, bool) and is_switch):
+            raise InputError(f"give {'true or false' if is_switch else 'a number or a text'}")
+        return [f"--{name}"] if value else []
     values = value if isinstance(value, list) else [value]
     if not values or not all(type(item) in (str, int, float) for item in values):
         raise InputError("give a number, a text, or a list of them")
-    return [f"--{option.name}", ",".join(str(item) for item in values)]
-
-
-def _check_compared(names: Sequence[str]) -> None:
-    """Refuse paths that `compare` cannot have on every node.
-
-    Raises:
-      InputError: there is one.
-    """
-    own = [name for name in names if ":" in name]
-    if own:
-        raise InputError(f"{shown(own[0])}: a path of your own is not on other machines")
-    selection.variants(names)
+    return [f"--{name}", ",".join(str(item) for item in values)]
 
 
 def _rules(file: PlanFile) -> NodeRules:
-    """Return the rules for nodes.
-
-    Raises:
-      InputError: a value is not a number that makes sense.
-    """
     usual = NodeRules()
     limits = usual.limits
     return NodeRules(

@@ -1,8 +1,9 @@
 """A plan file: TOML, in which every value knows its line, for messages."""
 
+import contextlib
 import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +23,7 @@ class PlanFile:
     """
 
     def __init__(self, path: Path):
-        """Read a file.
-
-        Raises:
-          InputError: it cannot be read, or is not TOML.
-        """
+        """Read a file; raises InputError if it cannot be read, or is not TOML."""
         self.path = path
         try:
             if path.is_dir():
@@ -46,10 +43,6 @@ class PlanFile:
         top = {name: value for name, value in values.items() if name not in tables}
         self.values: Mapping[str, Mapping[str, Any]] = {"": top, **tables}
 
-    def has(self, table: str) -> bool:
-        """Return whether there is a table."""
-        return table in self.values
-
     def get(self, table: str, key: str, default: Any = None) -> Any:
         """Return a value, or the default where it is not given."""
         return self.values.get(table, {}).get(key, default)
@@ -57,29 +50,37 @@ class PlanFile:
     def texts(self, key: str, default: Sequence[str] = ()) -> list[str]:
         """Return a list of texts before the first table; one text stands for a list of it.
 
-        Raises:
-          InputError: it is none, is empty, or names something twice.
+        It is not empty, and names nothing twice.
         """
         values = self.get("", key)
         if values is None:
             return list(default)
         values = [values] if isinstance(values, str) else values
-        if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
-            raise self.error(f'give a list of texts, such as {key} = ["…"]', "", key)
-        if not values:
-            raise self.error("the list is empty", "", key)
+        with self.at("", key):
+            if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
+                raise InputError(f'give a list of texts, such as {key} = ["…"]')
+            if not values:
+                raise InputError("the list is empty")
         for number, value in enumerate(values):
             if value in values[:number]:
                 raise self.error(f"{shown(value)} is given twice", "", key, value)
         return values
 
+    @contextlib.contextmanager
+    def at(self, table: str, key: str = "", item: str = "") -> Iterator[None]:
+        """Turn an InputError that the block raises into that of a place (see `error`)."""
+        try:
+            yield
+        except InputError as error:
+            raise self.error(str(error), table, key, item) from None
+
     def error(self, text: str, table: str, key: str = "", item: str = "") -> InputError:
         """Return the error that something is wrong at a place.
 
         Args:
-          table: in which it stands; empty before the first one.
-          key: of the value; empty for the table itself.
-          item: of a list, where it is a text.
+          table: empty before the first one.
+          key: empty for the table itself.
+          item: a text of a list.
         """
         number = self._line(table, key, item)
         where = f", line {number}" if number else ""
@@ -87,13 +88,10 @@ class PlanFile:
         return InputError(f"{self.path}{where}: {printable(name)}: {text}")
 
     def check_keys(self, known: Mapping[str, Iterable[str]]) -> None:
-        """Refuse tables and keys that a plan cannot have.
+        """Refuse tables and keys that a plan cannot have; the error has what may have been meant.
 
         Args:
           known: the keys of each table; the empty one are those before the first table.
-
-        Raises:
-          InputError: there is one; the message has what may have been meant.
         """
         for table, values in self.values.items():
             if table not in known:

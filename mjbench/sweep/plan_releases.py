@@ -1,7 +1,7 @@
 """The releases of a plan: which ones its names stand for, and which are compared with which."""
 
 import itertools
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 from mjbench.errors import InputError, MachineError, shown, suggestion
 from mjbench.releases import bundle, install_check, installs, package_index
@@ -29,41 +29,23 @@ def known_versions() -> frozenset[str]:
 
 
 def releases(file: PlanFile, known: Callable[[], Collection[str]]) -> tuple[ReleaseSpec, ...]:
-    """Return the releases in the order of the plan, `A..B` as all that were published between.
-
-    Raises:
-      InputError: there is no such release, or it is given twice.
-      MachineError: the package index is needed to know one, and cannot be reached.
-    """
+    """Return the releases in the order of the plan, `A..B` as all that were published between."""
     specs: dict[str, ReleaseSpec] = {}
     versions: Collection[str] | None = None
     for name in file.texts("releases"):
-        try:
-            if ".." in name or _needs_check(name):
-                versions = known() if versions is None else versions
-            named = _range(name, versions or ()) if ".." in name else [_release(name)]
-            for spec in named:
+        with file.at("", "releases", name):
+            if name not in (INSTALLED, NEWEST, PREVIOUS) and versions is None:
+                versions = known()
+            for spec in _range(name, versions or ()) if ".." in name else [_release(name)]:
                 _check_exists(spec, versions or ())
-        except InputError as error:
-            raise file.error(str(error), "", "releases", name) from None
-        for spec in named:
-            if spec.version in specs:
-                text = f"{shown(name)}: MuJoCo {spec.version} is given twice"
-                raise file.error(text, "", "releases", name)
-            specs[spec.version] = spec
+                if spec.version in specs:
+                    raise InputError(f"{shown(name)}: MuJoCo {spec.version} is given twice")
+                specs[spec.version] = spec
     return tuple(specs.values())
 
 
-def _needs_check(name: str) -> bool:
-    return name not in (INSTALLED, NEWEST, PREVIOUS)
-
-
 def _release(name: str) -> ReleaseSpec:
-    """Return a release that nodes can install.
-
-    Raises:
-      InputError: it is none, or a wheel, which nodes do not have.
-    """
+    """Return a release that nodes can install; raises InputError if it is none, or a wheel."""
     spec = installs.parse_release(name)
     if spec.wheels:
         raise InputError(f"{shown(name)}: nodes install releases from the package index; give one")
@@ -73,11 +55,7 @@ def _release(name: str) -> ReleaseSpec:
 
 
 def _range(text: str, versions: Collection[str]) -> list[ReleaseSpec]:
-    """Return the releases that `A..B` stands for, both included; either may be left out.
-
-    Raises:
-      InputError: an end is no release, or there is none between them.
-    """
+    """Return the releases that `A..B` stands for, both included; either may be left out."""
     first, _, last = text.partition("..")
     low = version_key(_release(first).version) if first else OLDEST
     high = version_key(_release(last).version) if last else None
@@ -93,30 +71,18 @@ def _range(text: str, versions: Collection[str]) -> list[ReleaseSpec]:
 
 
 def _check_exists(spec: ReleaseSpec, versions: Collection[str]) -> None:
-    """Refuse a release that is neither published nor installed here.
-
-    Raises:
-      InputError: it is not.
-    """
-    here = {install_check.installed_version(), *(_installed())}
+    """Refuse a release that is neither published nor installed here."""
+    apart = {name.partition("-")[0] for name in installs.install_names()}
+    here = {install_check.installed_version(), *apart}
     if versions and spec.version not in versions and spec.version not in here:
         hint = suggestion(spec.version, versions)
         raise InputError(f"there is no MuJoCo {shown(spec.version)}{hint}")
 
 
-def _installed() -> Iterator[str]:
-    for name in installs.install_names():
-        yield name.partition("-")[0]
-
-
 def pairs(
     file: PlanFile, specs: Sequence[ReleaseSpec]
 ) -> tuple[tuple[ReleaseSpec, ReleaseSpec], ...]:
-    """Return baseline and candidate of each comparison.
-
-    Raises:
-      InputError: `against` names none of the releases.
-    """
+    """Return baseline and candidate of each comparison."""
     against = file.get(Kind.VERSIONS, AGAINST, FIRST)
     if against == BEFORE:
         return tuple(itertools.pairwise(specs))

@@ -36,12 +36,7 @@ _NODE_ID, _THREADS = "ray.io/node-id", "OMP_NUM_THREADS"
 
 @dataclass(frozen=True)
 class Node:
-    """A node that can measure.
-
-    Attributes:
-      name: for people.
-      label: of the machine; empty without one.
-    """
+    """A node that can measure; its label is empty without one."""
 
     id: str
     name: str
@@ -59,26 +54,8 @@ class LeftOut:
 
 
 @dataclass(frozen=True)
-class Delivered:
-    """A node has measured a cell.
-
-    Attributes:
-      node: its name.
-      label: of its machine; empty without one.
-    """
-
-    node: str
-    label: str
-    measured: Measured
-
-
-@dataclass(frozen=True)
 class Failed:
-    """A command has failed in its last attempt.
-
-    Attributes:
-      machine: on which it failed; None if its node is gone.
-    """
+    """A command has failed in its last attempt, on a machine; None if its node is gone."""
 
     request: Request
     failure: Failure
@@ -93,23 +70,17 @@ class Refused:
     reason: str
 
 
-Event = Delivered | Failed | Refused
+Event = Measured | Failed | Refused
 
 
 class RayCluster:
-    """A cluster of Ray, used as a context manager.
-
-    Attributes:
-      nodes: that can measure; those that join later are not among them.
-      left_out: that cannot.
-    """
+    """A cluster of Ray, as a context manager; nodes that join later are not among its `nodes`."""
 
     def __init__(self, address: str | None = None, tries: int = 3):
         """Connect to nothing yet.
 
         Args:
           address: of a cluster, or `auto` for the one that runs here; None to start one here.
-          tries: how often a command is begun at most.
         """
         self._address, self._tries = address or LOCAL, tries
         self._running: dict[Any, Request] = {}
@@ -120,9 +91,7 @@ class RayCluster:
     def __enter__(self) -> "RayCluster":
         """Start Ray here, or connect to a cluster, and ask its nodes what they are.
 
-        Raises:
-          InputError: the address is not one that can be used.
-          MachineError: Ray is missing, does not start, or is not there.
+        It raises what `ray_session.session` does.
         """
         with contextlib.ExitStack() as closing:
             closing.enter_context(ray_session.session(self._address))
@@ -152,16 +121,12 @@ class RayCluster:
             scheduling_strategy="SPREAD",
             label_selector=selector,
             runtime_env={"env_vars": _WORKER_ENVIRONMENT},
-            **(_UNTIMED if request.quiet is None else _TIMED),
+            **(_UNTIMED if request.rules is None else _TIMED),
         )
         self._running[task.remote(request, *map(self._reference, carried))] = request
 
     def events(self, patience_s: float) -> Iterator[Event]:
-        """Yield what happens until nothing runs, or there is no node for what is left.
-
-        Args:
-          patience_s: for how long there may be none.
-        """
+        """Yield what happens until nothing runs, or for too long no node can measure the rest."""
         import ray
 
         possible_s = time.monotonic()
@@ -215,7 +180,7 @@ class RayCluster:
 # -- on nodes -----------------------------------------------------------------------------------
 
 
-def _measure(request: Request, *carried: CarriedModel) -> Iterator[Delivered]:
+def _measure(request: Request, *carried: CarriedModel) -> Iterator[Measured]:
     """Measure on this node, without what Ray does to its workers."""
     import ray
 
@@ -229,8 +194,7 @@ def _measure(request: Request, *carried: CarriedModel) -> Iterator[Delivered]:
     label = context.get_node_labels().get(LABEL, "")
     name = _name(socket.gethostname(), context.get_node_id())
     try:
-        for measured in node.measure(request, *carried, label=label):
-            yield Delivered(name, label, measured)
+        yield from node.measure(request, *carried, name=name, label=label)
     except BusyError as error:
         raise BusyError(f"{name}: {error}") from None
 

@@ -31,9 +31,6 @@ _LONGEST_FOLDER, _SHORT_FOLDER = 40, "/tmp/ray"
 def session(address: str) -> Iterator[None]:
     """Start Ray here, or connect to a cluster, for as long as the block runs.
 
-    Args:
-      address: of a cluster, `AUTO` or `LOCAL`.
-
     Raises:
       InputError: the address is not one that can be used.
       MachineError: Ray is missing, does not start, or is not there.
@@ -92,11 +89,7 @@ def _no_cluster(address: str, reason: str) -> MachineError:
 
 
 def _check_reachable(address: str) -> None:
-    """Refuse an address where nothing listens: Ray would try for minutes.
-
-    Raises:
-      MachineError: nothing does.
-    """
+    """Refuse an address where nothing listens: Ray would try for minutes."""
     if address == AUTO:
         address = os.environ.get("RAY_ADDRESS", AUTO)
     host, colon, port = address.rpartition(":")

@@ -90,27 +90,20 @@ def outcome(run: Run) -> Outcome:
 class Collector:
     """Takes the lines of one command, and gives its cells in their order as they are complete.
 
+    Lines that are not those of a run file raise InputError.
+
     Attributes:
       missing: the cells that it has not given yet.
     """
 
     def __init__(self, cells: Sequence[Cell], record_types: Mapping[str, type]):
-        """Take what is measured.
-
-        Args:
-          record_types: the class of each record of a run file by its `type`.
-        """
         self.missing = list(cells)
         self._types = record_types
         self._lines: list[bytes] = []
         self._complete: dict[Cell, CellResult] = {}
 
     def add(self, lines: Sequence[bytes]) -> list[CellResult]:
-        """Return the cells that further lines complete.
-
-        Raises:
-          InputError: the lines are not those of a run file.
-        """
+        """Return the cells that further lines complete."""
         for line in lines:
             self._lines.append(line)
             if len(self._lines) == 1 or not self.missing or self._is_comparison():
@@ -126,9 +119,6 @@ class Collector:
         """Return the cells that the end of the command completes.
 
         A command that ended otherwise than its records say has not written all of them.
-
-        Raises:
-          InputError: the lines are not those of a run file.
         """
         if not self.missing or not self._is_comparison() or not self._lines:
             return []
@@ -184,35 +174,31 @@ def failed(cell: Cell, failure: Failure, machine: Machine) -> CellResult:
 
 
 def _failed_record(cell: Cell, failure: Failure) -> Record:
-    status, detail = failure.status, failure.detail
+    model, release, status, detail = cell.model, cell.release, failure.status, failure.detail
     match cell.kind:
         case Kind.VERSIONS:
-            sides = [
-                TargetRow(release, cell.model, cell.path, {}, {})
-                for release in (cell.baseline, cell.release)
-            ]
+            versions = cell.baseline, release
             return VerdictRecord(
-                model=cell.model,
+                model=model,
                 path=cell.path,
                 old=cell.baseline,
-                new=cell.release,
-                sides=sides,
+                new=release,
+                sides=[TargetRow(version, model, cell.path, {}, {}) for version in versions],
                 metric=cell.metric or Metric.TIME,
                 status=status,
                 detail=detail,
             )
         case Kind.INSTRUCTIONS:
-            return InstructionsRecord(
-                model=cell.model, release=cell.release, status=status, detail=detail
-            )
+            return InstructionsRecord(model=model, release=release, status=status, detail=detail)
         case Kind.HISTORY:
+            reference = release_ratios.REFERENCE
             return StepRatioRecord(
-                model=cell.model,
-                release=cell.release,
+                model=model,
+                release=release,
                 build="",
-                reference=release_ratios.REFERENCE,
+                reference=reference,
                 status=status,
                 detail=detail,
             )
         case Kind.COMPARE:
-            return ModelRecord(model=cell.model, status=status, detail=detail)
+            return ModelRecord(model=model, status=status, detail=detail)

@@ -2,9 +2,8 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 from mjbench.errors import InputError, MachineError, suggestion
 from mjbench.instrument.machine import Machine
@@ -12,23 +11,9 @@ from mjbench.sweep import commands, results, software
 from mjbench.sweep.cells import Cell
 from mjbench.sweep.commands import COMMANDS
 from mjbench.sweep.matrix import Matrix
-from mjbench.sweep.model_files import CarriedModel
-from mjbench.sweep.node import Quiet, Request
-from mjbench.sweep.ray_cluster import Delivered, Event, Failed, LeftOut, Node, Refused
+from mjbench.sweep.node import Measured, Request
+from mjbench.sweep.ray_cluster import Event, Failed, LeftOut, RayCluster, Refused
 from mjbench.sweep.results import CellResult, Outcome
-
-
-class Cluster(Protocol):
-    """What a sweep needs of a cluster; see `RayCluster`."""
-
-    nodes: tuple[Node, ...]
-    left_out: tuple[LeftOut, ...]
-
-    def submit(self, request: Request, carried: Sequence[CarriedModel] = ()) -> None:
-        """Have a node measure, as soon as one is free."""
-
-    def events(self, patience_s: float) -> Iterator[Event]:
-        """Yield what happens until nothing runs, or there is no node for what is left."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +21,6 @@ class NodeRecord:
     """What a node did.
 
     Attributes:
-      cells: results that it delivered.
       measured_s: seconds of its commands that delivered them.
       busy_s: seconds for which it was not quiet before.
       objection: why it was not, the last time; empty if it always was.
@@ -52,12 +36,7 @@ class NodeRecord:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a sweep came to.
-
-    Attributes:
-      outcomes: of the cells that were measured now, in the order in which they were complete.
-      reasons: why cells are missing.
-    """
+    """What a sweep came to."""
 
     outcomes: Mapping[Cell, Outcome]
     nodes: tuple[NodeRecord, ...]
@@ -74,7 +53,7 @@ class Sweep:
         self,
         matrix: Matrix,
         done: Sequence[Cell],
-        cluster: Cluster,
+        cluster: RayCluster,
         store: Callable[[CellResult], None],
         record_types: Mapping[str, type],
         *,
@@ -86,10 +65,8 @@ class Sweep:
 
         Args:
           done: those that need not be measured.
-          record_types: the class of each record of a run file by its `type`.
           on_result: called with the number of cells that have a result, earlier ones included, the
             latest of them, and the node that it comes from.
-          program: what runs on nodes instead of mjbench; for tests.
 
         Raises:
           InputError: no node has a label that the plan names.
@@ -122,11 +99,7 @@ class Sweep:
                 )
 
     def measure(self) -> Summary:
-        """Measure until all has been tried, no node is left, or the user stops it.
-
-        Raises:
-          MachineError: a result cannot be stored.
-        """
+        """Measure until all has been tried, no node is left, or the user stops it."""
         try:
             self._submit(list(self._missing))
             for event in self._cluster.events(self._patience_s):
@@ -146,7 +119,7 @@ class Sweep:
     def _submit(self, missing: Sequence[Cell]) -> None:
         nodes = Counter(one.label for one in self._cluster.nodes if one.label)
         nodes[""] = len(self._cluster.nodes)
-        limits, here = self._matrix.plan.rules.limits, software.installed()
+        rules, here = self._matrix.plan.rules, software.installed()
         for cells in commands.batches(missing, nodes):
             is_timed = COMMANDS[cells[0].kind].needs_quiet
             request = Request(
@@ -154,16 +127,16 @@ class Sweep:
                 self._matrix.command_line(cells),
                 self._types,
                 here,
-                Quiet(limits, self._patience_s) if is_timed else None,
+                rules if is_timed else None,
                 self._program,
             )
             self._cluster.submit(request, self._matrix.models_of(cells))
 
     def _handle(self, event: Event) -> None:
         match event:
-            case Delivered():
+            case Measured():
                 self._active_s = self._clock()
-                self._keep(event.measured.result, event.node)
+                self._keep(event.result, event.node)
                 self._note(event)
             case Refused(request, reason):
                 self._reasons[reason] = None
@@ -183,11 +156,11 @@ class Sweep:
         del self._missing[result.cell]
         self._on_result(len(self._matrix.cells) - len(self._missing), result.cell, node)
 
-    def _note(self, event: Delivered) -> None:
+    def _note(self, measured: Measured) -> None:
         """Note what a node did."""
-        measured = event.measured
-        record = self._records.get(event.node, NodeRecord(event.node, event.label))
-        self._records[event.node] = replace(
+        name = measured.node
+        record = self._records.get(name, NodeRecord(name, measured.label))
+        self._records[name] = replace(
             record,
             cells=record.cells + 1,
             measured_s=record.measured_s + measured.wall_s,

@@ -17,12 +17,10 @@ _DIGEST_LENGTH = 12
 
 @dataclass(frozen=True)
 class Software:
-    """Versions of what measures.
+    """Versions of what measures; empty where it is missing.
 
     Attributes:
       code: digest of the code and data of mjbench, and of the shipped models.
-      mujoco: its version; empty where it is missing.
-      numpy: its version; empty where it is missing.
     """
 
     python: str
@@ -40,12 +38,7 @@ def installed() -> Software:
 
 
 def difference(here: Software, there: Software) -> str:
-    """Return how software differs from that of this process, in one line; empty if it does not.
-
-    Args:
-      here: that of this process.
-      there: that of a node.
-    """
+    """Return how a node's software differs, in one line; empty if it does not."""
     names = {"python": "Python", "mujoco": "MuJoCo", "numpy": "NumPy"}
     parts = [
         f"{names.get(field.name, field.name)} {getattr(there, field.name) or 'missing'}"

@@ -10,18 +10,19 @@ import dataclasses
 import math
 import pickle
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from mjbench.comparison.accelerated_run import COMPILER_PATIENCE
-from mjbench.errors import MachineError, describe, failure_of
-from mjbench.instrument import timing
+from mjbench.comparison.accelerated_run import CHILD_MEMORY_SHARE, COMPILER_PATIENCE
+from mjbench.errors import MachineError, UnavailableError, describe, failure_of
+from mjbench.instrument import isolate, machine, timing
 from mjbench.instrument.isolate import Channel
 from mjbench.paired.records import LaunchRow
+from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths.accelerated import AcceleratedPath, Compiled, accelerated_path, start_fields
 from mjbench.paths.warp_buffers import OverflowedError
 from mjbench.simulation import model_options, models, work, workload
@@ -29,13 +30,14 @@ from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
-from mjbench.tuning import accelerated_settings, distance, reference, trajectories
+from mjbench.tuning import distance, knob_values, reference, trajectories
 from mjbench.tuning.distance import Distance, Motion
 from mjbench.tuning.records import Attempt, BatchFacts, Program, log_ratio
 from mjbench.tuning.reference import LEAST_NCONTROL, TrialPlan
 from mjbench.tuning.settings import Setting, buffer_sizes_of, edits_of, label
 from mjbench.tuning.trajectories import Trajectories, Trials
 
+Settings = tuple[Setting, ...]
 # Controls of a timed block.
 BLOCK_NCONTROL = 4
 # Seconds of timing that a setting gets, and quads at least and at most.
@@ -43,14 +45,27 @@ TIMED_S, MIN_QUADS, MAX_QUADS = 4.0, 4, 25
 
 
 @dataclass(frozen=True)
-class EngineBaselineRequest:
-    """Asks a child what settings of an engine are to be measured by."""
+class EngineCase:
+    """An engine and a model.
+
+    Attributes:
+      file: of C's runs, which the child of `EngineBaselineRequest` writes.
+      limit_s: seconds of silence after which a child is killed; its compiler gets more.
+    """
 
     source: ModelSource
     engine: str
-    plan: TrialPlan
     nbatch: int
     file: Path
+    limit_s: float
+
+
+@dataclass(frozen=True)
+class EngineBaselineRequest:
+    """Asks a child what settings of an engine are to be measured by."""
+
+    case: EngineCase
+    plan: TrialPlan
 
 
 @dataclass(frozen=True)
@@ -80,33 +95,109 @@ class LaunchRequest:
     """Asks a child to try settings of an engine, one after the other.
 
     Attributes:
-      first: index of the first of them.
       has_errors: whether to measure transfer errors, beside times.
-      stop_after_s: seconds after which no other setting is begun.
-      limit_s: seconds of silence after which the child is killed; its compiler gets more.
     """
 
-    source: ModelSource
-    engine: str
-    baseline_file: Path
-    settings: tuple[tuple[Setting, ...], ...]
+    case: EngineCase
+    settings: tuple[Settings, ...]
     first: int
-    nbatch: int
     has_errors: bool
     stop_after_s: float
-    limit_s: float
+
+
+class EngineOnThisMachine:
+    """Measures an engine on one model here; its files last as long as the pool."""
+
+    def __init__(
+        self, pool: WorkerPool, source: ModelSource, engine: str, nbatch: int, limit_s: float
+    ):
+        resolved = ModelSource(source.name, source.path.resolve())
+        self._case = EngineCase(resolved, engine, nbatch, pool.new_file(".pickle"), limit_s)
+
+    def baseline(self, plan: TrialPlan) -> BatchFacts:
+        """Draw trials and run C; launches use them from then on.
+
+        Raises:
+          InputError: the model cannot be loaded, diverges, or is not for this engine.
+          MachineError: its process crashed or hung.
+        """
+        messages: list[BatchFacts] = []
+        self._run("run_baseline", EngineBaselineRequest(self._case, plan), messages.append).check()
+        return messages[0]
+
+    def launch(
+        self,
+        settings: Sequence[Settings],
+        on_attempt: Callable[[Attempt], None],
+        stop_after_s: float | None = None,
+        has_errors: bool = True,
+    ) -> Program:
+        """Try settings, one after the other, in a fresh process; return the present program.
+
+        A setting that ends the process fails, no more.
+
+        Args:
+          stop_after_s: seconds after which no other is begun; None for no limit.
+
+        Raises:
+          UnavailableError: the model is not for this engine.
+          MachineError: the present settings crash, hang or diverge.
+        """
+        programs: list[Program] = []
+
+        def receive(message: Program | Attempt) -> None:
+            if isinstance(message, Program):
+                programs.append(message)
+            else:
+                on_attempt(message)
+
+        end_s = time.monotonic() + (float("inf") if stop_after_s is None else stop_after_s)
+        first = 0
+        while True:
+            left_s = end_s - time.monotonic()
+            request = LaunchRequest(self._case, tuple(settings), first, has_errors, left_s)
+            ended = self._run("run_launch", request, receive)
+            if ended.status == Status.OK:
+                return programs[0]
+            if ended.activity is None or ended.activity.index is None:
+                ended.check()
+                raise AssertionError("an end that is not ok raises")
+            first = ended.activity.index + 1
+            on_attempt(Attempt(settings[first - 1], ended.status, ended.detail))
+            if first == len(settings):
+                return programs[0]
+
+    def _run(self, task: str, request: object, on_message: Callable[..., None]) -> isolate.Ended:
+        """Run a task of `accelerated_attempts` in a child, within limits of time and memory."""
+
+        def receive(message: object) -> None:
+            if isinstance(message, Unsuited):
+                raise UnavailableError(message.reason)
+            on_message(message)
+
+        return isolate.run(
+            f"mjbench.tuning.accelerated_attempts:{task}",
+            request,
+            receive,
+            self._case.limit_s,
+            environment=accelerated_path(self._case.engine).environment(),
+            memory_bytes=int(CHILD_MEMORY_SHARE * machine.available_memory_bytes()),
+        )
+
+
+# -- in the child --------------------------------------------------------------------------------
 
 
 def run_baseline(request: EngineBaselineRequest, channel: Channel) -> None:
     """Run C; runs in a child. Sends `BatchFacts`, or `Unsuited`."""
-    path = accelerated_path(request.engine)
-    channel.doing(f"loading {request.source.name}")
-    model = models.load(request.source)
-    channel.doing(f"running {request.source.name} with its present settings")
+    path = accelerated_path(request.case.engine)
+    channel.doing(f"loading {request.case.source.name}")
+    model = models.load(request.case.source)
+    channel.doing(f"running {request.case.source.name} with its present settings")
     full = reference.baseline(model, request.plan)
     rounded = trajectories.run(model, _rounded(full.trials, path))
     ncontrol = _horizon(model, full, rounded)
-    trials, runs = full.trials.first(ncontrol), reference.first(full.present, ncontrol)
+    trials, runs = full.trials.first(ncontrol), full.present.first(ncontrol)
     repeated = _batch(model, trials, trials.nrun, trials.ncontrol)
     reason = path.unavailable() or path.unsuited(repeated, {})
     if reason:
@@ -121,7 +212,7 @@ def run_baseline(request: EngineBaselineRequest, channel: Channel) -> None:
         work.observe(repeated).peaks,
         sizes,
     )
-    request.file.write_bytes(pickle.dumps(baseline))
+    request.case.file.write_bytes(pickle.dumps(baseline))
     channel.send(
         BatchFacts(
             path.device_kind(),
@@ -130,8 +221,8 @@ def run_baseline(request: EngineBaselineRequest, channel: Channel) -> None:
             ncontrol * trials.control_s,
             ncontrol,
             full.facts.starts,
-            _error(model, baseline, reference.first(rounded, ncontrol)),
-            accelerated_settings.to_try(model, baseline.peaks, sizes),
+            _error(model, baseline, rounded.first(ncontrol)),
+            knob_values.of_batched_step(model, baseline.peaks, sizes),
         )
     )
 
@@ -143,9 +234,9 @@ def run_launch(request: LaunchRequest, channel: Channel) -> None:
     `Unsuited`.
     """
     begin = time.perf_counter()
-    model = models.load(request.source)
-    baseline: EngineBaseline = pickle.loads(request.baseline_file.read_bytes())
-    case = _Case(request, model, baseline, accelerated_path(request.engine), channel)
+    model = models.load(request.case.source)
+    baseline: EngineBaseline = pickle.loads(request.case.file.read_bytes())
+    case = _Case(request, model, baseline, accelerated_path(request.case.engine), channel)
     channel.doing("compiling the present settings")
     try:
         present = case.present()
@@ -193,25 +284,25 @@ class _Case:
         except OverflowedError:
             return self._compiled((), {})
 
-    def attempt(self, settings: tuple[Setting, ...], present: _Compiled) -> Attempt:
+    def attempt(self, settings: Settings, present: _Compiled) -> Attempt:
         """Return how settings did beside the present ones."""
         sizes = {**present.sizes, **buffer_sizes_of(settings)}
         other = self._compiled(settings, sizes)
-        samples = _timed(present.compiled, other.compiled, self.channel, self.request.limit_s)
+        samples = _timed(present.compiled, other.compiled, self.channel, self.request.case.limit_s)
         other.compiled.verified_states()  # fails where a buffer is too small for the timed run
         ratio = math.exp(log_ratio(samples))
         return Attempt(
             settings, Status.OK, time_ratio=ratio, program=other.program, samples=samples
         )
 
-    def _compiled(self, settings: tuple[Setting, ...], sizes: Mapping[str, int]) -> _Compiled:
+    def _compiled(self, settings: Settings, sizes: Mapping[str, int]) -> _Compiled:
         """Compile settings, and measure how far their runs are from C's."""
-        trials, limit_s = self.baseline.trials, self.request.limit_s
+        trials, limit_s = self.baseline.trials, self.request.case.limit_s
         changed = copy.copy(self.model)
         for edit in edits_of(settings):
             model_options.set_option(changed, edit.name, edit.value)
         ncontrol = min(BLOCK_NCONTROL, trials.ncontrol)
-        block = _batch(changed, trials, self.request.nbatch, ncontrol)
+        block = _batch(changed, trials, self.request.case.nbatch, ncontrol)
         self.channel.allow_silence(COMPILER_PATIENCE * limit_s)
         compiled = self.path.compile(block, sizes, self.baseline.peaks)
         error = None
@@ -250,11 +341,7 @@ def _batch(model: mujoco.MjModel, trials: Trials, nbatch: int, ncontrol: int) ->
 def _runs(
     compiled: Compiled, block: Workload, trials: Trials, channel: Channel, limit_s: float
 ) -> Trajectories:
-    """Return an engine's runs of the trials, as many at a time as its batch has.
-
-    Raises:
-      MachineError: some do not end in finite numbers.
-    """
+    """Return an engine's runs of the trials, as many at a time as its batch has."""
     model, nrun = block.model, trials.nrun
     qpos = np.empty((nrun, trials.ncontrol, model.nq))
     qvel = np.empty((nrun, trials.ncontrol, model.nv))

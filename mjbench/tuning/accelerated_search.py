@@ -8,14 +8,13 @@
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from mjbench.instrument import stats
 from mjbench.instrument.ratio import Ratio
 from mjbench.paired.records import LaunchRow
-from mjbench.tuning.accelerated_measurements import EngineOnThisMachine, Settings
+from mjbench.tuning.accelerated_attempts import EngineOnThisMachine, Settings
 from mjbench.tuning.fronts import error_of, time_ratio_of
 from mjbench.tuning.measurements import CONFIDENCE, saves_time
 from mjbench.tuning.records import (
@@ -27,7 +26,6 @@ from mjbench.tuning.records import (
     allowed_error,
     log_ratio,
 )
-from mjbench.tuning.reference import TrialPlan
 from mjbench.tuning.search import LEAST_GAIN, Search, too_far
 from mjbench.tuning.settings import Setting, label
 
@@ -40,26 +38,19 @@ FINALISTS, LEAST_PROCESSES, PROCESSES = 2, 4, 8
 class EngineSearch(Search[EngineOnThisMachine]):
     """A search for settings of MJX or Warp; all effects are allowed."""
 
-    @property
-    def _batch(self) -> Batch:
-        assert self._record.batch is not None, "the engine steps batches"
-        return self._record.batch
-
-    @property
-    def _facts(self) -> BatchFacts:
-        assert self._batch.facts is not None, "it was measured"
-        return self._batch.facts
+    _facts: BatchFacts
+    _present: Program | None = None
 
     def _measure_present(self) -> None:
         self._advance(0, "the present settings in C", 0.0)
-        facts = self._measure.baseline(self._plan.trials(0))
-        self._set(batch=replace(self._batch, facts=facts))
+        self._facts = self._measure.baseline(self._plan.trials(0))
+        self._set(batch=Batch(self._plan.nbatch, self._facts))
 
     def _try_settings(self) -> list[Attempt]:
         alone = [(setting,) for setting in self._facts.settings]
         self._try(1, alone, ALONE_SHARE)
         self._set(untried=len(alone) - len(self._record.attempts))
-        limit = self._limit(self._facts, self._batch.present)
+        limit = self._limit(self._facts, self._present)
         together = combinations(_helpful(self._record.attempts, limit))
         if together and self._left_s(TOGETHER_SHARE) > 0:
             self._try(2, together, TOGETHER_SHARE)
@@ -77,7 +68,8 @@ class EngineSearch(Search[EngineOnThisMachine]):
 
         self._advance(part, label(settings[0]) if settings else "", 0.0)
         program = self._measure.launch(settings, note, self._left_s(share))
-        self._set(batch=replace(self._batch, present=self._batch.present or program))
+        self._present = self._present or program
+        self._set(batch=Batch(self._plan.nbatch, self._facts, self._present))
 
     def _limit(self, facts: BatchFacts, present: Program | None) -> float:
         """Return the largest transfer error allowed; what rounding makes is none."""
@@ -89,9 +81,7 @@ class EngineSearch(Search[EngineOnThisMachine]):
         plan, settings = self._plan, [each.settings for each in attempts]
         self._advance(3, "C from new starts", 0.0)
         ncontrol = self._facts.horizon_ncontrol
-        new = self._measure.baseline(
-            TrialPlan(plan.seed + 1, plan.starts, plan.hold, ncontrol, ncontrol)
-        )
+        new = self._measure.baseline(plan.trials(1, ncontrol, ncontrol))
         launches: list[list[Attempt]] = []
 
         def launch(has_errors: bool) -> Program:
@@ -115,7 +105,6 @@ class EngineSearch(Search[EngineOnThisMachine]):
         """Recommend settings, or withdraw them.
 
         Args:
-          first: how they did in the search.
           launches: how they did in the second look, in each process; the first has errors.
           limit: of the transfer error in the second look.
         """
@@ -124,7 +113,7 @@ class EngineSearch(Search[EngineOnThisMachine]):
         if failed is not None:
             self._withdraw(settings, failed)
             return
-        assert first.error is not None and second.error is not None, "it was measured"
+        assert second.error is not None, "it was measured"
         samples = [each.samples for each in launches if each.samples]
         ratio = mean_ratio(log_ratios(samples))
         if second.error.share > limit:
@@ -132,8 +121,7 @@ class EngineSearch(Search[EngineOnThisMachine]):
         elif not saves_time(ratio):
             self._withdraw(settings, "not certainly faster in fresh processes")
         else:
-            error = first.error.larger(second.error)
-            self._recommend(Recommendation(settings, ratio, error, samples, program=second.program))
+            self._recommend(first, second, ratio, samples)
 
     def _simplest(self, front: Sequence[Recommendation]) -> Iterator[Recommendation]:
         """Yield recommendations, without those that only add settings of no certain gain.
@@ -183,11 +171,7 @@ def log_ratios(samples: Sequence[LaunchRow]) -> list[float]:
 
 
 def mean_ratio(logs: Sequence[float]) -> Ratio:
-    """Return the ratio of times over fresh processes, with Student's t interval of their mean.
-
-    Args:
-      logs: logarithm of the ratio in each process.
-    """
+    """Return the ratio of times over fresh processes, with Student's t interval of their mean."""
     return Ratio.of_log(float(np.mean(logs)), stats.mean_half_width(logs, CONFIDENCE))
 
 

@@ -66,12 +66,7 @@ class AttemptRequest:
 
 
 def measure_baseline(request: BaselineRequest, limit_s: float = SILENCE_S) -> Present:
-    """Return what the present settings do; their runs are in the request's file.
-
-    Raises:
-      InputError: the model cannot be loaded, or diverges.
-      MachineError: the process crashed or hung.
-    """
+    """Return what the present settings do; their runs are in the request's file."""
     messages: list[Present] = []
     task = "mjbench.tuning.attempts:run_baseline"
     isolate.run(task, request, messages.append, limit_s).check()
@@ -127,8 +122,8 @@ def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Acc
     """Return what settings do to the motion."""
     ncontrol, scale = baseline.facts.horizon_ncontrol, baseline.motion
     within, present = (
-        reference.first(runs, ncontrol),
-        reference.first(baseline.present, ncontrol),
+        runs.first(ncontrol),
+        baseline.present.first(ncontrol),
     )
     apart = distance.distance(model, scale, within, present)
     if runs.is_identical(baseline.present):
@@ -148,11 +143,7 @@ def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Acc
 
 
 def save(model: mujoco.MjModel, file: Path) -> None:
-    """Save a compiled model.
-
-    Raises:
-      MachineError: the disk is full.
-    """
+    """Save a compiled model."""
     mujoco.mj_saveModel(model, str(file), None)
     if not file.exists() or file.stat().st_size < mujoco.mj_sizeModel(model):
         raise MachineError(f"cannot write {file}: is the disk full?")
@@ -189,11 +180,7 @@ def _time_ratio(
 def _check_loop(
     model: mujoco.MjModel, loop: LoopChange, trials: Trials, runs: Trajectories
 ) -> None:
-    """Refuse a change of the loop with which it reaches other states.
-
-    Raises:
-      InputError: a final state differs in a bit.
-    """
+    """Refuse a change of the loop with which it reaches other states."""
     hold = trajectories.steps_per_control(model, trials.control_s)
     prepared = _prepared(model, trials, hold, paths.find(loop.path), loop.options)
     if not np.array_equal(prepared.verified_states().values, runs.points[:, -1]):
@@ -207,11 +194,7 @@ def _prepared(
     path: paths.SteppingPath,
     options: Mapping[str, str | int],
 ) -> paths.Prepared:
-    """Return what does the trials by a path.
-
-    Raises:
-      InputError: the path cannot run here.
-    """
+    """Return what does the trials by a path."""
     drawn = Workload(model, trials.initial_state.copy(), trials.control.copy(), hold, 0)
     reason = path.unavailable() or path.unsuited(drawn, options)
     if reason:

@@ -98,7 +98,6 @@ def pareto_front(
 
     Args:
       attempts: on which all combinations are.
-      max_error: the largest error allowed, as a share of the motion; None for the present one.
     """
     front: list[Attempt] = []
     allowed = [each for each in attempts if is_allowed(each, max_error, present_error)]

@@ -251,11 +251,7 @@ def settings(observed: Observed) -> dict[str, tuple[Setting, ...]]:
 
 
 def known(names: Sequence[str]) -> tuple[str, ...]:
-    """Return names of knobs.
-
-    Raises:
-      InputError: there is no knob of a name.
-    """
+    """Return names of knobs; raises InputError for any other."""
     every = [knob.name for knob in KNOBS]
     for name in names:
         if name not in every:
@@ -266,9 +262,5 @@ def known(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def find(name: str) -> Knob:
-    """Return the knob of a name.
-
-    Raises:
-      KeyError: there is none.
-    """
+    """Return the knob of a name."""
     return {knob.name: knob for knob in KNOBS}[name]

@@ -1,9 +1,17 @@
-"""What a search asks for: attempts, and paired comparisons of settings with the present ones."""
+"""What a search asks for: what there is to try, attempts, and comparisons in fresh processes."""
 
+import contextlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench import paths
+from mjbench.errors import InputError, MachineError
+from mjbench.instrument import isolate
+from mjbench.instrument.isolate import Channel
 from mjbench.instrument.ratio import Ratio
+from mjbench.loop import profile
+from mjbench.loop.loop_starts import LoopRequest
 from mjbench.paired import verdict
 from mjbench.paired.records import VerdictRecord
 from mjbench.paired.run_sizes import Sizes
@@ -14,12 +22,12 @@ from mjbench.releases import installs
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
-from mjbench.tuning import attempts, survey
+from mjbench.tuning import attempts, knobs, mesh_notes, observed
 from mjbench.tuning.attempts import AttemptRequest, BaselineRequest
+from mjbench.tuning.mesh_notes import MeshNote
 from mjbench.tuning.records import Attempt
 from mjbench.tuning.reference import HOLD, Present, TrialPlan
 from mjbench.tuning.settings import Setting, label, loop_change
-from mjbench.tuning.survey import Survey, SurveyRequest
 
 # Smallest gain that counts, and the confidence of a comparison.
 MIN_EFFECT, CONFIDENCE = 0.01, 0.95
@@ -30,10 +38,34 @@ def saves_time(ratio: Ratio) -> bool:
     return ratio.high is not None and ratio.high < 1 and ratio.estimate <= 1 - MIN_EFFECT / 2
 
 
+@dataclass(frozen=True)
+class SurveyRequest:
+    """Asks a child what there is to try."""
+
+    source: ModelSource
+    seed: int
+    starts: StartPlan
+    hold: int
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What there is to try on a model.
+
+    Attributes:
+      stages: share of a step by stage; None where it cannot be measured.
+    """
+
+    settings: Sequence[Setting]
+    meshes: Sequence[MeshNote]
+    stages: Mapping[str, float] | None = None
+
+
 class OnThisMachine:
     """Measures a model here.
 
-    Files of models and trials last as long as the pool.
+    Files of models and trials last as long as the pool. A model that cannot be loaded, or diverges,
+    is an InputError; a process that crashes or hangs, but in an attempt, is a MachineError.
     """
 
     def __init__(
@@ -44,35 +76,26 @@ class OnThisMachine:
         hold: int = HOLD,
         limit_s: float = attempts.SILENCE_S,
     ):
-        """Measure nothing yet.
-
-        Args:
-          pool: starts the processes of comparisons, and holds the files.
-          hold: steps for which each control is held.
-          limit_s: seconds of silence after which an attempt is killed.
-        """
+        """Measure nothing yet."""
         self._pool, self._source, self._starts = pool, source, starts
         self._hold, self._limit_s = hold, limit_s
         self._baseline_file, self._model_file = pool.new_file(".pickle"), pool.new_file(".mjb")
         self._changed: dict[str, Path] = {}  # the changed model, by the label of settings
 
     def survey(self, seed: int) -> Survey:
-        """Return what there is to try on the model.
-
-        Raises:
-          InputError: it cannot be loaded, or diverges.
-          MachineError: its process crashed or hung.
-        """
+        """Return what there is to try on the model."""
+        messages: list[Survey] = []
         request = SurveyRequest(self._source, seed, self._starts, self._hold)
-        return survey.survey(request, self._limit_s)
+        task = "mjbench.tuning.measurements:look"
+        isolate.run(task, request, messages.append, self._limit_s).check()
+        profiles: list[profile.StepTimes] = []
+        loop = LoopRequest(self._source, self._starts)
+        with contextlib.suppress(InputError, MachineError):
+            isolate.run("mjbench.loop.profile:step", loop, profiles.append, self._limit_s)
+        return replace(messages[0], stages=profiles[0].stages if profiles else None)
 
     def baseline(self, plan: TrialPlan) -> Present:
-        """Draw trials, and return what the present settings do; attempts use them from then on.
-
-        Raises:
-          InputError: the model cannot be loaded, or diverges.
-          MachineError: its process crashed or hung.
-        """
+        """Draw trials, and return what the present settings do; attempts use them from then on."""
         request = BaselineRequest(self._source, plan, self._baseline_file, self._model_file)
         return attempts.measure_baseline(request, self._limit_s)
 
@@ -116,3 +139,11 @@ class OnThisMachine:
         if result.status == Status.INTERRUPTED:
             raise KeyboardInterrupt
         return result.record()
+
+
+def look(request: SurveyRequest, channel: Channel) -> None:
+    """Step the model, and see what there is to try; runs in a child."""
+    channel.doing(f"stepping {request.source.name}")
+    seen = observed.observe(request.source, request.seed, request.starts, request.hold)
+    settings = [setting for of_knob in knobs.settings(seen).values() for setting in of_knob]
+    channel.send(Survey(settings, mesh_notes.mesh_notes(seen.model)))

@@ -6,7 +6,7 @@ counts where its `<include>` is. So an attribute changes where the file sets it 
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from mjbench.errors import InputError, one_line
@@ -39,18 +39,17 @@ def edited(text: bytes, edits: Sequence[Edit]) -> bytes:
     """
     document = mjcf_sections.parse(text)
     _check_root(document.root)
-    changes = _Changes(document)
-    for edit in edits:
-        changes.add(edit)
-    return changes.text()
+    for edit in sorted(edits, key=lambda edit: edit.part == Part.FLAG):  # see `_with_flag`
+        if edit.part == Part.FLAG:
+            document = _with_flag(document, edit.name, edit.value)
+        elif edit.part != Part.EXCLUDE:
+            document = _with_setting(document, edit.part.value, edit.name, edit.value)
+    pairs = [(edit.name, edit.value) for edit in edits if edit.part == Part.EXCLUDE]
+    return _excluding(document, pairs).encoded()
 
 
 def _check_root(root: Element) -> None:
-    """Refuse what is no MJCF of its own.
-
-    Raises:
-      InputError: it is URDF, a part of a model, or something else.
-    """
+    """Refuse what is no MJCF of its own."""
     if root.name == "mujoco":
         return
     if root.name == "robot":
@@ -65,153 +64,87 @@ def _check_root(root: Element) -> None:
     raise InputError(f"it is no MJCF: its root is <{one_line(root.name, 40)}>, not <mujoco>")
 
 
-@dataclass
+@dataclass(frozen=True)
 class _New:
     """An element to add."""
 
     name: str
-    attributes: dict[str, str] = field(default_factory=dict)
-    children: list["_New"] = field(default_factory=list)
+    attributes: Mapping[str, str] = field(default_factory=dict)
+    children: Sequence["_New"] = ()
 
 
-@dataclass
-class _Changed:
-    """An element of the file, the attributes to set, and the children to add."""
-
-    element: Element
-    attributes: dict[str, str] = field(default_factory=dict)
-    children: list[_New] = field(default_factory=list)
+# -- where an edit goes ---------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, order=True)
-class _Splice:
-    """Text for the bytes from `start` to `end`, without `end`."""
+def _with_setting(document: Document, section: str, name: str, value: str) -> Document:
+    root = document.root
+    element = _owner(_after_last(root.children, section, root.named("include")), name)
+    if element:
+        return _with_attribute(document, element, name, value)
+    return _with_children(document, root, [_New(section, {name: value})])
 
-    start: int
-    end: int
-    text: str
+
+def _with_flag(document: Document, name: str, value: str) -> Document:
+    """Return the file with a flag; where it needs an `<option>` of its own, that is the last."""
+    root = document.root
+    # a file that an <option> includes may hold its <flag>, and no <option> has two
+    includes = [option for option in root.named("option") if option.named("include")]
+    options = _after_last(root.children, "option", [*root.named("include"), *includes])
+    flag = _owner([flag for option in options for flag in option.named("flag")], name)
+    if flag:
+        return _with_attribute(document, flag, name, value)
+    new = _New("flag", {name: value})
+    if options:
+        return _with_children(document, options[-1], [new])
+    return _with_children(document, root, [_New("option", children=[new])])
 
 
-class _Changes:
-    """Changes of a file, collected edit by edit, and then spliced into its bytes at once."""
+def _excluding(document: Document, pairs: Sequence[tuple[str, str]]) -> Document:
+    contacts = document.root.named("contact")
+    excludes = [exclude.attributes for contact in contacts for exclude in contact.named("exclude")]
+    excluded = {frozenset((each.get("body1", ""), each.get("body2", ""))) for each in excludes}
+    new = []
+    for body1, body2 in pairs:
+        if frozenset((body1, body2)) not in excluded:
+            excluded.add(frozenset((body1, body2)))
+            new.append(_New("exclude", {"body1": body1, "body2": body2}))
+    if not new:
+        return document
+    if contacts:
+        return _with_children(document, contacts[-1], new)
+    return _with_children(document, document.root, [_New("contact", children=new)])
 
-    def __init__(self, document: Document):
-        self._document = document
-        self._changed: dict[int, _Changed] = {}
-        self._unit = _unit(document)
-        self._contacts = document.root.named("contact")
-        self._excluded = {
-            frozenset(_bodies(exclude))
-            for contact in self._contacts
-            for exclude in contact.named("exclude")
-        }
 
-    def add(self, edit: Edit) -> None:
-        """Add an edit."""
-        if edit.part == Part.EXCLUDE:
-            self._exclude(edit.name, edit.value)
-        elif edit.part == Part.FLAG:
-            self._set_flag(edit.name, edit.value)
-        else:
-            self._set_attribute(edit.part.value, edit.name, edit.value)
+# -- the text of an edit --------------------------------------------------------------------------
 
-    def text(self) -> bytes:
-        """Return the bytes of the file with all changes."""
-        splices: list[_Splice] = []
-        for changed in self._changed.values():
-            splices += self._attribute_splices(changed)
-            if changed.children:
-                splices.append(self._children_splice(changed))
-        document, parts, position = self._document, [], 0
-        for splice in sorted(splices):
-            parts += [
-                document.text[position : splice.start],
-                splice.text.encode(document.codec, "xmlcharrefreplace"),
-            ]
-            position = splice.end
-        return b"".join([*parts, document.text[position:]])
 
-    # -- where an edit goes -----------------------------------------------------------------------
+def _with_attribute(document: Document, element: Element, name: str, value: str) -> Document:
+    """Return the file with an attribute of an element; the same file where it is set."""
+    tag = document.tag(element)
+    present = tag.values.get(name)
+    if present is None:
+        attribute = f" {name}={tag.quote}{_escaped(value, tag.quote)}{tag.quote}"
+        return document.spliced(tag.last, tag.last, attribute)
+    if element.attributes[name] == value:
+        return document
+    return document.spliced(present.start, present.end, _escaped(value, present.quote))
 
-    def _set_attribute(self, section: str, name: str, value: str) -> None:
-        root = self._document.root
-        element = _owner(_after_last(root.children, section, root.named("include")), name)
-        if element:
-            self._of(element).attributes[name] = value
-        else:
-            _child(self._of(root), section).attributes[name] = value
 
-    def _set_flag(self, name: str, value: str) -> None:
-        root = self._document.root
-        # a file that an <option> includes may hold its <flag>, and no <option> has two
-        includes = [option for option in root.named("option") if option.named("include")]
-        options = _after_last(root.children, "option", [*root.named("include"), *includes])
-        flag = _owner([flag for option in options for flag in option.named("flag")], name)
-        if flag:
-            self._of(flag).attributes[name] = value
-        else:
-            option = self._of(options[-1]) if options else _child(self._of(root), "option")
-            _child(option, "flag").attributes[name] = value
-
-    def _exclude(self, body1: str, body2: str) -> None:
-        pair = frozenset((body1, body2))
-        if pair in self._excluded:
-            return
-        self._excluded.add(pair)
-        if self._contacts:
-            contact: _Changed | _New = self._of(self._contacts[-1])
-        else:
-            contact = _child(self._of(self._document.root), "contact")
-        contact.children.append(_New("exclude", {"body1": body1, "body2": body2}))
-
-    def _of(self, element: Element) -> _Changed:
-        """Return the changes of an element."""
-        return self._changed.setdefault(element.start, _Changed(element))
-
-    # -- splices ----------------------------------------------------------------------------------
-
-    def _attribute_splices(self, changed: _Changed) -> list[_Splice]:
-        """Return the splices that set an element's attributes; none for those that are set."""
-        tag = self._document.tag(changed.element)
-        splices, added = [], ""
-        for name, value in changed.attributes.items():
-            present = tag.values.get(name)
-            if present is None:
-                added += f" {name}={tag.quote}{_escaped(value, tag.quote)}{tag.quote}"
-            elif changed.element.attributes[name] != value:
-                text = _escaped(value, present.quote)
-                splices.append(_Splice(present.start, present.end, text))
-        return [*splices, _Splice(tag.last, tag.last, added)] if added else splices
-
-    def _children_splice(self, changed: _Changed) -> _Splice:
-        """Return the splice that adds an element's children, behind those that it has."""
-        document, element = self._document, changed.element
-        tag = document.tag(element)
-        own = document.indentation(element.start)
-        if tag.is_empty:
-            newline = "" if own is None else document.newline
-            inside = "".join(
-                _markup(child, (own or "") + self._unit, self._unit, newline)
-                for child in changed.children
-            )
-            end = f"{newline}{own or ''}" if newline else ""
-            slash = tag.end - len("/>".encode(document.codec))
-            return _Splice(slash, tag.end, f">{inside}{end}</{element.name}>")
-        newline = document.line_end_before(element.end)
-        position = document.behind_last(element.end, " \t\r\n") if newline else element.end
-        indentation = self._indentation_inside(element)
-        text = "".join(
-            _markup(child, indentation, self._unit, newline) for child in changed.children
-        )
-        return _Splice(position, position, text)
-
-    def _indentation_inside(self, element: Element) -> str:
-        """Return the indentation of an element's children."""
-        for child in reversed(element.children):
-            indentation = self._document.indentation(child.start)
-            if indentation is not None:
-                return indentation
-        return (self._document.indentation(element.start) or "") + self._unit
+def _with_children(document: Document, element: Element, children: Sequence[_New]) -> Document:
+    """Return the file with more children of an element, behind those that it has."""
+    unit, tag = _unit(document), document.tag(element)
+    own = document.indentation(element.start)
+    if tag.is_empty:
+        newline = "" if own is None else document.newline
+        inside = _markup(children, (own or "") + unit, unit, newline)
+        end = f"{newline}{own or ''}" if newline else ""
+        slash = tag.end - len("/>")
+        return document.spliced(slash, tag.end, f">{inside}{end}</{element.name}>")
+    newline = document.line_end_before(element.end)
+    position = document.behind_last(element.end, b" \t\r\n") if newline else element.end
+    indentations = (document.indentation(child.start) for child in reversed(element.children))
+    inner = next((each for each in indentations if each is not None), (own or "") + unit)
+    return document.spliced(position, position, _markup(children, inner, unit, newline))
 
 
 def _unit(document: Document) -> str:
@@ -238,36 +171,22 @@ def _owner(elements: Sequence[Element], name: str) -> Element | None:
     return next(reversed(holders or elements), None)
 
 
-def _child(parent: _Changed | _New, name: str) -> _New:
-    """Return the element of a name to add to `parent`; there is one of each name."""
-    for child in parent.children:
-        if child.name == name:
-            return child
-    parent.children.append(_New(name))
-    return parent.children[-1]
-
-
-def _bodies(exclude: Element) -> tuple[str, str]:
-    """Return the names of the two bodies of an `<exclude>`."""
-    return exclude.attributes.get("body1", ""), exclude.attributes.get("body2", "")
-
-
-def _markup(new: _New, indentation: str, unit: str, newline: str) -> str:
-    """Return an element on lines of its own; on the line where it stands if `newline` is empty."""
+def _markup(elements: Sequence[_New], indentation: str, unit: str, newline: str) -> str:
+    """Return elements on lines of their own; on one line if `newline` is empty."""
     before = f"{newline}{indentation}" if newline else ""
-    attributes = "".join(f' {name}="{_escaped(v, chr(34))}"' for name, v in new.attributes.items())
-    if not new.children:
-        return f"{before}<{new.name}{attributes}/>"
-    inside = "".join(_markup(child, indentation + unit, unit, newline) for child in new.children)
-    return f"{before}<{new.name}{attributes}>{inside}{before}</{new.name}>"
+    text = ""
+    for new in elements:
+        attributes = [
+            f' {name}="{_escaped(value, chr(34))}"' for name, value in new.attributes.items()
+        ]
+        text += f"{before}<{new.name}{''.join(attributes)}"
+        inside = _markup(new.children, indentation + unit, unit, newline)
+        text += f">{inside}{before}</{new.name}>" if inside else "/>"
+    return text
 
 
 def _escaped(value: str, quote: str) -> str:
-    """Return an attribute's value as XML holds it between two quotes.
-
-    Raises:
-      InputError: no XML can hold it.
-    """
+    """Return an attribute's value as XML holds it between two quotes."""
     if _FORBIDDEN.search(value):
         raise InputError(f"{one_line(repr(value), 60)} has a character that XML cannot hold")
     escapes = {**_ESCAPES, quote: _QUOTE_ESCAPES[quote]}

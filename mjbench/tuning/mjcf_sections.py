@@ -1,7 +1,8 @@
 """Where the sections of an MJCF file lie in its bytes, and how its lines are indented.
 
 The standard library's expat says where elements start and end. MuJoCo reads comments more leniently
-than expat, so what a comment holds is hidden from it.
+than expat, so what a comment holds is hidden from it. A file in another encoding is read, and
+edited, as UTF-8; positions are bytes of that.
 """
 
 import codecs
@@ -27,10 +28,12 @@ _STARTS = (
 )
 _COMMENT = re.compile(rb"<!--.*?-->|<!\[CDATA\[.*?\]\]>", re.DOTALL)
 _NOT_LINE_END = re.compile(rb"[^\r\n]")
-_TAG = re.compile(r"""<[^\s/>]+(?:[^"'>]|"[^"]*"|'[^']*')*>""")
-_TAG_NAME = re.compile(r"<[^\s/>]+")
-_ATTRIBUTE = re.compile(r"""([^\s=]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
-_LINE_END = re.compile(r"\r\n|\n|\r")
+_DECLARATION = re.compile(rb"""<\?xml[^>]*\sencoding\s*=\s*["']([^"']*)["']""")
+_TAG = re.compile(rb"""(<[^\s/>]+)(?:[^"'>]|"[^"]*"|'[^']*')*>""")
+_ATTRIBUTE = re.compile(rb"""([^\s=]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+_LINE_END = re.compile(rb"\r\n|\n|\r")
+# The codec of what is edited, and how bytes that are no text, as in comments, are read and written.
+_UTF8, _ERRORS = "utf-8", "surrogateescape"
 
 
 @dataclass(frozen=True)
@@ -88,9 +91,9 @@ class Document:
     """A file of XML.
 
     Attributes:
-      text: its bytes.
+      text: it as UTF-8.
       visible: the same bytes, with spaces for what comments hold.
-      codec: Python's name of its encoding.
+      codec: Python's name of its own encoding.
       files: values of `file` of its `<include>` and `<model>` elements.
     """
 
@@ -101,68 +104,47 @@ class Document:
     files: tuple[str, ...]
 
     @property
-    def width(self) -> int:
-        """Number of bytes of an ASCII character."""
-        return len(" ".encode(self.codec))
-
-    @property
     def newline(self) -> str:
         """The file's first line end; nothing where it has only one line."""
-        return _first_newline(self.visible.decode(self.codec))
+        return _first_newline(self.visible)
+
+    def encoded(self) -> bytes:
+        """Return the file in its own encoding."""
+        if self.codec == _UTF8:
+            return self.text
+        return self.text.decode(errors=_ERRORS).encode(self.codec, _ERRORS)
 
     def tag(self, element: Element) -> StartTag:
         """Return where the parts of an element's start tag lie."""
-        tag = self._tag_text(element)
-
-        def position(characters: int) -> int:
-            return element.start + len(tag[:characters].encode(self.codec))
-
-        name = _TAG_NAME.match(tag)
-        assert name is not None  # expat has read it
-        last, quote, values = name.end(), '"', {}
-        for match in _ATTRIBUTE.finditer(tag, name.end()):
+        tag = _TAG.match(self.visible, element.start)
+        assert tag is not None  # expat has read it
+        last, quote, values = tag.end(1), '"', {}
+        for match in _ATTRIBUTE.finditer(self.visible, tag.end(1), tag.end()):
             start, end = match.span(2) if match[2] is not None else match.span(3)
-            last, quote = match.end(), tag[start - 1]
-            values[match[1]] = Value(position(start), position(end), quote)
-        return StartTag(position(len(tag)), position(last), values, quote, tag.endswith("/>"))
+            last, quote = match.end(), chr(self.visible[start - 1])
+            values[match[1].decode()] = Value(start, end, quote)
+        return StartTag(tag.end(), last, values, quote, tag[0].endswith(b"/>"))
+
+    def spliced(self, start: int, end: int, text: str) -> "Document":
+        """Return the file with a text instead of the bytes from `start` to `end`, without `end`."""
+        new = text.encode(self.codec, "xmlcharrefreplace").decode(self.codec).encode()
+        return _document(self.text[:start] + new + self.text[end:], self.codec)
 
     def indentation(self, position: int) -> str | None:
         """Return the spaces and tabs before a position; None unless they begin a line."""
-        start = self.behind_last(position, " \t")
-        if start > self._first and self._character(start) not in "\r\n":
+        start = self.behind_last(position, b" \t")
+        before = self.visible[:start].removeprefix(codecs.BOM_UTF8)
+        if before and not before.endswith((b"\r", b"\n")):
             return None
-        return self.visible[start:position].decode(self.codec)
+        return self.visible[start:position].decode()
 
     def line_end_before(self, position: int) -> str:
         """Return the first line end of the white space before a position, or nothing."""
-        space = self.visible[self.behind_last(position, " \t\r\n") : position]
-        return _first_newline(space.decode(self.codec))
+        return _first_newline(self.visible[self.behind_last(position, b" \t\r\n") : position])
 
-    def behind_last(self, position: int, skipped: str) -> int:
-        """Return the position behind the last character before `position` not in `skipped`."""
-        while position > self._first and self._character(position) in skipped:
-            position -= self.width
-        return position
-
-    @property
-    def _first(self) -> int:
-        """Position of the first character, behind a byte order mark."""
-        return len(codecs.BOM_UTF8) if self.text.startswith(codecs.BOM_UTF8) else 0
-
-    def _character(self, position: int) -> str:
-        """Return the ASCII character before a position; something else for any other."""
-        return self.visible[position - self.width : position].decode(self.codec, "replace")
-
-    def _tag_text(self, element: Element) -> str:
-        """Return the start tag of an element: to the first `>` outside its values."""
-        mark = ">".encode(self.codec)
-        end = element.start
-        while True:
-            end = self.visible.index(mark, end) + 1
-            if (end - 1 - element.start) % self.width == 0:
-                tag = self.visible[element.start : end - 1 + self.width].decode(self.codec)
-                if _TAG.fullmatch(tag):
-                    return tag
+    def behind_last(self, position: int, skipped: bytes) -> int:
+        """Return the position behind the last byte before `position` not in `skipped`."""
+        return len(self.visible[:position].rstrip(skipped))
 
 
 def parse(text: bytes) -> Document:
@@ -173,8 +155,29 @@ def parse(text: bytes) -> Document:
     """
     if b"\0" in text[:64] and not text.startswith(tuple(start for start, _ in _STARTS)):
         raise InputError("it is binary, not XML: give the MJCF file that it was compiled from")
+    try:
+        codec = _codec(text)
+        utf8 = text if codec == _UTF8 else text.decode(codec, _ERRORS).encode(errors=_ERRORS)
+        return _document(utf8, codec)
+    except (expat.ExpatError, LookupError, ValueError) as error:
+        raise InputError(f"it is not well-formed XML: {one_line(error)}") from error
+
+
+def _codec(text: bytes) -> str:
+    """Return Python's name of the encoding of a file; of those declared, expat has these alone."""
+    for start, codec in _STARTS:
+        if text.startswith(start):
+            return codec
+    declaration = _DECLARATION.match(text)
+    codec = codecs.lookup(declaration[1].decode()).name if declaration else _UTF8
+    if codec != _UTF8 and len(bytes(range(256)).decode(codec, "replace")) != 256:
+        raise ValueError("multi-byte encodings are not supported")
+    return codec
+
+
+def _document(text: bytes, codec: str) -> Document:
     reader = _Reader(_COMMENT.sub(_hidden, text))
-    return Document(text, reader.visible, reader.codec, reader.root, tuple(reader.files))
+    return Document(text, reader.visible, codec, reader.root, tuple(reader.files))
 
 
 def _hidden(match: re.Match[bytes]) -> bytes:
@@ -185,9 +188,9 @@ def _hidden(match: re.Match[bytes]) -> bytes:
     return b"<!--" + _NOT_LINE_END.sub(b" ", comment[4:-3]) + b"-->"
 
 
-def _first_newline(text: str) -> str:
+def _first_newline(text: bytes) -> str:
     match = _LINE_END.search(text)
-    return match[0] if match else ""
+    return match[0].decode() if match else ""
 
 
 @dataclass
@@ -206,25 +209,16 @@ class _Reader:
 
     def __init__(self, visible: bytes):
         self.visible = visible
-        self.codec = next((codec for start, codec in _STARTS if visible.startswith(start)), "utf-8")
         self.files: list[str] = []
         self._depth = 0
         self._open: list[_Open] = []
-        self._parser = expat.ParserCreate()
+        self._parser = expat.ParserCreate(_UTF8)
         self._parser.specified_attributes = True
-        self._parser.XmlDeclHandler = self._declaration
         self._parser.StartDoctypeDeclHandler = self._doctype
         self._parser.EntityDeclHandler = self._entity
         self._parser.StartElementHandler = self._start
         self._parser.EndElementHandler = self._end
-        try:
-            self._parser.Parse(visible, True)
-        except (expat.ExpatError, LookupError, ValueError) as error:
-            raise InputError(f"it is not well-formed XML: {one_line(error)}") from error
-
-    def _declaration(self, version: str, encoding: str | None, standalone: int) -> None:
-        if encoding and not self.visible.startswith(tuple(start for start, _ in _STARTS)):
-            self.codec = codecs.lookup(encoding).name
+        self._parser.Parse(visible, True)
 
     def _doctype(self, name: str, system: str | None, public: str | None, internal: int) -> None:
         if system or public:
@@ -241,7 +235,7 @@ class _Reader:
         if self._depth > 2 and not (self._depth == 3 and self._open[-1].name in _SECTIONS):
             return
         start = self._parser.CurrentByteIndex
-        if not self.visible.startswith(f"<{name}".encode(self.codec), start):
+        if not self.visible.startswith(f"<{name}".encode(), start):
             _refuse_entities(f"its <{one_line(name, 40)}> comes from an entity")
         self._open.append(_Open(name, attributes, start, self._depth))
 

@@ -1,7 +1,5 @@
 """Which features of the engine a model uses."""
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 
@@ -75,21 +73,8 @@ def drawn_geoms(model: mujoco.MjModel) -> int:
     return int(only_drawn.sum())
 
 
-@dataclass(frozen=True)
-class Feature:
-    """A feature of the engine that a flag of MJCF disables.
-
-    Attributes:
-      flag: its name in `<option><flag>`.
-      plural: what a model has that uses it, such as `equality constraints`.
-    """
-
-    flag: str
-    plural: str
-
-
-def absent(model: mujoco.MjModel) -> list[Feature]:
-    """Return the features that a model has no use for.
+def absent(model: mujoco.MjModel) -> dict[str, str]:
+    """Return what a model does not have, such as `joint limits`, by the flag that disables it.
 
     Disabling `spring` and `damper` together disables all passive forces, so `damper` is left out
     where others act.
@@ -111,7 +96,7 @@ def absent(model: mujoco.MjModel) -> list[Feature]:
         (no_springs, "spring", "springs"),
         (no_dampers and not needs_damper_flag, "damper", "dampers"),
     )
-    return [Feature(flag, plural) for is_absent, flag, plural in features if is_absent]
+    return {flag: plural for is_absent, flag, plural in features if is_absent}
 
 
 def _has_other_passive_forces(model: mujoco.MjModel) -> bool:

@@ -18,8 +18,7 @@ from mjbench.simulation import compat, models, sampling, starts, workload
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.sampling import SampleRequest
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
-from mjbench.tuning import random_poses
-from mjbench.tuning.pair_watch import Idle, IdlePair, PairWatch
+from mjbench.tuning.pair_watch import IdlePair, PairWatch
 
 # Simulated seconds to observe, and seconds of computing that they may take.
 OBSERVED_S, MAX_COMPUTING_S = 20.0, 5.0
@@ -29,6 +28,8 @@ NPOSE, _POSES_S = 10_000, 1.0
 _READING_S, _NSAMPLE = 2e-5, 200
 # Usual simulations, and those of wide controls; keyframes, at most.
 _NUSUAL, _NWIDE, _MAX_KEYFRAMES = 4, 4, 8
+# Limits are soft: joints go beyond them by some of their range, on either side.
+_BEYOND = 0.1
 # Wide controls: their standard deviation is the whole half of their range, so many are at its end.
 _WIDE_SPREAD = 1.0 / workload.CONTROL_SHARE
 
@@ -50,8 +51,6 @@ class Observed:
     """What was seen of a model.
 
     Attributes:
-      is_mjcf: whether it is an MJCF file; others have nothing that a compiler could read.
-      simulated_s: simulated seconds, of all simulations together.
       nposes: random poses that were looked at for bodies that touch.
       solver: solver iterations of a step, those of the constraint island with the most, which
         `iterations` bounds.
@@ -191,7 +190,7 @@ class _Run:
         workload.reset_to_start(model, data)
         rng = np.random.default_rng([seed, 4])
         sample_every = max(1, count // _NSAMPLE)
-        for number, qpos in enumerate(random_poses.draw(model, np.array(data.qpos), count, rng)):
+        for number, qpos in enumerate(random_poses(model, np.array(data.qpos), count, rng)):
             data.qpos[:] = qpos
             mujoco.mj_fwdPosition(model, data)
             self._pairs.contacts(data)
@@ -213,7 +212,6 @@ class _Run:
     def observed(self, is_mjcf: bool, nusual: int) -> Observed:
         """Return what was seen, with the iterations of the first `nusual` steps."""
         solver, line_search = np.array(self._iterations[:nusual], dtype=int).reshape(-1, 2).T
-        idle: Idle = self._pairs.idle()
         return Observed(
             self._model,
             is_mjcf,
@@ -223,11 +221,48 @@ class _Run:
             _usage(line_search),
             self._max_contacts,
             self._max_constraints,
-            idle.pairs,
-            idle.unnamed,
+            *self._pairs.idle(),
         )
 
 
 def _usage(iterations: np.ndarray) -> Usage:
     """Return the usage of (nstep,) iterations."""
     return Usage(int(np.ceil(np.median(iterations))), int(iterations.max()))
+
+
+def random_poses(
+    model: mujoco.MjModel, start: np.ndarray, count: int, rng: np.random.Generator
+) -> Iterator[np.ndarray]:
+    """Yield (nq,) poses, uniform within the limits of hinges and slides, a tenth wider, and balls.
+
+    A hinge or ball without limits turns to any angle. Free joints, and slides without limits, stay
+    where they start: joints do not bound them.
+    """
+    kinds, limited = np.asarray(model.jnt_type), np.asarray(model.jnt_limited).astype(bool)
+    low, high = np.array(model.jnt_range).T
+    is_hinge, is_slide = (kinds == int(_kind(name)) for name in ("HINGE", "SLIDE"))
+    beyond = _BEYOND * (high - low)
+    low, high = low - beyond, high + beyond
+    low[is_hinge & ~limited], high[is_hinge & ~limited] = -np.pi, np.pi
+    scalar = is_hinge | (is_slide & limited)
+    at = np.asarray(model.jnt_qposadr)[scalar]
+    balls = np.flatnonzero(kinds == int(_kind("BALL")))
+    for _ in range(count):
+        pose = start.copy()
+        pose[at] = rng.uniform(low[scalar], high[scalar])
+        for ball in balls:
+            place = int(model.jnt_qposadr[ball])
+            most_rad = float(high[ball]) if limited[ball] else np.pi
+            pose[place : place + 4] = _rotation(most_rad, rng)
+        yield pose
+
+
+def _kind(name: str) -> mujoco.mjtJoint:
+    return getattr(mujoco.mjtJoint, f"mjJNT_{name}")
+
+
+def _rotation(most_rad: float, rng: np.random.Generator) -> np.ndarray:
+    """Return (4,) a quaternion about a random axis, by a uniform angle up to `most_rad`."""
+    axis, quaternion = rng.standard_normal(3), np.empty(4)
+    mujoco.mju_axisAngle2Quat(quaternion, axis / np.linalg.norm(axis), rng.uniform(0.0, most_rad))
+    return quaternion

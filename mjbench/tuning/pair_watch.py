@@ -29,19 +29,6 @@ class IdlePair:
     closest_m: float | None
 
 
-@dataclass(frozen=True)
-class Idle:
-    """What `PairWatch` saw.
-
-    Attributes:
-      pairs: bodies that never touched, in the order of the model.
-      unnamed: how many more there are, of which one has no name, so MJCF cannot name the pair.
-    """
-
-    pairs: tuple[IdlePair, ...]
-    unnamed: int
-
-
 class PairWatch:
     """Which bodies touched, of those whose joints bound how they can lie to each other.
 
@@ -52,11 +39,7 @@ class PairWatch:
     """
 
     def __init__(self, model: mujoco.MjModel, nsample: int):
-        """Watch a model.
-
-        Args:
-          nsample: how often `sample` will be called.
-        """
+        """Watch a model."""
         pairs = geom_pairs.read(model)
         self._model = model
         self._pairs = pairs.only(pairs.are_bounded)
@@ -96,8 +79,11 @@ class PairWatch:
                 self._model, data, geom1, geom2, most_m, None
             )
 
-    def idle(self) -> Idle:
-        """Return the pairs that were tested in detail and never touched."""
+    def idle(self) -> tuple[tuple[IdlePair, ...], int]:
+        """Return the pairs that were tested in detail and never touched, in the model's order.
+
+        MJCF cannot name a pair of which a body has no name: only their number is returned.
+        """
         idle, unnamed = [], 0
         for key in np.unique(self._keys[self._was_near]):
             if int(key) in self._touched:
@@ -109,7 +95,7 @@ class PairWatch:
             closest_m = float(self._closest_m[self._keys == key].min())
             is_known = np.isfinite(closest_m)
             idle.append(IdlePair(names[0], names[1], closest_m if is_known else None))
-        return Idle(tuple(idle), unnamed)
+        return tuple(idle), unnamed
 
     def _name(self, body: int) -> str:
         return mujoco.mj_id2name(self._model, mujoco.mjtObj.mjOBJ_BODY, body) or ""

@@ -230,12 +230,7 @@ class TuneRecord:
 
 
 def allowed_error(max_error: float | None, present_error: float, least: float = NO_ERROR) -> float:
-    """Return the largest error of settings that are recommended, as a share of the motion.
-
-    Args:
-      max_error: that the user allows; None for that of the present settings.
-      least: that counts as none.
-    """
+    """Return the largest error of settings that are recommended, as a share of the motion."""
     return max_error or max((1 + SAME_ERROR) * present_error, least)
 
 

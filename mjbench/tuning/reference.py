@@ -110,7 +110,6 @@ class Baseline:
     """The present settings' runs, and what settings are compared with.
 
     Attributes:
-      motion: how far the model moves within the horizon.
       reference: of the converged model, within the horizon.
       unavoidable: (ncontrol,) how far runs with present settings are from themselves at the end of
         each control of the horizon, as shares of the motion: what their solver's tolerance and
@@ -164,11 +163,11 @@ def baseline(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
         distance.shares_over_time(model, scale, twin, present),
     )
     ncontrol = min(plan.horizon_ncontrol or max(usable, LEAST_NCONTROL), trials.ncontrol)
-    within = first(reference, ncontrol)
+    within = reference.first(ncontrol)
     scale = distance.motion(model, initial_qpos, within)
 
     def apart(runs: Trajectories, others: Trajectories) -> Distance:
-        return distance.distance(model, scale, first(runs, ncontrol), first(others, ncontrol))
+        return distance.distance(model, scale, runs.first(ncontrol), others.first(ncontrol))
 
     facts = Present(
         nrun=trials.nrun,
@@ -188,7 +187,7 @@ def baseline(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
     )
     unavoidable = equivalent_share(
         *(
-            distance.bounds_over_time(model, scale, first(runs, ncontrol), first(present, ncontrol))
+            distance.bounds_over_time(model, scale, runs.first(ncontrol), present.first(ncontrol))
             for runs in (solver, twin)
         )
     )
@@ -199,9 +198,6 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
     """Return starts and controls, in the model's usual regime, and where they came from.
 
     Starts of one settling run are alike, so they come from several; those of a file from one draw.
-
-    Raises:
-      InputError: every simulation diverges, or a file is unfit.
     """
     control_s = plan.hold * float(model.opt.timestep)
     step_s = sampling.settled_step_s(model)
@@ -280,13 +276,6 @@ def perturbed(model: mujoco.MjModel, trials: Trials) -> Trials:
         mujoco.mj_integratePos(model, qpos, _ULP * rng.standard_normal(model.nv), 1.0)
         row[columns] = qpos
     return Trials(states, trials.control, trials.control_s)
-
-
-def first(runs: Trajectories, ncontrol: int) -> Trajectories:
-    """Return runs until the end of their first controls; `points` stay those of the whole runs."""
-    return Trajectories(
-        runs.qpos[:, :ncontrol], runs.qvel[:, :ncontrol], runs.points, runs.diverged
-    )
 
 
 def horizon(error: np.ndarray, rounding: np.ndarray) -> int:

@@ -20,7 +20,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Generic, TypeVar
 
 from mjbench.errors import MjbenchError, failure_of
-from mjbench.paired.records import VerdictRecord
+from mjbench.instrument.ratio import Ratio
+from mjbench.paired.records import LaunchRow, VerdictRecord
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
 from mjbench.tuning import fronts
@@ -69,7 +70,6 @@ class SearchPlan:
       seed: of starts and controls; the second look has the next one.
       budget_s: seconds after which nothing is begun but the second look.
       max_error: the largest error allowed, as a share of the motion; None for the present one.
-      skip: names of knobs that are left alone.
       engine: `c`, `mjx` or `warp`; the latter two allow all effects, and skip nothing.
       nbatch: simulations of a batched step of those two.
     """
@@ -84,17 +84,16 @@ class SearchPlan:
     engine: str = "c"
     nbatch: int = 1
 
-    def trials(self, look: int, present: Present | None = None) -> TrialPlan:
+    def trials(
+        self, look: int, ncontrol: int | None = None, horizon_ncontrol: int | None = None
+    ) -> TrialPlan:
         """Return the starts and controls of a look.
 
         Args:
-          look: 0 for the search, 1 for the second look, more for further ones.
-          present: of the search, whose runs and horizon a further look has; None for the search.
+          look: 0 for the search, 1 for the second look, more for further ones, which have the
+            lengths that the search had.
         """
-        if present is None:
-            return TrialPlan(self.seed + look, self.starts, self.hold)
-        lengths = present.ncontrol, present.horizon_ncontrol
-        return TrialPlan(self.seed + look, self.starts, self.hold, *lengths)
+        return TrialPlan(self.seed + look, self.starts, self.hold, ncontrol, horizon_ncontrol)
 
 
 class Search(abc.ABC, Generic[Measurements]):
@@ -108,11 +107,7 @@ class Search(abc.ABC, Generic[Measurements]):
         advance: Advance = lambda done, text, share: None,
         clock: Callable[[], float] = time.monotonic,
     ):
-        """Measure nothing yet.
-
-        Args:
-          record: of the model and its engine.
-        """
+        """Measure nothing yet."""
         self._measure = measurements
         self._record = replace(record, seed=plan.seed, max_error=plan.max_error, only=plan.only)
         self._plan, self._advance, self._clock = plan, advance, clock
@@ -131,13 +126,7 @@ class Search(abc.ABC, Generic[Measurements]):
         return self.record()
 
     def run(self) -> None:
-        """Search.
-
-        Raises:
-          InputError: the model cannot be stepped, or is not for this engine.
-          MachineError: the process of the present settings crashed or hung.
-          KeyboardInterrupt: the user ended it; `record` has what was measured.
-        """
+        """Search; after an error or Ctrl-C, `record` has what was measured."""
         self._measure_present()
         if attempts := self._try_settings():
             self._second_look(attempts)
@@ -168,7 +157,27 @@ class Search(abc.ABC, Generic[Measurements]):
     def _note(self, attempt: Attempt) -> None:
         self._set(attempts=[*self._record.attempts, attempt])
 
-    def _recommend(self, recommendation: Recommendation) -> None:
+    def _recommend(
+        self,
+        first: Attempt,
+        second: Attempt,
+        ratio: Ratio,
+        samples: Sequence[LaunchRow],
+        is_allowed: bool = True,
+    ) -> None:
+        """Recommend settings that both looks confirm."""
+        assert first.error is not None and second.error is not None, "it was confirmed"
+        effects = [each.accuracy.effect for each in (first, second) if each.accuracy]
+        recommendation = Recommendation(
+            first.settings,
+            ratio,
+            first.error.larger(second.error),
+            samples,
+            max(effects, key=lambda effect: effect.rank, default=Effect.APPROXIMATE),
+            second.accuracy,
+            second.program,
+            is_allowed,
+        )
         self._set(front=[*self._record.front, recommendation])
 
     def _withdraw(self, settings: Sequence[Setting], reason: str) -> None:
@@ -261,11 +270,7 @@ class CSearch(Search[OnThisMachine]):
     # -- together -----------------------------------------------------------------------------
 
     def _together(self, faster: Sequence[Attempt]) -> list[Attempt]:
-        """Try combinations of settings that are faster alone.
-
-        Returns:
-          Settings alone and together, from all starts: at least those alone.
-        """
+        """Try combinations of settings that are faster alone."""
         chosen = fronts.combinations(faster, COMBINATIONS, random.Random(self._plan.seed))
         nrun, quads = RUNG_NRUN, RUNG_QUADS
         while len(chosen) > LAST_RUNG and self._has_time():
@@ -303,19 +308,21 @@ class CSearch(Search[OnThisMachine]):
         """
         plan, first_present = self._plan, self._present
         self._advance(3, "present settings from new starts", 0.0)
-        present = self._measure.baseline(plan.trials(1, first_present))
+        lengths = first_present.ncontrol, first_present.horizon_ncontrol
+        present = self._measure.baseline(plan.trials(1, *lengths))
+        errors = first_present.error.share, present.error.share
         self._set(present=replace(present, error=first_present.error.larger(present.error)))
         looked: set[str] = set()
         while True:
             withdrawn = {label(each.settings) for each in self._record.withdrawn}
             left = [each for each in attempts if label(each.settings) not in withdrawn]
-            front = fronts.pareto_front(left, plan.max_error, first_present.error.share)
+            front = fronts.pareto_front(left, plan.max_error, errors[0])
             new = [each for each in front if label(each.settings) not in looked]
             if not new or (looked and self._spent_s() > plan.budget_s):
                 break
             for number, first in enumerate(new):
                 self._advance(3, label(first.settings), number / len(new))
-                self._look_again(first, first_present.error.share, present.error.share)
+                self._look_again(first, *errors)
                 looked.add(label(first.settings))
         by_effect = sorted(
             self._record.front, key=lambda each: (each.effect.rank, -each.ratio.estimate)
@@ -326,32 +333,20 @@ class CSearch(Search[OnThisMachine]):
         """Recommend settings, or withdraw them.
 
         Args:
-          first: how they did in the search.
           first_error: of the present settings, in the search.
           present_error: of the present settings, from the new starts.
         """
         settings = first.settings
         was_allowed = is_allowed(first, self._plan.max_error, first_error)
         second = self._measure.attempt(settings, quads=0)
-        reason = self._why_not(first, second, was_allowed, present_error)
-        if not reason:
-            paired = self._measure.compare(settings, self._plan.seed + 1, FINAL_S)
-            reason = _why_not_faster(paired)
-        if reason:
+        if reason := self._why_not(first, second, was_allowed, present_error):
             self._withdraw(settings, reason)
             return
-        assert first.error and second.error and paired.ratio, "it was confirmed"
-        self._recommend(
-            Recommendation(
-                settings,
-                paired.ratio,
-                first.error.larger(second.error),
-                paired.samples,
-                max(effect_of(first), effect_of(second), key=lambda effect: effect.rank),
-                second.accuracy,
-                is_allowed=was_allowed,
-            )
-        )
+        paired = self._measure.compare(settings, self._plan.seed + 1, FINAL_S)
+        if paired.ratio is None or not saves_time(paired.ratio):
+            self._withdraw(settings, _why_not_faster(paired))
+            return
+        self._recommend(first, second, paired.ratio, paired.samples, was_allowed)
 
     def _why_not(
         self, first: Attempt, second: Attempt, was_allowed: bool, present_error: float
@@ -382,9 +377,7 @@ def too_far(error: float, limit: float) -> str:
 
 
 def _why_not_faster(paired: VerdictRecord) -> str:
-    """Return why fresh processes do not confirm that settings are faster; empty where they do."""
-    if paired.ratio is not None and saves_time(paired.ratio):
-        return ""
+    """Return why fresh processes do not confirm that settings are faster."""
     if paired.status == Status.OK and paired.ratio is None:
         return "its steps are too slow to compare it within the time of a second look"
     return paired.detail or "not certainly faster from new starts"

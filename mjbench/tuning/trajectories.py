@@ -26,8 +26,7 @@ class Trials:
 
     Attributes:
       initial_state: (nrun, nstate) rows of mjSTATE_INTEGRATION.
-      control: (nrun, ncontrol, nu) controls.
-      control_s: simulated seconds for which each control is held.
+      control: (nrun, ncontrol, nu); each is held for `control_s` of simulated time.
     """
 
     initial_state: np.ndarray
@@ -75,6 +74,10 @@ class Trajectories:
             self.qpos[runs], self.qvel[runs], self.points[runs], self.diverged[runs]
         )
 
+    def first(self, ncontrol: int) -> "Trajectories":
+        """Return runs until the end of their first controls; `points` are of the whole runs."""
+        return replace(self, qpos=self.qpos[:, :ncontrol], qvel=self.qvel[:, :ncontrol])
+
     def is_identical(self, other: "Trajectories") -> bool:
         """Return whether both have the same states, to the last bit."""
         pairs = (
@@ -94,7 +97,6 @@ def run(model: mujoco.MjModel, trials: Trials, nthread: int | None = None) -> Tr
     """Return the runs of a model.
 
     Args:
-      model: to step; its states must have the sizes of the trials'.
       nthread: threads to step with; None for as many as there are cores.
 
     Raises:

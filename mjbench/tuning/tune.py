@@ -2,7 +2,7 @@
 
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation.models import ModelSource
-from mjbench.tuning.accelerated_measurements import EngineOnThisMachine
+from mjbench.tuning.accelerated_attempts import EngineOnThisMachine
 from mjbench.tuning.accelerated_search import EngineSearch
 from mjbench.tuning.attempts import SILENCE_S
 from mjbench.tuning.measurements import OnThisMachine

@@ -1,18 +1,20 @@
 """A model with settings applied: compiled in memory, or written as a copy of the user's MJCF.
 
-Everything here loads the model, so it runs in a child process (see docs/architecture.md).
+All but `check_source` and `copy_in_child` loads the model, so it runs in a child process.
 """
 
 import os
 import warnings
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import mujoco
 
 from mjbench.errors import InputError, one_line, shown, writing
-from mjbench.instrument import files
+from mjbench.instrument import files, isolate
+from mjbench.instrument.isolate import Channel
 from mjbench.simulation import compat, model_options, models
 from mjbench.simulation.model_guard import ModelGuard
 from mjbench.simulation.models import ModelSource
@@ -21,6 +23,43 @@ from mjbench.tuning.settings import Edit, Part
 
 _COMPILED = ".mjb"
 _KEYWORDS = {"true": 1, "false": 0}
+
+
+@dataclass(frozen=True)
+class CopyRequest:
+    """Asks a child for a copy with edits; None only to see whether one could be written."""
+
+    source: ModelSource
+    edits: Sequence[Edit] | None
+    target: Path
+
+
+def check_source(source: ModelSource) -> None:
+    """Refuse a model of which no copy can be written, as far as its name tells."""
+    if source.path.suffix.lower() != ".xml":
+        raise InputError(f"--write: {source.name} is no MJCF file: give the one it comes from")
+
+
+def copy_in_child(
+    source: ModelSource, edits: Sequence[Edit] | None, target: Path, limit_s: float
+) -> None:
+    """Do what `write` does, in a child process; without edits, what `check_target` does.
+
+    Raises:
+      InputError: as `write`.
+      MachineError: the file cannot be written, or the process crashed or hung.
+    """
+    request = CopyRequest(source, edits and tuple(edits), target.absolute())
+    isolate.run("mjbench.tuning.variants:run_copy", request, lambda _: None, limit_s).check()
+
+
+def run_copy(request: CopyRequest, channel: Channel) -> None:
+    """Write a copy, or see whether one could be written; runs in a child."""
+    channel.doing(f"writing {request.target}")
+    if request.edits is None:
+        check_target(request.source, request.target)
+    else:
+        write(request.source, request.edits, request.target)
 
 
 def compiled(source: ModelSource, edits: Sequence[Edit]) -> mujoco.MjModel:
@@ -65,12 +104,7 @@ def write(source: ModelSource, edits: Sequence[Edit], target: Path) -> None:
 
 
 def check_target(source: ModelSource, target: Path) -> None:
-    """Refuse a place for a copy as `write` would, before there are edits; nothing stays there.
-
-    Raises:
-      InputError: as `write`.
-      MachineError: the file cannot be written.
-    """
+    """Refuse a place for a copy as `write` would, before there are edits; nothing stays there."""
     file = _file_of(source, target)
     with writing(target):
         copy = files.create_beside(file)
@@ -84,14 +118,20 @@ def check_target(source: ModelSource, target: Path) -> None:
 def _file_of(source: ModelSource, target: Path) -> Path:
     """Return the file that a copy is written to: where `target` is a link, the one it leads to.
 
-    Raises:
-      InputError: the model is compiled, or the target cannot be its copy.
+    Refuse what cannot be the copy: no MJCF by its name, no regular file, or one that is read.
     """
     if source.path.suffix.lower() == _COMPILED:
         raise InputError(f"{source.name} is compiled: give the MJCF file that it comes from")
     with writing(target):
         file = Path(os.path.realpath(target))
-    _check_target(source, target, file)
+    if file.suffix.lower() != ".xml":
+        raise InputError(f"{shown(str(target))}: the name of a copy ends in .xml")
+    if file.exists() and not file.is_file():
+        raise InputError(f"{shown(str(target))} is not a regular file")
+    if file.exists() and any(file.samefile(path) for path in _inputs(source.path)):
+        raise InputError(
+            f"{shown(str(target))} is a file that {source.name} is read from: choose another"
+        )
     return file
 
 
@@ -99,11 +139,7 @@ def _file_of(source: ModelSource, target: Path) -> Path:
 
 
 def _with_options(source: ModelSource, edits: Sequence[Edit]) -> mujoco.MjModel:
-    """Return a model whose options were set after it was compiled.
-
-    Raises:
-      InputError: an edit is none of `<option>`, or MuJoCo rejects it.
-    """
+    """Return a model whose options were set after it was compiled."""
     model = models.load(source)
     for edit in edits:
         if edit.part in (Part.OPTION, Part.FLAG):
@@ -115,11 +151,7 @@ def _with_options(source: ModelSource, edits: Sequence[Edit]) -> mujoco.MjModel:
 
 
 def _compiled(source: ModelSource, edits: Sequence[Edit]) -> tuple[mujoco.MjModel, list[str]]:
-    """Return a compiled model, and what MuJoCo warned of.
-
-    Raises:
-      InputError: MuJoCo rejects the file or an edit.
-    """
+    """Return a compiled model, and what MuJoCo warned of."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         spec = _spec(source)
@@ -135,11 +167,7 @@ def _compiled(source: ModelSource, edits: Sequence[Edit]) -> tuple[mujoco.MjMode
 
 
 def _spec(source: ModelSource) -> Any:
-    """Return the MjSpec of a file.
-
-    Raises:
-      InputError: MuJoCo rejects the file.
-    """
+    """Return the MjSpec of a file."""
     try:
         return mujoco.MjSpec.from_file(str(source.path))
     except Exception as error:  # as above
@@ -147,11 +175,7 @@ def _spec(source: ModelSource) -> Any:
 
 
 def _apply(source: ModelSource, spec: Any, edit: Edit) -> None:
-    """Apply an edit to an MjSpec.
-
-    Raises:
-      InputError: this release has no such attribute, or it cannot have this value.
-    """
+    """Apply an edit to an MjSpec."""
     if edit.part == Part.EXCLUDE:
         if not _is_excluded(spec, edit):
             exclude = spec.add_exclude()
@@ -163,11 +187,7 @@ def _apply(source: ModelSource, spec: Any, edit: Edit) -> None:
 
 
 def _set_option(source: ModelSource, options: Any, edit: Edit) -> None:
-    """Set an attribute of `<option>` or `<flag>`.
-
-    Raises:
-      InputError: this release has none, or it cannot have this value.
-    """
+    """Set an attribute of `<option>` or `<flag>`."""
     set_one = model_options.set_flag if edit.part == Part.FLAG else model_options.set_attribute
     try:
         set_one(options, edit.name, edit.value)
@@ -176,11 +196,7 @@ def _set_option(source: ModelSource, options: Any, edit: Edit) -> None:
 
 
 def _set_compiler(source: ModelSource, spec: Any, edit: Edit) -> None:
-    """Set an attribute of `<compiler>` that is a number, or `true` or `false`.
-
-    Raises:
-      InputError: this release has none, or it cannot have this value.
-    """
+    """Set an attribute of `<compiler>` that is a number, or `true` or `false`."""
     present = getattr(getattr(spec, "compiler", None), edit.name, None)
     if not isinstance(present, bool | int | float):
         raise InputError(
@@ -222,28 +238,6 @@ def _shown(edit: Edit) -> str:
 # -- the copy -----------------------------------------------------------------------------------
 
 
-def _check_target(source: ModelSource, target: Path, file: Path) -> None:
-    """Refuse what cannot be the copy.
-
-    Args:
-      target: as the user named it.
-      file: where it leads.
-
-    Raises:
-      InputError: it is no MJCF by its name, no regular file, or one that the model is read from.
-    """
-    if file.suffix.lower() != ".xml":
-        raise InputError(f"{shown(str(target))}: the name of a copy ends in .xml")
-    if not file.exists():
-        return
-    if not file.is_file():
-        raise InputError(f"{shown(str(target))} is not a regular file")
-    if any(file.samefile(path) for path in _inputs(source.path)):
-        raise InputError(
-            f"{shown(str(target))} is a file that {source.name} is read from: choose another"
-        )
-
-
 def _inputs(path: Path) -> Iterator[Path]:
     """Yield the files of MJCF that a model is read from, as far as they can be read.
 
@@ -266,11 +260,7 @@ def _inputs(path: Path) -> Iterator[Path]:
 
 
 def _read(path: Path) -> bytes:
-    """Return the bytes of a file.
-
-    Raises:
-      InputError: it cannot be read.
-    """
+    """Return the bytes of a file."""
     try:
         return path.read_bytes()
     except OSError as error:
@@ -288,11 +278,7 @@ def _absent(source: ModelSource, edits: Sequence[Edit]) -> list[Edit]:
 
 
 def _check_copy(source: ModelSource, edits: Sequence[Edit], target: Path, copy: Path) -> None:
-    """Compare the model that a written copy compiles to with the one that it must be.
-
-    Raises:
-      InputError: MuJoCo rejects the copy, or its model differs in any number.
-    """
+    """Compare the model that a written copy compiles to with the one that it must be."""
     expected = ModelGuard(compiled(source, edits))
     try:
         model = mujoco.MjModel.from_xml_path(str(copy))

@@ -14,10 +14,10 @@ import numpy as np
 from mjbench.comparison.plan import Variant
 from mjbench.errors import MachineError, UnavailableError, writing
 from mjbench.status import Status
-from mjbench.web import messages, rounding_check
+from mjbench.web import rounding_check
 from mjbench.web.c_reference import CReference
 from mjbench.web.node import Node
-from mjbench.web.node_process import NodeProcess
+from mjbench.web.node_process import Instantiated, NodeProcess
 from mjbench.web.npm_package import Build, NpmPackage
 from mjbench.web.records import StartUp
 from mjbench.web.rounding_check import RoundingCheck
@@ -45,32 +45,6 @@ class Engine:
     node: Node
     limit_s: float
     nthread: int
-
-    def start(self, build: Build, name: str, folder: Path) -> NodeProcess:
-        """Return a new process; its build is not instantiated yet.
-
-        Raises:
-          MachineError: no process can be started.
-        """
-        with writing(folder):
-            folder.mkdir()
-        return NodeProcess(self.node, f"{build} ({name})", folder, self.limit_s)
-
-    def instantiate(self, process: NodeProcess, build: Build) -> messages.Instantiated:
-        """Have a process instantiate a build.
-
-        Raises:
-          NodeError: it failed.
-          MachineError: the engine is another release than its package says.
-        """
-        script = str(self.package.script(build))
-        instantiated = process.call(messages.Instantiate(script, self.nthread))
-        if instantiated.version != self.package.version:
-            raise MachineError(
-                f"{self.package.folder} says that it is {self.package.version}, and its engine that"
-                f" it is {instantiated.version}; install the package anew"
-            )
-        return instantiated
 
 
 @dataclass(frozen=True)
@@ -101,6 +75,9 @@ class BlocksDisagreeError(MachineError):
 class BuildRun:
     """One variant of a build on one model; a context manager that ends its processes.
 
+    Its methods raise NodeError where a process fails, crashes or hangs, and MachineError where none
+    can be started or files cannot be written.
+
     Attributes:
       variant: the build's path, and its options.
     """
@@ -108,13 +85,7 @@ class BuildRun:
     def __init__(
         self, engine: Engine, variant: Variant, model: str, reference: CReference, folder: Path
     ):
-        """Start nothing yet.
-
-        Args:
-          model: name of the model, for error messages.
-          reference: the model, its workload, and what C does.
-          folder: for files of this run; it is removed at its end.
-        """
+        """Start nothing yet; files of the run go to `folder`, which is removed at its end."""
         self.variant = variant
         self._engine, self._model, self._reference = engine, model, reference
         self._folder = folder
@@ -136,23 +107,17 @@ class BuildRun:
         """The process that is timed."""
         return self._processes[0]
 
-    def load(self) -> tuple[messages.Instantiated, messages.LoadedModel]:
-        """Start the process, and compile the model in it.
+    def load(self) -> tuple[Instantiated, float]:
+        """Start the process, compile the model in it; return how many milliseconds that took.
 
         Raises:
           UnavailableError: the build cannot have the threads that the variant asks for.
-          NodeError: the process failed, crashed or hung.
-          MachineError: the engine is another release, or no process can be started.
+          MachineError: the engine is another release.
         """
         return self._load(self._reference.files)
 
     def check(self) -> RoundingCheck:
-        """Step the workload, and single steps along it; return how far the build is from C.
-
-        Raises:
-          NodeError: the process failed, crashed or hung.
-          MachineError: files cannot be written.
-        """
+        """Step the workload, and single steps along it; return how far the build is from C."""
         traced = self._reference.traced
         self._states = self._run(self.process)
         steps = traced.steps
@@ -165,26 +130,21 @@ class BuildRun:
         return rounding_check.check(traced.run, steps, self._states, after, of_same_model)
 
     def prepare(self) -> None:
-        """Prepare blocks, each of which steps the first simulations.
-
-        Raises:
-          NodeError: the process failed, crashed or hung.
-        """
+        """Prepare blocks, each of which steps the first simulations."""
         run, block = self._reference.traced.run, self._reference.block
         control = run.control[: block.nbatch, : block.nstep // run.hold]
         arguments = self._steps(run.states[0, : block.nbatch], control, run.hold)
-        self.process.call(messages.Prepare(**arguments))
+        self.process.call(type(None), "prepare", **arguments)
 
     def check_blocks(self) -> None:
         """Refuse blocks that do not end where the run did that was checked.
 
         Raises:
           BlocksDisagreeError: they do not.
-          NodeError: the process failed, crashed or hung.
         """
         assert self._states is not None, "the build was checked"
         file = self._folder / "block.f64"
-        self.process.call(messages.SaveStates(str(file)))
+        self.process.call(type(None), "save", states_file=str(file))
         block = self._reference.block
         final = _read(file, (block.nbatch, self._states.shape[2]))
         if not np.array_equal(final, self._states[block.nstep, : block.nbatch]):
@@ -192,44 +152,42 @@ class BuildRun:
                 "timed blocks do not end where the run ended that was checked"
             )
 
-    def warm_up(self, least_s: float) -> WarmUp:
-        """Run blocks until they are steady, for `least_s` seconds or more.
-
-        Raises:
-          NodeError: the process failed, crashed or hung.
-        """
-        return warm_up(self.process.time_block, least_s)
-
-    def start_up(
-        self,
-        instantiated: messages.Instantiated,
-        loaded: messages.LoadedModel,
-        warmed: WarmUp,
-    ) -> StartUp:
-        """Return what the build took before it was steady."""
-        block = self._reference.block
+    def warm_up(self, instantiated: Instantiated, compile_ms: float, least_s: float) -> StartUp:
+        """Run blocks until they are steady, for some seconds at least; return what came before."""
+        warmed, block = warm_up(self.process.time_block, least_s), self._reference.block
         return StartUp(
             import_ms=instantiated.import_ms,
             instantiate_ms=instantiated.instantiate_ms,
-            compile_ms=loaded.compile_ms,
+            compile_ms=compile_ms,
             first_ns=warmed.first_ns / (block.nbatch * block.nstep),
             warm_up_s=warmed.seconds,
             heap_bytes=instantiated.heap_bytes,
         )
 
-    def _load(self, files: tuple[str, ...]) -> tuple[messages.Instantiated, messages.LoadedModel]:
+    def _load(self, files: tuple[str, ...]) -> tuple[Instantiated, float]:
         """Compile a model in a new process."""
-        build = Build(self.variant.path)
+        build, engine = Build(self.variant.path), self._engine
         folder = self._folder / f"process{len(self._processes)}"
-        process = self._engine.start(build, self._model, folder)
+        with writing(folder):
+            folder.mkdir()
+        process = NodeProcess(engine.node, f"{build} ({self._model})", folder, engine.limit_s)
         self._processes.append(process)
-        instantiated = self._engine.instantiate(process, build)
+        script = str(engine.package.script(build))
+        instantiated = process.call(
+            Instantiated, "instantiate", script=script, nthread=engine.nthread
+        )
+        if instantiated.version != engine.package.version:
+            raise MachineError(
+                f"{engine.package.folder} says that it is {engine.package.version}, and its engine"
+                f" that it is {instantiated.version}; install the package anew"
+            )
         threads = self.variant.options.get(ENGINE_THREADS, 0)
         if threads and not instantiated.has_threadpool:
             raise UnavailableError(f"MuJoCo {instantiated.version} has no mju_threadpool")
         pairs = [(_path_there(file), file) for file in files]
-        loaded = process.call(messages.LoadModel(pairs, pairs[0][0], threads))
-        return instantiated, loaded
+        model = pairs[0][0]
+        compile_ms = process.call(float, "load", files=pairs, model=model, engine_threads=threads)
+        return instantiated, compile_ms
 
     def _run(self, process: NodeProcess) -> np.ndarray:
         """Return (nstep + 1, nbatch, nstate) states of the workload."""
@@ -247,8 +205,8 @@ class BuildRun:
     ) -> np.ndarray:
         """Step in a process, and return (npoint, nbatch, nstate) states."""
         file = self._folder / "states.f64"
-        arguments = self._steps(starts, control, hold)
-        process.call(messages.Record(**arguments, points=list(points), states_file=str(file)))
+        arguments = self._steps(starts, control, hold) | {"points": list(points)}
+        process.call(type(None), "record", **arguments, states_file=str(file))
         states = _read(file, (len(points), *starts.shape))
         file.unlink()
         return states

@@ -15,8 +15,8 @@ from mjbench import paths
 from mjbench.comparison import step_costs
 from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError
-from mjbench.paired import requests
-from mjbench.paired.run_sizes import RunSize
+from mjbench.paired.run_sizes import RunSize, Sizes
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
@@ -24,7 +24,7 @@ from mjbench.simulation import starts
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.rounding_reference import ReferenceRun, RoundingReference
 from mjbench.simulation.sampling import SampleRequest
-from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
+from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.simulation.workload import PortableWorkload, whole_holds
 from mjbench.web.records import C_PATH
@@ -38,23 +38,6 @@ _PASS_S, _MIN_NBATCH = 1.0, 2
 _BLOCK_S, _MIN_BLOCK_NSTEP = 0.01, 10
 
 
-@dataclass(frozen=True)
-class WebSizes:
-    """The work that is compared, as the user asked for it.
-
-    Attributes:
-      nbatch: simulations; None to choose.
-      nstep: steps of each; None to choose.
-      hold: steps for which each control is held.
-    """
-
-    nbatch: int | None = None
-    nstep: int | None = None
-    hold: int = 1
-    seed: int = 0
-    starts: StartPlan = DEFAULT_STARTS
-
-
 @dataclass(frozen=True, eq=False)
 class CReference:
     """A model, its workload, and what C does with that.
@@ -64,7 +47,6 @@ class CReference:
       model_file: holds what C compiled.
       block_file: holds the workload of a timed block, final states included.
       digest: of all start states and controls.
-      traced: what C does.
       compile_ms: to compile the model, with loading its files.
     """
 
@@ -93,7 +75,7 @@ def prepare(
     pool: WorkerPool,
     release: ReleaseSpec,
     source: ModelSource,
-    sizes: WebSizes,
+    sizes: Sizes,
     clock: Callable[[], float] = time.perf_counter,
 ) -> CReference:
     """Load a model, draw its workload, and see what C does with it.
@@ -108,21 +90,21 @@ def prepare(
     try:
         pool.wait_for(process, release)
         begin = clock()
-        process.call(requests.LoadModel(source.name, source.path, {}))
+        process.call(Worker.load_model, source.name, source.path, {})
         compile_ms = 1e3 * (clock() - begin)
-        files = process.call(requests.ListFiles(source.path))
+        files = process.call(Worker.list_files, source.path)
         model_file = pool.new_file(".mjb")
-        process.call(requests.SaveModel(model_file))
+        process.call(Worker.save_model, model_file)
         sample, step_s = _sample(process, sizes)
-        drawn = process.call(requests.MakeWorkload(sample))
+        drawn = process.call(Worker.make_workload, sample)
         with pool.saved(drawn.workload) as file:
-            observed = process.call(requests.Observe(file))
+            observed = process.call(Worker.observe, file)
         healthy = np.flatnonzero(observed.healthy)
         if not len(healthy):
             raise InputError(f"every simulation diverges ({observed.diagnosis})")
         workload = drawn.workload.only(healthy, observed.final_state)
         with pool.saved(workload) as file:
-            traced = process.call(requests.Trace(file, sizes.seed)).reference
+            traced = process.call(Worker.trace, file, sizes.seed)
         block = block_size(traced.run, step_s)
         return CReference(
             files,
@@ -153,11 +135,11 @@ def _first(workload: PortableWorkload, run: ReferenceRun, block: RunSize) -> Por
     return replace(first, control=first.control[:, : block.nstep // run.hold])
 
 
-def _sample(process: WorkerProcess, sizes: WebSizes) -> tuple[SampleRequest, float]:
+def _sample(process: WorkerProcess, sizes: Sizes) -> tuple[SampleRequest, float]:
     """Return the workload to draw, and about how many seconds a step of it takes."""
-    request = requests.MeasureStepCost(sizes.starts, sizes.nbatch or NBATCH, sizes.hold)
-    now = process.call(request)
-    step_s = step_costs.step_cost_s(now.digest, lambda: process.call(requests.MeasureSettledCost()))
+    nstart = sizes.nbatch or NBATCH
+    now = process.call(Worker.measure_step_cost, sizes.starts, nstart, sizes.hold)
+    step_s = step_costs.step_cost_s(now.digest, lambda: process.call(Worker.measure_settled_cost))
     nstep = sizes.nstep or whole_holds(NSTEP, sizes.hold)
     affordable = max(_MIN_NBATCH, int(_PASS_S / (nstep * step_s)))
     sample = SampleRequest(
@@ -196,20 +178,19 @@ def timed_paths(
         for i, variant in enumerate(variants):
             process = pool.start(release, f"{variant} of MuJoCo {release.version}", side=i)
             processes.append(process)
-            process.ask(requests.Equip(reference.model_file, reference.block_file, variant.path))
+            process.ask(Worker.equip, reference.model_file, reference.block_file, variant.path)
         for process, variant in zip(processes, variants, strict=True):
             pool.wait_for(process, release)
             process.call(
-                requests.Prepare(
-                    path=variant.path,
-                    options=dict(variant.options),
-                    cores=[] if core is None else [core],
-                    simulations=range(reference.block.nbatch),
-                    has_timer=False,
-                )
+                Worker.prepare,
+                variant.path,
+                dict(variant.options),
+                [] if core is None else [core],
+                range(reference.block.nbatch),
+                has_timer=False,
             )
         for process in processes:
-            process.ask(requests.TimeBlocks())
+            process.ask(Worker.time_blocks)
         yield processes
         for process in processes:
             process.end_blocks()

@@ -16,16 +16,17 @@ from mjbench.comparison.plan import Variant
 from mjbench.errors import Failure, MjbenchError, failure_of
 from mjbench.instrument import child, machine, scratch
 from mjbench.paired import cores
-from mjbench.paired.ending import ENDING_ERRORS, ending_of
+from mjbench.paired.run_sizes import Sizes
+from mjbench.paired.time_limit import ENDING_ERRORS, ending_of
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
-from mjbench.web import c_reference, messages, rounding_check
+from mjbench.web import c_reference, rounding_check
 from mjbench.web.build_run import ENGINE_THREADS, MIN_WARM_UP_S, BuildRun, Engine
-from mjbench.web.c_reference import CReference, WebSizes
-from mjbench.web.node_process import NodeError
+from mjbench.web.c_reference import CReference
+from mjbench.web.node_process import Memory, NodeError
 from mjbench.web.npm_package import Build
 from mjbench.web.records import WebPathRecord, WebRecord
 
@@ -35,15 +36,11 @@ _LEAST_ROUNDS, _MOST_ROUNDS = 8, 1000
 
 @dataclass(frozen=True)
 class WebPlan:
-    """What is compared on each model.
-
-    Attributes:
-      release: of MuJoCo, for C.
-    """
+    """What is compared on each model."""
 
     release: ReleaseSpec
     engine: Engine
-    sizes: WebSizes
+    sizes: Sizes
     budget_s: float
 
 
@@ -128,18 +125,19 @@ class _Measurement:
         """Check a build; keep it for timing where it agrees."""
         record = WebPathRecord(path=run.variant.path, options=run.variant.options)
         try:
-            instantiated, loaded = run.load()
+            instantiated, compile_ms = run.load()
             check = run.check()
             record = replace(record, check=check)
             if failed := rounding_check.failures(check):
                 return replace(record, status=Status.DISAGREES, detail="; ".join(failed))
             run.prepare()
-            warmed = run.warm_up(min(MIN_WARM_UP_S, self._plan.budget_s))
+            least_s = min(MIN_WARM_UP_S, self._plan.budget_s)
+            start_up = run.warm_up(instantiated, compile_ms, least_s)
             run.check_blocks()
         except MjbenchError as error:
             return _failed(record, error)
         self._runs[position] = run
-        return replace(record, start_up=run.start_up(instantiated, loaded, warmed))
+        return replace(record, start_up=start_up)
 
     def _time(self, processes: Sequence[WorkerProcess], core: int | None) -> None:
         """Time the paths of C, and the builds that agree, in turns."""
@@ -169,7 +167,7 @@ class _Measurement:
         path = self._paths[position]
         try:
             run.check_blocks()
-            memory = run.process.call(messages.MeasureMemory())
+            memory = run.process.call(Memory, "memory")
         except MjbenchError as error:
             self._paths[position] = _failed(path, error)
             return

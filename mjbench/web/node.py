@@ -18,11 +18,7 @@ _LIMIT_S = 30.0
 
 @dataclass(frozen=True)
 class Node:
-    """An installed Node.
-
-    Attributes:
-      version: such as `20.20.2`.
-    """
+    """An installed Node; its version is such as `20.20.2`."""
 
     file: Path
     version: str
@@ -36,9 +32,6 @@ def oldest() -> int:
 
 def find(command: str = COMMAND, limit_s: float = _LIMIT_S) -> Node:
     """Return the Node of a command, which may be a path.
-
-    Args:
-      limit_s: seconds in which it must say its version.
 
     Raises:
       InputError: there is no such program, and it is not `node`.

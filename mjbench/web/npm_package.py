@@ -45,7 +45,6 @@ class NpmPackage:
 
     Attributes:
       folder: of the package, with `package.json`, `mujoco.js`, `mujoco.wasm` and `mt`.
-      version: of MuJoCo, which the package has, too.
     """
 
     folder: Path

@@ -57,7 +57,6 @@ class WebPathRecord:
       status: `ok`, or why it has no speed.
       check: how far it is from C; None for paths of C, and where it did not run.
       start_up: what it took before it was steady; None likewise.
-      block_ns: nanoseconds of each block.
       heap_bytes: of the module after all blocks; None for paths of C.
       rss_bytes: resident memory of its process after all blocks; None where it is not known.
     """
@@ -122,16 +121,10 @@ class WebRecord:
 
     Attributes:
       status: `ok`, or why it was not measured to the end.
-      nbatch: simulations that were compared; None where there was no workload.
-      nstep: steps of each; None likewise.
-      block_nbatch: simulations of a timed block, the first ones; None likewise.
-      block_nstep: steps of each in a timed block, the first ones; None likewise.
-      hold: steps for which each control is held.
-      seed: of start states and controls.
-      workload_digest: of start states and controls; empty likewise.
-      starts: where start states came from; None likewise.
-      work: of a step; None likewise.
-      c_compile_ms: for which the process of C compiled the model; None likewise.
+      nbatch: simulations that were compared; it and what follows are None without a workload.
+      block_nbatch: simulations of a timed block, the first ones.
+      block_nstep: steps of each in a timed block, the first ones.
+      c_compile_ms: time that C took to compile the model.
       paths: the base path of C first.
     """
 

@@ -50,7 +50,6 @@ class PointDifference:
     """How far a run is from C.
 
     Attributes:
-      step: after so many steps.
       difference: the largest up to then, of any simulation (see `rounding_reference.differences`).
     """
 
@@ -61,13 +60,7 @@ class PointDifference:
 
 @dataclass(frozen=True)
 class StepErrors:
-    """How far single steps are from those of C.
-
-    Attributes:
-      error: the largest.
-      shadow: the shadow's largest.
-      median_shadow: the shadow's median.
-    """
+    """How far single steps are from those of C."""
 
     count: NonNegativeInt
     error: float
@@ -127,7 +120,6 @@ def check(
     """Return how far a build is from C.
 
     Args:
-      run: of C.
       states: (nstep + 1, nbatch, nstate) of the build's run.
       after: (n, nstate) to which the build's single steps lead.
       of_same_model: as `states`, of the model that C compiled; None where it was not run.

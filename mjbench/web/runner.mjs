@@ -3,10 +3,10 @@
  *
  *     node runner.mjs DESCRIPTOR
  *
- * Each line on standard input is a request as JSON: `action` names a function of ACTIONS, the rest
- * is its argument. Each is answered by one line of JSON on DESCRIPTOR: `{"value": …}`, or
- * `{"error": "…"}`. Arrays are in files, as float64 of this processor, row by row. The end of
- * standard input ends the process. Python's side of this is messages.py.
+ * DESCRIPTOR is a connection to the parent. Each message is JSON, after its length in four bytes.
+ * Of a request, `action` names a function of ACTIONS, the rest is its argument; the answer is
+ * `{"value": …}`, or `{"error": "…"}`. Arrays are in files, as float64 of this processor, row by
+ * row. The end of the connection ends the process. Python's side of this is node_process.py.
  */
 
 import fs from 'node:fs';
@@ -75,7 +75,7 @@ function load(request) {
   if (request.engine_threads) mujoco.mju_threadpool(data, request.engine_threads);
   integration = mujoco.mjtState.mjSTATE_INTEGRATION.value;
   stateBuffer = new mujoco.DoubleBuffer(mujoco.mj_stateSize(model, integration));
-  return { compile_ms };
+  return compile_ms;
 }
 
 /** Step a workload once, and write the states after some numbers of steps to a file. */
@@ -124,7 +124,7 @@ function block() {
     }
     getState(finalStates, i);
   }
-  return { ns: Number(process.hrtime.bigint() - begin) };
+  return Number(process.hrtime.bigint() - begin);
 }
 
 /** Write the final states of the last block to a file. */
@@ -189,29 +189,34 @@ function messageOf(error) {
   }
 }
 
-/** Yield the lines of standard input, each as it comes; nothing else runs meanwhile. */
-function* lines() {
-  const chunk = Buffer.alloc(1 << 16);
-  let pending = Buffer.alloc(0);
-  for (;;) {
-    const size = fs.readSync(0, chunk);
-    if (size === 0) return;
-    pending = Buffer.concat([pending, chunk.subarray(0, size)]);
-    for (let end; (end = pending.indexOf('\n')) >= 0; pending = pending.subarray(end + 1)) {
-      yield pending.subarray(0, end).toString();
-    }
+/** Yield the requests of the parent, each as it comes; nothing else runs meanwhile. */
+function* requests() {
+  for (let header; (header = read(4)) !== null; ) {
+    yield JSON.parse(read(header.readInt32BE()).toString());
   }
 }
 
+/** Return the next bytes of the parent; null where there are no more. */
+function read(size) {
+  const content = Buffer.alloc(size);
+  for (let begin = 0, count; begin < size; begin += count) {
+    count = fs.readSync(descriptor, content, begin, size - begin, null);
+    if (count === 0) return null;
+  }
+  return content;
+}
+
 const descriptor = Number(process.argv[2]);
-for (const line of lines()) {
-  const { action, ...request } = JSON.parse(line);
+for (const { action, ...request } of requests()) {
   let answer;
   try {
-    answer = { value: (await ACTIONS[action](request)) ?? {} };
+    answer = { value: (await ACTIONS[action](request)) ?? null };
   } catch (error) {
     answer = { error: messageOf(error) };
   }
-  fs.writeSync(descriptor, JSON.stringify(answer) + '\n');
+  const content = Buffer.from(JSON.stringify(answer));
+  const length = Buffer.alloc(4);
+  length.writeInt32BE(content.length);
+  fs.writeSync(descriptor, Buffer.concat([length, content]));
 }
 process.exit(0); // the workers of the build with threads would keep it alive

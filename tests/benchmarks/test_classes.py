@@ -28,7 +28,7 @@ from commands import ROOT
 import benchmarks
 from benchmarks import mjx, reference, stored
 from mjbench.errors import MachineError
-from mjbench.paired.averaging import Averaging
+from mjbench.paired.moved_check import Averaging
 from mjbench.releases import installs
 from mjbench.simulation import models
 
@@ -194,7 +194,7 @@ def test_what_is_tracked_is_a_number_that_was_measured(
     monkeypatch.setattr("benchmarks.mjx.HANDWRITTEN_NSTEP", 2)
     monkeypatch.setattr("benchmarks.mjx.ROUNDS", 3)
     as_shipped = Averaging(False)
-    monkeypatch.setattr("mjbench.paired.averaging.averaging", lambda *arguments: as_shipped)
+    monkeypatch.setattr("mjbench.paired.moved_check.averaging", lambda *arguments: as_shipped)
     monkeypatch.setattr(
         "mjbench.releases.release_ratios.are_enough", lambda done, seconds: len(done) >= 2
     )

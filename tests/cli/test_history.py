@@ -10,8 +10,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from mjbench.cli import cli
+from mjbench.counts.counted_program import OperationRequest
 from mjbench.counts.instructions import InstructionCounter, ModelCount
-from mjbench.counts.messages import OperationRequest
 from mjbench.counts.records import FunctionCount
 from mjbench.errors import Failure
 from mjbench.paired import operations, release_ratio

@@ -13,6 +13,7 @@ from commands import mjbench
 from example_races import invent_comparisons
 
 from mjbench.cli import cli
+from mjbench.instrument.ratio import Ratio
 from mjbench.paired import verdict
 from mjbench.paired.judgement import Judgement
 from mjbench.paired.outcomes import Verdict
@@ -109,8 +110,10 @@ def test_what_is_no_run_file_cannot_be_continued(tmp_path: Path, name: str) -> N
 
 def decided(baseline: Target, candidate: Target, status: Status) -> verdict.PairedResult:
     """Return an invented verdict on two targets."""
-    judgement = Judgement(Verdict.SAME, 1.0, 0.999, 1.001, 8, True)
-    return verdict.PairedResult(baseline, candidate, status, judgement=judgement)
+    judgement = Judgement(Verdict.SAME, Ratio(1.0, 0.999, 1.001), 8, True)
+    return verdict.PairedResult(
+        baseline=baseline, candidate=candidate, status=status, judgement=judgement
+    )
 
 
 def run_versions(

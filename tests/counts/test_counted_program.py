@@ -1,22 +1,23 @@
 """The program that Callgrind counts, run here without Callgrind."""
 
+import os
 import pickle
+from multiprocessing import Pipe
 from pathlib import Path
 
 import mujoco
 import pytest
 
-from mjbench.counts import counted_program, messages
-from mjbench.counts.instrumentation import Instrumentation
-from mjbench.counts.messages import (
+from mjbench.counts import counted_program
+from mjbench.counts.counted_program import (
     CountAnswer,
     CountedOperation,
     CountedWork,
-    CountRequest,
     ModelRequest,
     OperationRequest,
     TaskRequest,
 )
+from mjbench.counts.instrumentation import Instrumentation
 from mjbench.errors import Failure
 from mjbench.paired import operations
 from mjbench.releases import installs
@@ -36,13 +37,12 @@ def marked(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return calls
 
 
-def run(
-    folder: Path, *requests: TaskRequest, version: str = INSTALLED.version
-) -> list[CountAnswer]:
-    request_file, answers_file = folder / "request", folder / "answers"
-    messages.write_request(request_file, CountRequest(version, requests))
-    counted_program.main(str(request_file), str(answers_file))
-    return messages.read_answers(answers_file)
+def run(*requests: TaskRequest, version: str = INSTALLED.version) -> list[CountAnswer]:
+    ours, theirs = Pipe()
+    with ours, theirs:
+        ours.send((version, requests))
+        counted_program.main(os.dup(theirs.fileno()))
+        return [ours.recv() for _ in requests]
 
 
 def request_for(model_file: str, workload_file: Path, seed: int = 0) -> ModelRequest:
@@ -53,7 +53,7 @@ def request_for(model_file: str, workload_file: Path, seed: int = 0) -> ModelReq
 def test_an_answer_says_what_work_was_done(
     contact_file: str, tmp_path: Path, marked: list[str]
 ) -> None:
-    (answer,) = run(tmp_path, request_for(contact_file, tmp_path / "0.pickle"))
+    (answer,) = run(request_for(contact_file, tmp_path / "0.pickle"))
     assert isinstance(answer, CountedWork)
     assert answer.steps == 12
     assert answer.diverged == 0
@@ -77,7 +77,7 @@ def test_only_work_and_markers_run_with_instrumentation(
     broken = tmp_path / "broken.xml"
     broken.write_text("<mujoco><worldbody/></mujoco>")
     model_file = contact_file if model == "contact" else str(broken)
-    run(tmp_path, request_for(model_file, tmp_path / "0.pickle"))
+    run(request_for(model_file, tmp_path / "0.pickle"))
     assert marked == ["start", *["marker"] * counted_program.MARKERS, "stop"]
 
 
@@ -92,7 +92,7 @@ def test_a_workload_without_a_probe_is_counted_all_the_same(
 ) -> None:
     file = tmp_path / "0.pickle"
     file.write_bytes(pickle.dumps(workload.portable(small)))
-    (answer,) = run(tmp_path, request_for(contact_file, file))
+    (answer,) = run(request_for(contact_file, file))
     assert isinstance(answer, CountedWork)
     assert answer.steps == small.steps
     assert answer.followed is None
@@ -102,9 +102,9 @@ def test_the_second_release_does_the_work_that_the_first_one_drew(
     contact_file: str, tmp_path: Path, marked: list[str]
 ) -> None:
     file = tmp_path / "0.pickle"
-    (first,) = run(tmp_path, request_for(contact_file, file))
+    (first,) = run(request_for(contact_file, file))
     workload = file.read_bytes()
-    (second,) = run(tmp_path, request_for(contact_file, file, seed=7))
+    (second,) = run(request_for(contact_file, file, seed=7))
     assert file.read_bytes() == workload
     assert isinstance(second, CountedWork)
     assert second.starts is None  # only the first knows
@@ -120,7 +120,6 @@ def test_a_broken_model_leaves_the_numbers_of_later_dumps_as_they_are(
     broken_file = tmp_path / "broken.xml"
     broken_file.write_text("<mujoco><worldbody/></mujoco>")
     broken, whole = run(
-        tmp_path,
         request_for(str(broken_file), tmp_path / "0.pickle"),
         request_for(contact_file, tmp_path / "1.pickle"),
     )
@@ -136,26 +135,24 @@ def test_an_operation_is_repeated_as_often_as_it_is_timed(
     operation = operations.registry()["reset cartpole"]
     monkeypatch.setattr(mujoco, "mj_resetData", lambda model, data: marked.append("reset"))
     request = OperationRequest(operation.name, models.resolve(operation.model))
-    assert run(tmp_path, request) == [CountedOperation(operation.repeats)]
+    assert run(request) == [CountedOperation(operation.repeats)]
     block = ["reset"] * operation.repeats
     expected = block * counted_program.WARM_UPS + [*block, "marker"] * counted_program.MARKERS
     assert marked == expected
 
 
 def test_an_operation_without_a_model_builds_its_own(tmp_path: Path, marked: list[str]) -> None:
-    assert run(tmp_path, OperationRequest("spec", None)) == [CountedOperation(500)]
+    assert run(OperationRequest("spec", None)) == [CountedOperation(500)]
 
 
 def test_an_operation_that_a_release_cannot_do_is_unavailable(
     tmp_path: Path, marked: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(operations.compat, "spec_unavailable", lambda: "it has no MjSpec")
-    assert run(tmp_path, OperationRequest("spec", None)) == [
-        Failure(Status.UNAVAILABLE, "it has no MjSpec")
-    ]
+    assert run(OperationRequest("spec", None)) == [Failure(Status.UNAVAILABLE, "it has no MjSpec")]
     assert len(marked) == counted_program.MARKERS
 
 
 def test_another_release_than_the_one_asked_for_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match=r"2\.3\.7"):
-        run(tmp_path, version="2.3.7")
+        run(version="2.3.7")

@@ -14,8 +14,8 @@ import pytest
 from commands import ROOT, mjbench, mjbench_process
 
 from mjbench.counts import instructions
+from mjbench.counts.counted_program import OperationRequest
 from mjbench.counts.instructions import InstructionCounter, ModelCount
-from mjbench.counts.messages import OperationRequest
 from mjbench.counts.records import FunctionCount
 from mjbench.instrument import child
 from mjbench.instrument.runs import to_json

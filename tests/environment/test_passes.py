@@ -91,10 +91,10 @@ def test_layers_are_timed_beside_a_plain_pass(
 ) -> None:
     both = passes(environment)
     plain, layered = both.side_by_side(engine.bindings(), random.Random(0))
-    assert layered.times.lengths == plain.lengths == both.plain().lengths
+    assert layered.lengths == plain.lengths == both.plain().lengths
     called = {(t.layer, t.name): t.calls for t in layered.layers}
     assert called == {key: 40 * count for key, count in layers.items()}
-    assert sum(t.ns for t in layered.layers) == layered.times.step_ns.sum()
+    assert sum(t.ns for t in layered.layers) == layered.step_ns.sum()
 
 
 class SlowObservation(examples.Env):

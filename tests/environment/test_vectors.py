@@ -3,20 +3,20 @@
 import importlib.util
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from commands import PYTHONPATH
 from example_environment_records import record
 
-from mjbench.environment import observations, vector_run, vectors
+from mjbench.environment import vectors
 from mjbench.environment.records import EnvironmentRecord, VectorForm
+from mjbench.environment.run import EnvironmentPlan
 from mjbench.environment.source import resolve
-from mjbench.environment.vector_run import FormReport, NoForms, VectorPlan, VectorRound
+from mjbench.environment.vectors import FormReport, VectorRound
 from mjbench.status import Status
 
-PLAN = VectorPlan(seed=0, nenv=(1, 2), budget_s=0.0, limit_s=60.0)
+PLAN = EnvironmentPlan(nstep=None, seed=0, threads=(), nenv=(1, 2), budget_s=0.0, limit_s=60.0)
 needs_gymnasium = pytest.mark.skipif(
     not importlib.util.find_spec("gymnasium"), reason="needs gymnasium"
 )
@@ -98,7 +98,7 @@ def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", PYTHONPATH)
 
 
-def added(folder: Path, name: str, plan: VectorPlan = PLAN) -> EnvironmentRecord:
+def added(folder: Path, name: str, plan: EnvironmentPlan = PLAN) -> EnvironmentRecord:
     (folder / "point_env.py").write_text(POINT)
     source = resolve(f"point_env:{name}", folder)
     return vectors.added(record(vectors=[]), source, plan)
@@ -193,21 +193,15 @@ def test_without_gymnasium_there_are_none(monkeypatch: pytest.MonkeyPatch) -> No
     from mjbench.environment.adapters import adapt
 
     monkeypatch.setitem(sys.modules, "gymnasium", None)
-    assert "not installed" in vector_run._no_forms(adapt(examples.make()))
-
-
-def measurement(*messages: object) -> Any:
-    received = vectors._Measurement(PLAN)
-    for message in messages:
-        received.receive(message)
-    return received
+    assert "not installed" in vectors._no_forms(adapt(examples.make()))
 
 
 def test_a_form_that_ended_the_child_keeps_its_reason_and_the_others_their_figures() -> None:
     fatal = FormReport(1, Status.TIMEOUT, "no answer")
     rounds = [VectorRound({0: 1.0, 2: 2.0}, {0: 1.5, 2: 2.5})] * 7
-    received = measurement(FormReport(0, Status.OK), FormReport(2, Status.OK), fatal, *rounds)
-    first, second, third, fourth = received.samples(Status.FAILED, "it ended early")
+    messages = [fatal, FormReport(0, Status.OK), FormReport(2, Status.OK), *rounds]
+    samples = vectors._samples(PLAN, messages, Status.FAILED, "it ended early")
+    first, second, third, fourth = samples
     assert (first.status, len(first.ns), first.single_ns[0]) == (Status.OK, 7, 1.5)
     assert (second.status, second.detail, second.ns) == (Status.TIMEOUT, "no answer", ())
     assert third.ns[0] == 2.0
@@ -216,9 +210,8 @@ def test_a_form_that_ended_the_child_keeps_its_reason_and_the_others_their_figur
 
 def test_what_was_wrong_in_a_timed_block_has_no_figures() -> None:
     wrong = FormReport(0, Status.DISAGREES, "in a timed block")
-    received = measurement(FormReport(0, Status.OK), VectorRound({0: 1.0}, {0: 1.0}), wrong)
-    assert received.samples(Status.OK, "")[0].ns == ()
-    assert measurement(NoForms("why")).no_forms == "why"
+    messages = [FormReport(0, Status.OK), VectorRound({0: 1.0}, {0: 1.0}), wrong]
+    assert vectors._samples(PLAN, messages, Status.OK, "")[0].ns == ()
 
 
 def test_observations_are_compared_bit_by_bit_in_the_types_of_the_form() -> None:
@@ -227,8 +220,8 @@ def test_observations_are_compared_bit_by_bit_in_the_types_of_the_form() -> None
         "a": np.array([[9.0, 9.0], [0.1, 0.2]], dtype=np.float32),
         "b": (np.array([9, 3]),),
     }
-    copied = observations.copied(single)
-    assert observations.equal(copied, batched, 1)
-    assert not observations.equal(copied, batched, 0)
+    copied = vectors._copied(single)
+    assert vectors._equal(copied, batched, 1)
+    assert not vectors._equal(copied, batched, 0)
     batched["a"][1, 0] = np.nextafter(np.float32(0.1), np.float32(1))
-    assert not observations.equal(copied, batched, 1)
+    assert not vectors._equal(copied, batched, 1)

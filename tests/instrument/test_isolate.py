@@ -3,7 +3,6 @@ import os
 import pickle
 import subprocess
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -13,6 +12,7 @@ from process_tree import ends
 
 from mjbench.errors import InputError, MachineError
 from mjbench.instrument import isolate
+from mjbench.instrument.child_connection import ChildConnection
 from mjbench.instrument.isolate import Activity, Ended
 from mjbench.status import Status
 
@@ -43,50 +43,10 @@ def test_messages_around_and_above_the_size_of_a_chunk_arrive_whole_and_in_order
     assert messages == [Blob.of(index, size) for index, size in enumerate(sizes)]
 
 
-def encoded(message: object) -> bytes:
-    """Return a message as it travels: its header, then its pickle."""
-    content = pickle.dumps(message)
-    return isolate._HEADER.pack(isolate._WORD, len(content)) + content
-
-
-@pytest.mark.parametrize("size", [1, 2, 3, 5, 64, 1000, CHUNK])
-def test_messages_cut_anywhere_are_put_together_without_remainder(size: int) -> None:
-    sent = [Text("first"), Blob.of(1, 3000), Text(""), Blob.of(3, 1)]
-    stream = b"".join(map(encoded, sent))
-    joined: list[Any] = []
-    pending = b""
-    for start in range(0, len(stream), size):
-        messages, pending = isolate._split(pending + stream[start : start + size])
-        joined += messages
-    assert joined == sent
-    assert pending == b""
-
-
-def test_a_message_that_is_not_whole_yet_is_kept_for_later() -> None:
-    whole, cut = encoded(Text("whole")), encoded(Text("cut"))[:-1]
-    assert isolate._split(whole + cut) == ([Text("whole")], cut)
-    assert isolate._split(whole[:3]) == ([], whole[:3])
-
-
-@pytest.mark.parametrize(
-    "garbage",
-    [
-        b"printed by a path\n",
-        isolate._HEADER.pack(isolate._WORD, isolate._MAX_MESSAGE_BYTES + 1),
-        isolate._HEADER.pack(isolate._WORD, 4) + b"oops",
-        isolate._HEADER.pack(isolate._WORD, 17) + pickle.dumps(Text("damaged"))[:17],
-    ],
-)
-def test_bytes_that_are_no_message_are_noticed_at_once(garbage: bytes) -> None:
-    with pytest.raises(isolate._GarbageError) as caught:
-        isolate._split(garbage)
-    assert "\n" not in str(caught.value)
-
-
 @pytest.mark.parametrize(
     ("task", "detail"),
     [
-        ("send_garbage", "sent an invalid message"),
+        ("send_garbage", "sent an invalid answer, killed"),
         ("close_every_descriptor", "Bad file descriptor"),
     ],
 )
@@ -200,71 +160,51 @@ def test_allowed_silence_is_no_message_for_the_parent(tmp_path: Path) -> None:
 
 
 class SimulatedChild:
-    """A child whose messages arrive at given times of a simulated clock, and then ends."""
+    """A child, and its connection, whose messages arrive at given times of a simulated clock."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, *arrivals: tuple[float, object]):
+    pid = 1
+
+    def __init__(self, *arrivals: tuple[float, object]):
         self.now, self.arrivals = 0.0, list(arrivals)
-        reader, writer = os.pipe()
-        self.reader, self.writer = os.fdopen(reader, "rb"), os.fdopen(writer, "wb", buffering=0)
-        selectors = SimpleNamespace(DefaultSelector=lambda: self, EVENT_READ=1)
-        monkeypatch.setattr(isolate, "time", SimpleNamespace(monotonic=lambda: self.now))
-        monkeypatch.setattr(isolate, "selectors", selectors)
 
-    def __enter__(self) -> "SimulatedChild":
-        return self
+    def send(self, request: object) -> None: ...
 
-    def __exit__(self, *exception: object) -> None:
-        self.reader.close()
-        self.writer.close()
-
-    def register(self, descriptor: int, events: int) -> None:
-        pass
-
-    def select(self, wait_s: float) -> list[str]:
+    def poll(self, wait_s: float) -> bool:
         """Let simulated time pass until the next message, or for as long as the parent waits."""
-        if not self.arrivals:
-            self.writer.close()
-            return ["end of file"]
-        arrival, message = self.arrivals[0]
-        if arrival > self.now + wait_s:
-            self.now += wait_s
-            return []
-        self.now = max(self.now, arrival)
-        self.writer.write(encoded(message))
-        del self.arrivals[0]
-        return ["message"]
+        arrival, _ = self.arrivals[0]
+        arrives = arrival <= self.now + wait_s
+        self.now = max(self.now, arrival) if arrives else self.now + wait_s
+        return arrives
+
+    def recv_bytes(self, max_bytes: int) -> bytes:
+        return pickle.dumps(self.arrivals.pop(0)[1])
+
+    def end(self) -> None: ...
 
 
-def received(simulated: SimulatedChild, limit_s: float) -> list[Any]:
+def received(*arrivals: tuple[float, object]) -> list[str]:
     """Return what the parent receives; a child that is killed is `timeout`."""
-    reader = simulated.reader.fileno()
-    messages = isolate._messages(os.getpid(), reader, limit_s, memory_bytes=None)
-    return [m.status.value if isinstance(m, Ended) else m.text for m in messages]
+    child: Any = SimulatedChild(*arrivals, (1e9, Ended(Status.OK)))
+    connection, messages = ChildConnection(child, child, Path("log")), list[str]()
+    ended = isolate._converse(connection, None, lambda m: messages.append(m.text), 3.0, None)
+    return [*messages, ended.status.value]
 
 
-@pytest.mark.parametrize(
-    ("allowed_s", "expected"), [(None, ["timeout"]), (4.0, ["timeout"]), (6.0, ["late"])]
-)
-def test_a_child_can_extend_its_time_limit(
-    monkeypatch: pytest.MonkeyPatch, allowed_s: float | None, expected: list[str]
-) -> None:
+@pytest.mark.parametrize(("allowed_s", "expected"), [(None, []), (4.0, []), (6.0, ["late"])])
+def test_a_child_can_extend_its_time_limit(allowed_s: float | None, expected: list[str]) -> None:
     allowed = [] if allowed_s is None else [(0.0, isolate._SilenceAllowed(allowed_s))]
-    simulated = SimulatedChild(monkeypatch, *allowed, (5.0, Text("late")))
-    assert received(simulated, limit_s=3.0) == expected
+    assert received(*allowed, (5.0, Text("late"))) == [*expected, "timeout"]
 
 
-def test_an_extension_ends_with_the_next_message(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_extension_ends_with_the_next_message() -> None:
     extension = isolate._SilenceAllowed(100.0)
-    simulated = SimulatedChild(
-        monkeypatch, (0.0, extension), (90.0, Text("late")), (95.0, Text("too late"))
-    )
-    assert received(simulated, limit_s=3.0) == ["late", "timeout"]
+    arrivals = (0.0, extension), (90.0, Text("late")), (95.0, Text("too late"))
+    assert received(*arrivals) == ["late", "timeout"]
 
 
-def test_an_extension_never_shortens_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_extension_never_shortens_the_limit() -> None:
     extension = isolate._SilenceAllowed(1.0)
-    simulated = SimulatedChild(monkeypatch, (0.0, extension), (2.0, Text("in time")))
-    assert received(simulated, limit_s=3.0) == ["in time"]
+    assert received((0.0, extension), (2.0, Text("in time"))) == ["in time", "timeout"]
 
 
 def test_an_exception_in_the_parent_leaves_no_process() -> None:

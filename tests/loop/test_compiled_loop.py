@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjbench.loop import habits
-from mjbench.loop.compiled_loop import LoopNames, compile_loop, script
+from mjbench.loop.compiled_loop import compile_loop, loop_names, script
 from mjbench.loop.habits import Habit
 from mjbench.simulation import models
 
@@ -53,13 +53,13 @@ def test_the_engines_clock_is_on_again_after_its_loop(cartpole: mujoco.MjModel) 
 
 def test_the_printed_loop_runs_as_a_script(cartpole: mujoco.MjModel) -> None:
     for habit in habits.HABITS:
-        names = dict(vars(LoopNames.of(cartpole, NSTEP, FILE)))
+        names = loop_names(cartpole, NSTEP, FILE)
         exec(script(habit), names)
         assert names["data"].time > 0 or habit.name == "state set"
 
 
 def test_a_model_whose_joints_have_no_names_is_accessed_by_its_first_joint() -> None:
     pile = models.load(models.resolve("pile"))
-    names = LoopNames.of(pile, 2, "")
-    assert (names.joint_id, names.joint_name) == (0, "")
+    names = loop_names(pile, 2, "")
+    assert (names["joint_id"], names["joint_name"]) == (0, "")
     compile_loop(habits.find("hoisted accessor"), pile, 2).run()

@@ -11,7 +11,7 @@ from commands import ROOT
 
 from mjbench.errors import InputError
 from mjbench.loop import habits, lint
-from mjbench.loop.lint_rules import ALLOCATION_HABITS, NAMED_ACCESS_HABIT, RULES
+from mjbench.loop.lint_rules import COSTS_NS, RULES
 from mjbench.loop.script_files import UncheckedFile
 
 LOOP = """
@@ -193,14 +193,21 @@ def test_steps_with_something_between_them_are_not(tmp_path: Path, lines: str) -
     assert "MJB017" not in [f.code for f in findings(tmp_path, lines)]
 
 
+def test_an_annotated_mjdata_is_one(tmp_path: Path) -> None:
+    text = LOOP.format(line="x = sim.joint('hinge').qpos[0]")
+    annotated = text.replace("log, rows", "sim: mujoco.MjData = mujoco.MjData(model)\nlog, rows")
+    assert [f.code for f in findings(tmp_path, annotated)] == ["MJB002"]
+
+
 def test_costs_come_from_the_stored_table(tmp_path: Path) -> None:
-    used = {NAMED_ACCESS_HABIT, *ALLOCATION_HABITS.values()}
-    assert used <= set(lint.costs_ns())
-    assert used <= {habit.name for habit in habits.HABITS}
+    (row,) = json.loads((ROOT / "results" / "overhead.json").read_text())["results"]
+    stored = {cost["source"]: cost["ns"] for cost in row["costs"]}
+    assert {habit: stored[habit] for habit in COSTS_NS} == COSTS_NS
+    assert COSTS_NS.keys() <= {habit.name for habit in habits.HABITS}
     (finding,) = findings(tmp_path, LOOP.format(line="n = np.concatenate([data.qpos, data.qvel])"))
-    assert finding.ns_per_step == lint.costs_ns()["concatenate"] > 0
+    assert finding.ns_per_step == COSTS_NS["concatenate"]
     (finding,) = findings(tmp_path, LOOP.format(line="n = np.zeros(9)"))
-    assert finding.ns_per_step == lint.costs_ns()["allocate zeros"] > 0
+    assert finding.ns_per_step == COSTS_NS["allocate zeros"]
 
 
 def test_a_loop_that_does_not_step_has_no_finding(tmp_path: Path) -> None:

@@ -33,6 +33,7 @@ PAIR = "return data.time, data.qpos"
         (DICT, "now = look(data); log.append(now)"),
         (DICT.replace("return", "r =") + "; return r", "log.append(look(data))"),
         ("return dict(q=data.qpos)", "log.append((i, look(data)))"),
+        ("return data.qpos", "log.append(dict(q=look(data)))"),
         (PAIR, "time, q = look(data); log.append(q)"),
         ("return [data.qpos]", "log.append(look(data))"),
     ],

@@ -168,6 +168,11 @@ def test_a_renderer_for_every_frame_is_found(tmp_path: Path, line: str) -> None:
     assert finding.callee == "Renderer"
 
 
+def test_a_renderer_is_known_under_another_name(tmp_path: Path) -> None:
+    text = "from mujoco import Renderer as Camera\n" + RENDERING.format(line="Camera(model)")
+    assert [f.code for f in findings(tmp_path, text, "MJB012")] == ["MJB012"]
+
+
 @pytest.mark.parametrize(
     "line",
     [

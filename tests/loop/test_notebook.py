@@ -81,13 +81,13 @@ def test_cells_of_text_count_and_hold_no_python() -> None:
             }
         ).encode()
     )
-    assert (cell.number, cell.python) == (3, "x = 1")
+    assert (cell.cell, cell.python) == (3, "x = 1")
 
 
 def test_version_3_of_the_format_is_read() -> None:
     sheets = [[{"cell_type": "code", "input": "x = 1"}], [{"cell_type": "code", "input": ["y"]}]]
     data = json.dumps({"worksheets": [{"cells": cells} for cells in sheets]}).encode()
-    assert [(cell.number, cell.python) for cell in code_cells(data)] == [(1, "x = 1"), (2, "y")]
+    assert [(cell.cell, cell.python) for cell in code_cells(data)] == [(1, "x = 1"), (2, "y")]
 
 
 @pytest.mark.parametrize("language", ["python", "ipython", "Python 3"])

@@ -203,7 +203,7 @@ def simulated(random: np.random.Generator, change: float) -> VerdictRow:
     return replace(
         SAME,
         verdict=judgement.verdict,
-        ratio=Ratio(judgement.ratio, judgement.low, judgement.high),
+        ratio=judgement.ratio,
         e_slower=judgement.e_slower,
         e_faster=judgement.e_faster,
     )

@@ -6,7 +6,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import process_tree
@@ -15,9 +14,10 @@ from commands import ROOT
 from paired_examples import INSTALLED
 
 from mjbench.instrument import child, platforms
-from mjbench.paired import fork_server, release_python, requests
+from mjbench.paired import fork_server, release_python
 from mjbench.paired.fork_server_process import ForkServerProcess
 from mjbench.paired.launch_seeds import LaunchSeeds
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError, WorkerProcess
 
@@ -183,7 +183,7 @@ def test_workers_outlive_a_server_that_is_killed() -> None:
         os.waitid(os.P_PID, server, os.WEXITED | os.WNOWAIT)  # it has ended
         other = pool.start(INSTALLED)
         pool.wait_for(other, INSTALLED)
-        assert worker.call(requests.CountCores(1)) > 0
+        assert worker.call(Worker.count_cores, 1) > 0
 
 
 def test_a_server_that_hangs_is_killed_once_the_limit_has_passed(tmp_path: Path) -> None:
@@ -202,42 +202,17 @@ def test_a_server_that_hangs_is_killed_once_the_limit_has_passed(tmp_path: Path)
     server.end()
 
 
-class WatchedLock:
-    """A lock that says when a second thread wants it."""
-
-    def __init__(self) -> None:
-        self._lock, self._first = threading.Lock(), threading.Lock()
-        self.second_asks = threading.Event()
-
-    def __enter__(self) -> None:
-        if not self._first.acquire(blocking=False):
-            self.second_asks.set()
-        self._lock.acquire()
-
-    def __exit__(self, *exception: object) -> None:
-        self._lock.release()
-
-
-def test_two_threads_can_wait_for_workers_of_one_server(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The first one receives both answers while the second waits, which then asks for none."""
+def test_the_answers_of_a_server_belong_to_the_workers_that_they_name(tmp_path: Path) -> None:
+    """Whichever is waited for first."""
     ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
     process = child.Child([sys.executable, "-c", "import time; time.sleep(600)"])
     server = ForkServerProcess(process, ours, 60.0, tmp_path / "server.output")
     workers = [server.fork(theirs.fileno(), tmp_path / f"{i}.output") for i in range(2)]
-    lock = WatchedLock()
-    monkeypatch.setattr(server, "_receiving", lock)
-    threads = [threading.Thread(target=server.await_fork, args=[worker]) for worker in workers]
+    pids = [os.getpid(), os.getppid()]
     with theirs:
-        for thread in threads:
-            thread.start()
-        lock.second_asks.wait()
-        for worker in workers:
-            theirs.send(fork_server.PID.pack(os.getpid()) + worker.mark.encode())
-        for thread in threads:
-            thread.join()
-    assert [worker.pid for worker in workers] == [os.getpid()] * 2
+        for worker, pid in zip(workers, pids, strict=True):
+            theirs.send(fork_server.PID.pack(pid) + worker.mark.encode())
+    assert [workers[1].pid, workers[0].pid] == pids[::-1]
     server.end()
 
 
@@ -247,7 +222,7 @@ def test_a_worker_that_dies_is_named_with_the_signal() -> None:
         pool.wait_for(worker, INSTALLED)
         os.kill(worker.pid, signal.SIGSEGV)
         with pytest.raises(TargetError, match=r"worker: killed by signal 11 \(SIGSEGV\)"):
-            worker.call(requests.CountCores(1))
+            worker.call(Worker.count_cores, 1)
 
 
 def test_a_worker_that_raises_ends_and_does_not_go_on_as_its_server() -> None:

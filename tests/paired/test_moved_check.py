@@ -1,5 +1,6 @@
 """Whether moved libraries do what the installed ones do: seen once for each release."""
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,12 +10,15 @@ import numpy as np
 import pytest
 from paired_examples import INSTALLED
 
-from mjbench.paired import moved_check, requests
+from mjbench.paired import moved_check
+from mjbench.paired.moved_check import Averaging
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError
 from mjbench.releases import movable
+from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.moved_image import ImmovableError
-from mjbench.releases.placement import RESIDUES, Placement
+from mjbench.releases.placement import AS_SHIPPED, RESIDUES, Placement
 
 STATES = np.arange(6.0).reshape(2, 3)
 
@@ -25,8 +29,8 @@ class Process:
     def __init__(self, states: np.ndarray | Exception):
         self._states, self.has_ended = states, False
 
-    def call(self, request: requests.Request[Any]) -> Any:
-        if isinstance(request, requests.Observe):
+    def call(self, task: Any, *arguments: Any) -> Any:
+        if task == Worker.observe:
             if isinstance(self._states, Exception):
                 raise self._states
             return SimpleNamespace(final_state=self._states)
@@ -129,3 +133,40 @@ def test_the_folder_of_a_moved_install_goes_with_its_process(pool: WorkerPool) -
     assert (moved / "mujoco").is_dir()
     pool.end([process])
     assert not moved.exists()
+
+
+# averaging
+
+
+def test_launches_are_moved_or_as_shipped_where_nothing_can_be_moved() -> None:
+    moved = itertools.islice(Averaging(True).placements(), 90)
+    assert sum(pair.is_moved for pair in moved) == 80
+    assert set(itertools.islice(Averaging(False).placements(), 100)) == {AS_SHIPPED}
+
+
+def test_only_moved_launches_count_for_a_verdict() -> None:
+    assert (Averaging(True).launches_with(6), Averaging(False).launches_with(6)) == (7, 6)
+
+
+def test_both_releases_must_move(pool: WorkerPool, monkeypatch: pytest.MonkeyPatch) -> None:
+    def check(pool: WorkerPool, release: object) -> None:
+        if release is not INSTALLED:
+            raise ImmovableError("it is a program")
+
+    monkeypatch.setattr(moved_check, "check", check)
+    other = ReleaseSpec("3.5.0", "3.5.0")
+    assert moved_check.averaging(pool, INSTALLED, INSTALLED) == Averaging(True)
+    for pair in ((INSTALLED, other), (other, INSTALLED)):
+        assert moved_check.averaging(pool, *pair) == Averaging(
+            False, "the code of MuJoCo 3.5.0 cannot be moved: it is a program"
+        )
+
+
+def test_elsewhere_than_on_linux_the_reason_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(movable.platform, "machine", lambda: "aarch64")
+    with WorkerPool() as pool:
+        averaged = moved_check.averaging(pool, INSTALLED, INSTALLED)
+    version = INSTALLED.version
+    reason = "only libraries for Linux on x86-64 can be moved"
+    problem = f"the code of MuJoCo {version} cannot be moved: {reason}"
+    assert averaged == Averaging(False, problem)

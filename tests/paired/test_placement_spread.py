@@ -12,10 +12,11 @@ from paired_examples import CARTPOLE
 
 from mjbench.instrument.json_form import json_form
 from mjbench.instrument.runs import to_json
+from mjbench.paired import launches as launch_loop
 from mjbench.paired import moved_check, placement_spread
 from mjbench.paired.placement_spread import MIN_LAUNCHES, SpreadPlan, SpreadRecord
-from mjbench.paired.protocol import Launch
-from mjbench.paired.time_limit import OutOfTimeError, TimeLimit
+from mjbench.paired.records import LaunchRow
+from mjbench.paired.time_limit import TimeLimit
 from mjbench.releases.moved_image import ImmovableError
 from mjbench.releases.placement import RESIDUES, Placement, PlacementPair
 from mjbench.status import Status
@@ -24,13 +25,13 @@ from mjbench.status import Status
 TRUTH = {0: 0.0, 16: 0.04, 32: -0.01, 48: 0.02}
 
 
-def launch(pair: PlacementPair, log_ratio: float) -> Launch:
+def launch(pair: PlacementPair, log_ratio: float) -> LaunchRow:
     """Return a launch of one quad with a log ratio."""
     ns = np.array([[1e9, 1e9 * math.exp(log_ratio), 1e9 * math.exp(log_ratio), 1e9]])
-    return Launch(0, None, ["ABBA"], ns, pair, [1], [0])
+    return LaunchRow(0, None, ["ABBA"], ns.tolist(), pair, [1])
 
 
-def launches(count: int, truth: dict[int, float], deviation: float = 0.003) -> list[Launch]:
+def launches(count: int, truth: dict[int, float], deviation: float = 0.003) -> list[LaunchRow]:
     """Return launches of the schedule, with noise."""
     rng, noise = random.Random(3), np.random.default_rng(3)
     pairs = itertools.islice(placement_spread.schedule(rng), count)
@@ -41,7 +42,7 @@ def launches(count: int, truth: dict[int, float], deviation: float = 0.003) -> l
     ]
 
 
-def spread(measured: Sequence[Launch]) -> Any:
+def spread(measured: Sequence[LaunchRow]) -> Any:
     return placement_spread.spread_of(placement_spread.residue_rows(measured))
 
 
@@ -113,33 +114,57 @@ class Clock:
     def __call__(self) -> float:
         return self.now
 
-    def launch(self) -> Launch:
-        self.now += 1.0
+
+class Pair:
+    """Stands for targets that are launched without a process."""
+
+    work_check = baseline_workload = None
+
+    def __init__(self, clock: Clock, time_limit: TimeLimit):
+        self._clock = clock
+        time_limit.start()
+
+    def launch(self) -> LaunchRow:
+        self._clock.now += 1.0
         return launch(PlacementPair(None, Placement(0, 0)), 0.0)
 
-
-def launched(limit_s: float, plan: SpreadPlan) -> tuple[int, str]:
-    """Return how many launches a time limit allows, and what is said of it."""
-    clock, done = Clock(), list[Launch]()
-    limit = TimeLimit(limit_s, 4 * MIN_LAUNCHES, clock, purpose="a spread")
-    limit.start()
-    counts: list[int] = []
-    try:
-        detail = placement_spread.launch_all(clock.launch, plan, limit, done, counts.append)
-    except OutOfTimeError as error:
-        detail = str(error)
-    assert counts == list(range(1, len(done) + 1))
-    return len(done), detail
+    def close(self) -> None: ...
 
 
-def test_every_residue_gets_its_launches() -> None:
-    assert launched(1e9, SpreadPlan(launches=10)) == (40, "")
-    assert launched(1e9, SpreadPlan(launches=1)) == (4, "")
+@pytest.fixture
+def launched(monkeypatch: pytest.MonkeyPatch) -> Callable[[SpreadPlan], tuple[int, str]]:
+    """Return what says how many launches a plan makes, and what is said of it."""
+    clock = Clock()
+    monkeypatch.setattr(
+        launch_loop,
+        "TargetPair",
+        lambda pool, old, new, sizes, time_limit, placements: Pair(clock, time_limit),
+    )
+    monkeypatch.setattr(moved_check, "check", lambda pool, release: None)
+
+    def measure(plan: SpreadPlan) -> tuple[int, str]:
+        pool: Any = None
+        counts: list[int] = []
+        record = placement_spread.measure(pool, CARTPOLE, plan, counts.append, clock)
+        assert record.status == Status.OK
+        assert counts == list(range(1, record.launches + 1))
+        return record.launches, record.detail
+
+    return measure
 
 
-def test_time_runs_out_with_what_was_measured() -> None:
-    assert launched(40.0, SpreadPlan()) == (40, "time ran out after 40 of 56 launches")
-    count, detail = launched(10.0, SpreadPlan())
+Launched = Callable[[SpreadPlan], tuple[int, str]]
+
+
+def test_every_residue_gets_its_launches(launched: Launched) -> None:
+    assert launched(SpreadPlan(launches=10, time_limit_s=1e9)) == (40, "")
+    assert launched(SpreadPlan(launches=1, time_limit_s=1e9)) == (4, "")
+
+
+def test_time_runs_out_with_what_was_measured(launched: Launched) -> None:
+    expected = 40, "time ran out after 40 of 56 launches"
+    assert launched(SpreadPlan(time_limit_s=40.0)) == expected
+    count, detail = launched(SpreadPlan(time_limit_s=10.0))
     assert count == 10
     assert detail == (
         "a launch takes about 1 s, and a spread needs at least 36 launches:"
@@ -173,7 +198,7 @@ def test_a_release_that_cannot_be_measured_says_why(
 
 
 def test_documents_have_no_samples() -> None:
-    samples = [one.row() for one in launches(4, TRUTH)]
+    samples = launches(4, TRUTH)
     record = SpreadRecord(
         model="m", release="4.0.0", build="b", status=Status.OK, launches=4, samples=samples
     )

@@ -8,11 +8,14 @@ import pytest
 from paired_examples import CARTPOLE, INSTALLED
 
 from mjbench.errors import InputError
-from mjbench.paired import averaging, operations, preparation, release_ratio
-from mjbench.paired.averaging import Averaging
-from mjbench.paired.process_pairs import ProcessPairs
-from mjbench.paired.release_tasks import OperationTask, Processes, ReleaseTask, StepTask
+from mjbench.instrument import stats
+from mjbench.paired import moved_check, operations, preparation, release_ratio
+from mjbench.paired.moved_check import Averaging
+from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
+from mjbench.paired.records import section_numbers
+from mjbench.paired.release_tasks import OperationTask, ReleaseTask, StepTask
 from mjbench.paired.targets import Target
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError
 from mjbench.releases import release_ratios
@@ -85,7 +88,7 @@ class InventedTask(ReleaseTask):
         if self.name == "impossible":
             raise InputError("there is no such thing")
 
-    def ready(self, processes: Processes, core: int | None) -> Sequence[int]:
+    def lay_out(self, pair: ProcessPair) -> Sequence[int]:
         return self._ready(len(self.launches))
 
     def record(self, problem: str, seconds: float) -> RatioRecord:
@@ -103,7 +106,7 @@ def no_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
         "time_quads",
         lambda old, new, count: (["ABBA"] * count, np.full((count, 4), 1e6)),
     )
-    monkeypatch.setattr(averaging, "averaging", lambda *releases: Averaging(False))
+    monkeypatch.setattr(moved_check, "averaging", lambda *releases: Averaging(False))
 
 
 def fine(count: int) -> Sequence[int]:
@@ -328,3 +331,39 @@ def test_every_operation_computes_the_same_whenever_it_is_prepared(name: str) ->
     assert result.size
     assert np.isfinite(result).all()
     assert np.array_equal(result, second.result())
+
+
+def test_the_time_of_a_run_is_that_of_the_blocks_of_the_reference_alone() -> None:
+    orders = ["ABBA", "BAAB"]
+    ns = np.array([[100.0, 900.0, 900.0, 110.0], [900.0, 120.0, 130.0, 900.0]])
+    assert release_ratio.run_ns(orders, ns, np.array([0, 0]), 1) == 115.0
+    # two layouts with whole runs of their own, and two sections of a run
+    assert release_ratio.run_ns(orders, ns, np.array([0, 1]), 1) == 115.0
+    assert release_ratio.run_ns(orders, ns, np.array([0, 1]), 2) == 230.0
+
+
+def test_sections_of_different_runs_are_different_work() -> None:
+    ratios = np.array([1.0, 1.3, 1.0, 1.3, 1.2, 1.4, 1.2, 1.4])
+    ns = 100.0 * np.stack([np.ones(8), ratios, ratios, np.ones(8)], axis=1)
+    parts = section_numbers([4, 4], [0, 1], 2)
+    assert stats.total_log_ratio(["ABBA"] * 8, ns, parts) == pytest.approx(np.log(4.9 / 4))
+    assert release_ratio.run_ns(["ABBA"] * 8, ns, parts, 2) == 200.0
+
+
+def test_a_process_that_cannot_read_its_work_leaves_no_answer_of_the_other_behind(
+    pool: WorkerPool,
+) -> None:
+    task = StepTask(BOTH, CARTPOLE.model)
+    task.prepare(pool)
+    work = task._work
+    assert work is not None
+    missing = work.workloads[0].with_suffix(".missing")
+    processes = pool.start(INSTALLED), pool.start(INSTALLED, side=1)
+    for process in processes:
+        pool.wait_for(process, INSTALLED)
+    work.workloads = missing, work.workloads[1]
+    with pytest.raises(TargetError, match="missing"):
+        task.equip(processes)
+    assert processes[1].call(Worker.count_cores, 1) > 0
+    pool.end(processes)
+    task.close()

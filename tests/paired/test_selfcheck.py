@@ -11,12 +11,12 @@ import pytest
 from paired_examples import CARTPOLE, CUBES
 
 from mjbench.errors import InputError, MachineError
+from mjbench.instrument.ratio import Ratio
 from mjbench.paired import selfcheck, selfcheck_cases
-from mjbench.paired.averaging import Averaging
 from mjbench.paired.judgement import Judgement
+from mjbench.paired.moved_check import Averaging
 from mjbench.paired.outcomes import Arm, Cause, Verdict
-from mjbench.paired.protocol import Launch
-from mjbench.paired.records import PlacementEffect
+from mjbench.paired.records import LaunchRow, PlacementEffect
 from mjbench.paired.selfcheck_cases import Case
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.paired.verdict import PairedResult, VerdictPlan
@@ -47,19 +47,19 @@ def trial(verdict: Verdict, estimate: float, half_width: float = 0.005, **others
     )
 
 
-def launch(log_ratio: float, placements: PlacementPair) -> Launch:
+def launch(log_ratio: float, placements: PlacementPair) -> LaunchRow:
     candidate_ns = 1e6 * np.exp(log_ratio)
     ns = np.array([[1e6, candidate_ns, candidate_ns, 1e6]])
-    return Launch(0, None, ["ABBA"], ns, placements, [1], [0])
+    return LaunchRow(0, None, ["ABBA"], ns.tolist(), placements, [1])
 
 
 def result(
-    case: Case, averaging: Averaging, launches: Sequence[Launch], **others: Any
+    case: Case, averaging: Averaging, launches: Sequence[LaunchRow], **others: Any
 ) -> PairedResult:
-    judgement = Judgement(Verdict.SAME, 1.0, 0.999, 1.001, len(launches), True)
+    judgement = Judgement(Verdict.SAME, Ratio(1.0, 0.999, 1.001), len(launches), True)
     return PairedResult(
-        case.baseline,
-        case.candidate,
+        baseline=case.baseline,
+        candidate=case.candidate,
         **{
             "status": Status.OK,
             "launches": launches,
@@ -73,7 +73,7 @@ def result(
 def test_a_trial_keeps_launches_as_shipped_apart_from_those_it_rests_on() -> None:
     case = selfcheck_cases.between_builds(CARTPOLE.model, NoChangePair("3.2.1", "3.2.2"))
     launches = [launch(0.001, MOVED), launch(0.03, AS_SHIPPED), launch(-0.001, MOVED)]
-    as_shipped = Judgement(Verdict.SLOWER, 1.03, 1.02, 1.04, 1, True)
+    as_shipped = Judgement(Verdict.SLOWER, Ratio(1.03, 1.02, 1.04), 1, True)
     record = selfcheck.record_of(
         case, result(case, Averaging(True), launches, as_shipped=as_shipped)
     )

@@ -11,12 +11,13 @@ from paired_examples import BRIEF, CARTPOLE, INSTALLED
 
 from benchmarks.studies.simulated_launches import Scenario, simulate, skewed, two_modes
 from mjbench.instrument import runs
+from mjbench.instrument.ratio import Ratio
 from mjbench.paired import preparation, protocol, verdict
-from mjbench.paired.averaging import Averaging
 from mjbench.paired.judgement import Judgement, judge
+from mjbench.paired.moved_check import Averaging
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.preparation import WorkCheck
-from mjbench.paired.protocol import Launch
+from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import PairedResult
@@ -37,7 +38,7 @@ def test_a_known_slowdown_is_a_share_of_the_simulations(pool: WorkerPool) -> Non
     result = verdict.decide(pool, CARTPOLE, candidate, plan)
     assert result.status == Status.OK
     assert result.judgement is not None
-    assert result.judgement.ratio > 1.5  # twice the work
+    assert result.judgement.ratio.estimate > 1.5  # twice the work
 
 
 def test_time_runs_out_with_an_interval_and_no_verdict(pool: WorkerPool) -> None:
@@ -103,7 +104,10 @@ def test_a_model_that_does_not_load_is_bad_input(pool: WorkerPool, tmp_path: Pat
 
 
 def test_a_comparison_that_measured_nothing_says_so_with_none() -> None:
-    row = PairedResult(CARTPOLE, CARTPOLE, Status.FAILED, "killed").row()
+    failed = PairedResult(
+        baseline=CARTPOLE, candidate=CARTPOLE, status=Status.FAILED, detail="killed"
+    )
+    row = failed.row()
     assert (row.status, row.detail, row.model) == (Status.FAILED, "killed", "cartpole")
     assert (row.verdict, row.ratio, row.changed_work, row.work) == (None, None, None, None)
     assert (row.drift, row.diverged, row.nbatch, row.nstep) == (None, None, None, None)
@@ -167,7 +171,7 @@ def test_few_launches_give_no_verdict_however_clear() -> None:
 
 def test_launches_that_are_all_alike_are_judged() -> None:
     judgement = judge([0.0] * 8, 0.01, 0.99, 0.005)
-    assert (judgement.verdict, judgement.low, judgement.high) == (Verdict.SAME, 1.0, 1.0)
+    assert (judgement.verdict, judgement.ratio) == (Verdict.SAME, Ratio(1.0, 1.0, 1.0))
 
 
 def test_placements_are_averaged_out() -> None:
@@ -177,8 +181,8 @@ def test_placements_are_averaged_out() -> None:
     log_ratios = [0.05 * (r == 32) + j for r, j in zip(residues, jitter, strict=True)]
     judgement = judge(log_ratios, 0.01, 0.99, 0.005, residues)
     assert judgement.verdict == Verdict.SLOWER
-    assert judgement.ratio == pytest.approx(1.0125, abs=0.0005)
-    assert judgement.low > 1.01
+    assert judgement.ratio.estimate == pytest.approx(1.0125, abs=0.0005)
+    assert judgement.ratio.is_above(1.01)
     assert judge(log_ratios, 0.01, 0.99, 0.005).verdict == Verdict.INCONCLUSIVE
 
 
@@ -213,13 +217,14 @@ MOVED = Averaging(True)
 
 
 def judgement(outcome: Verdict, ratio: float = 1.02, half_width: float = 0.003) -> Judgement:
-    return Judgement(outcome, ratio, ratio - half_width, ratio + half_width, 10, True)
+    return Judgement(outcome, Ratio(ratio, ratio - half_width, ratio + half_width), 10, True)
 
 
 def builds(**fields: Any) -> PairedResult:
     """Return how a comparison of two builds ended; same work, averaged, unless said otherwise."""
     defaults = {"work_check": SAME_WORK, "averaging": MOVED}
-    return PairedResult(OTHER_BUILD, CARTPOLE, Status.OK, **{**defaults, **fields})
+    targets = {"baseline": OTHER_BUILD, "candidate": CARTPOLE}
+    return PairedResult(status=Status.OK, **{**targets, **defaults, **fields})
 
 
 SLOWER, SAME = judgement(Verdict.SLOWER), judgement(Verdict.SAME, 1.001)
@@ -264,14 +269,14 @@ def test_the_placement_adds_what_is_there_only_as_shipped() -> None:
     assert effect is not None
     assert effect.averaged
     assert effect.effect is not None
-    assert effect.as_shipped == verdict.ratio_of(as_shipped)
+    assert effect.as_shipped == as_shipped.ratio
     assert effect.effect.estimate == pytest.approx(1.05 / 1.001)
     assert effect.effect.low == pytest.approx(1.048 / 1.004)
     assert effect.effect.high == pytest.approx(1.052 / 0.998)
 
 
 def test_few_launches_as_shipped_give_an_effect_without_an_interval() -> None:
-    few = Judgement(Verdict.INCONCLUSIVE, 1.05, 0.0, math.inf, 2, False)
+    few = Judgement(Verdict.INCONCLUSIVE, Ratio(1.05, None, None), 2, False)
     effect = builds(judgement=SAME, as_shipped=few).row().placement
     assert effect is not None
     assert effect.effect is not None
@@ -287,11 +292,11 @@ def test_builds_that_cannot_be_moved_are_compared_as_shipped_and_the_row_says_wh
     assert sentence.endswith("; compared as shipped: MuJoCo 3.5.0: no reason")
 
 
-def launch(log_ratio: float, placements: PlacementPair) -> Launch:
+def launch(log_ratio: float, placements: PlacementPair) -> LaunchRow:
     """Return a launch of one quad with a log ratio."""
     slower = round(1e9 * math.exp(log_ratio))
     ns = np.array([[10**9, slower, slower, 10**9]])
-    return Launch(0, None, ["ABBA"], ns, placements, [1], [0])
+    return LaunchRow(0, None, ["ABBA"], ns.tolist(), placements, [1])
 
 
 def test_launches_as_shipped_have_a_judgement_of_their_own() -> None:
@@ -307,7 +312,7 @@ def test_launches_as_shipped_have_a_judgement_of_their_own() -> None:
     assert (averaged.verdict, averaged.launches) == (Verdict.SAME, 8)
     # the others help to estimate how far launches spread
     assert (shipped.verdict, shipped.launches) == (Verdict.SLOWER, 11)
-    assert shipped.ratio == pytest.approx(math.exp(0.05))
+    assert shipped.ratio.estimate == pytest.approx(math.exp(0.05))
 
 
 def test_steps_alike_of_twice_the_timestep_are_twice_as_fast() -> None:
@@ -315,4 +320,4 @@ def test_steps_alike_of_twice_the_timestep_are_twice_as_fast() -> None:
     judged = verdict._judge_launches(launches, verdict.VerdictPlan(), log_scale=-math.log(2))
     assert judged is not None
     assert judged.verdict == Verdict.FASTER
-    assert judged.ratio == pytest.approx(0.5)
+    assert judged.ratio.estimate == pytest.approx(0.5)

@@ -1,5 +1,6 @@
 """What one worker does: what it imports, what it sets, and what it refuses."""
 
+import functools
 import subprocess
 import sys
 import time
@@ -15,7 +16,6 @@ from commands import ROOT
 from paired_examples import CUBES, INSTALLED
 
 from mjbench.errors import MachineError
-from mjbench.paired import requests
 from mjbench.paired.loop_sections import Section
 from mjbench.paired.protocol import TargetPair
 from mjbench.paired.worker import Worker
@@ -57,16 +57,16 @@ def test_steps_call_a_function_of_the_engine_that_they_step_with(
         pytest.skip(str(error))
     model_file = pool.new_file(".mjb")
     process.wait()
-    process.call(requests.LoadModel(CUBES.model.name, CUBES.model.path, {}))
-    process.call(requests.SaveModel(model_file))
-    workload = process.call(requests.MakeWorkload(SampleRequest(nbatch=2, nstep=3))).workload
-    observed = process.call(requests.Observe(pool.save(workload)))
+    process.call(Worker.load_model, CUBES.model.name, CUBES.model.path, {})
+    process.call(Worker.save_model, model_file)
+    workload = process.call(Worker.make_workload, SampleRequest(nbatch=2, nstep=3)).workload
+    observed = process.call(Worker.observe, pool.save(workload))
     workload = workload.only(np.arange(2), observed.final_state)
-    process.call(requests.Equip(model_file, pool.save(workload), "python_loop"))
-    prepare = requests.Prepare("python_loop", {}, cores=(), simulations=(0, 1))
-    assert process.call(replace(prepare, callback="mj_factorM")) > 0
+    process.call(Worker.equip, model_file, pool.save(workload), "python_loop")
+    prepare = functools.partial(process.call, Worker.prepare, "python_loop", {}, (), (0, 1))
+    assert prepare(callback="mj_factorM") > 0
     with pytest.raises(TargetError, match="with mj_Euler called inside each step does not reach"):
-        process.call(replace(prepare, callback="mj_Euler"))
+        prepare(callback="mj_Euler")
     pool.end([process])
 
 
@@ -77,11 +77,10 @@ def test_a_run_can_be_prepared_without_the_timer_of_the_python_package() -> None
         pytest.skip("this release of MuJoCo installs no timer")
     worker.workload = workload.make(worker.model, nbatch=1, nstep=3)
     worker.final_state = work.observe(worker.workload).final_state
-    prepare = requests.Prepare("python_loop", {}, cores=(), simulations=(0,))
     try:
-        worker._prepare(prepare)
+        worker.prepare("python_loop", {}, cores=(), simulations=(0,))
         assert has_clock(worker.model)
-        worker._prepare(replace(prepare, has_timer=False))
+        worker.prepare("python_loop", {}, cores=(), simulations=(0,), has_timer=False)
         assert not has_clock(worker.model)
     finally:
         engine_clock(True)
@@ -107,9 +106,9 @@ def test_a_model_that_a_full_disk_cuts_short_is_an_error_of_the_machine(
     worker = Worker(cast(Connection, None))
     worker.model = models.load(models.resolve("cartpole"))
     file = tmp_path / "model.mjb"
-    worker._save_model(requests.SaveModel(file))
+    worker.save_model(file)
     assert models.load(models.ModelSource("cartpole", file)).nq == worker.model.nq
     monkeypatch.setattr(mujoco, "mj_saveModel", lambda model, name, buffer: None)
     file.write_bytes(file.read_bytes()[:-1])
     with pytest.raises(MachineError, match="is the disk full"):
-        worker._save_model(requests.SaveModel(file))
+        worker.save_model(file)

@@ -12,8 +12,8 @@ import process_tree
 import pytest
 from paired_examples import BRIEF, CARTPOLE
 
-from mjbench.paired import verdict, worker_programs
-from mjbench.paired.requests import TimeBlocks
+from mjbench.instrument import child_connection
+from mjbench.paired import verdict
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError, WorkerProcess
 from mjbench.status import Status
@@ -23,21 +23,21 @@ from mjbench.status import Status
     ("method", "code", "message"),
     [
         (
-            "_load_model",
+            "load_model",
             "os.kill(os.getpid(), signal.SIGSEGV)",
             "SIGSEGV) while loading the model",
         ),
-        ("_observe", "os._exit(3)", "exit code 3 while stepping the model"),
-        ("_prepare", "time.sleep(60)", "no answer within 5 s while preparing a run"),
+        ("observe", "os._exit(3)", "exit code 3 while stepping the model"),
+        ("prepare", "time.sleep(60)", "no answer within 5 s while preparing a run"),
         ("_block", "os.kill(os.getpid(), signal.SIGKILL)", "SIGKILL) while"),
         ("_block", "args[0].warm_up(); args[0].run(); return -5", "a block took -5 ns"),
         (
-            "_start_release",
+            "start_release",
             "raise RuntimeError('half a release')",
             "RuntimeError: half a release",
         ),
-        ("_make_workload", "raise MemoryError", "out of memory"),
-        ("_prepare", "raise SystemExit(3)", "SystemExit: 3"),
+        ("make_workload", "raise MemoryError", "out of memory"),
+        ("prepare", "raise SystemExit(3)", "SystemExit: 3"),
     ],
 )
 def test_a_target_that_misbehaves_is_named_in_one_line_and_leaves_no_process(
@@ -99,18 +99,14 @@ def test_a_worker_that_sends_no_answer_is_ended_in_one_line(
     tmp_path: Path, sent: bytes, is_block: bool
 ) -> None:
     ours, theirs = socket.socketpair()
-    ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, worker_programs._timeval(0.01))
+    ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, child_connection.timeval(0.01))
     process: Any = Endless()
     worker = WorkerProcess(Connection(ours.detach()), "baseline", 60.0, process, tmp_path / "log")
     with theirs, worker.connection:
         theirs.sendall(sent)
-        worker._pending.append(TimeBlocks())
+        worker._activities.append("running a block")
         with pytest.raises(TargetError) as caught:
             worker.time_block() if is_block else worker.wait()
     assert str(caught.value).startswith("baseline: sent an invalid answer, killed while running")
     assert "\n" not in str(caught.value)
     assert process.has_ended
-
-
-def test_the_longest_silence_within_an_answer_is_given_to_the_system_in_its_format() -> None:
-    assert worker_programs._timeval(2.5) == struct.pack("@ll", 2, 500_000)

@@ -162,7 +162,7 @@ STEP = {"steps": 10, "all_steps": 10}
 def test_what_calls_take_is_known_and_samples_divide_the_rest(file):
     """20 of 40 samples are physics; the calls took 0.6 of the 4 seconds."""
     of = stacks(file)
-    seen = [of["step"]] * 20 + [of["observe"]] * 20
+    seen = [of["step"], of["observe"]] * 20
     timed = [call("mj_step", 8, 0.6, 0, 4, **STEP)]
     (time,) = attribution.loop_times([samples(seen)], 1, calls=timed)
     assert time.activities == pytest.approx({Activity.PHYSICS: 0.15, Activity.PYTHON: 0.85})
@@ -170,6 +170,53 @@ def test_what_calls_take_is_known_and_samples_divide_the_rest(file):
     assert time.is_timed(Activity.PHYSICS)
     assert not time.is_timed(Activity.PYTHON)
     assert time.packages == pytest.approx({"": 0.85})
+
+
+@pytest.mark.parametrize(("before", "seconds"), [(0, 4.0), (2, 4.0), (40, 8.0)])
+def test_a_loop_is_longer_than_from_its_first_call_to_its_last_if_samples_certainly_say_so(
+    file, before, seconds
+):
+    of = stacks(file)
+    seen = [of["observe"]] * before + [of["step"], of["observe"]] * 20
+    timed = [call("mj_step", 8, 0.6, 0, 4, **STEP)]
+    (time,) = attribution.loop_times([samples(seen)], 1, calls=timed)
+    assert time.seconds == pytest.approx(seconds, rel=0.05)
+
+
+def test_samples_that_saw_few_calls_say_how_long_a_loop_runs(file):
+    of = stacks(file)
+    seen = [of["observe"]] * 30 + [of["step"]] + [of["observe"]] * 29
+    timed = [call("mj_step", 8, 0.01, 0, 4, **STEP)]
+    (time,) = attribution.loop_times([samples(seen)], 1, calls=timed)
+    assert time.seconds == pytest.approx(6.0)
+
+
+def test_what_frees_the_result_of_a_slow_call_is_of_its_line(file):
+    seen = [stacks(file)["step"]] * 36 + [stacks(file)["observe"]] * 4
+    timed = [call("MjData", 8, 2.0, 0, 4), call("mj_step", 9, 0.4, 0, 4, **STEP)]
+    (time,) = attribution.loop_times([samples(seen)], 1, calls=timed)
+    assert time.activities[Activity.BINDINGS] == pytest.approx(0.4 * 0.8)
+    assert time.activities[Activity.PYTHON] == pytest.approx(0.4 * 0.2)
+
+
+def test_lines_outside_loops_stand_for_all_that_they_call(file):
+    of = stacks(file)
+    imported = [
+        Frame("<module>", file, 10),
+        Frame("_find_and_load", "<frozen importlib._bootstrap>", 1),
+    ]
+    seen = [samples([of["setup"]] * 5 + [imported] * 20 + [of["step"]] * 15)]
+    loops = attribution.loop_times(seen, 1)
+    imports, setup = attribution.outside_loops(seen, 1, loops, wall_s=5.0)
+    assert (imports.main_activity, imports.share) == (Activity.IMPORT, pytest.approx(0.4))
+    assert (str(setup.place), setup.share) == ("program.py:6", pytest.approx(0.1))
+
+
+def test_without_a_loop_the_lines_that_main_calls_are_named(file):
+    of = stacks(file)
+    seen = [samples([of["setup"]] * 5 + [of["observe"]] * 10)]
+    observe, setup = attribution.outside_loops(seen, 1, [], wall_s=5.0)
+    assert (observe.place.line, setup.place.line) == (9, 6)
 
 
 def test_a_loop_of_which_there_are_no_samples_has_its_calls(file):
@@ -212,7 +259,7 @@ def test_calls_on_several_threads_add_up(file):
 
 def test_garbage_collections_are_an_activity_of_their_own(file):
     of = stacks(file)
-    seen = [of["step"]] * 20 + [of["observe"]] * 20
+    seen = [of["step"], of["observe"]] * 20
     timed = [call("mj_step", 8, 2.0, 0, 4, **STEP)]
     (time,) = attribution.loop_times([samples(seen)], 1, (), timed, {1: 1.0})
     assert time.activities == pytest.approx(

@@ -237,6 +237,10 @@ for i in range(250):
     mujoco.mj_step2(model, data)
 data.qpos[0] = float("nan")
 mujoco.mj_step(model, data)
+for i in range(60):
+    fresh = mujoco.MjData(model)
+    for _ in range(10):
+        mujoco.mj_step(model, fresh)
 print(isinstance(data, mujoco.MjData), mujoco.mj_forward.__name__)
 """
 
@@ -275,8 +279,8 @@ def test_calls_of_a_program_are_known_by_line(observed):
     for call in read(folder).calls:
         counts[call.callee] = counts.get(call.callee, 0) + round(call.calls)
     assert counts["from_xml_string"] == 1
-    assert counts["MjData"] == 3
-    assert counts["mj_step"] == pytest.approx(901, rel=0.05)
+    assert counts["MjData"] == 63
+    assert counts["mj_step"] == pytest.approx(1501, rel=0.05)
     assert counts["mj_forward"] == pytest.approx(300, rel=0.05)
     assert counts["mj_step2"] == pytest.approx(250, rel=0.05)
     assert counts["callback mjcb_control"] >= 3 * 4 * 200
@@ -285,7 +289,8 @@ def test_calls_of_a_program_are_known_by_line(observed):
 def test_what_only_a_run_shows_is_seen(observed):
     _, folder = observed
     incidents = {each.name: each for each in read(folder).incidents}
-    assert incidents[call_clock.IN_TURN].count == 3
+    in_turn = [each for each in read(folder).incidents if each.name == call_clock.IN_TURN]
+    assert {each.count for each in in_turn} == {3}  # not of those that each iteration creates
     assert not incidents[call_clock.IN_TURN].is_wrong
     assert incidents[call_clock.HALVES].place.text == "mujoco.mj_step2(model, data)"
     assert incidents["BADQPOS"].count == 1

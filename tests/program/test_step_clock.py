@@ -49,10 +49,13 @@ def engine(clock, calls):
     return module
 
 
+class Data(SimpleNamespace):
+    """Has weak references, as MjData has."""
+
+
 def simulation():
     model = SimpleNamespace(opt=SimpleNamespace(timestep=0.002))
-    data = SimpleNamespace(timer=SimpleNamespace(duration=np.zeros(3)))
-    return model, data
+    return model, Data(timer=SimpleNamespace(duration=np.zeros(3)))
 
 
 @pytest.fixture

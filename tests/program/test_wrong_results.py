@@ -19,6 +19,7 @@ def finding(code, **more):
     [
         (call_clock.SHARED_DATA, "its own"),
         (call_clock.HALVES, "Runge-Kutta"),
+        (call_clock.COPIED_ENVIRONMENT, "begins anew"),
         ("BADQACC", "diverged"),
         ("CONTACTFULL", "memory"),
         ("ANEWONE", "warned"),

@@ -87,7 +87,7 @@ def test_launches_of_the_committed_selfchecks_lead_to_no_wrong_verdict(file: Pat
         if trial.slowdown in right:
             assert judgement.verdict in (right[trial.slowdown], Verdict.INCONCLUSIVE)
         assert judgement.verdict != Verdict.FASTER
-        assert judgement.ratio == pytest.approx(trial.estimate, abs=0.005)
+        assert judgement.ratio.estimate == pytest.approx(trial.estimate, abs=0.005)
 
 
 def test_launches_of_the_committed_selfchecks_are_not_correlated() -> None:

@@ -16,6 +16,7 @@ from mjbench.pages import terminal
 from mjbench.paired.race_record import UnableVariant
 from mjbench.report import comparison
 from mjbench.report.results import ModelResults
+from mjbench.simulation.accelerated_limits import Precision
 from mjbench.status import Status
 
 LONG = replace(BATCH_STEP, path="batch_rollout", options={"threads": 2, "data": "persistent"})
@@ -85,7 +86,10 @@ def test_agreement_is_a_line_where_all_agree_and_else_a_column() -> None:
 @pytest.mark.parametrize(
     ("fields", "line"),
     [
-        ({"is_cut_short": True}, "The budget ended the race after "),
+        (
+            {"is_cut_short": True, "launches": raced().launches[:1]},
+            "The budget ended the race after 1 launch: --budget 120 makes it more certain.",
+        ),
         (
             {"status": Status.CRASHED, "detail": "signal 9"},
             "The race ended early: crashed: signal 9",
@@ -101,6 +105,21 @@ def test_how_a_race_ended_is_said_below_the_table(fields: dict[str, Any], line: 
     assert any(each.startswith(line) for each in printed(model_results).splitlines())
     if "status" in fields:
         assert Status.CRASHED in model_results.statuses
+
+
+def test_a_longer_budget_is_several_times_what_the_race_took() -> None:
+    second = 1_000_000_000
+    launch = replace(raced().launches[0], ns=[[second, second, second, second]] * 4)
+    record = replace(raced(), is_cut_short=True, launches=[launch] * 4)
+    assert "after 4 launches: --budget 360 makes it more certain." in printed(derived(record))
+
+
+def test_a_path_that_compiles_is_said_to_be_timed_in_one_process() -> None:
+    compiled = measurement(
+        path="mjx", samples_s=[0.001] * 3, precision=Precision.FLOAT32, compile_s=3.0
+    )
+    text = printed(derived(raced(), more=[compiled]))
+    assert "mjx: timed in one process, so its speed-up has no interval" in text
 
 
 def test_what_turning_the_timer_off_gains_is_a_conclusion_and_how_a_note() -> None:

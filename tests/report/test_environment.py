@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from example_environment_records import facts, record, steady
 
-from mjbench.environment.dm_control_release import ReleaseMismatch
+from mjbench.environment.construction import ReleaseMismatch
 from mjbench.environment.layer_shares import LayerSamples
 from mjbench.environment.layers import Layer
 from mjbench.environment.model_changes import ModelChange, Moment

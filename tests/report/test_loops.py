@@ -10,7 +10,7 @@ from mjbench.comparison.planner import Algorithm
 from mjbench.comparison.planning_run import PlanningRow
 from mjbench.loop import latency
 from mjbench.loop.latency import Pace, StepSamples
-from mjbench.loop.overhead import HabitCost, OverheadRow, OverheadTable
+from mjbench.loop.overhead import HabitCost, OverheadRow
 from mjbench.loop.profile import ProfileRow, StepProfile, StepTimes
 from mjbench.report import charts, overhead, planning, profile
 from mjbench.report import latency as report
@@ -30,8 +30,8 @@ def drawn(section: Section) -> list[str]:
 
 
 def test_a_loops_waste_begins_where_the_bare_loop_ends() -> None:
-    table = OverheadTable("m", 1800.0, 1200.0, 200.0, 500, COSTS)
-    rows = [OverheadRow.measured(table), OverheadRow("broken", Status.FAILED, "it crashed")]
+    table = OverheadRow("m", Status.OK, "", 1800.0, 1200.0, 200.0, 500, COSTS)
+    rows = [table, OverheadRow("broken", Status.FAILED, "it crashed")]
     section, failed = overhead.sections(rows)
     assert [c.text for c in failed.conclusions] == ["broken: failed: it crashed"]
     (figure,) = section.figures

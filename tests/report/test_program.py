@@ -10,7 +10,7 @@ from mjbench.program.activities import Activity, Place
 from mjbench.program.calls import CallTime
 from mjbench.program.gil_waits import GilWait
 from mjbench.program.hook import call_clock
-from mjbench.program.loop_time import LoopTime
+from mjbench.program.loop_time import LineTime, LoopTime
 from mjbench.program.physics_cost import Cost, CostKind, PhysicsCost
 from mjbench.program.records import LoopReport, ProgramRow
 from mjbench.program.remedy import Basis, Remedy, RemedyKind
@@ -96,6 +96,30 @@ def test_a_crash_comes_before_a_wrong_result_and_that_before_time() -> None:
     )
     crashed = replace(both, crash=PLACE, exit_code=139)
     assert program.conclusion(crashed).startswith("it crashed (SIGSEGV) at train.py:7")
+
+
+def test_what_takes_longer_than_the_loops_comes_first() -> None:
+    place = Place("train.py", 3, "<module>", "model = build()")
+    imports = LineTime(replace(place, line=1), 0.2, {Activity.IMPORT: 0.2})
+    build = LineTime(place, 0.7, {Activity.LOADING: 0.7})
+    said = program.conclusion(
+        row(replace(MIXED, seconds=0.2), remedy(), outside_loops=[build, imports])
+    )
+    assert said.startswith(
+        "first, look outside the loops that step, which take 0.2 s of the program's 3 s: train.py:3"
+        " takes 2.1 s (model = build()). Then, at train.py:7, do otherwise"
+    )
+    long_loop = row(replace(MIXED, seconds=2.5), remedy(), outside_loops=[imports])
+    assert "outside" not in program.conclusion(long_loop)
+
+
+@pytest.mark.parametrize(("share", "has_imports"), [(0.6, True), (0.01, False)])
+def test_imports_are_named_where_the_loops_take_next_to_nothing(
+    share: float, has_imports: bool
+) -> None:
+    imports = LineTime(PLACE, share, {Activity.IMPORT: share})
+    said = program.conclusion(row(replace(MIXED, seconds=0.06), outside_loops=[imports]))
+    assert ("imports take" in said) == has_imports
 
 
 @pytest.mark.parametrize(

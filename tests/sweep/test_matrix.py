@@ -16,7 +16,7 @@ from mjbench.simulation import models
 from mjbench.sweep import matrix, software
 from mjbench.sweep.cells import Cell, Kind
 from mjbench.sweep.commands import COMMANDS, batches
-from mjbench.sweep.plan import Part, Plan
+from mjbench.sweep.plan import Plan
 
 SPECS = tuple(ReleaseSpec(version, version) for version in ("3.3.0", "3.9.0", "4.0.0"))
 EVERYTHING = plan(
@@ -25,7 +25,7 @@ EVERYTHING = plan(
     pairs=((SPECS[0], SPECS[1]), (SPECS[0], SPECS[2])),
     paths=("python_loop", "rollout"),
     metrics=(Metric.TIME, Metric.P99),
-    parts=tuple(Part(kind) for kind in Kind),
+    options=dict.fromkeys(Kind, ()),
 )
 HERE = software.installed()
 
@@ -66,7 +66,7 @@ def test_what_changes_a_result_makes_it_another_cell(change: str, tmp_path: Path
     here = HERE
     match change:
         case "options":
-            own = replace(own, parts=tuple(Part(kind, ("--seed", "1")) for kind in Kind))
+            own = replace(own, options=dict.fromkeys(Kind, ("--seed", "1")))
         case "numpy":
             here = replace(HERE, numpy="1.0")
         case "model":
@@ -103,9 +103,7 @@ def test_the_verdicts_of_one_machine_are_decided_together() -> None:
 )
 def test_what_belongs_together_is_one_command_line(kind: Kind, expected: str) -> None:
     options = () if kind == Kind.HISTORY else ("--seed", "1")
-    whole = matrix.build(
-        replace(EVERYTHING, parts=tuple(Part(k, options if k == kind else ()) for k in Kind)), HERE
-    )
+    whole = matrix.build(replace(EVERYTHING, options={**EVERYTHING.options, kind: options}), HERE)
     of_kind = [cell for cell in whole.cells if cell.kind == kind]
     command = COMMANDS[kind]
     together = [c for c in of_kind if command.together(c) == command.together(of_kind[0])]
@@ -143,7 +141,7 @@ def test_machines_measure_apart() -> None:
 def test_the_release_installed_beside_mjbench_is_named_so() -> None:
     here = ReleaseSpec(INSTALLED, HERE.mujoco)
     whole = matrix.build(
-        plan(releases=(SPECS[0], here), pairs=((SPECS[0], here),), parts=(Part(Kind.VERSIONS),)),
+        plan(releases=(SPECS[0], here), pairs=((SPECS[0], here),), options={Kind.VERSIONS: ()}),
         HERE,
     )
     (cell,) = whole.cells
@@ -175,4 +173,4 @@ def test_every_option_that_a_plan_can_set_is_one_of_its_command() -> None:
             from mjbench.cli import cli
 
             page = CliRunner().invoke(cli, [*command.name, "--help"]).output
-            assert f"--{option.name}" in page
+            assert f"--{option}" in page

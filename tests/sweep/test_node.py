@@ -19,10 +19,10 @@ from mjbench.simulation import carried_models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 from mjbench.sweep import model_files, node, software
-from mjbench.sweep.calibration import Limits, NodeState
+from mjbench.sweep.calibration import NodeRules, NodeState
 from mjbench.sweep.cells import Cell, Kind
 from mjbench.sweep.commands import CommandLine
-from mjbench.sweep.node import BusyError, Measured, NotMeasuredError, Quiet, Request
+from mjbench.sweep.node import BusyError, Measured, NotMeasuredError, Request
 
 STUB = Path(__file__).parents[1] / "stub_command.py"
 CELLS = tuple(count_cell("pile", release) for release in ("3.3.0", "3.5.0", "4.0.0"))
@@ -43,14 +43,14 @@ def request(
     *program: str,
     cells: tuple[Cell, ...] = CELLS,
     line: CommandLine = LINE,
-    quiet: Quiet | None = None,
+    rules: NodeRules | None = None,
 ) -> Request:
-    return Request(cells, line, RECORD_TYPES, software.installed(), quiet, program)
+    return Request(cells, line, RECORD_TYPES, software.installed(), rules, program)
 
 
-def python(code: str, quiet: Quiet | None = None) -> Request:
+def python(code: str, rules: NodeRules | None = None) -> Request:
     """Return a request whose command is a program."""
-    return request(sys.executable, "-c", code, quiet=quiet)
+    return request(sys.executable, "-c", code, rules=rules)
 
 
 def measure(asked: Request, calibrate: Callable[[], NodeState] = lambda: QUIET) -> list[Measured]:
@@ -113,15 +113,15 @@ def test_a_failure_travels_from_node_to_driver() -> None:
 
 def test_a_node_waits_until_it_is_quiet_and_says_for_how_long(tmp_path: Path) -> None:
     states = iter([BUSY, BUSY, QUIET])
-    quiet = Quiet(Limits(), patience_s=60.0)
-    first, *others = measure(replace(stub(tmp_path), quiet=quiet), lambda: next(states))
+    rules = NodeRules(patience_s=60.0)
+    first, *others = measure(replace(stub(tmp_path), rules=rules), lambda: next(states))
     assert (first.busy_s, first.objection) == (30.0, OBJECTION)
     assert {(one.busy_s, one.objection) for one in others} == {(0.0, "")}
 
 
 def test_a_node_that_stays_busy_starts_nothing() -> None:
     with pytest.raises(BusyError, match=OBJECTION):
-        measure(python(FAILS, Quiet(Limits(), patience_s=60.0)), lambda: BUSY)
+        measure(python(FAILS, NodeRules(patience_s=60.0)), lambda: BUSY)
 
 
 def test_what_needs_no_quiet_machine_is_not_calibrated() -> None:
@@ -150,7 +150,7 @@ def test_a_timed_command_waits_for_others_and_a_count_does_not(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     arguments, folder, _ = started_with(
-        monkeypatch, tmp_path, python(DESCRIBES, Quiet(Limits(), 0.0))
+        monkeypatch, tmp_path, python(DESCRIBES, NodeRules(patience_s=0.0))
     )
     assert arguments == [
         "instructions",

@@ -15,8 +15,9 @@ from mjbench.errors import InputError
 from mjbench.paired.outcomes import Metric
 from mjbench.simulation import models
 from mjbench.sweep import plan as plans
+from mjbench.sweep.calibration import NodeRules
 from mjbench.sweep.cells import Kind
-from mjbench.sweep.plan import NodeRules, Plan
+from mjbench.sweep.plan import Plan
 
 VERSIONS = frozenset({"3.3.0", "3.5.0", "3.9.0", "3.17.0", "4.0.0"})
 RELEASES = 'releases = ["3.3.0", "4.0.0"]\n'
@@ -31,7 +32,7 @@ def test_two_releases_are_enough_of_a_plan(tmp_path: Path) -> None:
     assert [source.name for source in plan.models] == models.shipped()
     assert [(old.version, new.version) for old, new in plan.pairs] == [("3.3.0", "4.0.0")]
     assert (plan.paths, plan.metrics, plan.machines) == (("python_loop",), (Metric.TIME,), ())
-    assert [part.kind for part in plan.parts] == [Kind.VERSIONS]
+    assert list(plan.options) == [Kind.VERSIONS]
     assert plan.rules == NodeRules()
 
 
@@ -78,7 +79,7 @@ max-stolen = 0
         ("3.17.0", "4.0.0"),
     ]
     assert plan.machines == ("epyc", "xeon")
-    options = {part.kind: " ".join(part.options) for part in plan.parts}
+    options = {kind: " ".join(given) for kind, given in plan.options.items()}
     assert options == {
         Kind.VERSIONS: "--min-effect 2% --time-limit 30 --as-shipped --nbatch 8",
         Kind.COMPARE: "--paths rollout,batch_step --threads 1,2 --budget 4s",
@@ -100,8 +101,8 @@ def test_a_release_can_be_the_one_that_all_are_compared_with(tmp_path: Path) -> 
 
 
 def test_a_switch_that_is_off_by_default_can_be_given_as_off(tmp_path: Path) -> None:
-    (part,) = load(tmp_path, f"{RELEASES}[versions]\nas-shipped = false").parts
-    assert part.options == ()
+    plan = load(tmp_path, f"{RELEASES}[versions]\nas-shipped = false")
+    assert plan.options == {Kind.VERSIONS: ()}
 
 
 def test_models_are_named_from_the_folder_of_the_plan(tmp_path: Path) -> None:

@@ -11,10 +11,10 @@ from sweep_examples import MACHINE, FakeCluster, count_cell, delivered, matrix, 
 from mjbench.errors import Failure, InputError, MachineError
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
+from mjbench.sweep.calibration import NodeRules
 from mjbench.sweep.cells import Cell
 from mjbench.sweep.matrix import Matrix
 from mjbench.sweep.node import Request
-from mjbench.sweep.plan import NodeRules
 from mjbench.sweep.ray_cluster import Event, Failed, LeftOut, Refused
 from mjbench.sweep.results import CellResult
 from mjbench.sweep.run import NodeRecord, Summary, Sweep
@@ -56,7 +56,7 @@ def test_a_command_knows_with_how_many_verdicts_its_own_are_decided() -> None:
 def test_only_what_is_timed_needs_a_quiet_node() -> None:
     cluster = FakeCluster([node("one")], lambda request: [])
     measure(matrix([CELLS[0], count_cell("a")]), cluster)
-    assert [request.quiet is not None for request in cluster.requests] == [True, False]
+    assert [request.rules is not None for request in cluster.requests] == [True, False]
 
 
 def test_what_a_failed_command_has_not_delivered_ends_as_it_failed() -> None:

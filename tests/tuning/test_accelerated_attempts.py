@@ -12,8 +12,8 @@ from mjbench.simulation import models
 from mjbench.simulation.starts import StartPlan
 from mjbench.simulation.work import Peaks
 from mjbench.status import Status
-from mjbench.tuning import accelerated_settings
-from mjbench.tuning.accelerated_measurements import EngineOnThisMachine
+from mjbench.tuning import knob_values
+from mjbench.tuning.accelerated_attempts import EngineOnThisMachine
 from mjbench.tuning.reference import TrialPlan
 from mjbench.tuning.settings import Setting, label, option
 
@@ -157,12 +157,12 @@ def test_mjx_transfers_within_rounding_on_the_cart_pole(on, without_warp):
 def test_settings_to_try_are_below_the_present_ones_or_others_than_those():
     model = models.load(models.resolve("cube_table"))
     model.opt.iterations = 5
-    settings = accelerated_settings.to_try(model, Peaks(8, 32), {"nconmax": 48, "njmax": 60})
+    settings = knob_values.of_batched_step(model, Peaks(8, 32), {"nconmax": 48, "njmax": 60})
     texts = [each.label for each in settings]
     assert {"iterations=4", "iterations=3", "solver=CG", "nconmax=16"} <= set(texts)
     assert not {"iterations=6", "iterations=8", "solver=Newton", "njmax=64"} & set(texts)
     assert {"jacobian=dense", "jacobian=sparse"} <= set(texts)
     assert texts[0].startswith("iterations") and texts[1].startswith("ls_iterations")
     model.opt.jacobian = 0
-    without = accelerated_settings.to_try(model, Peaks(8, 32), {})
+    without = knob_values.of_batched_step(model, Peaks(8, 32), {})
     assert not {"jacobian=dense", "nconmax=16"} & {each.label for each in without}

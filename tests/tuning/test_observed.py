@@ -10,7 +10,7 @@ from tuning_models import GEOMETRY, ROD_GAP_M
 from benchmarks.tuning_planted import rods
 from mjbench.simulation import geom_pairs, model_options, models
 from mjbench.simulation.models import ModelSource
-from mjbench.tuning import observed, random_poses
+from mjbench.tuning import observed
 from mjbench.tuning.observed import Observed, observe_model
 
 
@@ -189,7 +189,7 @@ def test_poses_lie_within_limits_or_a_tenth_beyond() -> None:
     )
     start = np.array(mujoco.MjData(model).qpos)
     start[:3] = 4.0, 5.0, 6.0
-    poses = np.array(list(random_poses.draw(model, start, 500, np.random.default_rng(0))))
+    poses = np.array(list(observed.random_poses(model, start, 500, np.random.default_rng(0))))
     np.testing.assert_array_equal(poses[:, :7], np.tile(start[:7], (500, 1)))
     assert -0.1 <= poses[:, 7].min() < 0.0 and 1.0 < poses[:, 7].max() <= 1.1
     np.testing.assert_allclose(np.linalg.norm(poses[:, 8:12], axis=1), 1.0)

@@ -10,10 +10,10 @@ from mjbench.errors import MachineError
 from mjbench.instrument.ratio import Ratio
 from mjbench.status import Status
 from mjbench.tuning import fronts
+from mjbench.tuning.measurements import Survey
 from mjbench.tuning.records import Accuracy, Attempt, Effect, TuneRecord
 from mjbench.tuning.search import CSearch, SearchPlan
 from mjbench.tuning.settings import LoopChange, Setting
-from mjbench.tuning.survey import Survey
 
 
 def setting(label, **keywords):

@@ -9,7 +9,8 @@ import pretending_node
 import pytest
 
 from mjbench.comparison.plan import Variant
-from mjbench.paired import requests
+from mjbench.paired.run_sizes import Sizes
+from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases import installs
@@ -18,7 +19,6 @@ from mjbench.simulation.starts import KEYFRAME_STARTS
 from mjbench.status import Status
 from mjbench.web import measure, node, npm_package
 from mjbench.web.build_run import Engine
-from mjbench.web.c_reference import WebSizes
 from mjbench.web.measure import WebPlan
 from mjbench.web.records import WebPathRecord, WebRecord
 
@@ -47,7 +47,7 @@ def measured(pool: WorkerPool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     ) -> WebRecord:
         monkeypatch.setenv(pretending_node.MISBEHAVIOUR, how)
         monkeypatch.setattr(measure, "variants", lambda: [variant])
-        sizes = WebSizes(3, 20, hold, 0, KEYFRAME_STARTS)
+        sizes = Sizes(3, 20, hold, 0, KEYFRAME_STARTS)
         plan = WebPlan(release, Engine(package, command, limit_s, 2), sizes, 0.0)
         return measure.measure(pool, models.resolve(model), plan)
 
@@ -77,10 +77,10 @@ def test_c_is_timed_without_the_timer_of_the_python_package(
     """No build has such a timer."""
     prepared, call = [], WorkerProcess.call
 
-    def noting(process: WorkerProcess, request: Any) -> Any:
-        if isinstance(request, requests.Prepare):
-            prepared.append(request.has_timer)
-        return call(process, request)
+    def noting(process: WorkerProcess, task: Any, *arguments: Any, **named: Any) -> Any:
+        if task == Worker.prepare:
+            prepared.append(named["has_timer"])
+        return call(process, task, *arguments, **named)
 
     monkeypatch.setattr(WorkerProcess, "call", noting)
     wasm(measured())

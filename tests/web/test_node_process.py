@@ -9,9 +9,8 @@ import pytest
 from process_tree import descendants
 
 from mjbench.status import Status
-from mjbench.web import messages
 from mjbench.web.node import Node
-from mjbench.web.node_process import NodeError, NodeProcess
+from mjbench.web.node_process import Instantiated, Memory, NodeError, NodeProcess
 
 
 @pytest.fixture
@@ -32,9 +31,9 @@ def process(
 
 def test_requests_are_answered_in_their_types(process: NodeProcess, tmp_path: Path) -> None:
     script = tmp_path / "node_modules/@mujoco/mujoco/mujoco.js"
-    instantiated = process.call(messages.Instantiate(str(script), 2))
-    assert instantiated == messages.Instantiated(mujoco.__version__, 1.0, 2.0, 100, True)
-    assert process.call(messages.MeasureMemory()) == messages.Memory(300, 400)
+    instantiated = process.call(Instantiated, "instantiate", script=str(script), nthread=2)
+    assert instantiated == Instantiated(mujoco.__version__, 1.0, 2.0, 100, True)
+    assert process.call(Memory, "memory") == Memory(300, 400)
 
 
 @pytest.mark.parametrize("how", ["error:memory"])
@@ -42,9 +41,12 @@ def test_a_request_that_fails_leaves_the_process_at_work(
     process: NodeProcess, how: str, tmp_path: Path
 ) -> None:
     with pytest.raises(NodeError, match=r"^wasm \(cartpole\): no such thing while measuring"):
-        process.call(messages.MeasureMemory())
+        process.call(Memory, "memory")
     script = tmp_path / "node_modules/@mujoco/mujoco/mujoco.js"
-    assert process.call(messages.Instantiate(str(script), 2)).version == mujoco.__version__
+    assert (
+        process.call(Instantiated, "instantiate", script=str(script), nthread=2).version
+        == mujoco.__version__
+    )
 
 
 @pytest.mark.parametrize(
@@ -61,7 +63,7 @@ def test_a_process_that_fails_ends_in_one_line(
 ) -> None:
     for _ in range(2):  # and says the same when it is asked again
         with pytest.raises(NodeError, match=message) as caught:
-            process.call(messages.MeasureMemory())
+            process.call(Memory, "memory")
         assert caught.value.status == status
         assert "\n" not in str(caught.value)
     assert process.pid not in descendants()

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 import pytest
 
 from mjbench.errors import MjbenchError
+from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs
 from mjbench.simulation import models
 from mjbench.status import Status
 from mjbench.web import measure, node, npm_package
 from mjbench.web.build_run import Engine
-from mjbench.web.c_reference import WebSizes
 from mjbench.web.measure import WebPlan
 from mjbench.web.npm_package import Build
 
@@ -32,7 +32,7 @@ def plan(engine: Engine) -> WebPlan:
         installs.install(release)
     except MjbenchError as error:
         pytest.skip(str(error))
-    return WebPlan(release, engine, WebSizes(nbatch=4), 0.0)
+    return WebPlan(release, engine, Sizes(nbatch=4), 0.0)
 
 
 @pytest.fixture(scope="module")

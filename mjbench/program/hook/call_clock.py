@@ -44,7 +44,7 @@ TRACE, COMPILE, DISPATCH = "jax trace", "jax compile", "jax dispatch"
 DEVICE_WAIT, TRANSFER = "jax wait", "jax transfer"
 IN_TURN, CALLBACK, SOFTWARE_GL = "simulations in turn", "callback", "software rendering"
 PROCESS_START, THREADED_ROLLOUT = "start of a process", "rollout on threads"
-EAGER_MJX = "mjx.step"
+EAGER_MJX, COPIED_ENVIRONMENT = "mjx.step", "copy of an environment"
 COPY_OF_DATA, DEEP_COPY_OF_DATA = COPIES_OF_DATA = "copy of MjData", "deep copy of MjData"
 # Functions of the engine that are timed with steps; each is called with a model and its data.
 STEPS = ("mj_step", "mj_step1", "mj_step2")
@@ -81,12 +81,7 @@ class CallClock:
     """Times the calls of this process by the line that makes them."""
 
     def __init__(self, folder: str, now_ns: Callable[[], int] = time.perf_counter_ns) -> None:
-        """Begin the process's file.
-
-        Args:
-          folder: for the file.
-          now_ns: the clock.
-        """
+        """Begin the process's file."""
         self._folder, self._now_ns = folder, now_ns
         self.is_own: dict[str, bool] = {}
         self.before_steps: Callable[[], None] = lambda: None  # called before a call that steps
@@ -130,13 +125,7 @@ class CallClock:
         """Count a call.
 
         Args:
-          callee: what was called.
           frame: that called it; None, when the program ends, for the line of the latest step.
-          begin_ns: when it began.
-          end_ns: when it ended.
-          steps: of one simulation.
-          all_steps: of all simulations.
-          calls: how many calls it counts as.
           line: file, line and function to name in place of the frame's; None for the frame's.
           detail: what is noted with the line, at its first call.
         """
@@ -291,10 +280,6 @@ class CallClock:
         """Return what stands for a slow function: it counts each call, but none inside another.
 
         Args:
-          function: that it calls.
-          callee: its name in the slots.
-          steps: returns the steps of one simulation and of all.
-          before: is called with the arguments, before the call.
           detail: returns what is noted with the line, of the arguments and the line's frame.
         """
         now_ns = self._now_ns
@@ -412,7 +397,6 @@ class Burst:
         """Count calls that were not timed since the last burst, as many bursts of its kind.
 
         Args:
-          bursts: how many.
           until_ns: when the last of them ended; 0 where that is not known.
         """
         for slot, calls, ns, steps in self._burst:

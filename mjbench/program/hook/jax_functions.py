@@ -53,13 +53,7 @@ class JaxFunctions:
         now_ns: Callable[[], int] = time.perf_counter_ns,
         processor_ns: Callable[[], int] = time.process_time_ns,
     ) -> None:
-        """Replace nothing yet.
-
-        Args:
-          calls: the clock of calls of this process.
-          now_ns: the clock.
-          processor_ns: the clock of the processor time of this process.
-        """
+        """Replace nothing yet."""
         self._calls, self._now_ns = calls, now_ns
         self._pacer, self._burst = Pacer(now_ns, processor_ns), Burst(calls)
         self.cost_ns = self.passed_ns = 0  # of a call that is timed, and of one that is passed on

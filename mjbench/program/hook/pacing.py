@@ -23,12 +23,7 @@ class Pacer:
         now_ns: Callable[[], int] = time.perf_counter_ns,
         processor_ns: Callable[[], int] = time.process_time_ns,
     ) -> None:
-        """Let the time begin of which bursts may take a share.
-
-        Args:
-          now_ns: the clock.
-          processor_ns: the clock of the processor time of this process.
-        """
+        """Let the time begin of which bursts may take a share."""
         self._now_ns, self._processor_ns = now_ns, processor_ns
         self.begin()
 
@@ -41,12 +36,7 @@ class Pacer:
         return min(self._now_ns() - self._start_ns, processor_ns)
 
     def calls_to_pass(self, cost_ns: int, period_ns: int) -> int:
-        """Return how many calls have to pass, so that what was timed has cost its share.
-
-        Args:
-          cost_ns: of all calls that were timed.
-          period_ns: from one call to the next.
-        """
+        """Return how many calls have to pass, so that what was timed has cost its share."""
         owed_ns = max(0, cost_ns - FREE_COST_NS)
         return max(0, int((owed_ns / MAX_COST_SHARE - self._elapsed_ns()) / period_ns))
 
@@ -61,11 +51,6 @@ def cold_cost_ns(
     """Return what a timed call costs where the caches hold the program's data, not the clock's.
 
     A step of the engine leaves little of the clock in them.
-
-    Args:
-      call: the timed call of a function that does nothing.
-      nothing: that function.
-      now_ns: the clock.
     """
     data = bytes(COLD_BYTES)
     medians = []

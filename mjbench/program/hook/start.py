@@ -33,7 +33,6 @@ def start(folder: str, change: str = "") -> None:
     """Start the clocks.
 
     Args:
-      folder: for their files.
       change: that the step clock applies; "" for none.
     """
     calls = CallClock(folder)
@@ -60,6 +59,7 @@ def start(folder: str, change: str = "") -> None:
         "mujoco.rollout": slow.install_rollout,
         "mujoco.batch": slow.install_batch,
         "mujoco.mjx": slow.install_mjx,
+        "gymnasium.utils.ezpickle": watch.install_copies,
         "jax": of_jax.install,
         "multiprocessing.process": slow.install_processes,
     }

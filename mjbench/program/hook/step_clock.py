@@ -56,12 +56,7 @@ class StepClock:
         """Begin the process's file.
 
         Args:
-          folder: for the file.
-          calls: the clock of calls of this process.
-          watch: of its simulations.
           change: to apply, `NO_ENGINE_CLOCK` or `NO_COLLECTION`; "" for none.
-          now_ns: the clock.
-          processor_ns: the clock of the processor time of this process.
         """
         self._folder, self._change = folder, change
         self._now_ns, self._pacer = now_ns, Pacer(now_ns, processor_ns)
@@ -86,10 +81,11 @@ class StepClock:
         self._burst_begin_ns = 0
         self._burst_calls = 0
         self._burst_timers: list[float] | None = None
-        self._latest: tuple[Any, Any] = None, None  # model and data of the step before
-        self._latest_data: Any = None  # a weak reference to the data of the last burst
+        self._latest_ids = id(None), id(None)  # of model and data of the step before
+        self._latest: Callable[[], Any] = lambda: None  # returns this data
+        self._has_several = False  # simulations
         self._burst_place: tuple[Any, int] = None, 0  # code and instruction of its first step
-        self._turns: dict[int, Any] | None = None  # simulations that are stepped in turn
+        self._turns: dict[int, Any] | None = None  # weak references to simulations in turn
         self._halves_seen = False
         self._burst_period_ns = self._burst_end_ns = 0
         self._costs_ns: list[int] = []  # of a timed call, as bursts have shown
@@ -170,9 +166,8 @@ class StepClock:
             frame = get_frame(1)
             if not self._burst_calls:
                 self._begin_burst(m, d, frame)
-            elif d is not self._latest[1]:
+            elif id(d) != self._latest_ids[1]:
                 self._change_simulation(m, d, frame)
-            self._latest = m, d
             if is_half and not self._halves_seen:
                 self._halves_seen = watch.look_for_halves(m, frame)
             has_threads = count_threads()
@@ -210,6 +205,7 @@ class StepClock:
 
     def _begin_burst(self, model: Any, data: Any, frame: Any) -> None:
         """Begin a burst: read what must not be read in each call."""
+        self._note_latest(model, data)
         passed = self._planned_to_pass - self._to_pass
         since_ns = self._now_ns() - self._burst_end_ns
         if passed > BURST_CALLS:
@@ -236,8 +232,6 @@ class StepClock:
         """Let calls since the last burst count as those in it.
 
         Args:
-          passed: calls that were passed through.
-          since_ns: time since the last burst.
           until_ns: when the last of them ended; 0 where that is not known.
         """
         if self._was_left and self._burst_period_ns:  # nothing counted them
@@ -259,20 +253,31 @@ class StepClock:
         typical_ns = sorted(self._costs_ns)[len(self._costs_ns) // 2]
         self.cold_ns = max(self.timed_ns, min(typical_ns, _MOST_COST * self.timed_ns))
 
+    def _note_latest(self, model: Any, data: Any) -> None:
+        """Note of which simulation a step is.
+
+        Its data are kept only while there are no others: those that the program lets go of would be
+        freed, and sampled, within the clock.
+        """
+        self._latest_ids = id(model), id(data)
+        self._latest = weakref.ref(data) if self._has_several else lambda: data
+
     def _change_simulation(self, model: Any, data: Any, frame: Any) -> None:
         """Note that a step is of another simulation than the step before it.
 
         Where that happens at the second step of a burst, by the same call, simulations are stepped
         in turn. Two calls may do different things.
         """
-        earlier_model, earlier = self._latest
+        earlier, (earlier_model, earlier_id) = self._latest(), self._latest_ids
+        self._has_several = True
+        self._note_latest(model, data)
         is_same_call = (frame.f_code, frame.f_lasti) == self._burst_place
-        if self._burst_calls == 1 and earlier_model is model and is_same_call:
-            self._turns = {id(earlier): earlier}
+        if self._burst_calls == 1 and earlier_model == id(model) and is_same_call:
+            self._turns = {} if earlier is None else {earlier_id: weakref.ref(earlier)}
         if self._turns is None:
             self._watch.look_for_warnings(earlier, frame, self._now_ns())
         else:
-            self._turns[id(data)] = data
+            self._turns[id(data)] = weakref.ref(data)
 
     def _end_burst(self, model: Any, data: Any, frame: Any, end_ns: int, used: int) -> None:
         """End a burst: decide how many calls to pass through until the next one."""
@@ -297,13 +302,17 @@ class StepClock:
         self._burst_end_ns = self._now_ns()
 
     def _end_turns(self, frame: Any, now_ns: int) -> None:
-        """Note how many simulations were stepped in turn; let go of the program's objects."""
+        """Note how many simulations were stepped in turn; let go of the program's objects.
+
+        Those that the program has let go of were new in each iteration, and not in turn.
+        """
         with contextlib.suppress(TypeError):
-            self._latest_data = weakref.ref(self._latest[1])
-        self._latest = None, None
+            self._latest = weakref.ref(self._latest())
         if self._turns is not None:
-            self._watch.note_turns(len(self._turns), frame, now_ns)
-            for data in self._turns.values():
+            present = [data for each in self._turns.values() if (data := each()) is not None]
+            if len(present) > 1:
+                self._watch.note_turns(len(present), frame, now_ns)
+            for data in present:
                 self._watch.look_for_warnings(data, frame, now_ns)
             self._turns = None
 
@@ -437,7 +446,7 @@ class StepClock:
         if self._is_away:
             self._last_ns = self._now_ns()
         self._calls_timed += self._burst_calls
-        latest = self._latest[1] if self._latest_data is None else self._latest_data()
+        latest = self._latest()
         if latest is not None:
             self._watch.look_for_warnings(latest, None, self._last_ns)
         self._end_turns(None, self._last_ns)

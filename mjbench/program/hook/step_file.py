@@ -75,10 +75,6 @@ class StepFile:
         """Return how many calls must have no record until the next burst.
 
         The fuller the file, the more they are: it never overflows.
-
-        Args:
-          used: records of the file.
-          burst: calls of a burst.
         """
         if used > CAPACITY - 2 * burst:
             return sys.maxsize

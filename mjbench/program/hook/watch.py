@@ -11,7 +11,8 @@ from collections.abc import Callable
 from types import FrameType, ModuleType
 from typing import Any
 
-from .call_clock import HALVES, IN_TURN, SHARED_DATA, WARNING, CallClock
+from .call_clock import COPIED_ENVIRONMENT, HALVES, IN_TURN, SHARED_DATA, WARNING, CallClock
+from .replaced import named_like
 
 # States of a model that are noted, to measure other calls on; models, and bytes of one.
 MAX_STATES, MAX_MODELS, MAX_MODEL_BYTES = 4, 4, 64 << 20
@@ -25,13 +26,7 @@ class Watch:
     def __init__(
         self, folder: str, calls: CallClock, now_ns: Callable[[], int] = time.perf_counter_ns
     ) -> None:
-        """Begin to watch.
-
-        Args:
-          folder: for models and states.
-          calls: that count what is seen.
-          now_ns: the clock.
-        """
+        """Begin to watch."""
         self._folder, self._calls, self._now_ns = folder, calls, now_ns
         self.begin_process()
 
@@ -43,6 +38,23 @@ class Watch:
         self._models: dict[int, tuple[int, dict[str, int]]] = {}
         self._first_bytes = 0  # of memory, at the first look
         self._next_look_ns = 0
+
+    def install_copies(self, module: ModuleType) -> None:
+        """Note copies of environments, which begin anew, in the module `gymnasium.utils.ezpickle`.
+
+        That of an environment that has not stepped yet is as its original.
+        """
+        set_state = module.EzPickle.__setstate__
+
+        def note(environment: Any, state: Any) -> None:
+            set_state(environment, state)
+            frame = sys._getframe(1)
+            if frame.f_globals.get("__name__") == "copy":
+                original = getattr(frame.f_locals.get("x"), "data", None)
+                if getattr(original, "time", 0.0) > 0.0:
+                    self._calls.note(COPIED_ENVIRONMENT, frame)
+
+        module.EzPickle.__setstate__ = named_like(set_state, note)
 
     def enter(self, data: int, frame: FrameType, now_ns: int) -> None:
         """Note that a step of an MjData begins, which no other thread may step meanwhile."""

@@ -37,7 +37,9 @@ def test_simulated_comparisons_end_as_judge_says(scenario: Scenario) -> None:
             if judgement.enough:
                 break
         assert (n, judgement.verdict) == (outcomes.launches[i], outcomes.verdicts[i])
-        assert np.log(judgement.ratio) - np.log1p(change) == pytest.approx(outcomes.errors[i])
+        assert np.log(judgement.ratio.estimate) - np.log1p(change) == pytest.approx(
+            outcomes.errors[i]
+        )
         assert judgement.e_slower == pytest.approx(outcomes.e_slower[i])
 
 

@@ -6,7 +6,7 @@ import random
 import numpy as np
 import pytest
 
-from mjbench.loop.window_sample import WindowSample
+from mjbench.loop.step_recorder import WindowSample
 
 NSTEP = 10
 

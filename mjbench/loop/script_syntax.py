@@ -1,0 +1,131 @@
+"""Parts of the syntax of a script: names, calls, assignments, and what stands inside a node."""
+
+import ast
+import re
+from collections.abc import Iterator
+from typing import TypeGuard
+
+FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef
+COMPREHENSIONS = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
+# Functions of Python's module `copy`.
+COPIES = {"copy", "deepcopy"}
+# Inputs of a step, which programs write.
+_INPUTS = re.compile(r"(ctrl|qfrc_applied|xfrc_applied|mocap_\w+|userdata|act|eq_active)$")
+# Attributes of an array that are the array itself.
+WHOLE = {"T", "flat"}
+
+
+def last_name(function: ast.AST) -> str:
+    """Return the last part of a dotted name: `zeros` of `np.zeros`; empty for anything else."""
+    return dotted_name(function).rpartition(".")[2]
+
+
+def dotted_name(node: ast.AST) -> str:
+    """Return a dotted name, such as `self.env.data`; empty for any other expression."""
+    attributes: list[str] = []
+    while isinstance(node, ast.Attribute):
+        attributes.insert(0, node.attr)
+        node = node.value
+    return ".".join([node.id, *attributes]) if isinstance(node, ast.Name) else ""
+
+
+def is_call(node: ast.AST | None, *names: str) -> TypeGuard[ast.Call]:
+    """Return whether a node calls something whose dotted name ends in one of some names."""
+    return isinstance(node, ast.Call) and last_name(node.func) in names
+
+
+def is_step(node: ast.AST) -> TypeGuard[ast.Call]:
+    """Return whether a node calls `mj_step`, or a part of it."""
+    return is_call(node, "mj_step", "mj_step1", "mj_step2")
+
+
+def names(node: ast.AST) -> Iterator[ast.Name]:
+    """Yield the names that stand in a node, or that it is."""
+    return (n for n in ast.walk(node) if isinstance(n, ast.Name))
+
+
+def names_in(node: ast.AST) -> set[str]:
+    """Return how the names in a node are spelled."""
+    return {name.id for name in names(node)}
+
+
+def bound_in(node: ast.AST) -> set[str]:
+    """Return the names to which a node assigns, or that it deletes."""
+    return {name.id for name in names(node) if not isinstance(name.ctx, ast.Load)}
+
+
+def peeled(node: ast.AST) -> ast.AST:
+    """Return what is indexed, or whose methods are called, in an expression: `a` of `a[0][:].T`."""
+    while True:
+        if isinstance(node, ast.Subscript | ast.Starred):
+            node = node.value
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            node = node.func.value
+        elif isinstance(node, ast.Attribute) and (not dotted_name(node) or node.attr in WHOLE):
+            node = node.value
+        else:
+            return node
+
+
+def assignments(tree: ast.AST) -> Iterator[tuple[ast.AST, ast.AST]]:
+    """Yield the target and the value of every assignment, those of tuples one by one."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.AnnAssign) and node.value is not None:
+            yield node.target, node.value
+        elif isinstance(node, ast.Assign):
+            for target in node.targets:
+                if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
+                    yield from zip(target.elts, node.value.elts, strict=False)
+                else:
+                    yield target, node.value
+
+
+def nodes_inside(node: ast.AST) -> list[ast.expr | ast.stmt]:
+    """Return the expressions and statements below a node, without those of functions in it."""
+    inside: list[ast.expr | ast.stmt] = []
+    waiting = list(ast.iter_child_nodes(node))
+    while waiting:
+        child = waiting.pop()
+        if isinstance(child, FUNCTIONS | ast.Lambda | ast.ClassDef):
+            continue
+        if isinstance(child, ast.expr | ast.stmt):
+            inside.append(child)
+        waiting += ast.iter_child_nodes(child)
+    return inside
+
+
+def block_around(child: ast.AST, parent: ast.AST | None) -> list[ast.stmt]:
+    """Return the statements of a node among which a child of it stands; none for other children."""
+    blocks = (getattr(parent, name, None) for name in ("body", "orelse", "finalbody"))
+    return next((block for block in blocks if isinstance(block, list) and child in block), [])
+
+
+def elements(value: ast.expr) -> Iterator[ast.expr]:
+    """Yield the values in a tuple, a list or a dict that an expression creates, or itself."""
+    if isinstance(value, ast.Tuple | ast.List):
+        parts = value.elts
+    elif isinstance(value, ast.Dict):
+        parts = value.values
+    elif is_call(value, "dict"):
+        parts = [keyword.value for keyword in value.keywords]
+    else:
+        yield value
+        return
+    for part in parts:
+        yield from elements(part)
+
+
+def is_input(view: ast.expr) -> bool:
+    """Return whether a view is one of an input of a step, which programs write."""
+    attributes = (n.attr for n in ast.walk(view) if isinstance(n, ast.Attribute))
+    return any(map(_INPUTS.match, attributes))
+
+
+def creates_container(node: ast.AST | None) -> bool:
+    """Return whether an expression creates a list, a deque or a dict."""
+    while isinstance(node, ast.BinOp):  # [None] * n
+        node = node.left
+    if isinstance(node, ast.Call):
+        is_latest = any(ast.unparse(keyword) == "maxlen=1" for keyword in node.keywords)
+        return is_call(node, "list", "dict", "defaultdict", "deque") and not is_latest
+    return isinstance(node, ast.List | ast.Dict | ast.ListComp | ast.DictComp)

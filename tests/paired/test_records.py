@@ -1,0 +1,44 @@
+"""What follows from the raw times of a launch."""
+
+import numpy as np
+import pytest
+
+from mjbench.paired.records import LaunchRow
+from mjbench.releases.placement import AS_SHIPPED
+
+
+def launch(orders: list[str], ns: np.ndarray, layouts: list[int], nsection: int = 1) -> LaunchRow:
+    return LaunchRow(None, None, orders, ns.tolist(), AS_SHIPPED, layouts, nsection)
+
+
+def quads(ratios: list[float]) -> np.ndarray:
+    """Return quads in which the candidate takes these times of the baseline's."""
+    ones = np.ones(len(ratios))
+    return 100.0 * np.stack([ones, ratios, ratios, ones], axis=1)
+
+
+def test_the_log_ratio_is_candidate_over_baseline_whatever_the_order() -> None:
+    ns = np.array([[100.0, 200.0, 200.0, 100.0], [200.0, 100.0, 100.0, 200.0]])
+    assert np.exp(launch(["ABBA", "BAAB"], ns, [2]).log_ratio) == pytest.approx(2.0)
+
+
+def test_the_cost_of_coming_second_cancels_within_a_quad() -> None:
+    second_is_slower = np.array([[100.0, 101.0, 100.0, 101.0]])
+    assert launch(["ABBA"], second_is_slower, [1]).log_ratio == pytest.approx(0.0)
+
+
+def test_the_sections_of_a_launch_are_those_of_all_its_layouts() -> None:
+    # the second layout is disturbed
+    ns = quads([1.02, 1.04, 1.02, 1.04, 2.0, 2.0, 1.02, 1.04])
+    divided = launch(["ABBA"] * 8, ns, [4, 2, 2], nsection=2)
+    assert divided.log_ratio == pytest.approx(np.log(1.03), abs=1e-4)
+
+
+def test_whole_runs_of_a_launch_differ_from_layout_to_layout() -> None:
+    whole = launch(["ABBA"] * 5, quads([1.0, 1.0, 1.0, 1.3, 1.3]), [3, 2])
+    assert whole.log_ratio == pytest.approx(np.log(2.3 / 2))
+
+
+def test_drift_of_the_machine_cancels_within_a_quad() -> None:
+    drifting = np.exp(np.array([[0.0, 0.1, 0.2, 0.3]]))
+    assert launch(["BAAB"], drifting, [1]).log_ratio == pytest.approx(0.0)
