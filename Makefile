@@ -7,7 +7,7 @@ STAMP := $(VENV)/.up-to-date
 UPGRADE := build/upgrade
 SITE := build/site
 LAB := build/lab/mujoco-lab.html
-.PHONY: help bench test lint upgrade site lab picture c-floor slowdown soak fuzz verdicts foreign clean
+.PHONY: help bench test tests lint style types types-darwin upgrade site lab picture c-floor slowdown soak fuzz verdicts foreign clean
 
 help:
 	@echo "make bench     compare the C paths on the ten shipped models (4 minutes)"
@@ -28,14 +28,23 @@ help:
 bench: $(STAMP)
 	$(BIN)/mjbench compare --budget 22s
 
-test: lint
+test: style
+	$(MAKE) --jobs types types-darwin tests
+
+tests: $(STAMP)
 	$(BIN)/python -m pytest -n 2 --dist worksteal
 
-lint: $(STAMP)
+lint: style types types-darwin
+
+style: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
+
+types: $(STAMP)
 	$(BIN)/mypy
+
+types-darwin: $(STAMP)
 	$(BIN)/mypy --platform darwin --cache-dir .mypy_cache/darwin
 
 # By time and by instructions; it fails where a model is slower, after it has written its report.

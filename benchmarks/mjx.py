@@ -78,7 +78,7 @@ class ByHand(Tracked):
         ratios: list[ThroughputRatio] = []
         ended = isolate.run(
             "benchmarks.mjx:compare_with_handwritten",
-            HandwrittenRequest(ROUNDS),
+            HandwrittenRequest(NBATCH, HANDWRITTEN_NSTEP, ROUNDS),
             ratios.append,
             limit_s=self.timeout,
             environment=_mjx_path().environment(),
@@ -92,8 +92,10 @@ class ByHand(Tracked):
 
 @dataclass(frozen=True)
 class HandwrittenRequest:
-    """How many rounds to time the path and the handwritten program for."""
+    """The workload of the path and the handwritten program, and how many rounds to time them."""
 
+    nbatch: int
+    nstep: int
     rounds: int
 
 
@@ -106,7 +108,7 @@ class ThroughputRatio:
 
 def compare_with_handwritten(request: HandwrittenRequest, channel: isolate.Channel) -> None:
     """Time both programs in turns and send their ThroughputRatio; runs in a child process."""
-    cartpoles = stored.stored_workload("cartpole", NBATCH, HANDWRITTEN_NSTEP)
+    cartpoles = stored.stored_workload("cartpole", request.nbatch, request.nstep)
     prepared = _mjx_path().prepare(cartpoles, {}, paths.Resources(cartpoles))
     contenders = [
         timing.Contender(prepared.run, before=prepared.clear),

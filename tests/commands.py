@@ -1,32 +1,54 @@
-"""Run `mjbench` as a user types it, in a process of its own.
+"""Run `mjbench` as a user types it, in this process or in one of its own.
 
 Every JSON document that a test has a command write is held against the shipped schema.
 """
 
+import contextlib
+import functools
 import json
 import os
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from unittest import mock
 
 import jsonschema
+from click.testing import CliRunner
 
 TESTS = Path(__file__).parent
 ROOT = TESTS.parent
 PYTHONPATH = f"{ROOT}{os.pathsep}{TESTS}"
 
+Completed = subprocess.CompletedProcess[str]
 
-def mjbench(
+
+def mjbench(*words: str, cwd: Path = ROOT, env: Mapping[str, str] | None = None) -> Completed:
+    """Return how a command ended that ran in this process; what it starts has `env`, too."""
+
+    def invoke() -> Completed:
+        from mjbench.cli import cli
+
+        path = os.pathsep.join(filter(None, (PYTHONPATH, os.environ.get("PYTHONPATH"))))
+        variables = {"PYTHONPATH": path, **(env or {})}
+        with contextlib.chdir(cwd), mock.patch.dict(os.environ, variables):
+            result = CliRunner().invoke(cli, words, prog_name="mjbench")
+        if not isinstance(result.exception, SystemExit | None):
+            raise result.exception
+        return Completed(words, result.exit_code, result.stdout, result.stderr)
+
+    return _checked(words, cwd, invoke)
+
+
+def mjbench_process(
     *words: str,
     cwd: Path = ROOT,
     env: Mapping[str, str] | None = None,
     preexec_fn: Callable[[], None] | None = None,
-) -> "subprocess.CompletedProcess[str]":
-    """Return how a command ended; `env` is added to this process's environment."""
-    document = _document(words, cwd)
-    earlier = document.read_text() if document and document.is_file() else ""
-    done = subprocess.run(
+) -> Completed:
+    """Return how a command ended that ran in a process of its own; `env` is added to this one's."""
+    run = functools.partial(
+        subprocess.run,
         [sys.executable, "-m", "mjbench", *words],
         cwd=cwd,
         env={**os.environ, "PYTHONPATH": PYTHONPATH, **(env or {})},
@@ -36,6 +58,14 @@ def mjbench(
         timeout=300,
         preexec_fn=preexec_fn,
     )
+    return _checked(words, cwd, run)
+
+
+def _checked(words: tuple[str, ...], cwd: Path, run: Callable[[], Completed]) -> Completed:
+    """Run a command; hold what it printed and wrote against what every command keeps to."""
+    document = _document(words, cwd)
+    earlier = document.read_text() if document and document.is_file() else ""
+    done = run()
     assert "Traceback" not in done.stdout + done.stderr
     written = done.stdout
     if document is not None:

@@ -1,12 +1,14 @@
 """What the tests share: a small model that starts in contact, and its workload."""
 
 import gc
+import os
 import signal
 from collections.abc import Iterator
 from typing import Any
 
 import mujoco
 import pytest
+from commands import TESTS
 from example_models import CONTACT_XML
 from headless_browser import session
 from hypothesis import settings
@@ -24,8 +26,13 @@ def pytest_configure(config: pytest.Config) -> None:
     """Time nothing unless asked to, and take signals; `pytest` runs every benchmark once."""
     if not (config.getoption("benchmark_only") or config.getoption("benchmark_enable")):
         config.option.benchmark_disable = True
-    # what runs in the background of a script has these ignored, and passes that on
+    _take_signals()
+
+
+def _take_signals() -> None:
+    """Have signals end this process, which a background job ignores and a command handles."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
@@ -55,6 +62,13 @@ def small(model: Any) -> workload.Workload:
 
 
 @pytest.fixture
+def without_warp(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hide Warp from child processes of MJX, which would take seconds to import it."""
+    folders = (str(TESTS / "without_warp"), os.environ.get("PYTHONPATH", ""))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, folders)))
+
+
+@pytest.fixture
 def contact_file(tmp_path: Any) -> str:
     path = tmp_path / "contact.xml"
     path.write_text(CONTACT_XML)
@@ -62,5 +76,6 @@ def contact_file(tmp_path: Any) -> str:
 
 
 def pytest_runtest_teardown() -> None:
-    """Turn garbage collection on again: what usually runs in a child may turn it off here."""
+    """Undo what usually ends with its process: disabled garbage collection, handlers of signals."""
     gc.enable()
+    _take_signals()

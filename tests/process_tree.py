@@ -3,6 +3,7 @@
 import contextlib
 import os
 import select
+from collections.abc import Iterable
 from pathlib import Path
 
 
@@ -20,6 +21,15 @@ def descendants() -> set[int]:
         level = {pid for pid, parent in parent_of.items() if parent in level}
         below |= level
     return below
+
+
+def opened(pids: Iterable[int]) -> list[int]:
+    """Return a pidfd of each process that has not ended yet: some end as soon as they were seen."""
+    descriptors = []
+    for pid in pids:
+        with contextlib.suppress(ProcessLookupError):
+            descriptors.append(os.pidfd_open(pid))
+    return descriptors
 
 
 def ends(process: int) -> bool:

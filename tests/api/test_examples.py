@@ -11,6 +11,7 @@ from pytest_runs import run_pytest
 
 import mjbench
 from mjbench.instrument import runs
+from mjbench.loop import rendering
 
 
 def blocks(page: str) -> list[str]:
@@ -41,6 +42,7 @@ def test_the_examples_of_a_program_run(
     monkeypatch.setattr(mjbench, "compare", briefly)
     monkeypatch.setattr(mjbench, "versions", installed)
     monkeypatch.setattr(mjbench, "latency", functools.partial(mjbench.latency, nstep=100))
+    monkeypatch.setattr(rendering, "BACKENDS", ())
     names: dict[str, Any] = {}
     assert len(OF_README) == 1
     exec(OF_README[0], {})

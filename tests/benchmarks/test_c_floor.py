@@ -98,7 +98,7 @@ def test_the_command_prints_four_times_and_two_ratios_for_each_model_and_path() 
         "import runpy, sys\n"
         "from benchmarks import c_floor\n"
         "c_floor.CASES = c_floor.CASES[:1]\n"
-        "sys.argv = ['c_floor', 'pile', '--budget', '0', '--launches', '1']\n"
+        "sys.argv = ['c_floor', 'cube_table', '--budget', '0', '--launches', '1']\n"
         "runpy.run_module('benchmarks.c_floor', run_name='__main__', alter_sys=True)\n"
     )
     completed = subprocess.run(
@@ -111,7 +111,7 @@ def test_the_command_prints_four_times_and_two_ratios_for_each_model_and_path() 
     assert completed.returncode == 0, completed.stderr
     header, row = completed.stdout.splitlines()
     assert header == c_floor_page.HEADING
-    assert re.fullmatch(r"pile +mj_step\(nstep=50\)( +[\d,]+){4}( +\d+\.\d{3}){2}", row)
+    assert re.fullmatch(r"cube_table +mj_step\(nstep=50\)( +[\d,]+){4}( +\d+\.\d{3}){2}", row)
 
 
 def test_a_launch_that_fails_names_the_model_and_the_path(tmp_path: Path) -> None:

@@ -3,10 +3,13 @@
 from pathlib import Path
 
 from commands import mjbench
+from example_models import CONTACT_XML
 from pretender import available
 
 
-def test_a_jax_without_a_device_is_not_said_to_be_the_models_fault(tmp_path: Path) -> None:
+def test_a_jax_without_a_device_is_not_said_to_be_the_models_fault(
+    tmp_path: Path, without_warp: None
+) -> None:
     available("mjx")
     words = ["--paths", "mjx", "--nbatch", "2", "--nstep", "4", "--budget", "0.1"]
     run = mjbench("compare", "cartpole", *words, cwd=tmp_path, env={"JAX_PLATFORMS": "abacus"})
@@ -15,9 +18,13 @@ def test_a_jax_without_a_device_is_not_said_to_be_the_models_fault(tmp_path: Pat
     assert "does not take" not in run.stdout
 
 
-def test_a_model_that_mjx_does_not_take_is_reported_with_its_own_reason(tmp_path: Path) -> None:
+def test_a_model_that_mjx_does_not_take_is_reported_with_its_own_reason(
+    tmp_path: Path, without_warp: None
+) -> None:
     path = available("mjx")
-    run = mjbench("compare", "cloth", "--paths", path.name, "--budget", "0.1", cwd=tmp_path)
+    solver = '<mujoco><option solver="PGS"/>'
+    (tmp_path / "pgs.xml").write_text(CONTACT_XML.replace("<mujoco>", solver))
+    run = mjbench("compare", "pgs.xml", "--paths", path.name, "--budget", "0.1", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert "MJX does not take this model" in run.stdout
 

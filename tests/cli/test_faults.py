@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from commands import PYTHONPATH, mjbench
+from commands import PYTHONPATH, Completed, mjbench, mjbench_process
 from example_models import CONTACT_XML
 from example_races import invent_comparisons
 
@@ -190,7 +190,7 @@ def test_an_unforeseen_error_is_one_line_with_the_details_in_a_file(
     assert "Traceback" in file.read_text()
 
 
-def lint_to(target: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
+def lint_to(target: str, cwd: Path) -> Completed:
     (cwd / "a.py").write_text("x = 1\n")
     return mjbench("lint", "a.py", "--json", target, cwd=cwd)
 
@@ -253,7 +253,7 @@ def test_mujoco_that_cannot_be_imported_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "m.xml").write_text(CONTACT_XML)
     environment = {"PYTHONPATH": f"{tmp_path}:{PYTHONPATH}", "TMPDIR": str(tmp_path)}
     for words in (["compare", "m.xml"], ["models", "m.xml"], ["profile", "m.xml"]):
-        done = mjbench(*words, cwd=tmp_path, env=environment)
+        done = mjbench_process(*words, cwd=tmp_path, env=environment)
         assert done.returncode == 3
         assert "libGL.so.1: no such file" in done.stdout + done.stderr
         assert "report it" not in done.stderr

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from commands import PYTHONPATH, ROOT, mjbench
+from commands import PYTHONPATH, ROOT, mjbench_process
 
 from mjbench.cli import group
 
@@ -44,7 +44,7 @@ def test_without_its_optional_packages_the_command_says_what_to_install() -> Non
 
 def test_a_table_is_printed_in_any_encoding() -> None:
     run = str(ROOT / "results/runs/reference-mujoco-4.0.0.jsonl")
-    done = mjbench("show", run, env={"PYTHONIOENCODING": "ascii"})
+    done = mjbench_process("show", run, env={"PYTHONIOENCODING": "ascii"})
     assert done.returncode == 0, done.stderr
     assert "cartpole: 64 simulations \\xd7 61 steps" in done.stdout
 
@@ -55,7 +55,7 @@ def test_a_character_that_the_output_lacks_costs_no_table() -> None:
         {"LC_ALL": "C", "PYTHONUTF8": "0"},
         {"PYTHONIOENCODING": "ascii:surrogateescape", "PYTHONUTF8": "0"},
     ):
-        done = mjbench("show", str(run), env=env)
+        done = mjbench_process("show", str(run), env=env)
         assert done.returncode == 0, done.stderr
         assert "64 simulations \\xd7 61 steps" in done.stdout
 
@@ -63,7 +63,7 @@ def test_a_character_that_the_output_lacks_costs_no_table() -> None:
 def test_a_current_folder_that_was_removed_is_one_line(tmp_path: Path) -> None:
     folder = tmp_path / "gone"
     folder.mkdir()
-    done = mjbench("models", cwd=folder, preexec_fn=folder.rmdir)
+    done = mjbench_process("models", cwd=folder, preexec_fn=folder.rmdir)
     assert done.returncode == 3
     assert done.stderr == "mjbench: the current folder no longer exists; change to another one\n"
 

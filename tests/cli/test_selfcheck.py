@@ -2,7 +2,6 @@
 
 import json
 import os
-import select
 import signal
 import subprocess
 import sys
@@ -143,26 +142,26 @@ def test_a_slowdown_that_cannot_be_injected_is_bad_input(
 
 def test_ctrl_c_saves_what_was_measured_and_leaves_no_process(tmp_path: Path) -> None:
     before = process_tree.descendants()
-    process = subprocess.Popen(
+    with subprocess.Popen(
         [sys.executable, "-m", "mjbench", "selfcheck", "cartpole", "--slowdowns", "0"],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": PYTHONPATH},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-    )
-    deadline = time.monotonic() + 60
-    while len(process_tree.descendants() - before) < 4 and time.monotonic() < deadline:
-        os.sched_yield()
-    workers = process_tree.descendants() - before - {process.pid}
-    descriptors = [os.pidfd_open(pid) for pid in workers]
-    assert len(descriptors) >= 2
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
+    ) as process:
+        try:
+            deadline = time.monotonic() + 60
+            while len(process_tree.descendants() - before) < 4 and time.monotonic() < deadline:
+                os.sched_yield()
+            workers = process_tree.descendants() - before - {process.pid}
+            descriptors = process_tree.opened(workers)
+            assert len(descriptors) >= 2
+            process.send_signal(signal.SIGINT)
+            _, errors = process.communicate(timeout=60)
+        finally:
+            process.kill()  # where the test fails: what lives on would disturb other tests
     assert process.returncode == 130
     assert "interrupted" in errors
     assert "Traceback" not in errors
-    for descriptor in descriptors:
-        ended, _, _ = select.select([descriptor], [], [], 60.0)  # long only where the test fails
-        assert ended
-        os.close(descriptor)
+    assert all(map(process_tree.ends, descriptors))

@@ -45,7 +45,7 @@ def test_a_stored_search_is_in_reports_and_tables(stored: Path, tmp_path: Path) 
     assert row["ratio.estimate"] == 0.8
 
 
-def test_a_model_that_mjx_does_not_take_is_one_line(tmp_path: Path) -> None:
+def test_a_model_that_mjx_does_not_take_is_one_line(tmp_path: Path, without_warp: None) -> None:
     pytest.importorskip("mujoco.mjx")
     (tmp_path / "pgs.xml").write_text(PGS)
     done = mjbench(

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
-from commands import ROOT, mjbench
+from commands import ROOT, mjbench, mjbench_process
 
 from mjbench.counts import instructions
 from mjbench.counts.counted_program import OperationRequest
@@ -131,7 +131,13 @@ def test_operations_are_counted_whole_and_by_function(counter: InstructionCounte
 
 
 @needs_valgrind
-def test_the_command_writes_json_and_a_run_file(tmp_path: Path) -> None:
+def test_the_command_writes_json_and_a_run_file(
+    counts: dict[str, ModelCount], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def count(*arguments: object, **options: object) -> list[ModelCount]:
+        return [counts["cartpole"]]
+
+    monkeypatch.setattr(InstructionCounter, "count", count)
     done = mjbench("instructions", "cartpole", "--json", "out.json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
@@ -169,7 +175,7 @@ def test_a_killed_run_leaves_no_process_and_no_folder(tmp_path: Path) -> None:
         os.close(descriptor)
     assert len(list(tmp_path.iterdir())) > 1, "its folder, beside that of its run file"
     environment = {"TMPDIR": str(tmp_path)}
-    assert mjbench("models", "cartpole", cwd=tmp_path, env=environment).returncode == 0
+    assert mjbench_process("models", "cartpole", cwd=tmp_path, env=environment).returncode == 0
     assert list(tmp_path.iterdir()) == [tmp_path / "r"]
 
 

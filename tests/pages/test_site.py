@@ -221,7 +221,7 @@ def test_a_folder_that_is_no_site_is_not_replaced(
     precious = tmp_path / "precious"
     precious.mkdir()
     (precious / "file").touch()
-    command = ["site", "--project", str(ROOT), "-o"]
+    command = ["site", "--project", str(project_in(tmp_path / "project").folder), "-o"]
     result = CliRunner().invoke(cli, [*command, str(precious)])
     assert result.exit_code == 2
     assert "is no site of mjbench" in result.output

@@ -1,6 +1,5 @@
 """What accelerated paths say of themselves: packages, models, snippets, buffers."""
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -17,7 +16,6 @@ from mjbench.instrument import extras
 from mjbench.paths.warp_buffers import check_overflow
 from mjbench.simulation import trajectory, workload
 
-ENVIRONMENT = {**os.environ, "PYTHONPATH": PYTHONPATH}
 BALL_ASLEEP = """
 <mujoco>
   <option><flag sleep="enable"/></option>
@@ -34,8 +32,16 @@ BALL_ASLEEP = """
     [("mjx64", "[final.time, final.qpos]", 1e-12), ("warp", "[d.time, d.qpos]", 1e-5)],
 )
 def test_the_snippet_computes_what_c_computes(
-    name: str, result: str, within: float, tmp_path: Path
+    name: str,
+    result: str,
+    within: float,
+    tmp_path: Path,
+    request: pytest.FixtureRequest,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setenv("PYTHONPATH", PYTHONPATH)
+    if name != "warp":
+        request.getfixturevalue("without_warp")
     path, work = available(name), make_workload()
     np.savez(tmp_path / "in.npz", state=work.initial_state, control=work.control)
     (tmp_path / "run.py").write_text(
@@ -48,7 +54,7 @@ def test_the_snippet_computes_what_c_computes(
         f"rows = [np.asarray(x).reshape(len(initial_state), -1) for x in {result}]\n"
         "np.save('out.npy', np.hstack(rows))\n"
     )
-    subprocess.run([sys.executable, "run.py"], cwd=tmp_path, check=True, env=ENVIRONMENT)
+    subprocess.run([sys.executable, "run.py"], cwd=tmp_path, check=True)
     want = trajectory.record_trajectory(work, NBATCH).states[:, work.nstep]
     fields = workload.fields(work.model, want)
     got = np.load(tmp_path / "out.npy")

@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -195,52 +195,68 @@ def test_a_snippet_does_what_its_path_does(
 
 
 @pytest.mark.parametrize("product", list(Product))
-@pytest.mark.parametrize(
-    ("name", "options"), [("processes", {"processes": 2}), ("ray", {"actors": 2})]
-)
 def test_a_snippet_that_starts_processes_does_what_its_path_does(
-    case: Case,
-    cases: Mapping[Product, Case],
-    name: str,
-    options: dict[str, Any],
-    product: Product,
-    tmp_path: Path,
+    case: Case, cases: Mapping[Product, Case], product: Product, tmp_path: Path
 ) -> None:
     case = case if product == Product.FINAL else cases[product]
-    case.skip_unless_possible(paths.find(name), options)
-    program_does_the_work_of(case, name, options, tmp_path)
+    options = {"processes": 2}
+    case.skip_unless_possible(paths.find("processes"), options)
+    run_program(program_of(case, "processes", options, tmp_path), tmp_path)
+    assert_does_the_work_of(case, tmp_path)
 
 
-@pytest.mark.parametrize("product", list(Product))
-def test_a_snippet_of_ray_without_rollout_does_what_its_path_does(
-    cases: Mapping[Product, Case],
-    product: Product,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+def test_snippets_of_ray_do_what_its_path_does(
+    case: Case, cases: Mapping[Product, Case], tmp_path: Path
 ) -> None:
-    options = {"actors": 2}
-    cases[product].skip_unless_possible(paths.find("ray"), options)
+    """Also with inputs that a rollout resets."""
+    own = inputs.with_every_input(workload.make(case.workload.model, 3, 4, seed=2), seed=1)
+    with_inputs = Case.of(own)
+    products = (cases[Product.TRAJECTORY], cases[Product.SENSORS])
+    snippets_of_ray_do_the_work_of((case, *products, with_inputs), tmp_path)
+    with_inputs.resources.close()
+
+
+def test_snippets_of_ray_without_rollout_do_what_its_path_does(
+    cases: Mapping[Product, Case], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(compat, "rollout_unavailable", lambda: "too old")
-    program_does_the_work_of(cases[product], "ray", options, tmp_path)
+    snippets_of_ray_do_the_work_of(list(cases.values()), tmp_path)
 
 
-def test_a_snippet_of_ray_sends_inputs_that_a_rollout_resets(tmp_path: Path) -> None:
-    model = mujoco.MjModel.from_xml_string(CONTACT_XML)
-    own = inputs.with_every_input(workload.make(model, 3, 4, seed=2), seed=1)
-    case = Case.of(own)
-    case.skip_unless_possible(paths.find("ray"), {"actors": 2})
-    program_does_the_work_of(case, "ray", {"actors": 2}, tmp_path)
-    case.resources.close()
+def snippets_of_ray_do_the_work_of(own_cases: Sequence[Case], folder: Path) -> None:
+    """Run snippets in one program: the first one starts Ray, and the last one ends it."""
+    options = {"actors": 2}
+    folders = [folder / str(index) for index in range(len(own_cases))]
+    program = ["import ray", "shutdown, ray.shutdown = ray.shutdown, lambda: None"]
+    for own_case, own_folder in zip(own_cases, folders, strict=True):
+        own_case.skip_unless_possible(paths.find("ray"), options)
+        own_folder.mkdir()
+        if own_case is own_cases[-1]:
+            program.append("ray.shutdown = shutdown")
+        program.append(program_of(own_case, "ray", options, own_folder))
+        program.append("steppers, ray.init = None, lambda **options: None")
+    program.append("assert not ray.is_initialized()")
+    run_program("\n".join(program), folder)
+    for own_case, own_folder in zip(own_cases, folders, strict=True):
+        assert_does_the_work_of(own_case, own_folder)
 
 
-def program_does_the_work_of(case: Case, name: str, options: dict[str, Any], folder: Path) -> None:
-    """Run a snippet as a program of its own, and compare what it leaves with a case's reference."""
+def expected_outputs(case: Case) -> dict[str, np.ndarray]:
+    """Return what a snippet leaves, by the names of its variables."""
     expected = {"final_state": case.reference.final_state}
     product = case.workload.returns
     if product != Product.FINAL:
         expected["state"] = case.outputs.state
     if product == Product.SENSORS:
         expected["sensordata"] = case.outputs.sensordata
+    return expected
+
+
+def program_of(case: Case, name: str, options: dict[str, Any], folder: Path) -> str:
+    """Return a program that runs a snippet on the input in a folder, and leaves its output there.
+
+    The input is written here.
+    """
     mujoco.mj_saveModel(case.workload.model, str(folder / "model.mjb"))
     np.savez(
         folder / "input.npz",
@@ -251,19 +267,27 @@ def program_does_the_work_of(case: Case, name: str, options: dict[str, Any], fol
     indent = "    " if "__main__" in code else ""
     head = (
         "import mujoco, numpy as np\n"
-        "model = mujoco.MjModel.from_binary_path('model.mjb')\n"
-        "arrays = np.load('input.npz')\n"
+        f"model = mujoco.MjModel.from_binary_path('{folder}/model.mjb')\n"
+        f"arrays = np.load('{folder}/input.npz')\n"
         "initial_state, control = arrays['initial_state'], arrays['control']\n"
     )
-    outputs = ", ".join(f"{name}={name}" for name in expected)
-    end = f"{indent}np.savez('output.npz', {outputs})\n"
-    (folder / "program.py").write_text(f"{head}{code}{end}")
+    outputs = ", ".join(f"{name}={name}" for name in expected_outputs(case))
+    return f"{head}{code}{indent}np.savez('{folder}/output.npz', {outputs})\n"
+
+
+def run_program(program: str, folder: Path) -> None:
+    (folder / "program.py").write_text(program)
     with tempfile.TemporaryDirectory() as short:  # Ray's sockets need a short name
         quiet = {"RAY_TMPDIR": short, "RAY_USAGE_STATS_ENABLED": "0"}
         subprocess.run(
             [sys.executable, "program.py"],
             cwd=folder, env={**os.environ, **quiet}, check=True, timeout=120,
         )  # fmt: skip
+
+
+def assert_does_the_work_of(case: Case, folder: Path) -> None:
+    """Compare the output in a folder with a case's reference."""
+    expected = expected_outputs(case)
     with np.load(folder / "output.npz") as output:
         if output["final_state"].shape != expected["final_state"].shape:  # full-physics states
             physics = compat.physics_entries(case.workload.model)

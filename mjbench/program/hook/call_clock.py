@@ -23,8 +23,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import FrameType
 from typing import Any
 
-from .mapped_file import map_file
 from .replaced import named_like
+from .step_file import map_file
 
 # A slot: calls, their ns, calls while steps were timed, their ns, when the first began and the last
 # ended, steps of a simulation, steps of all simulations; then an estimate of the calls between

@@ -8,8 +8,6 @@ import sys
 from _thread import get_ident
 from collections.abc import Sequence
 
-from .mapped_file import map_file
-
 # A record: kind, thread, begin and end in ns, steps, timestep in ns.
 RECORD = struct.Struct("<6q")
 # What stands before the records, as `Header` names it.
@@ -24,6 +22,23 @@ CAPACITY = 1 << 17  # records of a process: 6 MB
 STEP, ITERATION, BURST = 1, 2, 3
 # Of a thread's identifier, so that it fits a record.
 _THREAD_BITS = 2**63 - 1
+
+
+def map_file(path: str, size: int) -> mmap.mmap:
+    """Return the memory of a new file, filled with zeros: it survives any end of the program.
+
+    Raises:
+      OSError: the file cannot be created, or the disk is full.
+    """
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o600)
+    try:
+        os.ftruncate(descriptor, size)
+        if hasattr(os, "posix_fallocate"):
+            # writing to a file without space would end the program
+            os.posix_fallocate(descriptor, 0, size)
+        return mmap.mmap(descriptor, 0)
+    finally:
+        os.close(descriptor)
 
 
 class StepFile:
