@@ -10,7 +10,6 @@ from mjbench.counts.function_differences import (
 )
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import ExplainRecord, FunctionDifference, InstructionsRecord
-from mjbench.instrument.units import percent_change
 from mjbench.report import charts, formats
 from mjbench.report.content import Cell, Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report.starts import starts_lines, warning_lines
@@ -168,7 +167,7 @@ def _changes_table(rows: Sequence[ExplainRecord]) -> DataTable:
         Column("model or operation"),
         Column("old"),
         Column("new"),
-        Column("instructions", lambda ratio: f"{percent_change(ratio)} %"),
+        Column("instructions", lambda ratio: f"{100 * (ratio - 1):+.1f} %"),
         Column("functions that account for most"),
     )
     cells = []
