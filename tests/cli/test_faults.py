@@ -125,7 +125,9 @@ def test_an_interrupt_is_one_line_and_saves_what_was_measured(
         assert process.returncode in (-signal.SIGINT, 130)
         return
     assert process.returncode == 130
-    assert err.count("\n") == 1
+    progress, interrupted = err.splitlines()
+    assert progress == "contact.xml: checking agreement"
+    assert interrupted == "mjbench: interrupted; what was measured is saved"
     (file,) = (tmp_path / "runs").glob("*.jsonl")
     statuses = [json.loads(line).get("status") for line in file.read_text().splitlines()]
     assert statuses == [None, *["interrupted"] * 6]
