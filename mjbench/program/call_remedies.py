@@ -324,7 +324,8 @@ def _gain_of_objects(loop: LoopTime, context: _Context, measured: Measured) -> f
         return min(stands_for, ratio.saved * _share(loop, context.calls) / ratio.created_share)
     created = sum(call.calls for call in context.calls)
     left_out = 0.0 if is_frame else 1 - min(1.0, question.steps * created / max(1.0, context.nstep))
-    return ratio.saved * (stands_for - left_out * _share(loop, beside))
+    of_steps = stands_for - _share(loop, context.calls)  # with what Python does to call them
+    return ratio.saved * (stands_for - left_out * of_steps)
 
 
 def _stands_for(loop: LoopTime, calls: Sequence[CallTime]) -> float:

@@ -182,7 +182,27 @@ def test_a_new_mjdata_costs_only_its_first_steps():
     assert question.steps == 50
     measured = Measured({question: replace(ratio(0.5), created_share=0.2)})
     (gain,) = [each.gain for each in remedies.remedies(time, [], measured) if each.kind == "call"]
-    assert gain == pytest.approx(0.5 * (0.99 - 0.8 * 200 / 250))
+    assert gain == pytest.approx(0.5 * (0.99 - (0.99 - 0.199) * 200 / 250))
+
+
+def test_what_a_new_mjdata_saves_does_not_grow_with_what_python_does_to_call_steps():
+    """Of 200 steps that follow each MjData, 50 are in the pair, which takes 20 + 50 us.
+
+    An MjData takes 20 us, of which a copy saves 18, a step 0.6 and its call 0.4, other lines 55.
+    """
+    whole_us = 20 + 200 + 55
+    seen = loop(
+        line(12, {PHYSICS: 120 / whole_us, BINDINGS: 80 / whole_us}),
+        line(15, {Activity.COPYING: 20 / whole_us}),
+        line(19, {NUMPY: 55 / whole_us}),
+    )
+    creation = call("MjData", calls=100, seconds=10 * 20 / whole_us)
+    time = replace(seen, calls=[step(seconds=10 * 120 / whole_us, calls=20_000), creation])
+    question = Question(Trial.NEW_DATA_OR_COPY, steps=50)
+    assert question in call_remedies.questions([time], [])
+    measured = Measured({question: replace(ratio(1 - 18 / 70), created_share=20 / 70)})
+    (gain,) = [each.gain for each in remedies.remedies(time, [], measured) if each.kind == "call"]
+    assert gain == pytest.approx(18 / whole_us)
 
 
 def test_what_may_be_chance_is_not_suggested():
