@@ -208,12 +208,22 @@ def _contexts(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[_Context]
             place = max(by_place, key=lambda each: sum(call.seconds for call in by_place[each]))
             by_place = {place: [call for calls in by_place.values() for call in calls]}
         for place, calls in by_place.items():
+            if _are_of_new_models(loop, calls):
+                continue
             finding = _finding_of(remedy, place, loop, findings)
             repeats = sum(call.calls for call in calls) >= LEAST_REPEATS
             if finding is not None or (repeats and not remedy.needs_finding):
                 at = place if finding is None else _place(finding)
                 nstep = sum(call.all_steps for call in steps_of(loop))
                 yield _Context(remedy, calls, at, finding, nstep)
+
+
+def _are_of_new_models(loop: LoopTime, calls: Sequence[CallTime]) -> bool:
+    """Return whether all create an MjData, of models that the loop loads about as often."""
+    loaded = sum(call.calls for call in loop.calls if call.activity == Activity.LOADING)
+    created = sum(call.calls for call in loop.calls if call.callee == "MjData")
+    is_of_each_model = loaded >= LEAST_REPEATS and 2 * loaded >= created
+    return is_of_each_model and all(call.callee == "MjData" for call in calls)
 
 
 def _finding_of(

@@ -6,7 +6,7 @@ samples, and their share is an upper bound.
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from mjbench.errors import InputError
@@ -17,7 +17,7 @@ from mjbench.program import call_remedies
 from mjbench.program.activities import STANDARD_LIBRARY, Activity, Place
 from mjbench.program.calls import Incident
 from mjbench.program.hook import call_clock
-from mjbench.program.loop_time import FEW_SAMPLES, LEAST_REPEATS, LineTime, LoopTime
+from mjbench.program.loop_time import FEW_SAMPLES, LineTime, LoopTime
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.program.replacements import Measured
 from mjbench.program.step_times import StepTimes
@@ -113,7 +113,7 @@ def first(listed: Sequence[Remedy]) -> Remedy | None:
 
 def _savings(loop: LoopTime, findings: Sequence[Finding], measured: Measured) -> Iterator[Remedy]:
     """Yield what saves time, in any order."""
-    of_calls = _applicable(loop, call_remedies.of_calls(loop, findings, measured))
+    of_calls = list(call_remedies.of_calls(loop, findings, measured))
     whole = loop.activities.keys() - _OF_LINES - _OF_CALLS
     if _has_building(loop):
         # a model that is built is compiled, too, and has an MjData of its own
@@ -146,14 +146,6 @@ def _savings(loop: LoopTime, findings: Sequence[Finding], measured: Measured) ->
     for activity, share in unexplained.items():
         if activity != Activity.BINDINGS:  # what no line shows is the calls themselves
             yield _remedy(loop, RemedyKind.ACTIVITY, activity, None, _ADVICE[activity], share)
-
-
-def _applicable(loop: LoopTime, of_calls: Iterable[Remedy]) -> list[Remedy]:
-    """Return remedies of calls, but for MjData of models that the loop creates as often."""
-    loaded = sum(call.calls for call in loop.calls if call.activity == Activity.LOADING)
-    created = sum(call.calls for call in loop.calls if call.callee == "MjData")
-    follows = loaded >= LEAST_REPEATS and 2 * loaded >= created
-    return [each for each in of_calls if not (follows and each.activity == Activity.COPYING)]
 
 
 def _findings_at(place: Place, findings: Sequence[Finding]) -> list[Finding]:

@@ -225,6 +225,23 @@ def test_a_model_that_is_built_leaves_the_loop_with_all_that_this_takes():
     assert (remedy.place.line, remedy.gain, remedy.basis) == (15, 0.9, Basis.BOUND)
 
 
+@pytest.mark.parametrize("loads", [2, 4])
+def test_only_an_mjdata_of_each_new_model_needs_no_advice(loads):
+    loading = call("from_xml_path", number=13, calls=loads, seconds=1.0)
+    created = call("MjData", number=14, calls=4, seconds=1.0)
+    copied = call(call_clock.COPY_OF_DATA, number=15, calls=1000, seconds=5.0)
+    listed = remedies.remedies(loop_of(step(seconds=3.0), loading, created, copied))
+    lines = {each.place.line for each in listed}
+    assert lines == ({13, 15} if loads == 4 else {14, 15})
+
+
+def test_copies_of_a_model_that_is_loaded_again_and_again_leave_the_loop():
+    copied = call("copy of MjModel", number=13, calls=100, seconds=4.0)
+    (remedy,) = remedies.remedies(loop_of(step(), copied, call("from_xml_path", calls=5)))
+    assert remedy.text.startswith("compile the model once")
+    assert remedy.gain == pytest.approx(0.6 * (1 - 1 / 105))
+
+
 @pytest.mark.parametrize(
     ("callee", "trial"),
     [
