@@ -1,5 +1,6 @@
 """The call clock counts calls by the line that makes them, and changes none of them."""
 
+import copy
 import multiprocessing.process
 import os
 import subprocess
@@ -89,6 +90,37 @@ def test_more_lines_than_slots_share_the_last_one(clock, tmp_path, monkeypatch):
     for name in ("a", "b", "c"):
         clock.add(name, frame, 0, 10)
     assert [call.callee for call in read(tmp_path).calls] == ["a"]
+
+
+class EzPickle:
+    """An environment that is copied as Gymnasium's base class does it."""
+
+    data = SimpleNamespace(time=1.0)
+
+    def __getstate__(self):
+        return {"is_state": True}
+
+    def __setstate__(self, state):
+        self.is_copy = state["is_state"]
+
+
+class HasNoData(EzPickle):
+    @property
+    def data(self):
+        raise RuntimeError("call reset first")
+
+
+class HasNoTime(EzPickle):
+    data = SimpleNamespace(time=lambda: 1.0)
+
+
+@pytest.mark.parametrize("kind", [EzPickle, HasNoData, HasNoTime])
+def test_copies_of_environments_are_noted_and_never_fail(looks, tmp_path, monkeypatch, kind):
+    monkeypatch.setattr(EzPickle, "__setstate__", EzPickle.__setstate__)  # restored afterwards
+    looks.install_copies(SimpleNamespace(EzPickle=EzPickle))
+    assert copy.deepcopy(kind()).is_copy
+    noted = [incident.name for incident in read(tmp_path).incidents]
+    assert noted == ([call_clock.COPIED_ENVIRONMENT] if kind is EzPickle else [])
 
 
 def test_two_threads_in_one_simulation_are_an_incident(looks, tmp_path):

@@ -49,10 +49,11 @@ class Watch:
         def note(environment: Any, state: Any) -> None:
             set_state(environment, state)
             frame = sys._getframe(1)
-            if frame.f_globals.get("__name__") == "copy":
-                original = getattr(frame.f_locals.get("x"), "data", None)
-                if getattr(original, "time", 0.0) > 0.0:
-                    self._calls.note(COPIED_ENVIRONMENT, frame)
+            with contextlib.suppress(Exception):  # `data` is code of the user's
+                if frame.f_globals.get("__name__") == "copy":
+                    original = getattr(frame.f_locals.get("x"), "data", None)
+                    if getattr(original, "time", 0.0) > 0.0:
+                        self._calls.note(COPIED_ENVIRONMENT, frame)
 
         module.EzPickle.__setstate__ = named_like(set_state, note)
 
