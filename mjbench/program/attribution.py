@@ -326,39 +326,39 @@ def _building_line(
     Where there are several, it is that with most of their time, and has the time of all.
     """
     total_s = sum(sample.seconds for sample, _ in resolved)
-    by_line: dict[Place, list[tuple[Activity, float]]] = defaultdict(list)
+    seconds: dict[Place, list[float]] = defaultdict(list)
     steps_s: dict[Place, float] = defaultdict(float)
     for sample, activity in resolved:
         is_slow_call = sample.stack[-1].file.endswith(activities.CALL_CLOCK)
-        places = _own_places(sample)
-        loads = bool(places) and (places[-1].file, places[-1].line) in loading
-        for place in places:
-            by_line[place].append((Activity.LOADING if loads else activity, sample.seconds))
+        for place in _own_places(sample):
+            seconds[place].append(sample.seconds)
             if activity == Activity.PHYSICS and not is_slow_call:
                 steps_s[place] += sample.seconds
     # a torn stack may show a step under another line
     without_steps = {
-        place
-        for place, parts in by_line.items()
-        if steps_s[place] < _most_torn_s([seconds for _, seconds in parts])
+        place for place, parts in seconds.items() if steps_s[place] < _most_torn_s(parts)
     }
+    by_outermost: dict[Place, list[tuple[Activity, float]]] = defaultdict(list)
     built_s: dict[Place, float] = defaultdict(float)
     for sample, activity in resolved:
         places = _own_places(sample)
         outermost = next((each for each in places if each in without_steps), None)
-        is_built = activity == Activity.BUILDING or any(
-            (each.file, each.line) in loading for each in places
+        if outermost is None:
+            continue
+        loads = [(each.file, each.line) in loading for each in places]
+        by_outermost[outermost].append(
+            (Activity.LOADING if loads[-1] else activity, sample.seconds)
         )
-        if is_built and outermost is not None:
+        if activity == Activity.BUILDING or any(loads):
             built_s[outermost] += sample.seconds
     if not built_s:
         return None
     place = max(built_s, key=lambda each: built_s[each])
     of_places = [
         part
-        for each, seconds in built_s.items()
-        if each == place or 2 * seconds >= sum(part_s for _, part_s in by_line[each])
-        for part in by_line[each]
+        for each, own_built_s in built_s.items()
+        if each == place or 2 * own_built_s >= sum(part_s for _, part_s in by_outermost[each])
+        for part in by_outermost[each]
     ]
     shares = shares_of(of_places, total_s)
     return LineTime(place, sum(shares.values()), shares)

@@ -75,8 +75,8 @@ class LoopTime:
         by share; the place of each is the line that samples saw most often.
       engine_clock: share of the timer of MuJoCo's Python package.
       calls: of functions that are timed one by one, from lines of this loop.
-      building: the outermost line under which models are built or loaded, and nothing steps, with
-        all that it takes; None without one.
+      building: the outermost line under which models are built or loaded, and nothing steps; of
+        several, that which builds most, with the time of all. None without one.
     """
 
     loop: SourceLoop

@@ -132,6 +132,17 @@ def test_a_model_is_built_by_the_outermost_line_that_does_not_step(file):
     assert time.building.share == pytest.approx(0.75)
 
 
+def test_time_of_a_line_that_builds_for_several_lines_counts_once(file):
+    """Line 2 builds for line 9, which does nothing else, and for line 8, which also steps."""
+    element = Frame("add", "/lib/python3/site-packages/dm_control/mjcf/element.py", 5)
+    built = [Frame("observe", file, 2), element]
+    for_itself, for_step = ([Frame("main", file, line), *built] for line in (9, 8))
+    seen = [for_itself] * 40 + [for_step] * 60 + [stacks(file)["step"]] * 100
+    (time,) = attribution.loop_times([samples(seen)], 1)
+    assert time.building.place.line == 2
+    assert time.building.activities == {Activity.BUILDING: pytest.approx(0.5)}
+
+
 def test_samples_at_several_rates_count_for_their_time(file):
     of = stacks(file)
     dense = ThreadSamples(Thread(1, 1, "MainThread"), [of["step"]] * 6, 0.1)
