@@ -7,7 +7,6 @@ follows, the highest first. All children that answer over a connection fail in t
 import pickle
 import socket
 import struct
-import time
 from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -65,12 +64,13 @@ class ChildConnection:
         limit_s: float,
         activity: str = "",
         max_bytes: int = MAX_MESSAGE_BYTES,
-        watch: Callable[[], None] | None = None,
+        watch: Callable[[], None] = lambda: None,
     ) -> bytes:
         """Return the next message.
 
         Args:
-          limit_s: the child is killed where it sends nothing for so long.
+          limit_s: the child is killed where it sends nothing for so long; within a message, the
+            limit that `pair` was given holds.
           activity: what it is doing, such as `stepping the model`.
           watch: called every now and then; what it raises is passed on.
 
@@ -78,15 +78,19 @@ class ChildConnection:
           ChildError: the child crashed, hung, or sent something else.
         """
         if not self._poll(limit_s, watch):
-            cause = f"no answer within {limit_s:g} s"
-            raise self.failure(Status.TIMEOUT, cause, activity)
+            raise self._timeout(f"no answer within {limit_s:g} s", activity)
         try:
             return self.connection.recv_bytes(max_bytes)
-        except (EOFError, OSError):
-            code = self.process.wait(_EXIT_S)
-        if code is None:  # what it sent is no message, or is too long
-            raise self.failure(Status.CRASHED, "sent an invalid answer, killed", activity)
-        raise self.failure(Status.CRASHED, child.describe_exit(code), activity)
+        except BlockingIOError:
+            raise self._timeout("sent part of an answer, then nothing", activity) from None
+        except (EOFError, ConnectionResetError):
+            cause = "closed its connection, killed"
+        except OSError:  # what it sent is no message, or is too long
+            cause = "sent an invalid answer, killed"
+        code = self.process.wait(_EXIT_S)
+        if code is not None:
+            cause = child.describe_exit(code)
+        raise self.failure(Status.CRASHED, cause, activity)
 
     def unpickled(self, content: bytes, activity: str = "", *kinds: type) -> Any:
         """Return what a message stands for, of one of some kinds if any are given.
@@ -104,10 +108,8 @@ class ChildConnection:
 
     def invalid(self, content: bytes, activity: str = "") -> ChildError:
         """Kill the child; return the error that it sent something else than a message."""
-        self.process.end()
         sent = one_line(repr(content[:20]))
-        circumstances = f" while {activity} ({sent})" if activity else f" ({sent})"
-        return ChildError(Status.CRASHED, "sent an invalid answer, killed", circumstances)
+        return self.failure(Status.CRASHED, f"sent an invalid answer ({sent}), killed", activity)
 
     def failure(self, ending: Status, cause: str, activity: str = "") -> ChildError:
         """Kill the child; return the error that says so, and what the child last printed."""
@@ -120,18 +122,26 @@ class ChildConnection:
         self.process.end()
         self.connection.close()
 
-    def _poll(self, limit_s: float, watch: Callable[[], None] | None) -> bool:
-        """Wait until the child has sent something, or ended; return whether it has."""
-        if watch is None:
-            return self.connection.poll(limit_s)
-        deadline = time.monotonic() + limit_s
-        while True:
+    def _timeout(self, cause: str, activity: str) -> ChildError:
+        """Kill a silent child; return the error that says so, or how it ended if it had."""
+        code = self.process.wait(0.0)
+        if code is None:
+            return self.failure(Status.TIMEOUT, cause, activity)
+        return self.failure(Status.CRASHED, child.describe_exit(code), activity)
+
+    def _poll(self, limit_s: float, watch: Callable[[], None]) -> bool:
+        """Wait until there is something to read; return whether there is.
+
+        A child that has ended may have left a process that keeps its end of the connection open.
+        """
+        left_s, has_ended = limit_s, False
+        while left_s > 0.0 and not has_ended:
             watch()
-            left_s = max(0.0, deadline - time.monotonic())
             if self.connection.poll(min(left_s, _WATCH_S)):
                 return True
-            if left_s == 0.0:
-                return False
+            left_s -= _WATCH_S
+            has_ended = self.process.wait(0.0) is not None
+        return self.connection.poll()
 
 
 def start(

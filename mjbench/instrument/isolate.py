@@ -163,8 +163,7 @@ def _converse(
     memory_bytes: int | None,
 ) -> Ended:
     def watch() -> None:
-        assert memory_bytes is not None, "nothing else is watched"
-        if child.memory_bytes(connection.process.pid) > memory_bytes:
+        if memory_bytes and child.memory_bytes(connection.process.pid) > memory_bytes:
             cause = f"took more than {memory_bytes / 2**30:.1f} GiB of memory, killed"
             raise connection.failure(Status.FAILED, cause)
 
@@ -173,7 +172,7 @@ def _converse(
     limit = limit_s
     try:
         while True:
-            content = connection.receive(limit, watch=watch if memory_bytes else None)
+            content = connection.receive(limit, watch=watch)
             message = connection.unpickled(content)
             if isinstance(message, Ended):
                 return message

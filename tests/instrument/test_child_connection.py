@@ -58,6 +58,12 @@ def test_messages_go_both_ways(tmp_path: Path) -> None:
             Status.CRASHED,
             "sent an invalid answer, killed",
         ),
+        ("here.close(); time.sleep(600)", Status.CRASHED, "closed its connection, killed"),
+        (  # what it forked keeps its end of the connection open
+            "os.fork() and sys.exit(3); time.sleep(600)",
+            Status.CRASHED,
+            "the process ended with exit code 3",
+        ),
     ],
 )
 def test_a_child_that_fails_is_described_with_what_it_was_doing(
@@ -90,7 +96,7 @@ def test_what_watches_a_silent_child_can_end_the_wait(tmp_path: Path) -> None:
 @pytest.mark.parametrize("content", [b"oops", pickle.dumps("text")[:-3], pickle.dumps("text")])
 def test_what_is_no_answer_of_its_kind_ends_the_child(tmp_path: Path, content: bytes) -> None:
     connection = started(tmp_path, "time.sleep(600)")
-    with pytest.raises(ChildError, match="invalid answer, killed while counting") as caught:
+    with pytest.raises(ChildError, match=r"invalid answer \(.*\), killed while counting") as caught:
         connection.unpickled(content, "counting", int)
     assert "\n" not in str(caught.value)
     assert connection.process.wait(0.0) == -signal.SIGKILL
@@ -100,8 +106,9 @@ def test_what_is_no_answer_of_its_kind_ends_the_child(tmp_path: Path, content: b
 def test_a_message_that_never_ends_is_given_up(tmp_path: Path) -> None:
     begin = b"\0\0\1\0only the beginning"
     connection = started(tmp_path, f"os.write(here.fileno(), {begin!r}); time.sleep(600)", 0.01)
-    with pytest.raises(ChildError, match="sent an invalid answer, killed"):
+    with pytest.raises(ChildError, match="sent part of an answer, then nothing") as caught:
         connection.receive(60.0)
+    assert caught.value.ending == Status.TIMEOUT
     connection.end()
 
 

@@ -169,7 +169,7 @@ class SimulatedChild:
 
     def send(self, request: object) -> None: ...
 
-    def poll(self, wait_s: float) -> bool:
+    def poll(self, wait_s: float = 0.0) -> bool:
         """Let simulated time pass until the next message, or for as long as the parent waits."""
         arrival, _ = self.arrivals[0]
         arrives = arrival <= self.now + wait_s
@@ -177,7 +177,12 @@ class SimulatedChild:
         return arrives
 
     def recv_bytes(self, max_bytes: int) -> bytes:
-        return pickle.dumps(self.arrivals.pop(0)[1])
+        arrived = self.arrivals.pop(0)[1]
+        if isinstance(arrived, Exception):
+            raise arrived
+        return arrived if isinstance(arrived, bytes) else pickle.dumps(arrived)
+
+    def wait(self, timeout_s: float) -> None: ...
 
     def end(self) -> None: ...
 
@@ -188,6 +193,25 @@ def received(*arrivals: tuple[float, object]) -> list[str]:
     connection, messages = ChildConnection(child, child, Path("log")), list[str]()
     ended = isolate._converse(connection, None, lambda m: messages.append(m.text), 3.0, None)
     return [*messages, ended.status.value]
+
+
+@pytest.mark.parametrize(
+    ("arrival", "ended"),
+    [
+        (b"hello", Ended(Status.CRASHED, "sent an invalid answer (b'hello'), killed")),
+        (EOFError(), Ended(Status.CRASHED, "closed its connection, killed")),
+        (
+            BlockingIOError(),
+            Ended(Status.TIMEOUT, "sent part of an answer, then nothing, killed (--time-limit)"),
+        ),
+    ],
+)
+def test_a_child_that_sends_no_whole_message_ends_in_words_that_say_so(
+    arrival: object, ended: Ended
+) -> None:
+    child: Any = SimulatedChild((0.0, arrival))
+    connection = ChildConnection(child, child, Path("log"))
+    assert isolate._converse(connection, None, lambda m: None, 3.0, None) == ended
 
 
 @pytest.mark.parametrize(("allowed_s", "expected"), [(None, []), (4.0, []), (6.0, ["late"])])

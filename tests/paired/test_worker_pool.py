@@ -84,20 +84,21 @@ class Endless:
 
 
 @pytest.mark.parametrize(
-    "sent",
+    ("sent", "cause"),
     [
-        b"\x00\x00\x00\x04oops",
-        b"\x00\x00\x00\x05" + pickle.dumps(None)[:5],
-        struct.pack("!i", len(pickle.dumps(7))) + pickle.dumps(7),
-        b"printed by a path",  # an absurd length
-        b"\x00\x00\x10\x00only the beginning",
-        b"\xff\xff\xff\xff" + struct.pack("!Q", 1 << 60),
+        (b"\x00\x00\x00\x04oops", "sent an invalid answer (b'oops'), killed"),
+        (b"\x00\x00\x00\x04" + pickle.dumps(None), "sent an invalid answer (b'"),
+        (struct.pack("!i", len(pickle.dumps(7))) + pickle.dumps(7), "sent an invalid answer (b'"),
+        (b"printed by a path", "sent an invalid answer, killed"),  # an absurd length
+        (b"\x00\x00\x10\x00only the beginning", "sent part of an answer, then nothing"),
+        (b"\xff\xff\xff\xff" + struct.pack("!Q", 1 << 60), "sent an invalid answer, killed"),
     ],
 )
 @pytest.mark.parametrize("is_block", [False, True])
 def test_a_worker_that_sends_no_answer_is_ended_in_one_line(
-    tmp_path: Path, sent: bytes, is_block: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sent: bytes, cause: str, is_block: bool
 ) -> None:
+    monkeypatch.setattr("mjbench.instrument.machine.available_memory_bytes", lambda: 1 << 20)
     ours, theirs = socket.socketpair()
     ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, child_connection.timeval(0.01))
     process: Any = Endless()
@@ -107,6 +108,7 @@ def test_a_worker_that_sends_no_answer_is_ended_in_one_line(
         worker._activities.append("running a block")
         with pytest.raises(TargetError) as caught:
             worker.time_block() if is_block else worker.wait()
-    assert str(caught.value).startswith("baseline: sent an invalid answer, killed while running")
+    assert str(caught.value).startswith(f"baseline: {cause}")
+    assert "while running a block" in str(caught.value)
     assert "\n" not in str(caught.value)
     assert process.has_ended

@@ -128,7 +128,7 @@ def test_rounding_is_named_and_not_called_disagreement(measured: Measure) -> Non
     [
         ("crash:record", Status.CRASHED, "killed by signal 9 (SIGKILL) while stepping the model"),
         ("crash:block", Status.CRASHED, "killed by signal 9 (SIGKILL) while running a block"),
-        ("nonsense:load", Status.CRASHED, "sent an invalid answer, killed while loading"),
+        ("nonsense:load", Status.CRASHED, "sent an invalid answer (b'nonsense'), killed"),
         ("error:load", Status.FAILED, "no such thing while loading the model"),
         ("hang:load", Status.TIMEOUT, "no answer within 1 s while loading the model"),
     ],
