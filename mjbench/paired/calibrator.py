@@ -15,8 +15,13 @@ def count_cores(process: WorkerProcess, nthread: int) -> float | None:
     Raises:
       TargetError: the process failed, crashed or did not answer in time.
     """
-    count = min(machine.usable_cores(), nthread)
+    count = _countable(nthread)
     return process.call(Worker.count_cores, count) if count > 1 else None
+
+
+def _countable(nthread: int) -> int:
+    """Return on how many cores as many threads can be at the most."""
+    return min(machine.usable_cores(), nthread)
 
 
 class Calibrator:
@@ -33,6 +38,8 @@ class Calibrator:
         Raises:
           TargetError: the process failed, crashed or did not answer in time.
         """
+        if _countable(self._nthread) == 1:
+            return 1.0
         if self._process is None:
             self._process = self._pool.start(self._release)
             self._process.wait()

@@ -94,14 +94,16 @@ class ForkServerProcess:
         worker = ForkedWorker(self, mark, output_file, self._clock() + self._limit_s)
         with writing(output_file):
             output = output_file.open("wb")
+        self._pending[mark] = worker  # first, so that an answer is known whatever interrupts this
+        self._workers.add(worker)
         try:
             with output:
                 self._control.settimeout(self._limit_s)
                 socket.send_fds(self._control, [mark.encode()], [connection, output.fileno()])
         except OSError as error:
+            del self._pending[mark]
+            self._workers.discard(worker)
             raise MachineError(f"cannot start a process: {one_line(error)}") from error
-        self._pending[mark] = worker
-        self._workers.add(worker)
         return worker
 
     def await_fork(self, worker: ForkedWorker) -> None:

@@ -177,8 +177,9 @@ class LaunchRow:
 
         Its parts are the sections of each run.
         """
-        runs = range(len(self.layouts)) if self.nsection == 1 else [0] * len(self.layouts)
-        parts = section_numbers(self.layouts, runs, self.nsection)
+        layouts = self.layouts or [len(self.orders)]  # without any, all quads have the same
+        runs = range(len(layouts)) if self.nsection == 1 else [0] * len(layouts)
+        parts = section_numbers(layouts, runs, self.nsection)
         return stats.total_log_ratio(self.orders, np.asarray(self.ns, dtype=float), parts)
 
 

@@ -5,9 +5,12 @@ import subprocess
 import sys
 
 import pytest
+from paired_examples import INSTALLED
 
 from mjbench.instrument.topology import Topology
-from mjbench.paired import cores
+from mjbench.paired import calibrator, cores
+from mjbench.paired.calibrator import Calibrator
+from mjbench.paired.worker_pool import WorkerPool
 
 pytestmark = pytest.mark.skipif(
     not hasattr(os, "sched_getaffinity"), reason="no affinity on this system"
@@ -54,6 +57,14 @@ def test_cores_are_tried_only_until_one_is_free(monkeypatch: pytest.MonkeyPatch)
     assert tried == [0, 1]
     shares.update({0: 0.4, 1: 0.6, 2: 0.7, 3: 0.5})
     assert cores.freest_core() == 2, "the least busy one, where none is free"
+
+
+def test_cores_are_not_counted_where_there_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(calibrator.machine, "usable_cores", lambda: 1)
+    with WorkerPool() as pool:
+        calibrating = Calibrator(pool, INSTALLED, nthread=4)
+        assert calibrating.count() == 1.0
+        assert pool._processes == []
 
 
 def test_pinning_ends_with_its_block_even_when_that_fails() -> None:

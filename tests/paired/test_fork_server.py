@@ -7,12 +7,14 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import process_tree
 import pytest
 from commands import ROOT
 from paired_examples import INSTALLED
 
+from mjbench.errors import MachineError
 from mjbench.instrument import child, platforms
 from mjbench.paired import fork_server, release_python
 from mjbench.paired.fork_server_process import ForkServerProcess
@@ -214,6 +216,44 @@ def test_the_answers_of_a_server_belong_to_the_workers_that_they_name(tmp_path: 
             theirs.send(fork_server.PID.pack(pid) + worker.mark.encode())
     assert [workers[1].pid, workers[0].pid] == pids[::-1]
     server.end()
+
+
+def test_an_interrupt_that_loses_a_worker_leaves_its_server_to_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
+    process = child.Child([sys.executable, "-c", "import time; time.sleep(600)"])
+    server = ForkServerProcess(process, ours, 60.0, tmp_path / "server.output")
+    send_fds = socket.send_fds
+
+    def interrupt(*arguments: Any) -> None:
+        send_fds(*arguments)
+        raise KeyboardInterrupt
+
+    with theirs:
+        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+            patch.setattr(socket, "send_fds", interrupt)
+            server.fork(theirs.fileno(), tmp_path / "lost.output")
+        worker = server.fork(theirs.fileno(), tmp_path / "worker.output")
+        lost_mark, descriptors, _, _ = socket.recv_fds(theirs, 100, 2)
+        for mark in (lost_mark, worker.mark.encode()):
+            theirs.send(fork_server.PID.pack(os.getpid()) + mark)
+        assert worker.pid == os.getpid()
+    assert not server.has_ended
+    for descriptor in descriptors:
+        os.close(descriptor)
+    server.end()
+
+
+def test_a_server_that_cannot_be_asked_has_no_worker_to_wait_for(tmp_path: Path) -> None:
+    ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
+    process = child.Child([sys.executable, "-c", "import time; time.sleep(600)"])
+    server = ForkServerProcess(process, ours, 60.0, tmp_path / "server.output")
+    theirs.close()
+    with pytest.raises(MachineError, match="cannot start a process"):
+        server.fork(0, tmp_path / "worker.output")
+    server.retire()
+    assert server.has_ended
 
 
 def test_a_worker_that_dies_is_named_with_the_signal() -> None:

@@ -39,6 +39,13 @@ def test_whole_runs_of_a_launch_differ_from_layout_to_layout() -> None:
     assert whole.log_ratio == pytest.approx(np.log(2.3 / 2))
 
 
+@pytest.mark.parametrize("nsection", [1, 2])
+def test_quads_of_no_layout_are_all_of_one(nsection: int) -> None:
+    ns = quads([1.02, 1.04] * 3)
+    one = launch(["ABBA"] * 6, ns, [6], nsection)
+    assert launch(["ABBA"] * 6, ns, [], nsection).log_ratio == one.log_ratio
+
+
 def test_drift_of_the_machine_cancels_within_a_quad() -> None:
     drifting = np.exp(np.array([[0.0, 0.1, 0.2, 0.3]]))
     assert launch(["BAAB"], drifting, [1]).log_ratio == pytest.approx(0.0)
