@@ -44,7 +44,8 @@ def send_rounds(time_round: Callable[[], object], budget_s: float, channel: Chan
     contender = Contender(lambda: results.append(time_round()))
     longest_s = timing.block_s(contender)
     channel.allow_silence(PATIENCE * longest_s)
-    for (seconds,) in timing.rounds([contender], budget_s, LEAST_ROUNDS, MOST_ROUNDS):
+    rounds = timing.rounds([contender], budget_s, LEAST_ROUNDS, MOST_ROUNDS, longest_s=longest_s)
+    for (seconds,) in rounds:
         channel.send(results.pop())
         longest_s = max(longest_s, seconds)
         channel.allow_silence(PATIENCE * longest_s)

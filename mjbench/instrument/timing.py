@@ -43,6 +43,7 @@ def rounds(
     most: int,
     seed: int = 0,
     clock: Clock = time.perf_counter,
+    longest_s: float = 0.0,
 ) -> Iterator[list[float]]:
     """Time the contenders in turns; yield the seconds of each round, in the contenders' order.
 
@@ -50,9 +51,10 @@ def rounds(
       budget_s: for all rounds; no round begins that would exceed it if it took as long as the
         longest so far.
       least: rounds to time even if they exceed the budget.
+      longest_s: what the longest round took that was made before.
     """
     order, shuffle = list(range(len(contenders))), random.Random(seed).shuffle
-    begin, longest_s = clock(), 0.0
+    begin = clock()
     for completed in range(most):
         round_begin = clock()
         if completed >= least and round_begin - begin + longest_s > budget_s:

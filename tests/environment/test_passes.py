@@ -2,6 +2,7 @@
 
 import random
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import example_environments as examples
@@ -11,13 +12,28 @@ import pytest
 from mjbench.environment import engine
 from mjbench.environment.adapters import adapt
 from mjbench.environment.layers import Layer
-from mjbench.environment.passes import EnvironmentPasses
+from mjbench.environment.passes import LEAST_ROUNDS, EnvironmentPasses, send_rounds
 from mjbench.errors import InputError
+from mjbench.instrument import timing
 
 
 def passes(environment: Any, nstep: int = 40) -> EnvironmentPasses:
     adapter = adapt(environment)
     return EnvironmentPasses(adapter, adapter.draw_actions(nstep, 0), 0)
+
+
+def test_a_round_that_is_not_sent_may_be_the_longest_so_far(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def block_s(contender: timing.Contender, clock: timing.Clock | None = None) -> float:
+        contender.run()
+        return 60.0
+
+    monkeypatch.setattr(timing, "block_s", block_s)
+    sent: list[object] = []
+    channel: Any = SimpleNamespace(send=sent.append, allow_silence=lambda seconds: None)
+    send_rounds(lambda: "round", 30.0, channel)
+    assert sent == ["round"] * LEAST_ROUNDS
 
 
 def test_a_pass_has_the_times_of_steps_and_resets() -> None:

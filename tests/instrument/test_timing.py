@@ -56,6 +56,7 @@ def test_it_stops_before_a_round_that_would_pass_the_budget() -> None:
     clock = FakeClock()
     contenders = [contender(clock, 50.0, [], "a")]  # a round takes 250
     assert len(list(timing.rounds(contenders, 1100.0, 1, 99, clock=clock))) == 4
+    assert len(list(timing.rounds(contenders, 1100.0, 1, 99, clock=clock, longest_s=400.0))) == 3
 
 
 def test_it_makes_at_least_and_at_most_the_rounds_asked_for() -> None:
