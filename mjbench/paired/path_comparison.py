@@ -18,7 +18,6 @@ from mjbench.instrument import neighbours, progress
 from mjbench.instrument.machine import ProcessorTime
 from mjbench.instrument.progress import Progress
 from mjbench.instrument.runs import Record
-from mjbench.instrument.units import count_of
 from mjbench.paired.race import RaceBudget, race
 from mjbench.paired.race_launches import RaceLaunches
 from mjbench.paired.race_record import RaceRecord
@@ -193,8 +192,9 @@ class _PathComparison:
         entered = enter(self.children.model_record(), variants)
         budget = RaceBudget(self._begin_s + self._plan.budget_s, self._clock)
         left_s = max(1.0, budget.left_s())
-        entrants = count_of(len(variants), "path")
-        self._on_phase(f"{self._name}: racing {entrants}, about {left_s:.0f} s")
+        racing = f"racing {len(variants)} paths, about {left_s:.0f} s"
+        phase = racing if len(variants) > 1 else "timing the plain loop"
+        self._on_phase(f"{self._name}: {phase}")
         for record in race(entered, launches.launch, budget):
             self._race = self._with_disturbance(record)
             for unable in record.unable:

@@ -150,7 +150,7 @@ def test_phases_are_named_as_they_begin(pool: WorkerPool, contact_file: str) -> 
     name = source.name
     assert phases == [
         f"{name}: checking agreement",
-        f"{name}: racing 1 path, about 1 s",
+        f"{name}: timing the plain loop",
         f"{name}: pretender:Pretender",
     ]
 
