@@ -15,7 +15,6 @@ from mjbench.instrument import platforms, progress
 from mjbench.instrument.progress import Progress
 from mjbench.paired import family, outcomes, targets, verdict
 from mjbench.paired.family import Family
-from mjbench.paired.judgement import Judgement
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.run_sizes import Sizes
@@ -160,15 +159,12 @@ def _time(
 ) -> list[VerdictRecord]:
     """Return the verdicts on pairs of targets."""
     records: list[VerdictRecord] = []
+
+    def advance(number: int, name: str, share: float) -> None:
+        on_progress(name, (number + share) / len(pairs))
+
     with WorkerPool() as pool:
-        for number, (baseline, candidate) in enumerate(pairs):
-            name = f"{candidate.model.name}, MuJoCo {candidate.release.version}"
-
-            def on_launch(judgement: Judgement, number: int = number, name: str = name) -> None:
-                share = 1 - 1 / (1 + judgement.launches / _HALFWAY_LAUNCHES)
-                on_progress(name, (number + share) / len(pairs))
-
-            result = verdict.decide(pool, baseline, candidate, plan, on_launch)
+        for result in verdict.decide_each(pool, pairs, plan, advance):
             if result.status == Status.INTERRUPTED:
                 raise KeyboardInterrupt
             records.append(result.record())

@@ -239,7 +239,7 @@ def _compare(
                         if stored_earlier
                         else compare_model(pool, source, plan, on_progress, bar.begin)
                     ):
-                        bar.show(functools.partial(_shown_so_far, sizes, known))
+                        bar.show(functools.partial(_shown_so_far, run.out.width, sizes, known))
                     sizes.append(derive(known.model, known.measurements, known.race))
                     try:
                         for record in () if stored_earlier else known.records:
@@ -265,7 +265,7 @@ def _compare(
 
 
 def _shown_so_far(
-    sizes: "Sequence[ModelResults]", known: "ModelComparison"
+    width: int, sizes: "Sequence[ModelResults]", known: "ModelComparison"
 ) -> "RenderableType | None":
     """Return what a terminal shows of a model while one of its sizes is measured."""
     from rich.console import Group
@@ -276,4 +276,4 @@ def _shown_so_far(
 
     results = derive(known.model, known.measurements, known.race)
     section = report.section_so_far([*sizes, results])
-    return None if section is None else Group(*terminal.section_parts(section))
+    return None if section is None else Group(*terminal.section_parts(section, width))

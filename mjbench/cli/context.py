@@ -219,7 +219,7 @@ class RunContext:
         """Print a table alone."""
         from mjbench.pages import terminal
 
-        self.out.print(terminal.rich_table(table))
+        self.out.print(terminal.rich_table(table, self.out.width), soft_wrap=True)
 
     def record(self, record: "Record") -> None:
         """Append a record to the run file."""

@@ -1,12 +1,11 @@
 """What the commands around paired comparisons share: `versions`, `ab` and others."""
 
-import functools
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjbench.cli.context import OutputOptions, ProgressBar, RunContext, Storage
+from mjbench.cli.context import OutputOptions, RunContext, Storage
 from mjbench.cli.fail_on import FailOn
 from mjbench.cli.group import report_line
 from mjbench.cli.shared import check_sizes, start_plan
@@ -16,7 +15,6 @@ from mjbench.paired.outcomes import Metric
 from mjbench.status import ExitCode, Status
 
 if TYPE_CHECKING:
-    from mjbench.paired.judgement import Judgement
     from mjbench.paired.records import VerdictRow
     from mjbench.paired.targets import Target
     from mjbench.paired.verdict import VerdictPlan
@@ -111,26 +109,17 @@ def compare_targets(
     from mjbench.paired.worker_pool import WorkerPool
 
     warn_if_unpinned()
-    rows: list[VerdictRow] = []
     targets = [target for pair in pairs for target in pair]
     arguments = {**asdict(plan), "targets": [target.row() for target in targets]}
     storage = Storage(output.results, arguments, output.resume, records.finished)
     files = [*input_files(targets), *plan.sizes.starts.files]
     with RunContext(command, output.json_file, files, storage, output.wait) as run:
-        earlier = records.by_sides(records.finished(run.resumed_records))
-        with run.progress(len(pairs)) as advance, WorkerPool() as pool:
-            for number, (baseline, candidate) in enumerate(pairs):
-                stored = earlier.get(records.sides_key((baseline.row(), candidate.row())))
-                if stored is not None:
-                    rows.append(stored.row())
-                    continue
-                name = f"{candidate.model.name} {candidate.release.version}"
-                on_launch = functools.partial(_show_launch, advance, number, name)
-                result = verdict.decide(pool, baseline, candidate, plan, on_launch)
+        finished = records.finished(run.resumed_records)
+        rows, missing = [record.row() for record in finished], verdict.missing(pairs, finished)
+        with run.progress(len(missing)) as advance, WorkerPool() as pool:
+            for result in verdict.decide_each(pool, missing, plan, advance):
                 run.record(result.record())
                 rows.append(result.row())
-                if result.status == Status.INTERRUPTED:
-                    break
         report(run, rows, plan.confidence)
     return fail_on.exit_code(rows, plan.confidence)
 
@@ -149,8 +138,3 @@ def report(run: RunContext, rows: Sequence["VerdictRow"], confidence: float) -> 
         run.interrupt()
     run.show([verdicts.section(rows, confidence)])
     run.write(VERDICT.document_type(machine=run.machine, results=rows))
-
-
-def _show_launch(advance: "ProgressBar", number: int, name: str, judgement: "Judgement") -> None:
-    share = 1 - 1 / (1 + judgement.launches / _HALFWAY_LAUNCHES)
-    advance(number, f"{name} {100 * (judgement.ratio.estimate - 1):+.2f} %", share)

@@ -37,12 +37,18 @@ def _parts(report: Report, notes: Sequence[str]) -> Iterator[str]:
     for note in notes:
         yield f"<p><strong>{_text(note)}</strong></p>"
     for section in report.sections:
+        yield from (f"<div>{_text(fact)}</div>" for fact in section.facts)
         for table in section.shown_tables:
-            yield from _table(section.heading, table.without_empty_columns())
-        if lines := [*section.facts, *section.notes]:
+            has_several = len(section.shown_tables) > 1
+            caption = f"{section.heading}: {table.title}" if has_several else section.heading
+            yield from _table(caption, table.filled_columns(with_bars=False))
+        if section.notes:
             yield "<details><summary>Notes</summary>"
-            yield from (f"<div>{_text(line)}</div>" for line in lines)
+            yield from (f"<div>{_text(note)}</div>" for note in section.notes)
             yield "</details>"
+        for snippet in section.snippets:
+            yield f"<details><summary>{_text(snippet.title)}</summary>"
+            yield f"<pre>{html.escape(_lines(snippet.code))}</pre></details>"
     yield "</div>"
 
 
@@ -75,6 +81,10 @@ def _cell(tag: str, column: Column, text: str) -> str:
     scope = ' scope="col"' if tag == "th" else ""
     style = f"text-align:{align};padding:.15em .6em;{_LINE}"
     return f'<{tag}{scope} style="{style}">{_text(text)}</{tag}>'
+
+
+def _lines(text: str) -> str:
+    return "\n".join(map(printable, text.split("\n")))
 
 
 def _text(text: str) -> str:

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 
 from mjbench.report import markdown
 from mjbench.report.content import DataTable, Report, Tone
-from mjbench.report.markdown import code, escaped
+from mjbench.report.markdown import code, code_block, escaped
 
 _MARKS = {
     Tone.CAUTION: "⚠️ ",
@@ -29,7 +29,15 @@ def render(report: Report) -> Iterator[str]:
         yield from (f"- {escaped(fact)}" for fact in section.facts)
         for table in section.shown_tables:
             yield ""
+            if len(section.shown_tables) > 1:
+                yield f"{escaped(table.title)}:"
+                yield ""
             yield from _table(table)
+        for snippet in section.snippets if section.shows_code else ():
+            yield ""
+            yield f"{escaped(snippet.title)}:"
+            yield ""
+            yield from code_block(snippet.code)
         yield ""
         yield from (f"- {escaped(note)}" for note in section.notes)
         yield ""
@@ -51,7 +59,7 @@ def _conclusions(conclusions: Iterable[tuple[str, Tone]]) -> Iterator[str]:
 
 
 def _table(table: DataTable) -> Iterator[str]:
-    table = table.without_empty_columns()
+    table = table.filled_columns(with_bars=False)
     headings = [escaped(column.title) or " " for column in table.columns]
     right = {escaped(column.title) for column in table.columns if column.is_number}
     rows = (

@@ -91,7 +91,7 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
         sections.insert(0, replace(first, conclusions=()) if are_all_above else first)
     main.sort(key=lambda conclusion: conclusion.tone != Tone.CAUTION)
     sections = list(_with_fewer_figures(sections))
-    if len(sections) == 1:  # its conclusions are those of the report
+    if len(sections) == 1 and len(main) <= _MOST_CONCLUSIONS:  # they are those of the report
         sections = [replace(sections[0], conclusions=())]
     if not sections:
         main.append(Conclusion("Nothing was measured.", Tone.UNSURE))

@@ -1,9 +1,11 @@
 """Sections on a terminal, or as plain text: the conclusions first, then facts, tables and notes."""
 
 import io
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
+from rich.cells import cell_len
 from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -13,6 +15,8 @@ from mjbench.report.content import DataTable, Section, Tone
 from mjbench.status import ExitCode
 
 _PLAIN_WIDTH, _MIN_WIDTH = 160, 80
+# Characters between columns, and of a column that wraps at least.
+_GAP, _LEAST_WRAPPED = 2, 16
 
 
 class _Console(Console):
@@ -60,56 +64,75 @@ def print_sections(out: Console, sections: Iterable[Section], code: bool = False
     """Print sections, an empty line before each; `code`: with their snippets."""
     for section in sections:
         out.print()
-        for part in section_parts(section):
-            out.print(part, soft_wrap=not isinstance(part, Table))
-        for snippet in section.snippets if code else ():
+        for part in section_parts(section, out.width):
+            out.print(part, soft_wrap=True)
+        for snippet in section.snippets if code or section.shows_code else ():
             out.print()
             out.print(headed(snippet.title, ":"), soft_wrap=True)
             for line in snippet.code.splitlines():
                 out.print(f"    {line}", soft_wrap=True)
 
 
-def section_parts(section: Section) -> Iterator[RenderableType]:
-    """Yield what is printed of a section, without its snippets."""
+def section_parts(section: Section, width: int) -> Iterator[RenderableType]:
+    """Yield what is printed of a section on a console of some width, without its snippets."""
     for conclusion in section.conclusions:
         if conclusion.tone == Tone.CAUTION:
             yield Text(_printable_lines(conclusion.below_heading), style="yellow")
-    if all(each.subject for each in section.conclusions):
+    sentences = [each for each in section.conclusions if each.tone != Tone.CAUTION]
+    if all(each.subject for each in sentences):
         yield headed(*_parted(section.heading))
-    for conclusion in section.conclusions:
-        if conclusion.tone != Tone.CAUTION:
-            yield headed(*_parted(conclusion.below_heading))
+    for conclusion in sentences:
+        yield headed(*_parted(conclusion.below_heading))
     yield from section.facts
     tables = [table for table in section.tables if table.rows]
     for table in tables:
         if len(tables) > 1:
             yield Text(table.title, style="italic")
-        yield rich_table(table)
+        yield rich_table(table, width)
     yield from section.notes
 
 
-def rich_table(table: DataTable) -> Table:
-    """Return a table without frames; without any column that wraps, the last one does."""
-    table = table.without_empty_columns()
+def rich_table(table: DataTable, width: int) -> Table:
+    """Return a table without frames, in which no cell is cut.
+
+    Without any column that wraps, the last one does. Where columns are wider than the console even
+    so, the table is wider, and the terminal wraps its lines.
+    """
+    table = table.filled_columns()
     has_wrapped = any(column.wraps for column in table.columns)
     printed = Table(box=None, pad_edge=False, header_style="bold")
-    for column in table.columns:
-        is_wrapped = column.wraps or (not has_wrapped and column is table.columns[-1])
+    rows = [
+        [column.shown(cell) for column, cell in zip(table.columns, row, strict=True)]
+        for row in table.rows
+    ]
+    least_width = _GAP * (len(table.columns) - 1)
+    for i, column in enumerate(table.columns):
+        is_wrapped = column.wraps or (not has_wrapped and i == len(table.columns) - 1)
+        natural = max(cell_len(printable(text)) for text in (column.title, *(r[i] for r in rows)))
+        least = min(natural, _LEAST_WRAPPED) if is_wrapped else natural
+        least_width += least
         printed.add_column(
             column.title,
             justify="right" if column.is_number else "left",
             no_wrap=not is_wrapped,
             overflow="fold",
+            min_width=least,
         )
-    for row in table.rows:
-        printed.add_row(*(c.shown(cell) for c, cell in zip(table.columns, row, strict=True)))
+    if least_width > width:
+        printed.width = least_width
+    for row in rows:
+        printed.add_row(*row)
     return printed
 
 
 def _parted(text: str) -> tuple[str, str]:
-    """Return a text up to its first colon, which is bold, and the rest; without one, no rest."""
-    beginning, colon, rest = text.partition(": ")
-    return (beginning, colon + rest) if colon else ("", text)
+    """Return the beginning of a sentence, which is bold, and the rest.
+
+    It ends where the first clause after a colon ends; without a colon, nothing is bold.
+    """
+    begin = re.match(r"(.*?: .*?)(?=[,;] | \(|$)", text)
+    end = begin.end() if begin else 0
+    return text[:end], text[end:]
 
 
 def print_lines(out: Console, lines: Sequence[str | Text]) -> None:

@@ -206,7 +206,8 @@ class _PathComparison:
     def _with_disturbance(self, record: RaceRecord) -> RaceRecord:
         """Return the record with what disturbed it."""
         others = [each for each in neighbours.measuring_now() if each.pid != os.getpid()]
-        names = sorted({*record.neighbours, *(each.command for each in others)})
+        earlier = self._race.neighbours if self._race is not None else ()
+        names = sorted({*earlier, *(each.command for each in others)})
         return replace(
             record,
             stolen_share=ProcessorTime.now().stolen_since(self._processor_time),

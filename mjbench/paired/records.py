@@ -5,7 +5,7 @@ candidate `new`, as on the command line.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -213,13 +213,3 @@ class VerdictRecord(VerdictRow):
 def finished(records: Sequence[object]) -> list[VerdictRecord]:
     """Return the verdicts of a run file that need not be measured again when it is continued."""
     return [r for r in records if isinstance(r, VerdictRecord) and r.status in FINISHED]
-
-
-def by_sides(records: Sequence[VerdictRecord]) -> dict[str, VerdictRecord]:
-    """Return verdicts by their targets (see `sides_key`)."""
-    return {sides_key(record.sides): record for record in records}
-
-
-def sides_key(sides: Sequence[TargetRow]) -> str:
-    """Return a text that names two targets, as they are or as a run file holds them."""
-    return repr([asdict(side) for side in sides])

@@ -5,11 +5,12 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 
 from mjbench.instrument import anytime
 from mjbench.instrument.anytime import Evidence
 from mjbench.instrument.ratio import Ratio
+from mjbench.instrument.units import percent_change
 from mjbench.paired import launches, outcomes
 from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, conclude, judge
 from mjbench.paired.launches import Launched, StopRule, Sufficiency
@@ -21,6 +22,7 @@ from mjbench.paired.records import (
     LaunchRow,
     Pair,
     PlacementEffect,
+    TargetRow,
     VerdictRecord,
     VerdictRow,
 )
@@ -33,6 +35,8 @@ from mjbench.status import Status
 
 # Unless another is asked for.
 CONFIDENCE = outcomes.CONFIDENCE
+# After as many launches, a comparison shows half of its work as done.
+_HALFWAY_LAUNCHES = 15
 
 
 @dataclass(frozen=True)
@@ -233,6 +237,44 @@ def decide(
         judgement=_judge_launches(launched.launches, plan, log_scale),
         as_shipped=(_judge_as_shipped(launched.launches, plan, log_scale) if has_moved else None),
     )
+
+
+def missing(
+    pairs: Sequence[tuple[Target, Target]], records: Sequence[VerdictRecord]
+) -> list[tuple[Target, Target]]:
+    """Return the pairs of targets on which there is no verdict yet."""
+    done = {_sides_key(record.sides) for record in records}
+    return [pair for pair in pairs if _sides_key([side.row() for side in pair]) not in done]
+
+
+def _sides_key(sides: Sequence[TargetRow]) -> str:
+    """Return a text that names two targets, as they are or as a run file holds them."""
+    return repr([asdict(side) for side in sides])
+
+
+def decide_each(
+    pool: WorkerPool,
+    pairs: Sequence[tuple[Target, Target]],
+    plan: VerdictPlan,
+    on_progress: Callable[[int, str, float], None],
+) -> Iterator[PairedResult]:
+    """Yield the verdict on each pair of baseline and candidate; the last may be interrupted.
+
+    Args:
+      on_progress: called after each launch with the number of the pair, what all launches say so
+        far, and about which share of the pair is done.
+    """
+    for number, (baseline, candidate) in enumerate(pairs):
+        name = f"{candidate.model.name}, MuJoCo {candidate.release.version}"
+
+        def on_launch(judgement: Judgement, number: int = number, name: str = name) -> None:
+            share = 1 - 1 / (1 + judgement.launches / _HALFWAY_LAUNCHES)
+            on_progress(number, f"{name} {percent_change(judgement.ratio.estimate)} %", share)
+
+        result = decide(pool, baseline, candidate, plan, on_launch)
+        yield result
+        if result.status == Status.INTERRUPTED:
+            return
 
 
 def _log_scale(work_check: WorkCheck | None, plan: VerdictPlan) -> float:

@@ -24,7 +24,7 @@ from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section,
 
 # Machines have a column each where the table is no wider than so many characters; otherwise each
 # cell of the table is a row.
-_MOST_WIDTH = 120
+_MOST_WIDTH = 150
 # Comparisons, and advised paths, that have a sentence each, at most; all are in the tables.
 _MOST_SENTENCES = 30
 

@@ -162,6 +162,8 @@ def describe(all_advice: Sequence[AdviceAcross]) -> Iterator[str]:
             m.path or ("undecided" if m.advice else "not measured") for m in across.machines
         )
         (first, count), *others = counts.most_common()
+        if not any(machine.advice for machine in across.machines):
+            continue  # the table says why
         if count == total:
             agreed[across.question.loop, first, total].append(across.question.model)
             continue

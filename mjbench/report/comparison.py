@@ -1,13 +1,13 @@
 """What `mjbench compare` comes to: what follows for each model, its table, and notes."""
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
 from mjbench.instrument.ratio import Ratio
 from mjbench.instrument.units import count_of, plain
-from mjbench.paired.race_record import Loop, RaceRecord
+from mjbench.paired.race import MAX_LAUNCHES
+from mjbench.paired.race_record import Loop
 from mjbench.paths import BASE
 from mjbench.paths.accelerated import keyword_arguments
 from mjbench.report import comparison_figures, formats
@@ -37,9 +37,6 @@ from mjbench.simulation import accelerated_limits, package_timer
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
-
-# A race that was not decided needs this many times the time, and seconds at least.
-_LONGER, _LONGER_BUDGET_S = 5, 120
 
 
 def sections(models: Sequence[ModelResults]) -> Iterator[Section]:
@@ -133,8 +130,10 @@ def _conclusions(model_results: ModelResults, names_size: bool) -> Iterator[Conc
     sized = record.model
     if record.nbatch:
         sized += f", {count_of(record.nbatch, 'simulation')}"
+    subject = record.model if names_size else sized
     for text in cautions(model_results):
-        yield Conclusion(text, Tone.CAUTION) if text == FORMER else _of(sized, text, Tone.CAUTION)
+        is_former = text == FORMER
+        yield Conclusion(text if is_former else f"{sized}: {text}", Tone.CAUTION, subject)
     if record.status not in (Status.OK, Status.INTERRUPTED):
         detail = record.detail.removeprefix(f"{record.model}: ")
         status = "" if record.status == Status.INPUT else f"{record.status}: "
@@ -142,8 +141,7 @@ def _conclusions(model_results: ModelResults, names_size: bool) -> Iterator[Conc
     for result in model_results.results:
         if result.status == Status.DISAGREES:
             text = f"{result.variant} does other work than the plain loop: {result.agreement}"
-            yield _of(sized, text, Tone.BAD)
-    subject = record.model if names_size else sized
+            yield Conclusion(f"{sized}: {text}", Tone.BAD, subject)
     for advice in advise(model_results):
         tone = Tone.GOOD if advice.speedup is not None else Tone.NEUTRAL
         tone = tone if advice.is_certain else Tone.UNSURE
@@ -411,18 +409,16 @@ def _race_notes(model_results: ModelResults) -> list[str]:
     if race is not None and race.status not in (Status.OK, Status.INTERRUPTED):
         lines.append(f"The race ended early: {race.status}: {race.detail}")
     if race is not None and race.is_cut_short and race.status == Status.OK:
-        count = len(race.launches)
-        lines.append(
-            f"The budget ended the race after {count} {'launch' if count == 1 else 'launches'}:"
-            f" --budget {_longer_budget_s(race)} makes it more certain."
-        )
+        lines.append(_why_cut_short(len(race.launches)))
     return lines
 
 
-def _longer_budget_s(race: RaceRecord) -> int:
-    """Return a budget, in whole minutes, in which a race can have several times the launches."""
-    timed_s = 1e-9 * sum(sum(row) for launch in race.launches for row in launch.ns)
-    return max(_LONGER_BUDGET_S, 60 * math.ceil(_LONGER * timed_s / 60))
+def _why_cut_short(count: int) -> str:
+    """Return why a race ended before it was decided."""
+    if count >= MAX_LAUNCHES:
+        return f"The race ended undecided after {count} launches, its most."
+    launches = count_of(count, "launch") if count == 1 else f"{count} launches"
+    return f"The budget ended the race after {launches}: a longer --budget makes it more certain."
 
 
 def _buffer_lines(results: Sequence[PathResult]) -> list[str]:

@@ -16,6 +16,8 @@ from mjbench.simulation import package_timer
 # A model on whose free bodies gravity acts falls where it has fewer contacts than this in a step.
 _FALLING_CONTACTS = 0.05
 _PLAIN_LOOP = "the plain loop"
+# Paths that a sentence names as perhaps faster, at most.
+_MOST_RIVALS = 2
 FORMER = (
     "Timed by an earlier version of mjbench, in one process: speed-ups have no interval, and no"
     " path is advised."
@@ -85,8 +87,8 @@ def _doubt(advice: Advice) -> str:
     if not advice.rivals:
         return ""
     rivals = f"{len(advice.rivals)} other paths"
-    if len(advice.rivals) == 1:
-        rivals = described(advice.rivals[0])
+    if len(advice.rivals) <= _MOST_RIVALS:
+        rivals = " or ".join(map(described, advice.rivals))
     most = f" by up to {max(1, round(100 * advice.most_gain))} %" if advice.most_gain else ""
     return f": {rivals} may be faster{most}"
 

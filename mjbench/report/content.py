@@ -47,11 +47,13 @@ class Column:
       title: with the unit, where its cells have none.
       form: how its numbers, or intervals, are written; None for a column of text.
       wraps: whether its cells may have several lines.
+      is_bar: whether its cells are bars of text, which pages draw as a chart instead.
     """
 
     title: str
     form: Form | None = None
     wraps: bool = False
+    is_bar: bool = False
 
     @property
     def is_number(self) -> bool:
@@ -73,12 +75,12 @@ class DataTable:
     columns: Sequence[Column]
     rows: Sequence[Sequence[Cell]]
 
-    def without_empty_columns(self) -> "DataTable":
+    def filled_columns(self, with_bars: bool = True) -> "DataTable":
         """Return the table without the columns in which every cell is empty."""
         filled = [
             i
             for i, column in enumerate(self.columns)
-            if any(column.shown(row[i]) for row in self.rows)
+            if any(column.shown(row[i]) for row in self.rows) and (with_bars or not column.is_bar)
         ]
         columns = [self.columns[i] for i in filled]
         return DataTable(self.title, columns, [[row[i] for i in filled] for row in self.rows])
@@ -115,7 +117,8 @@ class Section:
       conclusions: what follows from it, first of all.
       facts: what was measured, and on what: lines above the tables.
       notes: what limits the figures: lines below the tables.
-      snippets: Python that is shown on demand.
+      snippets: Python that does what the section is about.
+      shows_code: whether a terminal shows it without being asked.
       command: the command line that measured it.
       is_open: whether its tables are shown at once also on a page of many sections.
     """
@@ -127,6 +130,7 @@ class Section:
     tables: Sequence[DataTable] = ()
     notes: Sequence[str] = ()
     snippets: Sequence[Snippet] = ()
+    shows_code: bool = False
     command: str = ""
     is_open: bool = False
 

@@ -228,7 +228,7 @@ def _layers_table(record: EnvironmentRecord) -> DataTable:
         for function in layer.functions:
             is_shown = function.share >= _LEAST_SHARE
             ns = function.share * record.step.median if is_shown else None
-            rows.append((f"  {function.name}", function.share, None, ns, function.calls))
+            rows.append((f"  – {function.name}", function.share, None, ns, function.calls))
     return DataTable("Layers and functions of a step", columns, rows)
 
 
@@ -280,7 +280,7 @@ def physics_lines(record: EnvironmentRecord) -> list[str]:
         case Status.OK:
             lines = [
                 f"Same physics: a plain mj_step repeats {calls} to the last bit. {check.covered:,}"
-                f" steps of the environment are compared below, {check.run} in a run."
+                f" steps of the environment are compared, {check.run} in a run."
             ]
         case Status.DISAGREES:
             lines = [f"NOT the same physics as a plain loop: {check.detail}. Nothing is compared."]
@@ -394,6 +394,8 @@ def notes(record: EnvironmentRecord) -> list[str]:
         for vector in record.vector_forms
         if vector.status != Status.OK
     ]
+    if any(vector.speedup for vector in record.vector_forms):
+        lines.append("Several environments: all steps return what they do in one environment.")
     if record.why_no_vectors:
         lines.append(f"No vectorised forms: {record.why_no_vectors}.")
     threads = max((nthread(path.options) for path in record.physics_paths), default=1)

@@ -29,6 +29,14 @@ def code(text: str) -> str:
     return f"{fence}{padding}{line}{padding}{fence}"
 
 
+def code_block(text: str) -> Iterator[str]:
+    """Yield lines of code as a block, whatever backticks they have."""
+    fence = "`" * max(3, 1 + max(map(len, re.findall("`+", text)), default=0))
+    yield fence
+    yield from map(printable, text.split("\n"))
+    yield fence
+
+
 def _line(text: str) -> str:
     return printable(" ".join(text.split()))
 

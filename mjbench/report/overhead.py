@@ -36,8 +36,12 @@ def _section(table: OverheadRow) -> Section:
     python_ns = table.bare_ns - table.engine_ns
     conclusions = [
         Conclusion(
-            f"{table.model}: a step of the bare loop takes {table.bare_ns:,.0f} ns, of which the"
-            f" engine has {table.engine_ns:,.0f} and Python {python_ns:,.0f}"
+            f"{table.model}: a step of the bare loop takes {table.bare_ns:,.0f} ns"
+            + (
+                f", of which the engine has {table.engine_ns:,.0f} and Python {python_ns:,.0f}"
+                if python_ns > 0
+                else "; the share of Python was not resolved: measure on a quieter machine"
+            )
         )
     ]
     if table.costs and table.costs[0].low > 0:
@@ -54,14 +58,18 @@ def _section(table: OverheadRow) -> Section:
         heading=f"{table.model}: what a Python loop wastes",
         conclusions=conclusions,
         facts=[
-            f"An episode is {table.nstep} steps; a call that steps nothing takes"
-            f" {table.binding_ns:,.0f} ns",
+            f"An episode is {table.nstep} steps{_binding(table.binding_ns or 0.0)}",
             *starts_lines(table.starts),
         ],
         figures=[_waterfall(table)],
         tables=[_table(table)],
         snippets=[snippet for cost in table.costs for snippet in _snippets(cost)],
     )
+
+
+def _binding(ns: float) -> str:
+    """Return what a call that steps nothing takes; nothing where that was not resolved."""
+    return f"; a call that steps nothing takes {ns:,.0f} ns" if ns > 0 else ""
 
 
 def _table(table: OverheadRow) -> DataTable:

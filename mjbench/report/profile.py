@@ -69,7 +69,7 @@ def _stages(steps: StepTimes) -> DataTable:
         Column("stage"),
         Column("of a step", formats.percent),
         Column("ns", formats.digits(4)),
-        Column(""),
+        Column("", is_bar=True),
     )
     rows = [
         (stage, share, share * steps.engine_ns, formats.bar(share))
@@ -94,7 +94,7 @@ def _simulated_second(profile: StepProfile) -> DataTable:
     longest = max(parts.values())
     return DataTable(
         f"A second of simulated time, with {FRAMES_PER_S} frames",
-        (Column("part"), Column("takes", duration), Column("")),
+        (Column("part"), Column("takes", duration), Column("", is_bar=True)),
         [
             (name, 1e9 * seconds, formats.bar(seconds / longest) or formats.bar(0.02))
             for name, seconds in parts.items()

@@ -41,14 +41,17 @@ MOSTLY_COMPILING = 0.5
 def sections(rows: Sequence[ProgramRow]) -> Iterator[Section]:
     """Yield what each program comes to: what to do first, its loops, and its steps."""
     for row in rows:
-        tone = Tone.NEUTRAL if row.status == Status.OK else Tone.BAD
-        wrong = row.wrong if row.crash is not None else row.wrong[1:]
+        is_bad = row.status != Status.OK or row.crash is not None or bool(row.wrong)
+        wrong = list(dict.fromkeys(map(_wrong, row.wrong)))
+        then = wrong if row.crash is not None else wrong[1:]
         outside = _outside(row) if row.wrong or row.crash is not None else ""
         yield Section(
             row.program,
             [
-                Conclusion(f"{row.program}: {conclusion(row)}", tone),
-                *(Conclusion(f"Then, {_wrong(remedy)}", Tone.BAD) for remedy in wrong),
+                Conclusion(
+                    f"{row.program}: {conclusion(row)}", Tone.BAD if is_bad else Tone.NEUTRAL
+                ),
+                *(Conclusion(f"{row.program}: then, {text}", Tone.BAD) for text in then),
                 *([Conclusion(f"Outside the loops that step, {outside}.")] if outside else ()),
             ],
             facts=_memory_lines(row),
@@ -242,7 +245,7 @@ def _loop_section(row: ProgramRow, report: LoopReport) -> Section:
         _jax_table(time),
     ]
     return Section(
-        f"The loop in {where(time)}",
+        f"{row.program}: the loop in {where(time)}",
         facts=[
             f"{plain(time.seconds, 3)} s{by}, {time.samples:,} samples; the program took"
             f" {plain(row.wall_s, 3)} s"
@@ -285,7 +288,12 @@ def saving(remedy: Remedy) -> str:
 
 
 def _activities_table(time: LoopTime) -> DataTable:
-    columns = (Column("time goes to"), Column("share", percent), Column("±"), Column(""))
+    columns = (
+        Column("time goes to"),
+        Column("share", percent),
+        Column("±"),
+        Column("", is_bar=True),
+    )
     rows: list[Sequence[Cell]] = []
     for activity, share in time.activities.items():
         if share < _LEAST_SHARE:
@@ -295,7 +303,7 @@ def _activities_table(time: LoopTime) -> DataTable:
         rows.append((str(activity), share, error, formats.bar(share)))
         if activity == Activity.PYTHON:
             rows += [
-                (f"  {package or 'your code'}", of_package, None, None)
+                (f"  – {package or 'your code'}", of_package, None, None)
                 for package, of_package in time.packages.items()
                 if of_package >= _LEAST_PACKAGE
             ]
@@ -374,7 +382,7 @@ def _steps_section(row: ProgramRow) -> Iterator[Section]:
     facts = [] if steps is None else _step_lines(steps, len(row.steps))
     tables = [_physics_table(row), *([] if steps is None else [_durations_table(steps)])]
     yield Section(
-        "Steps",
+        f"{row.program}: steps",
         facts=[*facts, *filter(None, [gil_wait(row)])],
         tables=[table for table in tables if table.rows],
         notes=[_cost_line(row)],

@@ -29,6 +29,8 @@ def section(rows: Sequence[SelfcheckRow]) -> Section:
 def _conclusion(rows: Sequence[SelfcheckRow]) -> Conclusion:
     wrong = sum(round(row.wrong * row.trials) for row in rows)
     count = sum(row.trials for row in rows)
+    if not count:
+        return Conclusion("No trial was finished.", Tone.UNSURE)
     tone = Tone.GOOD if wrong <= (1 - CONFIDENCE) * count else Tone.BAD
     return Conclusion(f"{wrong} of {count} verdicts on known truths are wrong", tone)
 

@@ -6,7 +6,16 @@ from dataclasses import dataclass
 from mjbench.instrument.ratio import Ratio
 from mjbench.instrument.units import plain
 from mjbench.report import charts, formats
-from mjbench.report.content import Cell, Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.report.content import (
+    Cell,
+    Column,
+    Conclusion,
+    DataTable,
+    Figure,
+    Section,
+    Snippet,
+    Tone,
+)
 from mjbench.report.starts import starts_lines
 from mjbench.simulation import package_timer
 from mjbench.simulation.starts import Starts
@@ -91,21 +100,18 @@ def sections(records: Sequence[TuneRecord]) -> Iterator[Section]:
         yield Section(
             heading=f"{subject(record)}: settings",
             conclusions=[first],
-            facts=[*_to_apply(record)],
             figures=[_front_figure(record, present)] if present else [],
             tables=[
                 *([_front_table(record)] if record.front or record.batch else []),
                 *([_alone_table(record, alone)] if alone else []),
             ],
             notes=notes(record),
+            snippets=[
+                Snippet(f"To apply {label(each.settings)}", "\n".join(paste_lines(each.settings)))
+                for each in advised(record)
+            ],
+            shows_code=True,
         )
-
-
-def _to_apply(record: TuneRecord) -> Iterator[str]:
-    """Yield what to paste for each recommendation that is advised."""
-    for each in advised(record):
-        yield f"To apply {label(each.settings)}:"
-        yield from paste_lines(each.settings)
 
 
 def _is_measured(record: TuneRecord) -> bool:

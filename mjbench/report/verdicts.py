@@ -65,13 +65,17 @@ def section(rows: Sequence[VerdictRow], confidence: float) -> Section:
 
 def _conclusions(rows: Sequence[VerdictRow], confidence: float) -> Iterator[Conclusion]:
     """Yield what all comparisons come to together, then each of them."""
+    tones = [_tone(row) for row in rows]
     if len(rows) > 1 and all(has_evidence(row) for row in rows):
-        yield Conclusion(describe_family(family.decide(rows, confidence), confidence))
-    for row in rows:
-        tone = Tone.BAD if row.verdict is None else _TONES[row.verdict]
-        if row.changed_work and tone == Tone.NEUTRAL:
-            tone = Tone.UNSURE
+        together = describe_family(family.decide(rows, confidence), confidence)
+        yield Conclusion(together, Tone.BAD if Tone.BAD in tones else Tone.NEUTRAL)
+    for row, tone in zip(rows, tones, strict=True):
         yield Conclusion(describe_verdict(row), tone)
+
+
+def _tone(row: VerdictRow) -> Tone:
+    tone = Tone.BAD if row.verdict is None else _TONES[row.verdict]
+    return Tone.UNSURE if row.changed_work and tone == Tone.NEUTRAL else tone
 
 
 def _label(row: VerdictRow) -> str:
@@ -348,12 +352,13 @@ def _table(rows: Sequence[VerdictRow]) -> DataTable:
         Column("verdict"),
         Column("cause"),
         Column("placement", formats.change),
-        Column("work", wraps=True),
+        Column("work"),
         Column("drift", lambda drift: f"{drift:.1g}"),
         Column("launches", str),
         Column("seconds", lambda seconds: f"{seconds:.1f}"),
     )
-    return DataTable("Verdicts", columns, [_cells(row) for row in rows])
+    names = formats.short_names([row.model for row in rows])
+    return DataTable("Verdicts", columns, [(names[row.model], *_cells(row)) for row in rows])
 
 
 def _four_digits(ratio: float) -> str:
@@ -363,14 +368,13 @@ def _four_digits(ratio: float) -> str:
 def _cells(row: VerdictRow) -> Sequence[Cell]:
     ratio, effect = row.ratio, row.placement.effect if row.placement else None
     return (
-        row.model,
         describe_targets(row),
         ratio.estimate if ratio else None,
         ratio,
         (row.verdict or row.status).value,
         row.cause.value if row.cause else None,
         effect.estimate if effect else None,
-        describe_work(row) or (None if row.work is None else "same"),
+        None if row.work is None else "changed" if row.changed_work else "same",
         row.drift,
         row.launches,
         row.seconds,

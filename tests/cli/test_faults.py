@@ -126,7 +126,7 @@ def test_an_interrupt_is_one_line_and_saves_what_was_measured(
         return
     assert process.returncode == 130
     progress, interrupted = err.splitlines()
-    assert progress == "contact.xml: checking agreement"
+    assert progress == f"{contact_file}: checking agreement"
     assert interrupted == "mjbench: interrupted; what was measured is saved"
     (file,) = (tmp_path / "runs").glob("*.jsonl")
     statuses = [json.loads(line).get("status") for line in file.read_text().splitlines()]

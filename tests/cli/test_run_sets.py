@@ -53,7 +53,7 @@ def test_a_set_is_shown_side_by_side_and_then_run_by_run(tmp_path: Path) -> None
     done = command("show", mixed(tmp_path), "--json", tmp_path / "out.json")
     assert done.exit_code == 0, done.output
     lines = done.stdout.splitlines()
-    assert lines[1].startswith("2 verdicts on 2 machines, decided together")
+    assert lines[1].startswith("4 verdicts on 2 machines, decided together")
     assert ["comparison", "a", "b"] in [line.split() for line in lines]
     assert any("slower on 1 of 2 machines, same on 1 (b)" in line for line in lines)
     runs = [line.strip("─ ") for line in lines if line.startswith("─")]

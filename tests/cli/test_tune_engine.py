@@ -23,7 +23,7 @@ def test_a_stored_search_is_printed_again_with_its_document(stored: Path) -> Non
     done = mjbench("show", str(stored))
     assert done.returncode == 0, done.stderr
     assert "robot on Warp: 1.25 times as fast without a larger transfer error" in done.stdout
-    assert ["yes", "0.8", "0.78", "0.82", "0.01", "12", "iterations=4"] in [
+    assert ["yes", "0.8", "0.78–0.82", "0.01", "12", "iterations=4"] in [
         line.split() for line in done.stdout.splitlines()
     ]
     assert "Failed: jacobian=sparse: no such kernel" in done.stdout
@@ -37,7 +37,7 @@ def test_a_stored_search_is_in_reports_and_tables(stored: Path, tmp_path: Path) 
     page = tmp_path / "report.md"
     done = mjbench("report", str(stored), "--markdown", "-o", str(page))
     assert done.returncode == 0, done.stderr
-    assert "| yes | 0.8 | 0.78 | 0.82 | 0.01 | 12 | iterations=4 |" in page.read_text()
+    assert "| yes | 0.8 | 0.78–0.82 | 0.01 | 12 | iterations=4 |" in page.read_text()
     from mjbench.report import rows
 
     (row,) = rows.load(stored)

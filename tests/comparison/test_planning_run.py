@@ -45,7 +45,7 @@ def test_a_path_that_returns_other_states_disagrees(tmp_path: Path) -> None:
         "wrong_paths:FinalOnly": "unavailable",
     }
     assert "differs after step 3" in done.stdout
-    assert "Fastest here" in done.stdout
+    assert "cartpole: fastest here is " in done.stdout
 
 
 def test_several_sizes_of_plans_are_tried(tmp_path: Path) -> None:

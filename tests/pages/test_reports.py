@@ -165,3 +165,12 @@ def test_the_command_writes_a_file_or_markdown(
     assert "a file that this command reads" in result.output
     result = CliRunner().invoke(cli, ["report", "missing.jsonl"])
     assert result.exit_code == 2
+
+
+def test_the_only_section_keeps_what_the_head_of_a_report_has_no_room_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reports, "_MOST_CONCLUSIONS", 1)
+    report = reports.build([named(run_file(tmp_path, *compared("m")))])
+    assert report.conclusions[-1].text.endswith("further conclusions are in their sections.")
+    assert len(report.sections[0].conclusions) > 1

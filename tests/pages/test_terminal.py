@@ -8,7 +8,7 @@ from mjbench.errors import one_line, printable
 from mjbench.instrument.units import plain
 from mjbench.pages import terminal
 from mjbench.report import formats, starts
-from mjbench.report.content import Column, DataTable
+from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
 
 # It writes the clipboard of many terminals.
 CLIPBOARD = "\x1b]52;c;cm0=\x07"
@@ -24,7 +24,7 @@ def printed(content: object) -> str:
 
 
 def table_of(text: str) -> object:
-    return terminal.rich_table(DataTable("", [Column("name")], [[text]]))
+    return terminal.rich_table(DataTable("", [Column("name")], [[text]]), 80)
 
 
 @pytest.mark.parametrize("text", HOSTILE)
@@ -77,3 +77,27 @@ def test_full_memory_is_said_apart_from_other_warnings() -> None:
 
 def test_no_warning_is_no_line() -> None:
     assert starts.warning_lines({}) == starts.warning_lines(None) == []
+
+
+def lines_of(*rows: tuple[str, float, str]) -> list[str]:
+    columns = [Column("name", wraps=True), Column("ns", formats.count), Column("verdict")]
+    out = terminal.console()
+    out.file, out.width = io.StringIO(), 40
+    section = Section("s", tables=[DataTable("t", columns, rows)])
+    terminal.print_sections(out, [section])
+    return out.file.getvalue().splitlines()
+
+
+def test_no_number_of_a_table_is_cut_however_narrow_the_console() -> None:
+    row = ("a name that is longer than the console " * 2, 123_456_789.0, "slower by its code" * 2)
+    text = "\n".join(lines_of(row))
+    assert "123,456,789" in text
+    assert "slower by its code" * 2 in text
+
+
+def test_the_heading_names_what_sentences_leave_out() -> None:
+    caution = Conclusion("measured by an earlier version", Tone.CAUTION)
+    for conclusions in ([caution], [caution, Conclusion("m: fast", subject="m")]):
+        text = terminal.text_of([Section("m: 8 simulations", conclusions)])
+        assert text.splitlines()[:2] == ["measured by an earlier version", "m: 8 simulations"]
+    assert "m: 8" not in terminal.text_of([Section("m: 8", [Conclusion("m: fast")])])

@@ -9,6 +9,8 @@ from commands import TESTS
 from pretender import Pretender
 
 from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
+from mjbench.instrument import neighbours
+from mjbench.instrument.neighbours import Neighbour
 from mjbench.paired import path_comparison
 from mjbench.paired.path_comparison import ModelComparison
 from mjbench.paired.worker_pool import WorkerPool
@@ -102,6 +104,16 @@ def test_what_is_known_comes_after_each_launch(pool: WorkerPool, contact_file: s
     assert last.race is not None
     assert last.race.is_cut_short
     assert last.race.steps == 12
+
+
+def test_another_measurement_that_ended_during_the_race_stays_on_record(
+    pool: WorkerPool, contact_file: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = itertools.chain([[Neighbour(1, "versions")]], itertools.repeat([]))
+    monkeypatch.setattr(neighbours, "measuring_now", lambda: next(seen))
+    first, *_, last = comparisons(pool, contact_file, Variant("rollout", {"threads": 1}))
+    assert first.race is not None and first.race.neighbours == ["versions"]
+    assert last.race is not None and last.race.neighbours == ["versions"]
 
 
 def test_a_race_measures_a_variant_that_takes_seconds_to_start_last(

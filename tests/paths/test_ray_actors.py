@@ -74,6 +74,9 @@ def test_an_actor_that_ends_is_a_failure_of_one_line(
     prepared = Ray().prepare(small, {"actors": 2}, resources)
     pool = resources.get_or_create(("actors", 2), lambda: None)
     ray.kill(pool._actors[0])
+    with pytest.raises(ray.exceptions.RayActorError):
+        while True:  # it ends some time after it was told to
+            ray.get(pool._actors[0].__ray_ready__.remote())
     with pytest.raises(MachineError) as caught:
         prepared.run()
     assert str(caught.value) == "the process of an actor ended"

@@ -13,6 +13,7 @@ from mjbench.cli.context import ProgressBar
 from mjbench.cli.terminal_progress import terminal_progress
 from mjbench.comparison.plan import WITHOUT_TIMER
 from mjbench.pages import terminal
+from mjbench.paired.race import MAX_LAUNCHES
 from mjbench.paired.race_record import UnableVariant
 from mjbench.report import comparison
 from mjbench.report.results import ModelResults
@@ -44,7 +45,7 @@ def test_a_model_is_its_name_its_conclusions_its_table_and_then_the_details() ->
 def test_several_sizes_have_a_conclusion_each_and_share_a_table() -> None:
     text = printed(sized(8, cores=1.2), sized(64))
     lines = text.splitlines()
-    assert lines[0].startswith("Disturbed: ")
+    assert lines[0].startswith("m, 8 simulations: Disturbed: ")
     for nbatch in (8, 64):
         size = f"{nbatch} simulations"
         assert f"m: {size} × 100 steps" in lines
@@ -66,7 +67,7 @@ def test_a_table_fits_into_a_terminal_of_80_columns() -> None:
     sizes = [derived(raced([*CLEAR, (LONG, 2.5)], nbatch_asked=n), nbatch=n) for n in (8, 64)]
     for shown in (sizes[:1], sizes):
         out = Console(file=io.StringIO(), width=80)
-        out.print(terminal.rich_table(comparison.path_table(shown)))
+        out.print(terminal.rich_table(comparison.path_table(shown), 80))
         lines = out.file.getvalue().splitlines()  # type: ignore[attr-defined]
         assert max(map(len, lines)) <= 80
         assert "data=persistent" in "".join(lines)
@@ -88,7 +89,7 @@ def test_agreement_is_a_line_where_all_agree_and_else_a_column() -> None:
     [
         (
             {"is_cut_short": True, "launches": raced().launches[:1]},
-            "The budget ended the race after 1 launch: --budget 120 makes it more certain.",
+            "The budget ended the race after 1 launch: a longer --budget makes it more certain.",
         ),
         (
             {"status": Status.CRASHED, "detail": "signal 9"},
@@ -107,11 +108,12 @@ def test_how_a_race_ended_is_said_below_the_table(fields: dict[str, Any], line: 
         assert Status.CRASHED in model_results.statuses
 
 
-def test_a_longer_budget_is_several_times_what_the_race_took() -> None:
-    second = 1_000_000_000
-    launch = replace(raced().launches[0], ns=[[second, second, second, second]] * 4)
-    record = replace(raced(), is_cut_short=True, launches=[launch] * 4)
-    assert "after 4 launches: --budget 360 makes it more certain." in printed(derived(record))
+def test_a_race_that_had_all_its_launches_does_not_ask_for_more_time() -> None:
+    launches = raced().launches * MAX_LAUNCHES
+    record = replace(raced(), launches=launches[:MAX_LAUNCHES], is_cut_short=True)
+    text = printed(derived(record))
+    assert f"The race ended undecided after {MAX_LAUNCHES} launches, its most." in text
+    assert "--budget" not in text
 
 
 def test_a_path_that_compiles_is_said_to_be_timed_in_one_process() -> None:
@@ -135,7 +137,7 @@ def shown_by(bar: ProgressBar, *models: ModelResults) -> None:
     bar(0, "m", 0.5)
     section = comparison.section_so_far(models)
     assert section is not None
-    bar.show(lambda: Group(*terminal.section_parts(section)))
+    bar.show(lambda: Group(*terminal.section_parts(section, 100)))
     bar.show(None)
 
 

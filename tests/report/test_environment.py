@@ -48,7 +48,7 @@ def test_layers_paths_and_forms_are_in_tables() -> None:
     assert "100 steps with random actions (seed 0), 5 episodes, of 20 steps on average" in text
     assert "env.step takes 100 µs" in text
     assert "10,000 steps per second, 50,000 of the engine" in text
-    assert "  mj_step" in text
+    assert "  – mj_step" in text
     assert "adds 4.0 % to it (1 µs a call), which is subtracted" in text
     assert (
         "env.reset takes 200 µs (199 µs–201 µs), as long as 2 steps: 9.1 % of an episode of 20"

@@ -16,6 +16,7 @@ from mjbench.program.records import LoopReport, ProgramRow
 from mjbench.program.remedy import Basis, Remedy, RemedyKind
 from mjbench.program.source_loops import SourceLoop
 from mjbench.report import program
+from mjbench.report.content import Tone
 from mjbench.status import Status
 
 PLACE = Place("train.py", 7, "main", "mj_step(model, data)")
@@ -191,3 +192,15 @@ def test_growth_of_memory_is_said_with_what_creates_objects() -> None:
     grown = row(replace(MIXED, calls=[call]), memory_growth_bytes=223 << 20)
     text = terminal.text_of(program.sections([grown]))
     assert "Memory grew by 223 MiB while it stepped; train.py:7 makes 300 × MjData." in (text)
+
+
+def test_a_wrong_result_stands_at_the_head_of_a_report_once() -> None:
+    shared = replace(remedy(), kind=RemedyKind.RESULT, gain=None, text="one MjData each")
+    other = replace(shared, text="copy the row")
+    time = row(MIXED)
+    section, *_ = program.sections([replace(time, wrong=[shared, shared, other])])
+    first, then = section.conclusions
+    assert first.tone == then.tone == Tone.BAD
+    assert "one MjData each" in first.text
+    assert then.text.startswith("train.py: then, correct a wrong result")
+    assert "copy the row" in then.text
