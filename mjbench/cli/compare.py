@@ -106,7 +106,7 @@ class _Options:
 @click.option(
     "--budget",
     type=Seconds(),
-    help="Time for each model, agreement included; what compiles comes on top  [default: 25s]",
+    help="Time for each model, agreement included; what compiles comes on top  [default: 24s]",
 )
 @click.option(
     "--quick", is_flag=True, help="The same as --budget 5s: a first impression, mostly not certain."
