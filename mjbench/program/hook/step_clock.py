@@ -11,7 +11,6 @@ that would cost too much, it takes its functions away until the program resets a
 `step_file` has the format of the files.
 """
 
-import contextlib
 import gc
 import os
 import sys
@@ -260,7 +259,7 @@ class StepClock:
         freed, and sampled, within the clock.
         """
         self._latest_ids = id(model), id(data)
-        self._latest = weakref.ref(data) if self._has_several else lambda: data
+        self._latest = _reference(data) if self._has_several else lambda: data
 
     def _change_simulation(self, model: Any, data: Any, frame: Any) -> None:
         """Note that a step is of another simulation than the step before it.
@@ -273,11 +272,11 @@ class StepClock:
         self._note_latest(model, data)
         is_same_call = (frame.f_code, frame.f_lasti) == self._burst_place
         if self._burst_calls == 1 and earlier_model == id(model) and is_same_call:
-            self._turns = {} if earlier is None else {earlier_id: weakref.ref(earlier)}
+            self._turns = {} if earlier is None else {earlier_id: _reference(earlier)}
         if self._turns is None:
             self._watch.look_for_warnings(earlier, frame, self._now_ns())
         else:
-            self._turns[id(data)] = weakref.ref(data)
+            self._turns[id(data)] = _reference(data)
 
     def _end_burst(self, model: Any, data: Any, frame: Any, end_ns: int, used: int) -> None:
         """End a burst: decide how many calls to pass through until the next one."""
@@ -306,8 +305,7 @@ class StepClock:
 
         Those that the program has let go of were new in each iteration, and not in turn.
         """
-        with contextlib.suppress(TypeError):
-            self._latest = weakref.ref(self._latest())
+        self._latest = _reference(self._latest())
         if self._turns is not None:
             present = [data for each in self._turns.values() if (data := each()) is not None]
             if len(present) > 1:
@@ -470,3 +468,14 @@ def _timers(data: Any) -> list[float] | None:
         return [float(value) for value in data.timer.duration]
     except (AttributeError, TypeError):
         return None
+
+
+def _reference(value: Any) -> Callable[[], Any]:
+    """Return what gives an object for as long as the program has it.
+
+    What is no simulation, and cannot be referred to so, is given for ever.
+    """
+    try:
+        return weakref.ref(value)
+    except TypeError:
+        return lambda: value
