@@ -316,6 +316,13 @@ def test_a_program_is_timed_in_each_process_that_it_forks(tmp_path):
     assert [each.nstep for each in steps if each.step is not None] == [10, 10]
 
 
+def test_what_is_no_simulation_raises_what_it_raises_without_mjbench(tmp_path):
+    wrong = "for each in (mujoco.MjData(model), 1, 2):\n    mujoco.mj_step(model, each)"
+    done, _ = program(tmp_path, f"{STEPS}\n{wrong}")
+    assert "incompatible function arguments" in done.stderr
+    assert "weak reference" not in done.stderr
+
+
 def test_tracebacks_do_not_show_the_clock(tmp_path):
     done, _ = program(tmp_path, STEPS + "\nmujoco.mj_step(1)")
     assert done.returncode == 1
