@@ -10,7 +10,7 @@ from example_records import measurement
 
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.comparison.records import MeasurementRecord
-from mjbench.paired.race_record import Loop, UnableVariant
+from mjbench.paired.race_record import MARGIN, Loop, UnableVariant
 from mjbench.report import results
 from mjbench.report.advice import Reason, advise, advise_clock
 from mjbench.report.comparison import conclusion
@@ -232,3 +232,15 @@ def test_a_run_of_an_earlier_version_has_speed_ups_without_an_interval_and_no_ad
 def test_a_model_whose_plain_loop_was_not_timed_gets_no_advice() -> None:
     record = replace(raced(), launches=())
     assert advise(derived(record)) == []
+
+
+@pytest.mark.parametrize("launches", [11, 19, 21, 25])
+def test_where_a_race_is_undecided_no_loop_is_advised_a_path_that_the_other_beats(
+    launches: int,
+) -> None:
+    entrants = [(ROLLOUT, 1.9), (BATCH_STEP, 1.9), (THREADS, 1.5)]
+    open_loop, closed_loop = advise(derived(raced(entrants, spread=0.3, launches=launches)))
+    assert open_loop.speedup is not None
+    assert closed_loop.speedup is not None
+    assert open_loop.speedup.estimate * (1 + MARGIN) >= closed_loop.speedup.estimate
+    assert not open_loop.is_certain
