@@ -9,7 +9,7 @@ from typing import Any
 
 from mjbench.errors import MachineError
 from mjbench.instrument import extras
-from mjbench.report.content import Cell, DataTable
+from mjbench.report.content import Cell, DataTable, Figure
 
 # The version of Vega-Lite whose language the specifications are in.
 VERSION = "5.20"
@@ -52,15 +52,28 @@ def chart(table: DataTable, layers: Sequence[Spec], height: int | None = None) -
     }
 
 
-def bars(noun: str, rows: Sequence[Sequence[Cell]]) -> str:
-    """Return what can be seen in a chart of bars.
+def share_bars(title: str, data: DataTable, noun: str, drawn: str, axis: str) -> Figure:
+    """Return a chart of bars.
 
     Args:
-      rows: name and percent of each, the longest first.
+      data: the name and the share of each, as columns with a form, and more; the longest first.
+      noun: what has a bar, in the plural.
+      drawn: title of the column that is the length of the bars.
+      axis: title of their axis.
     """
-    if not rows:
-        return f"No {noun}."
-    return f"Bars of {len(rows)} {noun}; the longest is {rows[0][0]}, {rows[0][1]:.0f} %."
+    share = data.columns[1]
+    x = quantity(drawn, axis, zero=True)
+    if drawn == share.title:
+        x["axis"]["format"] = ".0%"
+    layer: Spec = {
+        "mark": {"type": "bar", "height": 12, "color": BLUE},
+        "encoding": {"x": x, "y": names(data)},
+    }
+    alternative = f"No {noun}."
+    if data.rows:
+        longest = f"{data.rows[0][0]}, {share.shown(data.rows[0][1])}"
+        alternative = f"Bars of {len(data.rows)} {noun}; the longest is {longest}."
+    return Figure(title, alternative, chart(data, [layer]), data)
 
 
 def quantity(field: str, title: str, *, log: bool = False, **scale: Any) -> Spec:
@@ -80,20 +93,17 @@ def quantity(field: str, title: str, *, log: bool = False, **scale: Any) -> Spec
     }
 
 
-def names(field: str, title: str | None = None, labels: Sequence[str] = ()) -> Spec:
-    """Return the encoding of names, in the order of the rows.
+def names(data: DataTable) -> Spec:
+    """Return the encoding of the names in the first column, in the order of the rows.
 
-    Args:
-      field: title of the column.
-      title: of the axis.
-      labels: the names, where there is to be room for them in a wide font, too.
+    There is room for them in a wide font, too.
     """
-    room = _LETTER_WIDTH * max(map(len, labels), default=0)
+    room = _LETTER_WIDTH * max((len(str(row[0])) for row in data.rows), default=0)
     return {
-        "field": _escaped(field),
+        "field": _escaped(data.columns[0].title),
         "type": "nominal",
         "sort": None,
-        "title": title,
+        "title": None,
         "axis": {"labelLimit": _LABEL_WIDTH, "minExtent": min(room, _LABEL_WIDTH)},
     }
 

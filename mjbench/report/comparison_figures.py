@@ -41,7 +41,7 @@ def speedup_figures(model_results: ModelResults) -> Iterator[Figure]:
     data = DataTable("Speed-ups", columns, rows)
     fastest = max(rows, key=lambda row: float(row[1] or 0.0))
     x = charts.quantity("speed-up", "times as fast as the plain loop", zero=True)
-    y = charts.names("path", labels=[row[0] for row in rows])
+    y = charts.names(data)
     layers: list[charts.Spec] = [
         charts.rule_at(1.0),
         {

@@ -198,7 +198,7 @@ def _figure(row: ExplainRecord, changes: Sequence[NetDifference]) -> Figure:
         "mark": {"type": "bar", "height": 12},
         "encoding": {
             "x": charts.quantity("% of a step", "% of the instructions of a step", zero=True),
-            "y": charts.names("function"),
+            "y": charts.names(data),
             "color": {
                 "condition": {"test": "datum['% of a step'] > 0", "value": charts.ORANGE},
                 "value": charts.BLUE,

@@ -358,28 +358,17 @@ def _vectors_table(record: EnvironmentRecord) -> DataTable:
 def _figure(record: EnvironmentRecord) -> Figure:
     columns = (
         Column("layer"),
-        Column("% of env.step", formats.digits(3)),
+        Column("of env.step", formats.percent),
         Column("µs", formats.digits(3)),
     )
     rows = [
-        (layer.layer.value, 100 * layer.share.median, layer.ns / 1e3)
+        (layer.layer.value, layer.share.median, layer.ns / 1e3)
         for layer in record.layer_shares
         if layer.share.median > 0
     ]
     data = DataTable("Layers of a step", columns, rows)
-    layer: charts.Spec = {
-        "mark": {"type": "bar", "height": 12, "color": charts.BLUE},
-        "encoding": {
-            "x": charts.quantity("µs", "µs of env.step", zero=True),
-            "y": charts.names("layer"),
-        },
-    }
-    return Figure(
-        title=f"{record.environment}: layers of a step",
-        alternative=charts.bars("layers", rows),
-        specification=charts.chart(data, [layer]),
-        data=data,
-    )
+    title = f"{record.environment}: layers of a step"
+    return charts.share_bars(title, data, "layers", "µs", "µs of env.step")
 
 
 def notes(record: EnvironmentRecord) -> list[str]:

@@ -117,7 +117,7 @@ def _waterfall(table: OverheadRow) -> Figure:
         "encoding": {
             "x": charts.quantity("from", "ns of a step", zero=True),
             "x2": {"field": "to"},
-            "y": charts.names("part"),
+            "y": charts.names(data),
             "color": charts.colour("kind", {"step": charts.BLUE, "habit": charts.ORANGE}),
         },
     }

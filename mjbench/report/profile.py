@@ -103,16 +103,5 @@ def _simulated_second(profile: StepProfile) -> DataTable:
 
 
 def _figure(model: str, stages: DataTable) -> Figure:
-    layer: charts.Spec = {
-        "mark": {"type": "bar", "height": 12, "color": charts.BLUE},
-        "encoding": {
-            "x": charts.quantity("ns", "ns of a step", zero=True),
-            "y": charts.names("stage"),
-        },
-    }
-    return Figure(
-        title=f"{model}: stages of a step",
-        alternative=charts.bars("stages", stages.rows),
-        specification=charts.chart(stages, [layer]),
-        data=stages,
-    )
+    title = f"{model}: stages of a step"
+    return charts.share_bars(title, stages, "stages", "ns", "ns of a step")

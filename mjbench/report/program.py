@@ -349,26 +349,15 @@ def _jax_table(time: LoopTime) -> DataTable:
 
 
 def _figure(time: LoopTime) -> Figure:
-    digits = formats.digits
-    columns = (Column("activity"), Column("% of the loop", digits(3)), Column("±", digits(2)))
-    rows = [
-        (str(activity), 100 * share, 100 * time.error(share))
-        for activity, share in time.activities.items()
-    ]
-    data = DataTable("Where the time goes", columns, rows)
-    layer: charts.Spec = {
-        "mark": {"type": "bar", "height": 12, "color": charts.BLUE},
-        "encoding": {
-            "x": charts.quantity("% of the loop", "% of the loop", zero=True),
-            "y": charts.names("activity"),
-        },
-    }
-    return Figure(
-        title=f"Where the time of {where(time)} goes",
-        alternative=charts.bars("activities", rows),
-        specification=charts.chart(data, [layer]),
-        data=data,
+    columns = (
+        Column("activity"),
+        Column("of the loop", formats.percent),
+        Column("±", formats.percent),
     )
+    rows = [(str(each), share, time.error(share)) for each, share in time.activities.items()]
+    data = DataTable("Where the time goes", columns, rows)
+    title = f"Where the time of {where(time)} goes"
+    return charts.share_bars(title, data, "activities", "of the loop", "share of the loop")
 
 
 def _steps_section(row: ProgramRow) -> Iterator[Section]:

@@ -402,7 +402,7 @@ def _forest(rows: Sequence[VerdictRow]) -> Figure:
         cause = row.cause.value if row.cause else ""
         cells.append((_label(row), _percent(row.ratio.estimate), *ends, verdict, cause))
     data = DataTable("Changes in percent", columns, cells)
-    y = charts.names("comparison")
+    y = charts.names(data)
     title = "change, % (above 0 is slower)"
     colour = charts.colour("verdict", _COLOURS, "verdict")
     layers: list[charts.Spec] = [

@@ -50,6 +50,7 @@ def test_a_profile_has_a_bar_for_each_stage_that_takes_time() -> None:
     (section,) = profile.sections(rows)
     (figure,) = section.figures
     assert [row[0] for row in figure.data.rows] == ["collision", "velocity"]
+    assert figure.alternative == "Bars of 2 stages; the longest is collision, 60.0 %."
     assert "engine 1.5 µs (75 %)" in section.conclusions[0].text
     assert "timer of MuJoCo's Python package takes 20 %" in section.conclusions[1].text
     assert "collision" in drawn(section)[0]
