@@ -202,10 +202,30 @@ class RaceRecord:
             return None
         return statistics.median(each.block_ns(0) for each in launches) / self.steps
 
+    def winner(self, standing: Standing) -> int:
+        """Return the chosen variant of a loop, or the other loop's where that is better after all.
+
+        Winners of both loops are timed after the race. Where the race was not decided, that of the
+        other loop takes the place of this one's if it is a contender, and its figure is better by
+        more than `MARGIN`.
+        """
+
+        def speedup(position: int) -> float:
+            ratio = self.speedups[position]
+            return 0.0 if ratio is None else ratio.estimate
+
+        if standing.is_decided:
+            return standing.chosen
+        winners = {each.chosen for each in self.standings.values()}
+        least = (1 + MARGIN) * speedup(standing.chosen)
+        better = [i for i in winners.intersection(standing.contenders) if speedup(i) > least]
+        return max(better, key=speedup, default=standing.chosen)
+
     def advised(self, standing: Standing) -> int:
-        """Return the chosen variant; the plain loop where that one is not certainly faster."""
-        speedup = self.speedups[standing.chosen]
-        return standing.chosen if speedup is not None and speedup.is_above(1.0) else 0
+        """Return the winner; the plain loop where that one is not certainly faster."""
+        winner = self.winner(standing)
+        speedup = self.speedups[winner]
+        return winner if speedup is not None and speedup.is_above(1.0) else 0
 
     def speedup(self, variant: Variant) -> Ratio | None:
         """Return the speed-up of a variant over the plain loop; None where it was not timed.

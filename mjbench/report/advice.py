@@ -115,14 +115,13 @@ def _choose(
     model_results: ModelResults, race: RaceRecord, standing: Standing, base: PathResult
 ) -> _Choice:
     """Return the C path to use of those that compete with each other."""
-    chosen = model_results.timed(race.variants[standing.chosen]) or base
-    if not standing.is_decided:
-        chosen = _faster_winner(model_results, race, standing, chosen)
+    winner = race.winner(standing)
+    chosen = model_results.timed(race.variants[winner]) or base
     has_figures = race.has_final_figures(chosen.variant)
     is_certain = standing.is_decided and has_figures and not model_results.disturbances
-    reason = Reason.SIMPLER if standing.fastest != standing.chosen else Reason.FASTER
-    is_chosen = chosen.variant == race.variants[standing.chosen]
-    if is_chosen and race.advised(standing) != standing.chosen:
+    is_simpler = winner == standing.chosen != standing.fastest
+    reason = Reason.SIMPLER if is_simpler else Reason.FASTER
+    if race.advised(standing) != winner:
         gain = chosen.speedup
         is_certain &= gain is not None and gain.high is not None and gain.high <= 1 + MARGIN
         chosen, reason = base, Reason.NO_GAIN
@@ -133,20 +132,6 @@ def _choose(
     rivals.sort(key=lambda result: result.steps_per_s or 0.0, reverse=True)
     most_gain = standing.most_gain if math.isfinite(standing.most_gain) else None
     return _Choice(chosen, reason, is_certain, [each.variant for each in rivals], most_gain)
-
-
-def _faster_winner(
-    model_results: ModelResults, race: RaceRecord, standing: Standing, chosen: PathResult
-) -> PathResult:
-    """Return the winner of either loop that this loop can use, if its figure is clearly better.
-
-    Winners of both loops are timed after the race. Where the race was not decided, the winner for
-    the other loop may turn out to be the faster one.
-    """
-    winners = {each.chosen for each in race.standings.values()}.intersection(standing.contenders)
-    timed = [each for i in winners if (each := model_results.timed(race.variants[i]))]
-    faster = [each for each in timed if each.rate_over(chosen) > 1 + MARGIN]
-    return max(faster, key=lambda each: each.steps_per_s or 0.0, default=chosen)
 
 
 def _others_timed(model_results: ModelResults, loop: Loop) -> bool:

@@ -244,3 +244,13 @@ def test_where_a_race_is_undecided_no_loop_is_advised_a_path_that_the_other_beat
     assert closed_loop.speedup is not None
     assert open_loop.speedup.estimate * (1 + MARGIN) >= closed_loop.speedup.estimate
     assert not open_loop.is_certain
+
+
+@pytest.mark.parametrize(("spread", "launches"), [(0.15, 19), (0.2, 22), (0.3, 21), (0.3, 25)])
+def test_only_what_is_certainly_faster_is_advised_in_place_of_the_plain_loop(
+    spread: float, launches: int
+) -> None:
+    entrants = [(ROLLOUT, 1.02), (BATCH_STEP, 1.02), (THREADS, 0.9)]
+    advice = advise(derived(raced(entrants, spread=spread, launches=launches)))
+    assert len(advice) == 2
+    assert all(each.speedup is None or each.speedup.is_above(1.0) for each in advice)
