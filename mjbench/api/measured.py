@@ -62,8 +62,7 @@ class Measured:
 
     def to_dict(self) -> Any:
         """Return the JSON document of the command, as JSON-ready values."""
-        (kind,) = kinds.kinds_of(self.run)
-        return json_form(kind.document(self.run))
+        return json_form(kinds.kind_of(self.run).document(self.run))
 
     def report(self) -> Report:
         """Return the content of a report: conclusions, tables, and the data of charts."""
@@ -71,7 +70,8 @@ class Measured:
         return reports.build([NamedRun(file, self.run)])
 
     def __str__(self) -> str:
-        return "\n".join([terminal.text_of(kinds.sections(self.run)), *self.notes])
+        sections = kinds.kind_of(self.run).sections(self.run)
+        return "\n".join([terminal.text_of(sections), *self.notes])
 
     def __repr__(self) -> str:
         conclusions = [conclusion.text for conclusion in self.report().conclusions[:1]]

@@ -31,9 +31,6 @@ if TYPE_CHECKING:
 
     from mjbench.api.start_states import Actions, States
 
-# Launches after which half of the work on a pair is counted as done.
-_HALFWAY_LAUNCHES = 15
-
 
 @dataclass(frozen=True, repr=False, eq=False)
 class ReleaseComparison(Measured):

@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from mjbench.instrument.machine import Machine, ProcessorTime
     from mjbench.instrument.neighbours import Neighbour, Presence
     from mjbench.instrument.run_file import RunFile
-    from mjbench.instrument.runs import Record
+    from mjbench.instrument.runs import Record, Run, RunHeader
     from mjbench.report.content import DataTable, Section
+    from mjbench.report.kinds import Kind
 
 
 class ProgressBar:
@@ -122,6 +123,8 @@ class RunContext:
         self._wait = wait
         self._presence: Presence | None = None
         self._run_file: RunFile | None = None
+        self._header: RunHeader | None = None
+        self._records: list[Record] = []
         self._machine: Machine | None = None
         self._begin: ProcessorTime | None = None
 
@@ -180,7 +183,7 @@ class RunContext:
         from mjbench.instrument.run_file import RunFile
         from mjbench.report.kinds import RECORD_TYPES
 
-        header = runs.RunHeader(
+        self._header = header = runs.RunHeader(
             runs.SCHEMA,
             self._command,
             self.machine,
@@ -198,6 +201,7 @@ class RunContext:
         if stored.is_torn:
             report_line(f"{storage.resume}: the last line was cut short; it is left out")
         self.resumed_records = tuple(storage.select_finished(stored.records))
+        self._records = [*self.resumed_records]
         return RunFile.rewrite(storage.resume, stored.header, self.resumed_records)
 
     @property
@@ -215,6 +219,23 @@ class RunContext:
 
         terminal.print_sections(self.out, sections, code)
 
+    def show_results(
+        self, kind: "Kind", records: "Sequence[Record] | None" = None, code: bool = False
+    ) -> None:
+        """Print what records come to; without any, what all of the run come to."""
+        self.show(kind.sections(self._run(records)), code)
+
+    def write_results(self, kind: "Kind") -> None:
+        """Write the JSON document of all records of the run, where one was asked for."""
+        self.write(kind.document(self._run()))
+
+    def _run(self, records: "Sequence[Record] | None" = None) -> "Run":
+        """Return the run as its file holds it, with all of its records or with some."""
+        from mjbench.instrument.runs import Run
+
+        assert self._header is not None, "this command has no run file"
+        return Run(self._header, tuple(self._records if records is None else records))
+
     def table(self, table: "DataTable") -> None:
         """Print a table alone."""
         from mjbench.pages import terminal
@@ -225,6 +246,7 @@ class RunContext:
         """Append a record to the run file."""
         assert self._run_file is not None, "this command has no run file"
         self._run_file.append(record)
+        self._records.append(record)
 
     def write(self, document: Any) -> None:
         """Write the command's JSON document, where one was asked for."""

@@ -1,6 +1,6 @@
 """Measure models one after the other: one that fails affects only its own rows."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -11,7 +11,6 @@ from mjbench.errors import Failure, MjbenchError, failure_of
 from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
-    from mjbench.report.content import Section
     from mjbench.report.kinds import Kind
     from mjbench.simulation.starts import StartPlan
 
@@ -22,7 +21,6 @@ def measure_each(
     names: Sequence[str],
     kind: "Kind",
     measure: "Callable[[ModelSource, StartPlan, float], Sequence[Any]]",
-    sections: "Callable[[Sequence[Any]], Iterable[Section]]",
     arguments: Mapping[str, Any] | None = None,
     *,
     code: bool = False,
@@ -37,8 +35,8 @@ def measure_each(
     """Measure models as the options of a command say, print and store their rows, and exit.
 
     Args:
-      measure: returns the rows of a model, from its start states, with a time limit in seconds.
-      sections: what rows come to. A model that fails has one row, of its name and the failure.
+      measure: returns the rows of a model, from its start states, with a time limit in seconds. A
+        model that fails has one row, of its name and the failure.
       arguments: for the run file's header, beside the models and their starts.
       code: whether snippets are printed, too.
     """
@@ -57,11 +55,11 @@ def measure_each(
                 record_type: Any = kind.records[0]
                 rows = [record_type(model=source.name, status=rows.status, detail=rows.detail)]
             else:
-                run.show(sections(rows), code)
+                run.show_results(kind, rows, code)
             all_rows += rows
             for row in rows:
                 run.record(row)
-        run.write(kind.document_type(machine=run.machine, results=all_rows))
+        run.write_results(kind)
     run.exit(row.status for row in all_rows)
 
 

@@ -89,7 +89,6 @@ def env(
     from mjbench.environment.run import EnvironmentPlan
     from mjbench.environment.source import resolve
     from mjbench.instrument import machine
-    from mjbench.report.environment import sections
     from mjbench.report.kinds import ENVIRONMENT
 
     if no_vector and nenv:
@@ -112,11 +111,11 @@ def env(
             if record.facts is None and record.status != Status.INTERRUPTED:
                 report_line(f"{source.name}: {record.detail}")
             else:
-                run.show(sections([record]))
+                run.show_results(ENVIRONMENT, [record])
             if record.status == Status.INTERRUPTED:
                 run.interrupt()
                 break
-        run.write(ENVIRONMENT.document_type(machine=run.machine, results=records))
+        run.write_results(ENVIRONMENT)
     run.exit(status for record in records for status in record.statuses())
 
 

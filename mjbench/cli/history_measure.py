@@ -52,8 +52,7 @@ def measure(
       mjbench history measure dist/mujoco-4.1.0-cp311-….whl --model humanoid
     """
     from mjbench.releases import release_ratios
-    from mjbench.report import release_ratios as report
-    from mjbench.report.documents import HistoryDocument
+    from mjbench.report.kinds import HISTORY
 
     selection = history_options.select(names, since, models, history, steps, operations)
     paired_options.warn_if_unpinned()
@@ -64,8 +63,8 @@ def measure(
         records = _measure(run, selection)
         if any(record.status == Status.INTERRUPTED for record in records):
             run.interrupt()
-        run.show([report.section(records)])
-        run.write(HistoryDocument.of(run.machine, records))
+        run.show_results(HISTORY)
+        run.write_results(HISTORY)
     run.exit(record.status for record in records)
 
 

@@ -61,7 +61,6 @@ def latency(
     """
     from mjbench.loop.latency import LatencyRequest, LatencyRow, measure, row
     from mjbench.report.kinds import LATENCY
-    from mjbench.report.latency import sections
     from mjbench.simulation.models import ModelSource
     from mjbench.simulation.starts import StartPlan
 
@@ -74,7 +73,6 @@ def latency(
         names,
         LATENCY,
         rows,
-        sections,
         {**arguments, "seed": seed},
         **options,
     )

@@ -28,13 +28,11 @@ def overhead(names: tuple[str, ...], code: bool, **options: Any) -> None:
     """
     from mjbench.loop.overhead import measure
     from mjbench.report.kinds import OVERHEAD
-    from mjbench.report.overhead import sections
 
     measure_each(
         names or ("cartpole",),
         OVERHEAD,
         lambda source, starts, limit_s: [measure(source, limit_s, starts=starts)],
-        sections,
         code=code,
         **options,
     )

@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from mjbench.paired.verdict import VerdictPlan
     from mjbench.simulation.models import ModelSource
 
-# Launches after which the progress bar of a comparison is half full.
-_HALFWAY_LAUNCHES = 15
-
 
 def releases_and_models(names: Sequence[str]) -> tuple[list[str], list["ModelSource"]]:
     """Return the releases among names, and the models of the others; without any, all shipped."""

@@ -73,7 +73,6 @@ def placement(
     from mjbench.paired.targets import Target
     from mjbench.releases.installs import parse_release
     from mjbench.report.kinds import PLACEMENT
-    from mjbench.report.placement import section
     from mjbench.simulation import models
 
     release = parse_release(release_name)
@@ -89,8 +88,8 @@ def placement(
         rows = _measure(run, targets, plan)
         if any(row.status == Status.INTERRUPTED for row in rows):
             run.interrupt()
-        run.show([section(rows)])
-        run.write(PLACEMENT.document_type(machine=run.machine, results=rows))
+        run.show_results(PLACEMENT)
+        run.write_results(PLACEMENT)
     run.exit(row.status for row in rows)
 
 

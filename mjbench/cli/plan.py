@@ -148,7 +148,7 @@ def plan(names: tuple[str, ...], **options: Any) -> None:
             rows += planned
             statuses += [row.status for row in planned]
         run.show(sizes_sections(rows))
-        run.write(PLAN.document_type(machine=run.machine, results=rows))
+        run.write_results(PLAN)
     run.exit(statuses)
 
 

@@ -26,12 +26,10 @@ def profile(names: tuple[str, ...], **options: Any) -> None:
     """
     from mjbench.loop.profile import ProfileRow, measure
     from mjbench.report.kinds import PROFILE
-    from mjbench.report.profile import sections
 
     measure_each(
         names,
         PROFILE,
         lambda source, starts, limit_s: [ProfileRow.measured(measure(source, limit_s, starts))],
-        sections,
         **options,
     )

@@ -141,7 +141,6 @@ def run(
     from mjbench.program.records import ProgramRow
     from mjbench.report import flame
     from mjbench.report.kinds import PROGRAM
-    from mjbench.report.program import sections
 
     if output is not None:
         flame.check(output)
@@ -174,11 +173,11 @@ def run(
         row = ProgramRow.of(name, seen)
         if confirm and of_program is not None:
             row = _confirmed(context, of_program, row)
-        context.show(sections([row]))
+        context.show_results(PROGRAM, [row])
         if output is not None:
             flame.write(output, seen.threads)
         context.record(row)
-        context.write(PROGRAM.document_type(machine=context.machine, results=[row]))
+        context.write_results(PROGRAM)
     if context.interrupted:
         sys.exit(ExitCode.INTERRUPTED)
     sys.exit(ExitCode.OK if row.was_ended else row.exit_code)

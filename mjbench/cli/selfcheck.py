@@ -96,8 +96,7 @@ def selfcheck(
     from mjbench.paired.run_sizes import Sizes
     from mjbench.paired.selfcheck_records import trial_records
     from mjbench.paired.verdict import VerdictPlan
-    from mjbench.report import selfcheck as report
-    from mjbench.report.documents import SelfcheckDocument
+    from mjbench.report.kinds import SELFCHECK
 
     if slowdowns is None:
         slowdowns = [] if functions or between_builds else list(_SLOWDOWNS)
@@ -118,9 +117,8 @@ def selfcheck(
         remaining = selfcheck_cases.remaining(cases, trials, records)
         with checks.busy_neighbour_core() if busy else contextlib.nullcontext():
             failures = _run_trials(run, remaining, plan, records, trials * len(cases))
-        rows = checks.summary(records)
-        run.show([report.section(rows)])
-        run.write(SelfcheckDocument(machine=run.machine, busy=busy, results=rows))
+        run.show_results(SELFCHECK)
+        run.write_results(SELFCHECK)
     run.exit(failures)
 
 

@@ -271,9 +271,9 @@ WAIT = click.option(
     "--wait", is_flag=True, help="Wait until no other mjbench measures on this machine."
 )
 CODE = click.option(
-    "--code", is_flag=True, help="Print the Python code of the paths that are advised."
+    "--code", is_flag=True, help="Print the Python code, too, such as that of advised paths."
 )
-CODE_HINT = "--code prints the Python code of the paths that are advised."
+CODE_HINT = "--code prints the Python code, too."
 HOLD = click.option(
     "--hold",
     type=COUNT,

@@ -70,11 +70,11 @@ def _shown(run: RunContext, stored: "Run", code: bool) -> object:
     """Print a run; return its JSON document."""
     from mjbench.report import kinds
 
-    of_run = kinds.kinds_of(stored)
-    if not of_run:
+    if not stored.records:
         report_line("the run ended before anything was measured")
-    sections = [section for kind in of_run for section in kind.sections(stored)]
+    kind = kinds.kind_of(stored)
+    sections = list(kind.sections(stored))
     run.show(sections, code)
-    if not code and of_run == [kinds.COMPARE] and any(each.snippets for each in sections):
+    if not code and any(each.snippets and not each.shows_code for each in sections):
         run.out.print(CODE_HINT, soft_wrap=True)
-    return (of_run or [kinds.COMPARE])[0].document(stored)
+    return kind.document(stored)

@@ -125,7 +125,6 @@ def tune(
     """
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.report.kinds import TUNE
-    from mjbench.report.tuning import sections
     from mjbench.simulation import models
     from mjbench.tuning import knobs, variants
     from mjbench.tuning.records import Effect
@@ -157,11 +156,11 @@ def tune(
             with run.progress(PARTS) as advance:
                 records.append(tune_model(pool, source, plan, time_limit, advance))
             run.record(records[-1])
-            run.show(sections(records[-1:]))
+            run.show_results(TUNE, records[-1:])
             if records[-1].status == Status.INTERRUPTED:
                 run.interrupt()
                 break
-        run.write(TUNE.document_type(machine=run.machine, results=records))
+        run.write_results(TUNE)
         if target is not None and not run.interrupted:
             _write(run, records[0], sources[0], Path(target), time_limit)
     run.exit(record.status for record in records)

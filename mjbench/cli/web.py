@@ -108,7 +108,7 @@ def web(
     files = [*(source.path for source in sources), *plan.sizes.starts.files]
     with RunContext("web", json_file, files, Storage(results, arguments), wait) as run:
         records = _measure(run, sources, plan)
-        run.write(WEB.document_type(machine=run.machine, results=records))
+        run.write_results(WEB)
     run.exit([status for record in records for status in record.statuses()])
 
 
@@ -146,7 +146,7 @@ def _measure(
 ) -> list["WebRecord"]:
     """Measure models; print and store what was measured of each."""
     from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.report.web import sections
+    from mjbench.report.kinds import WEB
     from mjbench.web import measure
 
     records = []
@@ -154,7 +154,7 @@ def _measure(
         for source in sources:
             records.append(record := measure.measure(pool, source, plan))
             run.record(record)
-            run.show(sections([record]))
+            run.show_results(WEB, [record])
             if record.status == Status.INTERRUPTED:
                 run.interrupt()
                 break

@@ -1,5 +1,5 @@
-"""Reports of run files: what `mjbench report` writes, as HTML and as Markdown.
+"""Renderers: what results come to (`report.content`) on a terminal and in files.
 
-Records become content (`content`), which knows nothing of its form; `html` and `markdown` give it
-one. Charts are Vega-Lite specifications (`charts`), drawn as SVG.
+`terminal`, `html`, `markdown` and `fragment` show sections. `reports` chooses those of several
+runs, `exports` writes for other tools, `site` a static site.
 """

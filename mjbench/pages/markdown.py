@@ -25,7 +25,7 @@ def render(report: Report) -> Iterator[str]:
         yield ""
         yield f"<details><summary>{html.escape(section.heading, quote=False)}</summary>"
         yield ""
-        yield from _conclusions((each.below_heading, each.tone) for each in section.conclusions)
+        yield from _conclusions((each.sentence, each.tone) for each in section.conclusions)
         yield from (f"- {escaped(fact)}" for fact in section.facts)
         for table in section.shown_tables:
             yield ""

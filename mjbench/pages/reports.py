@@ -181,12 +181,10 @@ def _main(kind: kinds.Kind, section: Section, machine: str) -> Sequence[Conclusi
     """Return what of a section stands at the head of a report of several machines."""
     if kind is kinds.VERDICT:  # they stand side by side
         return ()
-    if kind is not kinds.COMPARE:
-        return section.conclusions
-    return [
-        replace(each, text=f"{machine}: {each.text}", subject="")
-        for each in first_of(section.conclusions)
-    ]
+    conclusions = section.conclusions
+    if kind is kinds.COMPARE:  # its advice stands side by side
+        conclusions = first_of(conclusions)
+    return [Conclusion(f"{machine}: {each.text}", each.tone) for each in conclusions]
 
 
 def _machines(named_runs: Sequence[NamedRun], identities: Sequence[MachineIdentity]) -> DataTable:

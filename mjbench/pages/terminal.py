@@ -77,12 +77,12 @@ def section_parts(section: Section, width: int) -> Iterator[RenderableType]:
     """Yield what is printed of a section on a console of some width, without its snippets."""
     for conclusion in section.conclusions:
         if conclusion.tone == Tone.CAUTION:
-            yield Text(_printable_lines(conclusion.below_heading), style="yellow")
+            yield Text(_printable_lines(conclusion.sentence), style="yellow")
     sentences = [each for each in section.conclusions if each.tone != Tone.CAUTION]
     if all(each.subject for each in sentences):
-        yield headed(*_parted(section.heading))
+        yield headed(section.heading, "")
     for conclusion in sentences:
-        yield headed(*_parted(conclusion.below_heading))
+        yield headed(*_parted(conclusion.sentence))
     yield from section.facts
     tables = [table for table in section.tables if table.rows]
     for table in tables:

@@ -127,35 +127,35 @@ def _conclusions(model_results: ModelResults, names_size: bool) -> Iterator[Conc
       names_size: whether sentences say how many simulations there were, as others stand beside.
     """
     record = model_results.model
-    sized = record.model
+    subject, size = record.model, ""
     if record.nbatch:
-        sized += f", {count_of(record.nbatch, 'simulation')}"
-    subject = record.model if names_size else sized
+        size = count_of(record.nbatch, "simulation")
+        subject += "" if names_size else f", {size}"
+    sized = f"{size}: " if names_size and size else ""
     for text in cautions(model_results):
         is_former = text == FORMER
-        yield Conclusion(text if is_former else f"{sized}: {text}", Tone.CAUTION, subject)
+        yield (
+            Conclusion(text, Tone.CAUTION)
+            if is_former
+            else Conclusion(f"{sized}{text}", Tone.CAUTION, subject)
+        )
     if record.status not in (Status.OK, Status.INTERRUPTED):
         detail = record.detail.removeprefix(f"{record.model}: ")
         status = "" if record.status == Status.INPUT else f"{record.status}: "
-        yield _of(record.model, f"{status}{detail}", Tone.BAD)
+        yield Conclusion(f"{status}{detail}", Tone.BAD, record.model)
     for result in model_results.results:
         if result.status == Status.DISAGREES:
             text = f"{result.variant} does other work than the plain loop: {result.agreement}"
-            yield Conclusion(f"{sized}: {text}", Tone.BAD, subject)
+            yield Conclusion(f"{sized}{text}", Tone.BAD, subject)
     for advice in advise(model_results):
         tone = Tone.GOOD if advice.speedup is not None else Tone.NEUTRAL
         tone = tone if advice.is_certain else Tone.UNSURE
-        yield _of(subject, "".join(conclusion(advice, names_size)), tone)
+        yield Conclusion(conclusion(advice, names_size), tone, subject)
     for row in advise_threads(model_results):
         tone = Tone.GOOD if row.is_certain else Tone.UNSURE
-        yield _of(subject, "".join(thread_conclusion(row, names_size)), tone)
+        yield Conclusion(thread_conclusion(row, names_size), tone, subject)
     if (clock := advise_clock(model_results)) is not None:
-        yield _of(subject, "".join(clock_conclusion(clock, names_size)), Tone.GOOD)
-
-
-def _of(subject: str, text: str, tone: Tone) -> Conclusion:
-    """Return a conclusion whose subject the heading of its section names."""
-    return Conclusion(f"{subject}: {text}", tone, subject)
+        yield Conclusion(clock_conclusion(clock, names_size), Tone.GOOD, subject)
 
 
 def _advice_section(models: Sequence[ModelResults]) -> Iterator[Section]:
@@ -340,7 +340,7 @@ def _compile_table(results: Sequence[PathResult]) -> DataTable:
     """Return what compiling cost, and after how many steps of the plain loop it breaks even."""
     columns = (
         *(Column(title) for title in ("compiled", "precision", "device")),
-        *(Column(title, _seconds) for title in ("trace s", "compile s", "cached s")),
+        *(Column(title, formats.tenths) for title in ("trace s", "compile s", "cached s")),
         Column("steady ns/step", formats.count),
         Column("memory"),
         Column("break-even"),
@@ -356,10 +356,6 @@ def _compile_table(results: Sequence[PathResult]) -> DataTable:
         for result in results
     ]
     return DataTable("Compiling", columns, rows)
-
-
-def _seconds(seconds: float) -> str:
-    return f"{seconds:.1f}"
 
 
 def _break_even(result: PathResult) -> str:

@@ -32,16 +32,16 @@ _LOOPS = {
 }
 
 
-def conclusion(advice: Advice, names_size: bool = False) -> tuple[str, str]:
-    """Return which path to use, and why: the beginning of a sentence, and its rest.
+def conclusion(advice: Advice, names_size: bool = False) -> str:
+    """Return which path to use, and why.
 
     Args:
       names_size: whether to say how many simulations there were.
     """
     gain = f", {_times(advice.speedup, _PLAIN_LOOP)}" if advice.speedup is not None else ""
     begin = f"{_LOOPS[advice.loop]}{_size(advice.nbatch, names_size)}"
-    described_path = described(Variant(advice.path, advice.options))
-    return f"{begin}: {described_path}", "; ".join([gain, *_reasons(advice)])
+    path = described(Variant(advice.path, advice.options))
+    return "; ".join([f"{begin}: {path}{gain}", *_reasons(advice)])
 
 
 def _size(nbatch: int | None, names_size: bool) -> str:
@@ -100,25 +100,25 @@ def _times(speedup: Ratio, baseline: str) -> str:
     return f"{formats.factor(speedup.estimate)} times {baseline}{low_high}"
 
 
-def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> tuple[str, str]:
-    """Return how many threads a path should have: the beginning of a sentence, and its rest."""
+def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> str:
+    """Return how many threads a path should have."""
     threads = "one thread" if row.nthread == 1 else f"{row.nthread} threads"
     name = paths.find(row.path).title or row.path
     begin = f"{name}{_size(row.nbatch, names_size)}: {threads}"
     doubt = "" if row.is_certain else "; not certain"
     if row.over_one is None:
-        return begin, f"; no number up to {row.most_tried} is certainly faster{doubt}"
+        return f"{begin}; no number up to {row.most_tried} is certainly faster{doubt}"
     most = ""
     if row.nthread < row.most_tried:
         most = f"; {row.most_tried} threads gain less than 5 % more"
     chunk = f" (chunk={row.chunk})" if row.chunk else ""
-    return begin + chunk, f", {_times(row.over_one, 'one thread')}{most}{doubt}"
+    return f"{begin}{chunk}, {_times(row.over_one, 'one thread')}{most}{doubt}"
 
 
-def clock_conclusion(clock: ClockAdvice, names_size: bool = False) -> tuple[str, str]:
-    """Return what turning MuJoCo's timer off gains: the beginning of a sentence, and its rest."""
+def clock_conclusion(clock: ClockAdvice, names_size: bool = False) -> str:
+    """Return what turning MuJoCo's timer off gains."""
     begin = f"Any path{_size(clock.nbatch, names_size)}: turn off {package_timer.NAME}"
-    return f"{begin} ({package_timer.OFF_CODE})", f", {_times(clock.speedup, _PLAIN_LOOP)}"
+    return f"{begin} ({package_timer.OFF_CODE}), {_times(clock.speedup, _PLAIN_LOOP)}"
 
 
 def cautions(model_results: ModelResults) -> list[str]:

@@ -26,17 +26,18 @@ class Conclusion:
     """One sentence that a section, or the whole report, comes to.
 
     Attributes:
-      subject: what `text` begins with, where the heading of the section says it, too.
+      subject: what it is about, where the heading of its section says so; empty where the sentence
+        does.
     """
 
-    text: str
+    sentence: str
     tone: Tone = Tone.NEUTRAL
     subject: str = ""
 
     @property
-    def below_heading(self) -> str:
-        """The sentence without its subject."""
-        return self.text.removeprefix(f"{self.subject}: ") if self.subject else self.text
+    def text(self) -> str:
+        """The sentence as it stands alone."""
+        return f"{self.subject}: {self.sentence}" if self.subject else self.sentence
 
 
 @dataclass(frozen=True)
@@ -57,8 +58,14 @@ class Column:
 
     @property
     def is_number(self) -> bool:
-        """Whether it holds numbers."""
+        """Whether it holds numbers, or intervals."""
         return self.form is not None
+
+    def number(self, cell: Cell) -> float | None:
+        """Return what a cell is sorted by: its number, or the lower end of its interval."""
+        if cell is None or isinstance(cell, str):
+            return None
+        return cell if isinstance(cell, int | float) else cell.low
 
     def shown(self, cell: Cell) -> str:
         """Return a cell as people read it."""
@@ -103,7 +110,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Snippet:
-    """Python that does what a result is about."""
+    """Code that does what a result is about: Python, or MJCF."""
 
     title: str
     code: str
@@ -117,7 +124,7 @@ class Section:
       conclusions: what follows from it, first of all.
       facts: what was measured, and on what: lines above the tables.
       notes: what limits the figures: lines below the tables.
-      snippets: Python that does what the section is about.
+      snippets: code that does what the section is about.
       shows_code: whether a terminal shows it without being asked.
       command: the command line that measured it.
       is_open: whether its tables are shown at once also on a page of many sections.
@@ -157,5 +164,5 @@ class Report:
 
 def failure(name: str, status: str, detail: str) -> Section:
     """Return the section of what could not be measured."""
-    text = detail if detail.startswith(name) else f"{name}: {status}: {detail}"
+    text = f"{name}: {status}: {detail.removeprefix(f'{name}: ')}"
     return Section(name, [Conclusion(text, Tone.BAD)])

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, make_dataclass
-from functools import cache
 
 from mjbench.comparison.listing import ListedModel
 from mjbench.instrument.conditions import Condition
@@ -26,7 +25,6 @@ from mjbench.report.work_crossovers import WorkCrossover, work_crossovers
 from mjbench.status import Status
 
 
-@cache
 def results_document(result: type, schema: int = SCHEMA, has_machine: bool = True) -> type:
     """Return the document of a command whose results are of one type: `schema` and `results`.
 

@@ -43,7 +43,8 @@ def sections(records: Sequence[EnvironmentRecord]) -> Iterator[Section]:
 
 
 def _section(record: EnvironmentRecord, facts: EnvironmentFacts) -> Section:
-    sentences = [Conclusion(text) for text in conclusions(record)]
+    sentences = [Conclusion(text, Tone.CAUTION) for text in cautions(record)]
+    sentences += [Conclusion(text) for text in conclusions(record)]
     if record.check is not None and record.check.status == Status.DISAGREES:
         text = f"{record.environment}: {physics_lines(record)[0]}"
         sentences.insert(0, Conclusion(text, Tone.BAD))
@@ -255,18 +256,33 @@ def reset_line(record: EnvironmentRecord) -> str:
 
 
 def timing_lines(record: EnvironmentRecord) -> list[str]:
-    """Return what timing the layers cost, and whether they add up."""
+    """Return what timing the layers cost, and to what they add up."""
     if record.timer is None:
         return []
     timer = record.timer
     total = f"{100 * timer.sum.median:.1f} %"
-    lines = [
+    return [
         f"Timing {plain(timer.calls, 3)} calls a step adds {100 * timer.share:.1f} % to it"
         f" ({duration(timer.call_ns)} a call), which is subtracted. The layers then add up to"
         f" {total} ({_interval(timer.sum, _percent)}) of a step that is timed as a whole."
     ]
-    if abs(timer.sum.median - 1) > SUM_TOLERANCE:
-        lines.append("That is too far from 100 %: the machine is too busy to trust these shares.")
+
+
+def cautions(record: EnvironmentRecord) -> list[str]:
+    """Return what to know before the figures, a sentence each."""
+    lines = []
+    if record.timer is not None and abs(record.timer.sum.median - 1) > SUM_TOLERANCE:
+        total = f"{100 * record.timer.sum.median:.1f} %"
+        lines.append(
+            f"The layers add up to {total} of a step, which is too far from 100 %: the machine is"
+            " too busy to trust these shares."
+        )
+    threads = max((nthread(path.options) for path in record.physics_paths), default=1)
+    cores = record.median_cores
+    if cores is not None and threads > 1 and cores < machine.ENOUGH_CORES * threads:
+        lines.append(
+            f"Threads got {plain(cores, 2)} of {threads} cores: other programs were running."
+        )
     return lines
 
 
@@ -387,16 +403,6 @@ def notes(record: EnvironmentRecord) -> list[str]:
         lines.append("Several environments: all steps return what they do in one environment.")
     if record.why_no_vectors:
         lines.append(f"No vectorised forms: {record.why_no_vectors}.")
-    threads = max((nthread(path.options) for path in record.physics_paths), default=1)
-    if (
-        record.median_cores is not None
-        and threads > 1
-        and record.median_cores < machine.ENOUGH_CORES * threads
-    ):
-        lines.append(
-            f"Threads got {plain(record.median_cores, 2)} of {threads} cores: other programs"
-            " were running."
-        )
     if record.status != Status.OK:
         lines.append(f"{record.environment}: {record.status}: {record.detail}")
     return lines

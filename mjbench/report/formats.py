@@ -37,6 +37,11 @@ def count(value: float) -> str:
     return f"{value:,.0f}"
 
 
+def tenths(value: float) -> str:
+    """Return a number to a tenth, such as seconds."""
+    return f"{value:.1f}"
+
+
 def factor(ratio: float) -> str:
     """Return a speed-up in the digits that mean something."""
     return f"{ratio:.2f}" if ratio >= 0.1 else plain(ratio, 1)

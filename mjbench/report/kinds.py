@@ -118,6 +118,11 @@ def _selfcheck_document(run: Run) -> documents.SelfcheckDocument:
     )
 
 
+def _selfcheck_sections(run: Run) -> list[Section]:
+    rows = trials.summary(run.of_type(TrialRecord))
+    return [selfcheck.section(rows, family.confidence_of(run.header))]
+
+
 _RATIOS = (StepRatioRecord, OperationRatioRecord)
 _VERDICTS = documents.results_document(VerdictRow)
 
@@ -148,7 +153,7 @@ SELFCHECK = Kind(
     (TrialRecord,),
     documents.SelfcheckDocument,
     _selfcheck_document,
-    lambda run: [selfcheck.section(trials.summary(run.of_type(TrialRecord)))],
+    _selfcheck_sections,
     lambda run: trials.summary(run.of_type(TrialRecord)),
 )
 PLACEMENT = _kind(SpreadRecord, lambda rows: [placement.section(rows)], "placement")
@@ -199,7 +204,7 @@ def kinds_of(run: Run) -> list[Kind]:
     return [kind for kind in KINDS if types.intersection(kind.records)]
 
 
-def sections(run: Run) -> Iterator[Section]:
-    """Yield what a run comes to."""
-    for kind in kinds_of(run):
-        yield from kind.sections(run)
+def kind_of(run: Run) -> Kind:
+    """Return the kind of a run: of its records, or of an empty run of its command."""
+    of_command = [kind for kind in KINDS if run.header.command in kind.commands]
+    return [*kinds_of(run), *of_command, COMPARE][0]

@@ -6,6 +6,7 @@ from mjbench.instrument.ratio import Ratio
 from mjbench.instrument.units import percent
 from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.releases.placement import RESIDUES
+from mjbench.report import formats
 from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section
 
 
@@ -17,8 +18,8 @@ def section(rows: Sequence[SpreadRecord]) -> Section:
         Column("spread"),
         Column("interval"),
         *(Column(f"moved by {residue}") for residue in RESIDUES),
-        Column("launches", str),
-        Column("seconds", lambda seconds: f"{seconds:.1f}"),
+        Column("launches", formats.count),
+        Column("seconds", formats.tenths),
     )
     measured = [row for row in rows if row.residues]
     note = (

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from mjbench.releases import release_ratios, speed_history
 from mjbench.releases.release_ratios import LogEstimate, RatioRecord, StepRatioRecord
+from mjbench.report import formats
 from mjbench.report.content import Cell, Column, DataTable, Section
 from mjbench.report.markdown import change_with_error
 from mjbench.simulation import agreement
@@ -17,8 +18,8 @@ def section(records: Sequence[RatioRecord]) -> Section:
         Column("release"),
         Column("time"),
         Column("as shipped"),
-        Column("launches", str),
-        Column("seconds", lambda seconds: f"{seconds:.1f}"),
+        Column("launches", formats.count),
+        Column("seconds", formats.tenths),
         Column("work"),
     )
     in_order = speed_history.in_order_of_release(records)

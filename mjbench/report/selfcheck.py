@@ -5,19 +5,18 @@ from typing import assert_never
 
 from mjbench.paired.outcomes import Arm
 from mjbench.paired.selfcheck_records import CaseRow, SelfcheckRow
-from mjbench.paired.verdict import CONFIDENCE
 from mjbench.report import formats
 from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section, Tone
 
 
-def section(rows: Sequence[SelfcheckRow]) -> Section:
+def section(rows: Sequence[SelfcheckRow], confidence: float) -> Section:
     """Return what trials come to: a table of slowdowns and one of builds, each if there is any."""
     between = [row for row in rows if row.arm == Arm.BETWEEN_BUILDS]
     slowdowns = [row for row in rows if row.arm != Arm.BETWEEN_BUILDS]
     problems = dict.fromkeys(row.problem for row in rows if row.problem)
     return Section(
         "How often is a verdict wrong?",
-        [_conclusion(rows)],
+        [_conclusion(rows, confidence)],
         tables=[
             *([_slowdown_table(slowdowns)] if slowdowns else []),
             *([_build_table(between)] if between else []),
@@ -26,12 +25,12 @@ def section(rows: Sequence[SelfcheckRow]) -> Section:
     )
 
 
-def _conclusion(rows: Sequence[SelfcheckRow]) -> Conclusion:
+def _conclusion(rows: Sequence[SelfcheckRow], confidence: float) -> Conclusion:
     wrong = sum(round(row.wrong * row.trials) for row in rows)
     count = sum(row.trials for row in rows)
     if not count:
         return Conclusion("No trial was finished.", Tone.UNSURE)
-    tone = Tone.GOOD if wrong <= (1 - CONFIDENCE) * count else Tone.BAD
+    tone = Tone.GOOD if wrong <= (1 - confidence) * count else Tone.BAD
     return Conclusion(f"{wrong} of {count} verdicts on known truths are wrong", tone)
 
 
@@ -63,8 +62,8 @@ def _columns(case: str, shares: Sequence[str]) -> list[Column]:
         Column("trials", formats.count),
         *(Column(share, formats.percent) for share in shares),
         Column("mean error", lambda error: f"{100 * error:+.3f} %"),
-        Column("seconds", lambda seconds: f"{seconds:.1f}"),
-        Column("launches", lambda launches: f"{launches:.1f}"),
+        Column("seconds", formats.tenths),
+        Column("launches", formats.tenths),
         Column("launch sd", lambda deviation: f"{100 * deviation:.2f} %"),
     ]
 

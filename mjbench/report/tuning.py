@@ -34,6 +34,7 @@ from mjbench.tuning.records import (
 )
 from mjbench.tuning.reference import REFINEMENT, Present
 from mjbench.tuning.settings import (
+    Edit,
     LoopChange,
     Part,
     Setting,
@@ -106,10 +107,7 @@ def sections(records: Sequence[TuneRecord]) -> Iterator[Section]:
                 *([_alone_table(record, alone)] if alone else []),
             ],
             notes=notes(record),
-            snippets=[
-                Snippet(f"To apply {label(each.settings)}", "\n".join(paste_lines(each.settings)))
-                for each in advised(record)
-            ],
+            snippets=[snippet for each in advised(record) for snippet in to_apply(each.settings)],
             shows_code=True,
         )
 
@@ -353,37 +351,35 @@ def why(setting: Setting, record: TuneRecord) -> str:
     return "; ".join(parts)
 
 
-def paste_lines(settings: Sequence[Setting]) -> list[str]:
-    """Return the lines of MJCF and of Python that make some settings."""
-    lines = []
-    edits = edits_of(settings)
-    of_option = [edit for edit in edits if edit.part == Part.OPTION]
-    flags = [edit for edit in edits if edit.part == Part.FLAG]
-    if of_option or flags:
-        attributes = "".join(f' {edit.name}="{edit.value}"' for edit in of_option)
-        inner = "".join(f' {edit.name}="{edit.value}"' for edit in flags)
-        flag = f"<flag{inner}/></option>" if flags else ""
-        lines.append(f"    <option{attributes}{'>' if flags else '/>'}{flag}")
-    compiler = [edit for edit in edits if edit.part == Part.COMPILER]
-    if compiler:
-        lines.append(
-            "    <compiler" + "".join(f' {edit.name}="{edit.value}"' for edit in compiler) + "/>"
-        )
-    excluded = [edit for edit in edits if edit.part == Part.EXCLUDE]
-    if excluded:
-        lines.append(
-            f"    <contact> with {len(excluded)} <exclude …/>: --write writes them to a copy of"
-            " the model, --json names them"
-        )
+def to_apply(settings: Sequence[Setting]) -> Iterator[Snippet]:
+    """Yield the MJCF and the Python that make some settings."""
+    edits, name = edits_of(settings), label(settings)
+    if mjcf := [*_mjcf(edits)]:
+        yield Snippet(f"To apply {name}, in the model, last in <mujoco>", "\n".join(mjcf))
     code = _code(loop_change(settings))
     if sizes := "".join(f", {name}={size}" for name, size in buffer_sizes_of(settings).items()):
         code.append(f"data = mujoco_warp.make_data(model, nworld=nworld{sizes})")
-    if any(edit.name == "timestep" for edit in of_option):
+    if any((edit.part, edit.name) == (Part.OPTION, "timestep") for edit in edits):
         code.append("# hold each control for fewer steps (frame_skip), so that it lasts as long")
-    return [
-        *(["  in the model, last in <mujoco>:", *lines] if lines else []),
-        *(["  in the program:", *(f"    {line}" for line in code)] if code else []),
-    ]
+    if code:
+        yield Snippet(f"To apply {name}, in the program", "\n".join(code))
+
+
+def _mjcf(edits: Sequence[Edit]) -> Iterator[str]:
+    """Yield the elements that make edits, last in <mujoco>."""
+    option, flags = _attributes(edits, Part.OPTION), _attributes(edits, Part.FLAG)
+    if flags:
+        yield f"<option{option}><flag{flags}/></option>"
+    elif option:
+        yield f"<option{option}/>"
+    if compiler := _attributes(edits, Part.COMPILER):
+        yield f"<compiler{compiler}/>"
+    if count := sum(edit.part == Part.EXCLUDE for edit in edits):
+        yield f"<!-- <contact> with {count} <exclude …/>: tune --write writes them to a copy -->"
+
+
+def _attributes(edits: Sequence[Edit], part: Part) -> str:
+    return "".join(f' {edit.name}="{edit.value}"' for edit in edits if edit.part == part)
 
 
 def _code(loop: LoopChange) -> list[str]:

@@ -354,8 +354,8 @@ def _table(rows: Sequence[VerdictRow]) -> DataTable:
         Column("placement", formats.change),
         Column("work"),
         Column("drift", lambda drift: f"{drift:.1g}"),
-        Column("launches", str),
-        Column("seconds", lambda seconds: f"{seconds:.1f}"),
+        Column("launches", formats.count),
+        Column("seconds", formats.tenths),
     )
     names = formats.short_names([row.model for row in rows])
     return DataTable("Verdicts", columns, [(names[row.model], *_cells(row)) for row in rows])

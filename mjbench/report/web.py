@@ -27,7 +27,10 @@ def sections(records: Sequence[WebRecord]) -> Iterator[Section]:
         is_good = all(status in (Status.OK, Status.UNAVAILABLE) for status in record.statuses())
         yield Section(
             heading=f"{record.model} in WebAssembly",
-            conclusions=[Conclusion(conclusion(record), Tone.NEUTRAL if is_good else Tone.BAD)],
+            conclusions=[
+                *(Conclusion(text, Tone.CAUTION) for text in _short_blocks(record)),
+                Conclusion(conclusion(record), Tone.NEUTRAL if is_good else Tone.BAD),
+            ],
             facts=_facts(record),
             tables=[_table(record)] if record.paths else [],
             notes=notes(record),
@@ -89,7 +92,7 @@ def _agreement(check: RoundingCheck) -> str:
 
 def notes(record: WebRecord) -> list[str]:
     """Return the lines below the table of a model."""
-    lines = list(_short_blocks(record))
+    lines = []
     checks: dict[str, list[str]] = {}
     for path in record.path_results:
         if path.check is not None:

@@ -89,7 +89,7 @@ def test_the_first_page_says_what_was_found(tmp_path: Path, history: SpeedHistor
     index = (tmp_path / "index.md").read_text()
     assert index.index("a step became slower for") < index.index("The newest comparison of paths")
     assert "The newest release, 4.0.0: " in index
-    assert "- m, 32 simulations: Disturbed: threads had 1.00 of 2 cores. Measure again." in index
+    assert "- m: 32 simulations: Disturbed: threads had 1.00 of 2 cores. Measure again." in index
     assert index.index("Disturbed: ") < index.index("| m, 32 simulations | open | ? `rollout")
     assert "| m, 64 simulations | closed | ✓ `batch_step threads=2 data=shared` | 2.0" in index
     releases = history.releases()[1:]

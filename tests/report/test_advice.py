@@ -22,7 +22,7 @@ POOL = Variant("rollout", {"threads": 2, "pool": "new"})
 
 
 def sentences(model_results: ModelResults, names_size: bool = False) -> list[str]:
-    return ["".join(conclusion(advice, names_size)) for advice in advise(model_results)]
+    return [conclusion(advice, names_size) for advice in advise(model_results)]
 
 
 def chosen(model_results: ModelResults) -> list[tuple[str, Reason, bool]]:
@@ -121,7 +121,7 @@ def test_rivals_are_listed_the_fastest_first_and_one_alone_is_named() -> None:
         (3, "; not certain: 3 other paths may be faster by up to 4 %"),
     ):
         rivals = [ROLLOUT, POOL, BATCH_STEP][:count]
-        assert conclusion(replace(advice, rivals=rivals, most_gain=0.04))[1].endswith(doubt)
+        assert conclusion(replace(advice, rivals=rivals, most_gain=0.04)).endswith(doubt)
 
 
 def test_a_disturbed_race_makes_nothing_certain_where_only_the_plain_loop_was_timed() -> None:

@@ -45,7 +45,7 @@ def test_a_model_is_its_name_its_conclusions_its_table_and_then_the_details() ->
 def test_several_sizes_have_a_conclusion_each_and_share_a_table() -> None:
     text = printed(sized(8, cores=1.2), sized(64))
     lines = text.splitlines()
-    assert lines[0].startswith("m, 8 simulations: Disturbed: ")
+    assert lines[0].startswith("8 simulations: Disturbed: ")
     for nbatch in (8, 64):
         size = f"{nbatch} simulations"
         assert f"m: {size} × 100 steps" in lines

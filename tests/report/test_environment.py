@@ -172,7 +172,8 @@ def test_what_does_not_repeat_is_named_once_and_first(
 def test_the_costliest_wrapper_is_named_where_wrappers_take_much() -> None:
     costly = LayerSamples(Layer.WRAPPERS, "NormalizeObservation", 1.0, 0.0, 0.0, steady(100_000.0))
     layers = [*record().layers, costly]
-    first, *_ = printed(layers=layers).strip().splitlines()
+    caution, first, *_ = printed(layers=layers).strip().splitlines()
+    assert caution.startswith("The layers add up to 200.0 % of a step")
     assert "wrappers 51 % (NormalizeObservation 50 %)" in first
 
 

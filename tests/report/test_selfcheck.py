@@ -48,7 +48,7 @@ BUILDS = replace(
 
 
 def printed(*rows: SelfcheckRow) -> list[str]:
-    return terminal.text_of([selfcheck.section(rows)]).splitlines()
+    return terminal.text_of([selfcheck.section(rows, 0.99)]).splitlines()
 
 
 @pytest.mark.parametrize(

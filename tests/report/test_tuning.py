@@ -78,7 +78,7 @@ def test_without_a_recommendation_it_says_what_was_asked_for(keywords, text):
 
 def test_lines_to_paste_are_those_of_each_recommendation():
     printed = terminal.text_of(tuning.sections([record(FREE, FASTER)]))
-    assert "To apply engine clock off, jacobian=sparse:" in printed
+    assert "To apply engine clock off, jacobian=sparse, in the program:" in printed
     assert '<option jacobian="sparse"/>' in printed
     assert '<option timestep="0.004"/>' in printed
     assert printed.count("    mujoco.mj_resetCallbacks()") == 2
@@ -86,10 +86,11 @@ def test_lines_to_paste_are_those_of_each_recommendation():
 
 
 def test_flags_and_excludes_are_written_as_mjcf_has_them():
-    lines = tuning.paste_lines([JACOBIAN, ISLAND, EXCLUDES])
-    assert '    <option jacobian="sparse"><flag island="disable"/></option>' in lines
-    assert any("2 <exclude" in line for line in lines)
-    assert tuning.paste_lines([]) == []
+    (snippet,) = tuning.to_apply([JACOBIAN, ISLAND, EXCLUDES])
+    option, excludes = snippet.code.splitlines()
+    assert option == '<option jacobian="sparse"><flag island="disable"/></option>'
+    assert "2 <exclude" in excludes
+    assert list(tuning.to_apply([])) == []
 
 
 def test_notes_say_what_figures_rest_on_and_what_was_left_out():

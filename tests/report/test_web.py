@@ -53,7 +53,7 @@ def test_it_is_said_when_blocks_are_short() -> None:
     assert "ms in C" not in printed(record(wasm()))
     python_loop, _, build = record(wasm()).paths
     short = replace(record(), paths=[python_loop, path("rollout", 800_000), build])
-    assert web.notes(short)[0].startswith("A block takes only 0.80 ms in C")
+    assert printed(short).startswith("A block takes only 0.80 ms in C")
 
 
 def test_what_is_the_same_of_builds_is_said_once() -> None:
