@@ -209,14 +209,14 @@ def lines(tally: RaceTally) -> list[str]:
     below = {row.model: share for row in rows if (share := _covered(row)) < CONFIDENCE}
     itself = max(row.faster_than_itself for row in rows)
     return [
-        f"In {races} races of each of {len(rows)} models, the budget decides {_percent(decided)} of"
-        f" all loops, and fewer than half on {_listed(undecided)}. On average over the races of a"
-        " model, the"
+        f"In {races} races of each of {len(rows)} models, {_percent(decided)} of all loops are"
+        f" decided within the budget, and fewer than half on {_listed(undecided)}. On average over"
+        " the races of a model, the"
         f" advised path is slower than the fastest by {_percent(regret, 2)} at most; in one race of"
         f" a hundred, by {_percent(worst.worst_regret, 1)} ({worst.model}). The fastest path is"
         f" dropped in {_percent(dropped, 1)} of the races at most. Of the intervals, 95 % should"
-        f" hold; fewer do on {_listed(below, 1)}. A path that enters twice is called faster than"
-        f" itself in {_percent(itself, 1)} of the races at most.",
+        f" hold; fewer do on {_listed(below, 1)}. A path that enters twice is called faster or"
+        f" slower than itself in {_percent(itself, 1)} of the races at most.",
         f"(MuJoCo {tally.mujoco}, {tally.cpu}.)",
         "",
         "| model | paths | regret, % | in 1 of 100, % | dropped, % | decided, % | holds, left, % |"
