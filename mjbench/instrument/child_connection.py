@@ -4,12 +4,16 @@ Messages are framed as `multiprocessing.connection` does it: four bytes hold the
 follows, the highest first. All children that answer over a connection fail in the same words.
 """
 
+import contextlib
+import os
 import pickle
 import socket
 import struct
-from collections.abc import Callable, Sequence
-from multiprocessing.connection import Connection
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
+from time import monotonic
 from typing import Any, Protocol
 
 from mjbench.errors import MachineError, one_line, writing
@@ -20,8 +24,8 @@ from mjbench.status import Status
 MAX_MESSAGE_BYTES = 1 << 26
 # A child that has closed its connection has ended, or does within this many seconds.
 _EXIT_S = 5.0
-# How often a child is watched, in seconds.
-_WATCH_S = 0.2
+# How often a child is watched, in seconds; the longest wait, whose milliseconds are an `int` of C.
+_WATCH_S, _LONGEST_WAIT_S = 0.2, 1e6
 
 
 class Process(Protocol):
@@ -64,7 +68,7 @@ class ChildConnection:
         limit_s: float,
         activity: str = "",
         max_bytes: int = MAX_MESSAGE_BYTES,
-        watch: Callable[[], None] = lambda: None,
+        watch: Callable[[], None] | None = None,
     ) -> bytes:
         """Return the next message.
 
@@ -129,19 +133,36 @@ class ChildConnection:
             return self.failure(Status.TIMEOUT, cause, activity)
         return self.failure(Status.CRASHED, child.describe_exit(code), activity)
 
-    def _poll(self, limit_s: float, watch: Callable[[], None]) -> bool:
+    def _poll(self, limit_s: float, watch: Callable[[], None] | None) -> bool:
         """Wait until there is something to read; return whether there is.
 
         A child that has ended may have left a process that keeps its end of the connection open.
+        Where the system can, nothing wakes up here beside a child that is timed.
         """
-        left_s, has_ended = limit_s, False
-        while left_s > 0.0 and not has_ended:
-            watch()
-            if self.connection.poll(min(left_s, _WATCH_S)):
-                return True
-            left_s -= _WATCH_S
-            has_ended = self.process.wait(0.0) is not None
+        deadline_s = monotonic() + limit_s
+        with _exit_handles(self.process) as handles:
+            longest_s = _LONGEST_WAIT_S if handles and watch is None else _WATCH_S
+            while (left_s := deadline_s - monotonic()) > 0.0:
+                if watch is not None:
+                    watch()
+                is_ready = wait([self.connection, *handles], min(left_s, longest_s))
+                if is_ready or self.process.wait(0.0) is not None:
+                    break
         return self.connection.poll()
+
+
+@contextlib.contextmanager
+def _exit_handles(process: Process) -> Iterator[list[int]]:
+    """Yield a descriptor that is ready when a process ends; none where the system lacks them."""
+    handles: list[int] = []
+    if sys.platform == "linux" and process.wait(0.0) is None:  # its id is still its own
+        with contextlib.suppress(OSError):
+            handles.append(os.pidfd_open(process.pid))
+    try:
+        yield handles
+    finally:
+        for handle in handles:
+            os.close(handle)
 
 
 def start(
