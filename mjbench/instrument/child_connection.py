@@ -10,7 +10,7 @@ import pickle
 import socket
 import struct
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from time import monotonic
@@ -61,6 +61,7 @@ class ChildConnection:
     def __init__(self, connection: Connection, process: Process, output_file: Path):
         """Take over a connection, which `pair` made, of a child that prints to a file."""
         self.connection, self.process = connection, process
+        self._awaited = [connection, *_exit_handles(process)]
         self._output_file = output_file
 
     def receive(
@@ -124,7 +125,8 @@ class ChildConnection:
     def end(self) -> None:
         """End the child, whatever it is doing."""
         self.process.end()
-        self.connection.close()
+        for each in self._awaited:
+            each.close()
 
     def _timeout(self, cause: str, activity: str) -> ChildError:
         """Kill a silent child; return the error that says so, or how it ended if it had."""
@@ -139,30 +141,28 @@ class ChildConnection:
         A child that has ended may have left a process that keeps its end of the connection open.
         Where the system can, nothing wakes up here beside a child that is timed.
         """
+        wakes = watch is not None or self._awaited == [self.connection]
         deadline_s = monotonic() + limit_s
-        with _exit_handles(self.process) as handles:
-            longest_s = _LONGEST_WAIT_S if handles and watch is None else _WATCH_S
-            while (left_s := deadline_s - monotonic()) > 0.0:
-                if watch is not None:
-                    watch()
-                is_ready = wait([self.connection, *handles], min(left_s, longest_s))
-                if is_ready or self.process.wait(0.0) is not None:
-                    break
+        while (left_s := deadline_s - monotonic()) > 0.0:
+            if watch is not None:
+                watch()
+            ready = wait(self._awaited, min(left_s, _WATCH_S if wakes else _LONGEST_WAIT_S))
+            if self.connection in ready:
+                return True
+            if ready or self.process.wait(0.0) is not None:
+                break
         return self.connection.poll()
 
 
-@contextlib.contextmanager
-def _exit_handles(process: Process) -> Iterator[list[int]]:
-    """Yield a descriptor that is ready when a process ends; none where the system lacks them."""
-    handles: list[int] = []
+def _exit_handles(process: Process) -> list[Connection]:
+    """Return what is ready when a process ends, as `wait` takes it; nothing where there is none.
+
+    A Connection owns its descriptor; nothing is read from it.
+    """
     if sys.platform == "linux" and process.wait(0.0) is None:  # its id is still its own
         with contextlib.suppress(OSError):
-            handles.append(os.pidfd_open(process.pid))
-    try:
-        yield handles
-    finally:
-        for handle in handles:
-            os.close(handle)
+            return [Connection(os.pidfd_open(process.pid), writable=False)]
+    return []
 
 
 def start(

@@ -174,10 +174,10 @@ class SimulatedChild:
     def poll(self) -> bool:
         return self.arrivals[0][0] <= self.now
 
-    def await_message(self, connections: object, wait_s: float) -> bool:
+    def await_message(self, awaited: object, wait_s: float) -> list[object]:
         """Let simulated time pass until the next message, or for as long as the parent waits."""
         self.now = max(self.now, min(self.arrivals[0][0], self.now + wait_s))
-        return self.poll()
+        return [self] if self.poll() else []
 
     def recv_bytes(self, max_bytes: int) -> bytes:
         arrived = self.arrivals.pop(0)[1]
