@@ -122,7 +122,7 @@ def _followed_states(reference: Trajectory, final_fields: Fields, workload: Work
     Fields that the engine lacks are C's.
     """
     states: np.ndarray = reference.states[:, -1].copy()
-    columns = compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))
+    columns = compat.state_columns(workload.model)
     for name, place in columns.items():
         if name in final_fields:
             states[:, place] = final_fields[name][reference.simulation]

@@ -76,10 +76,11 @@ class AcceleratedRequest:
 
 @dataclass(frozen=True)
 class AgreementReport:
-    """Whether a variant reaches the reference run's final states.
+    """Whether a variant does what the reference run does, so that it may be timed.
 
     Attributes:
-      index: of the variant; 0 from a child that measures one variant alone.
+      index: of the variant, or of a vectorised form; 0 from a child that measures one variant
+        alone.
       status: `ok`, or why it is not timed.
       agrees: None where it was not compared.
       agreement: the rule that was held, or the first difference.

@@ -209,7 +209,7 @@ class _PlannedPath:
         self, index: int, variant: Variant, model: mujoco.MjModel, request: PlanningRequest
     ):
         samples, knots = request.settings.samples, request.settings.knots
-        nstate = compat.state_size(model, compat.state_spec("INTEGRATION"))
+        nstate = compat.state_size(model)
         self._index, self._variant = index, variant
         self._workload = Workload(
             model,
@@ -310,17 +310,17 @@ class _Loop:
         planner = Planner(request.settings, np.array(data.ctrl), low, high)
         control_s = request.hold * float(model.opt.timestep)
         nplan = max(4, round(request.duration_s / control_s))
-        full, physics = compat.state_spec("INTEGRATION"), compat.state_spec("FULLPHYSICS")
+        physics = compat.state_spec("FULLPHYSICS")
         given = self._given_starts()
         in_turn = None if given is None else given.in_turn()
-        start = np.empty(compat.state_size(model, full))
+        start = np.empty(compat.state_size(model))
         states = np.empty((nplan, compat.state_size(model, physics)))
         shuffle = random.Random(request.settings.seed).shuffle
         for k in range(nplan):
             channel.allow_silence(0.0)  # a sign of life: no plan may take longer than the limit
             if in_turn is not None:
                 in_turn(model, data)
-            compat.get_state(model, data, start, full)
+            compat.get_state(model, data, start)
             candidates = planner.candidates()
             planner.improve(candidates, self._costs(start, candidates, shuffle))
             data.ctrl[:] = planner.advance()

@@ -89,7 +89,7 @@ def check_memory(
     Raises:
       InputError: they would not.
     """
-    nstate = compat.state_size(model, compat.state_spec("INTEGRATION"))
+    nstate = compat.state_size(model)
     nphysics = compat.state_size(model, compat.state_spec("FULLPHYSICS"))
     # of what is returned of every step: mujoco.rollout's; else also the reference's, those that
     # paths share, those of worker processes, and a copy while two are compared

@@ -111,7 +111,7 @@ class ReferenceCase:
 
     @functools.cached_property
     def _state_columns(self) -> dict[str, slice]:
-        return compat.state_columns(self.workload.model, compat.state_spec("INTEGRATION"))
+        return compat.state_columns(self.workload.model)
 
     @functools.cached_property
     def _physics_columns(self) -> dict[str, slice]:

@@ -77,7 +77,7 @@ def difference_from(physics: PhysicsAlone) -> str:
     The loop takes the steps of each run from its start; nothing of the environment is in it.
     """
     observation = work.observe(physics.workload)
-    columns = compat.state_columns(physics.workload.model, compat.state_spec("INTEGRATION"))
+    columns = compat.state_columns(physics.workload.model)
     difference = agreement.first_differing_entry(
         physics.final_state, observation.final_state, columns
     )

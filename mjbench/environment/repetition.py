@@ -100,13 +100,12 @@ def physics_differences(first: Recording, again: Recording) -> list[FieldDiffere
     steps = list(zip(first.steps, again.steps, strict=True))
     if first.model is None or any((a and a.nstep) != (b and b.nstep) for a, b in steps):
         return [FieldDifference("the number of engine steps", True, (0,), 1, 1)]
-    spec = compat.state_spec("INTEGRATION")
-    nstate = compat.state_size(first.model, spec)
+    nstate = compat.state_size(first.model)
     differs = np.zeros(nstate, dtype=bool)
     for a, b in steps:
         if a and b and len(a.end) == len(b.end) == nstate:
             differs |= a.end.view(np.uint64) != b.end.view(np.uint64)
-    columns = compat.state_columns(first.model, spec)
+    columns = compat.state_columns(first.model)
     differences = (_difference(field, differs[columns[field]], True) for field in columns)
     return [difference for difference in differences if difference]
 

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from mjbench.comparison.messages import AgreementReport
 from mjbench.environment import adapters, construction
 from mjbench.environment.adapters import EnvironmentAdapter, GymnasiumAdapter
 from mjbench.environment.passes import PATIENCE, send_rounds
@@ -54,15 +55,6 @@ class VectorRequest:
 
 
 @dataclass(frozen=True)
-class FormReport:
-    """Whether a form may be timed, by its index."""
-
-    index: int
-    status: Status
-    detail: str = ""
-
-
-@dataclass(frozen=True)
 class NoForms:
     """Why there are no vectorised forms of this environment, in one line."""
 
@@ -83,7 +75,7 @@ def added(
     """Return a record with the vectorised forms of its environment, measured in child processes."""
     step_s = float(np.median(record.step_ns)) * 1e-9
     repeats = record.facts is not None and record.facts.repeats
-    fatal: dict[int, FormReport] = {}
+    fatal: dict[int, AgreementReport] = {}
     while True:
         messages: list[object] = [*fatal.values()]
         request = VectorRequest(source, plan, step_s, repeats, frozenset(fatal))
@@ -104,7 +96,7 @@ def added(
         culprit = ended.activity.index if ended.activity else None
         if ended.status == Status.OK or culprit is None or culprit in fatal:
             break
-        fatal[culprit] = FormReport(culprit, ended.status, ended.detail)
+        fatal[culprit] = AgreementReport(culprit, ended.status, ended.detail)
     no_forms = next((each.reason for each in messages if isinstance(each, NoForms)), "")
     if no_forms or (ended.status == Status.INPUT and not messages):
         return dataclasses.replace(record, no_vectors=no_forms or ended.detail)
@@ -121,7 +113,7 @@ def _samples(
     plan: EnvironmentPlan, messages: Sequence[object], status: Status, detail: str
 ) -> list[VectorSamples]:
     """Return the samples of every form; one without a report, or without times, ended as given."""
-    reports = {each.index: each for each in messages if isinstance(each, FormReport)}
+    reports = {each.index: each for each in messages if isinstance(each, AgreementReport)}
     rounds = [each for each in messages if isinstance(each, VectorRound)]
     samples = []
     for index, (form, nenv) in enumerate(_forms(plan)):
@@ -145,8 +137,9 @@ def _samples(
 def measure_in_child(request: VectorRequest, channel: Channel) -> None:
     """Measure vectorised forms.
 
-    Messages: `NoForms` where there are none; else a `FormReport` for each form, a `VectorRound` for
-    each round, and another `FormReport` for each form that was wrong in a timed block.
+    Messages: `NoForms` where there are none; else an `AgreementReport` for each form, a
+    `VectorRound` for each round, and another `AgreementReport` for each form that was wrong in a
+    timed block.
     """
     channel.doing("making the environment for its vectorised forms")
     adapter = adapters.adapt(construction.make(request.source))
@@ -190,7 +183,7 @@ def measure_in_child(request: VectorRequest, channel: Channel) -> None:
         turns = _Turns(forms, singles, plan.seed, channel)
         send_rounds(turns.round, plan.budget_s, channel)
         for index, difference in turns.wrong.items():
-            channel.send(FormReport(index, Status.DISAGREES, difference))
+            channel.send(AgreementReport(index, Status.DISAGREES, difference))
     for form in forms.values():
         form.close()
 
@@ -324,7 +317,7 @@ class _Form:
 
 def _verified(
     index: int, kind: VectorForm, source: EnvironmentSource, singles: Sequence[_Single]
-) -> tuple[FormReport, _Form | None]:
+) -> tuple[AgreementReport, _Form | None]:
     """Make a form and compare its observations; return the report, and the form if it may be timed.
 
     Whatever it raises costs its own row.
@@ -337,11 +330,11 @@ def _verified(
         form = _Form(vector_class([factory] * len(singles)), singles)
         difference = form.difference()
     except Exception as error:
-        return FormReport(index, Status.FAILED, describe(error)), None
+        return AgreementReport(index, Status.FAILED, describe(error)), None
     if difference:
         form.close()
-        return FormReport(index, Status.DISAGREES, difference), None
-    return FormReport(index, Status.OK), form
+        return AgreementReport(index, Status.DISAGREES, difference), None
+    return AgreementReport(index, Status.OK), form
 
 
 class _Turns:

@@ -4,12 +4,16 @@ Messages are framed as `multiprocessing.connection` does it: four bytes hold the
 follows, the highest first. All children that answer over a connection fail in the same words.
 """
 
+import contextlib
+import os
 import pickle
 import socket
 import struct
+import sys
 from collections.abc import Callable, Sequence
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
+from time import monotonic
 from typing import Any, Protocol
 
 from mjbench.errors import MachineError, one_line, writing
@@ -20,8 +24,8 @@ from mjbench.status import Status
 MAX_MESSAGE_BYTES = 1 << 26
 # A child that has closed its connection has ended, or does within this many seconds.
 _EXIT_S = 5.0
-# How often a child is watched, in seconds.
-_WATCH_S = 0.2
+# How often a child is watched, in seconds; the longest wait, whose milliseconds are an `int` of C.
+_WATCH_S, _LONGEST_WAIT_S = 0.2, 1e6
 
 
 class Process(Protocol):
@@ -57,6 +61,7 @@ class ChildConnection:
     def __init__(self, connection: Connection, process: Process, output_file: Path):
         """Take over a connection, which `pair` made, of a child that prints to a file."""
         self.connection, self.process = connection, process
+        self._awaited = [connection, *_exit_handles(process)]
         self._output_file = output_file
 
     def receive(
@@ -64,7 +69,7 @@ class ChildConnection:
         limit_s: float,
         activity: str = "",
         max_bytes: int = MAX_MESSAGE_BYTES,
-        watch: Callable[[], None] = lambda: None,
+        watch: Callable[[], None] | None = None,
     ) -> bytes:
         """Return the next message.
 
@@ -120,7 +125,8 @@ class ChildConnection:
     def end(self) -> None:
         """End the child, whatever it is doing."""
         self.process.end()
-        self.connection.close()
+        for each in self._awaited:
+            each.close()
 
     def _timeout(self, cause: str, activity: str) -> ChildError:
         """Kill a silent child; return the error that says so, or how it ended if it had."""
@@ -129,19 +135,34 @@ class ChildConnection:
             return self.failure(Status.TIMEOUT, cause, activity)
         return self.failure(Status.CRASHED, child.describe_exit(code), activity)
 
-    def _poll(self, limit_s: float, watch: Callable[[], None]) -> bool:
+    def _poll(self, limit_s: float, watch: Callable[[], None] | None) -> bool:
         """Wait until there is something to read; return whether there is.
 
         A child that has ended may have left a process that keeps its end of the connection open.
+        Where the system can, nothing wakes up here beside a child that is timed.
         """
-        left_s, has_ended = limit_s, False
-        while left_s > 0.0 and not has_ended:
-            watch()
-            if self.connection.poll(min(left_s, _WATCH_S)):
+        wakes = watch is not None or self._awaited == [self.connection]
+        deadline_s = monotonic() + limit_s
+        while (left_s := deadline_s - monotonic()) > 0.0:
+            if watch is not None:
+                watch()
+            ready = wait(self._awaited, min(left_s, _WATCH_S if wakes else _LONGEST_WAIT_S))
+            if self.connection in ready:
                 return True
-            left_s -= _WATCH_S
-            has_ended = self.process.wait(0.0) is not None
+            if ready or self.process.wait(0.0) is not None:
+                break
         return self.connection.poll()
+
+
+def _exit_handles(process: Process) -> list[Connection]:
+    """Return what is ready when a process ends, as `wait` takes it; nothing where there is none.
+
+    A Connection owns its descriptor; nothing is read from it.
+    """
+    if sys.platform == "linux" and process.wait(0.0) is None:  # its id is still its own
+        with contextlib.suppress(OSError):
+            return [Connection(os.pidfd_open(process.pid), writable=False)]
+    return []
 
 
 def start(

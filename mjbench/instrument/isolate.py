@@ -172,7 +172,7 @@ def _converse(
     limit = limit_s
     try:
         while True:
-            content = connection.receive(limit, watch=watch)
+            content = connection.receive(limit, watch=watch if memory_bytes else None)
             message = connection.unpickled(content)
             if isinstance(message, Ended):
                 return message

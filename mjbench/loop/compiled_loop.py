@@ -33,7 +33,7 @@ def loop_names(
         "model": model,
         "data": start_data(model),
         "nstep": nstep,
-        "spec": compat.state_spec("INTEGRATION"),
+        "spec": compat.INTEGRATION,
         "joint_id": joint_id,
         "joint_name": joints[joint_id],
         "file": file,

@@ -287,7 +287,7 @@ class _Recorder:
     def steps(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Return (nstep,) latencies in ns, and features by name, each (nstep,)."""
         model, workload = self._workload.model, self._workload
-        data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
+        data = mujoco.MjData(model)
         total = self._nstep + WARM_UP_NSTEP
         latency_ns, counters = np.zeros(total), np.zeros((total, len(_FEATURES)))
         usage_now = _usage_function()
@@ -296,8 +296,7 @@ class _Recorder:
             k = 0
             while k < total:
                 run = (k // workload.nstep) % workload.nbatch
-                mujoco.mj_resetData(model, data)
-                compat.set_state(model, data, workload.initial_state[run], spec)
+                compat.restart(model, data, workload.initial_state[run])
                 due = self._clock() + self._period_ns
                 for ctrl in workload.step_control[run][: total - k]:
                     data.ctrl[:] = ctrl

@@ -55,7 +55,10 @@ class Rule:
     @property
     def explanation(self) -> str:
         """What happens, why, what to write instead, and what that changes in results."""
-        text = inspect.getdoc(self.matches) or ""
+        # from the source, because `python -OO` drops docstrings
+        (function,) = ast.parse(inspect.getsource(self.matches)).body
+        assert isinstance(function, ast.FunctionDef)
+        text = ast.get_docstring(function) or ""
         return text.partition("\n\n")[2] + "\n"
 
 

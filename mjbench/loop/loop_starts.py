@@ -42,7 +42,7 @@ class StartsInTurn:
         Each is restored `repeats` times before the next.
         """
         self._rows, self._repeats = list(states), repeats
-        self._spec, self._has_reset = compat.state_spec("INTEGRATION"), compat.has_sleep(model)
+        self._has_reset = compat.has_sleep(model)
         self.count = 0
 
     def __call__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -51,7 +51,7 @@ class StartsInTurn:
         self.count += 1
         if self._has_reset:
             mujoco.mj_resetData(model, data)
-        mujoco.mj_setState(model, data, row, self._spec)
+        mujoco.mj_setState(model, data, row, compat.INTEGRATION)
 
 
 class LoopStarts:
@@ -75,7 +75,7 @@ class LoopStarts:
         self.starts: Starts = sample.starts
         self.observation: Observation = sample.observation
         self._states = sample.workload.initial_state
-        columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+        columns = compat.state_columns(model)
         if "ctrl" in columns:
             self._states[:, columns["ctrl"]] = sample.workload.control[:, 0]
 

@@ -167,14 +167,13 @@ class _Follower:
         self.data = mujoco.MjData(model)
         self._model, self._source = model, source
         self._stage = max((_stage(model, name) for name in names), default=_Stage.STATE)
-        self._spec = compat.state_spec("INTEGRATION")
-        self._state = np.empty(compat.state_size(model, self._spec))
+        self._state = np.empty(compat.state_size(model))
 
     def follow(self) -> None:
         """Compute what the fields need, in the state that the source is in."""
         model, data, stage = self._model, self.data, self._stage
-        compat.get_state(model, self._source, self._state, self._spec)
-        compat.set_state(model, data, self._state, self._spec)
+        compat.get_state(model, self._source, self._state)
+        compat.set_state(model, data, self._state)
         if stage == _Stage.ACCELERATION:
             mujoco.mj_forward(model, data)
         elif stage == _Stage.KINEMATICS:

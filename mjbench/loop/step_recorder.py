@@ -356,7 +356,7 @@ class StepRecorder:
         return self._by_identity.setdefault(identity, recorded)
 
     def _of_layout(self, model: mujoco.MjModel) -> RecordedModel | None:
-        nstate = compat.state_size(model, compat.state_spec("INTEGRATION"))
+        nstate = compat.state_size(model)
         key = model_name(model), ModelLayout.of(model), nstate
         if key not in self._by_layout and len(self._by_layout) < MAX_MODELS:
             recorded = RecordedModel(model, self._max_states, self._window_nstep)

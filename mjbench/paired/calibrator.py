@@ -7,20 +7,8 @@ from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
 
 
-def count_cores(process: WorkerProcess, nthread: int) -> float | None:
-    """Return how many cores as many threads get now in a process; None where one is all they can.
-
-    Threads beyond the usable cores do not count.
-
-    Raises:
-      TargetError: the process failed, crashed or did not answer in time.
-    """
-    count = _countable(nthread)
-    return process.call(Worker.count_cores, count) if count > 1 else None
-
-
-def _countable(nthread: int) -> int:
-    """Return on how many cores as many threads can be at the most."""
+def countable(nthread: int) -> int:
+    """Return how many cores as many threads can get: those beyond the usable cores do not count."""
     return min(machine.usable_cores(), nthread)
 
 
@@ -38,12 +26,13 @@ class Calibrator:
         Raises:
           TargetError: the process failed, crashed or did not answer in time.
         """
-        if _countable(self._nthread) == 1:
+        count = countable(self._nthread)
+        if count == 1:
             return 1.0
         if self._process is None:
             self._process = self._pool.start(self._release)
             self._process.wait()
-        return count_cores(self._process, self._nthread) or 1.0
+        return self._process.call(Worker.count_cores, count)
 
     def close(self) -> None:
         """End the process."""

@@ -113,13 +113,12 @@ def after_lead_in(resources: Resources) -> Section:
       resources: of the workload, whose MjData and `final_state()` the section writes.
     """
     workload, final_state = resources.workload, resources.final_state()
-    model, hold, spec = workload.model, workload.hold, compat.state_spec("INTEGRATION")
+    model, hold, spec = workload.model, workload.hold, compat.INTEGRATION
     led_in = [mujoco.MjData(model) for _ in range(workload.nbatch)]
     datas = list(resources.datas(workload.nbatch))
     first = workload.lead_in // hold
     for data, start, controls in zip(led_in, workload.initial_state, workload.control, strict=True):
-        mujoco.mj_resetData(model, data)
-        compat.set_state(model, data, start, spec)
+        compat.restart(model, data, start)
         for values in controls[:first]:
             data.ctrl[:] = values
             mujoco.mj_step(model, data, hold)
@@ -156,7 +155,7 @@ def _check(resources: Resources, end: np.ndarray) -> Callable[[], None]:
 def _state(resources: Resources) -> np.ndarray:
     workload, (data,) = resources.workload, resources.datas(1)
     state = np.empty(workload.initial_state.shape[1])
-    compat.get_state(workload.model, data, state, compat.state_spec("INTEGRATION"))
+    compat.get_state(workload.model, data, state)
     return state
 
 
@@ -177,8 +176,7 @@ def _stretches(resources: Resources, begin: int, end: int) -> Iterator[_Stretch]
 def _run(resources: Resources, stretches: Sequence[_Stretch]) -> Callable[[], None]:
     """Return a function that steps stretches as the path `python_loop` does."""
     workload, (data,) = resources.workload, resources.datas(1)
-    model, hold = workload.model, workload.hold
-    spec = compat.state_spec("INTEGRATION")
+    model, hold, spec = workload.model, workload.hold, compat.INTEGRATION
 
     def run() -> None:
         mj_step, ctrl = mujoco.mj_step, data.ctrl
@@ -211,7 +209,6 @@ class TimedSteps:
         self.final_state = np.empty_like(workload.initial_state)
         self._workload = workload
         self._data = mujoco.MjData(workload.model)
-        self._spec = compat.state_spec("INTEGRATION")
         self._has_reset = needs_reset(workload.model)
         self._ns = np.empty(workload.nbatch * workload.nstep, dtype=np.int64)
 
@@ -225,7 +222,7 @@ class TimedSteps:
         ):
             if self._has_reset:
                 mujoco.mj_resetData(model, data)
-            mujoco.mj_setState(model, data, start, self._spec)
+            compat.set_state(model, data, start)
             for values in controls:
                 data.ctrl[:] = values
                 for _ in range(hold):
@@ -233,7 +230,7 @@ class TimedSteps:
                     mj_step(model, data)
                     ns[k] = clock() - begin
                     k += 1
-            compat.get_state(model, data, end, self._spec)
+            compat.get_state(model, data, end)
 
     def p99_ns(self) -> int:
         """Return the nanoseconds that 99 of 100 steps of the last run do not exceed.

@@ -193,11 +193,11 @@ def _call_path(
 def _deterministic_work(model: mujoco.MjModel, nbatch: int, returns: Product) -> Workload:
     """Return simulations whose start is computed without a step: the same in all releases."""
     rng = np.random.default_rng(_SEED)
-    data, spec = workload.start_data(model), compat.state_spec("INTEGRATION")
-    starts = np.empty((nbatch, compat.state_size(model, spec)))
+    data = workload.start_data(model)
+    starts = np.empty((nbatch, compat.state_size(model)))
     for row in starts:
         data.qvel[:] = rng.normal(0.0, workload.START_VELOCITY_SD, model.nv)
-        compat.get_state(model, data, row, spec)
+        compat.get_state(model, data, row)
     control = workload.random_controls(model, nbatch, _CALL_NSTEP, 1, rng, 1.0)
     return Workload(model, starts, control, 1, _SEED, returns)
 

@@ -1,24 +1,24 @@
 """The launches of a race: a fresh process each, in which paths are timed in turns (see `race`)."""
 
-import functools
 import random
-from collections.abc import Callable, Sequence
-from typing import TypeVar
+from collections.abc import Sequence
+from typing import ParamSpec, TypeVar
 
 from mjbench.comparison.compare import ModelChildren
 from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError
 from mjbench.paired import cores, launch_seeds
-from mjbench.paired.calibrator import count_cores
+from mjbench.paired.calibrator import countable
 from mjbench.paired.race import UnableError
 from mjbench.paired.race_record import RaceLaunch, UnableVariant
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import TargetError, WorkerProcess
+from mjbench.paired.worker_process import TargetError, Task, WorkerProcess
 from mjbench.paths.parallelism import nthread
 from mjbench.releases import installs
 from mjbench.status import Status
 
+_P = ParamSpec("_P")
 _T = TypeVar("_T")
 # Rounds of a launch: an even number, because every second one runs in the opposite order.
 ROUNDS = 4
@@ -59,15 +59,12 @@ class RaceLaunches:
                 plan.import_from,
             )
             self._pool.wait_for(process, self._release)
-            threads = max(nthread(self._variants[i].options) for i in positions)
-            had = count_cores(process, threads)
+            count = countable(max(nthread(self._variants[i].options) for i in positions))
+            had = process.call(Worker.count_cores, count) if count > 1 else None
             prepared = random.sample(list(positions), len(positions))
             for position in prepared:
                 path, options = self._variants[position].path, self._variants[position].options
-                prepare = functools.partial(
-                    process.call, Worker.prepare_entrant, path, dict(options)
-                )
-                self._ask(process, position, prepare, "preparing")
+                _ask(process, position, "preparing", Worker.prepare_entrant, path, dict(options))
             rows = [self._time_round(process, prepared, o) for o in _orders(len(prepared))]
         finally:
             self._pool.end([process])
@@ -82,31 +79,38 @@ class RaceLaunches:
         row = [0] * len(order)
         for place, number in enumerate(order):
             position = prepared[number]
-            time = functools.partial(process.call, Worker.time_entrant, number, reorders=place == 0)
-            timed = self._ask(process, position, time, "timing")
+            timed = _ask(
+                process, position, "timing", Worker.time_entrant, number, reorders=place == 0
+            )
             if timed.difference:
                 raise UnableError(UnableVariant(position, Status.DISAGREES, timed.difference))
             row[number] = timed.ns
         return row
 
-    def _ask(
-        self, process: WorkerProcess, position: int, call: Callable[[], _T], activity: str
-    ) -> _T:
-        """Return the answer to a call about one variant.
 
-        Raises:
-          UnableError: the variant cannot run, or ended the process.
-          TargetError: it is the plain loop that ended the process.
-        """
-        try:
-            return call()
-        except InputError as error:
-            status, cause = Status.FAILED, str(error).removeprefix(f"{process.name}: ")
-        except TargetError as error:
-            if position == 0:
-                raise
-            status, cause = error.ending, error.cause
-        raise UnableError(UnableVariant(position, status, f"{cause} while {activity}"))
+def _ask(
+    process: WorkerProcess,
+    position: int,
+    activity: str,
+    task: Task[_P, _T],
+    *args: _P.args,
+    **kwargs: _P.kwargs,
+) -> _T:
+    """Return the answer to a task of one variant.
+
+    Raises:
+      UnableError: the variant cannot run, or ended the process.
+      TargetError: it is the plain loop that ended the process.
+    """
+    try:
+        return process.call(task, *args, **kwargs)
+    except InputError as error:
+        status, cause = Status.FAILED, str(error).removeprefix(f"{process.name}: ")
+    except TargetError as error:
+        if position == 0:
+            raise
+        status, cause = error.ending, error.cause
+    raise UnableError(UnableVariant(position, status, f"{cause} while {activity}"))
 
 
 def _orders(count: int) -> list[list[int]]:

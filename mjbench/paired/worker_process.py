@@ -54,8 +54,8 @@ class WorkerProcess:
         output_file: Path,
         moved_install: Path | None = None,
     ):
-        self.connection, self.name, self.limit_s = connection, name, limit_s
-        self._answers = ChildConnection(connection, process, output_file)
+        self.name, self.limit_s = name, limit_s
+        self._child = ChildConnection(connection, process, output_file)
         self._output_file, self._moved_install = output_file, moved_install
         # What the process is doing, and what it will do next.
         self._activities: deque[str] = deque()
@@ -63,7 +63,7 @@ class WorkerProcess:
     @property
     def pid(self) -> int:
         """The process id."""
-        return self._answers.process.pid
+        return self._child.process.pid
 
     def call(self, task: Task[_P, _T], *args: _P.args, **kwargs: _P.kwargs) -> _T:
         """Have a task done and return its answer; no other task may be pending.
@@ -80,7 +80,7 @@ class WorkerProcess:
         """Ask for a task with small arguments, without waiting for its answer."""
         self._activities.append(task.__dict__["activity"])
         with contextlib.suppress(OSError):  # a dead worker is reported when its answer is read
-            self.connection.send((task, args, kwargs))
+            self._child.connection.send((task, args, kwargs))
 
     def wait(self) -> None:
         """Wait for the answers to all pending tasks; raise what `call` does."""
@@ -89,7 +89,7 @@ class WorkerProcess:
 
     def is_ready(self) -> bool:
         """Return whether all tasks are done, without waiting for one; raise what `call` does."""
-        while self._activities and self.connection.poll():
+        while self._activities and self._child.connection.poll():
             self._answer()
         return not self._activities
 
@@ -100,7 +100,7 @@ class WorkerProcess:
           TargetError: the process failed, crashed or did not answer in time.
         """
         with contextlib.suppress(OSError):
-            self.connection.send_bytes(worker_answers.BLOCK)
+            self._child.connection.send_bytes(worker_answers.BLOCK)
         content = self._receive(worker_answers.NANOSECONDS.size + _MAX_FAILURE_BYTES)
         if len(content) != worker_answers.NANOSECONDS.size:  # the block failed, and ended the task
             raise TargetError(f"{self.name}: {self._unpickled(content, Failure).detail}")
@@ -112,13 +112,12 @@ class WorkerProcess:
     def end_blocks(self) -> None:
         """End `Worker.time_blocks`."""
         with contextlib.suppress(OSError):
-            self.connection.send_bytes(worker_answers.END)
+            self._child.connection.send_bytes(worker_answers.END)
         self._answer()
 
     def end(self) -> None:
         """End the process, whatever it is doing."""
-        self.connection.close()
-        self._answers.process.end()
+        self._child.end()
         self._output_file.unlink(missing_ok=True)
         if self._moved_install is not None:
             shutil.rmtree(self._moved_install, ignore_errors=True)
@@ -139,13 +138,13 @@ class WorkerProcess:
     def _receive(self, max_bytes: int) -> bytes:
         """Return the bytes of the next answer, `max_bytes` at most."""
         try:
-            return self._answers.receive(self.limit_s, self._activities[0], max_bytes)
+            return self._child.receive(self.limit_s, self._activities[0], max_bytes)
         except ChildError as error:
             self._fail(error)
 
     def _unpickled(self, content: bytes, *kinds: type) -> Any:
         try:
-            return self._answers.unpickled(content, self._activities[0], *kinds)
+            return self._child.unpickled(content, self._activities[0], *kinds)
         except ChildError as error:
             self._fail(error)
 

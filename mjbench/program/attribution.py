@@ -65,15 +65,14 @@ def loop_times(
         for stack in thread.stacks:
             position = _loop_frame(stack)
             if position is not None:
-                frame = stack[position]
-                loop = outermost_loop(frame.file, frame.line)
+                loop = _shown_loop(stack[position])
                 assert loop is not None, "the frame was chosen because it is in a loop"
                 activity = activities.activity(stack, thread.has_native)
                 by_loop[loop].append(_Sample(thread, stack, position, activity))
     loading = _loading_lines(calls)
     sampled = [_loop_time(loop, samples, main_pid, loading) for loop, samples in by_loop.items()]
     timed = {(call.place.file, call.place.line) for call in calls}
-    stretches = [_stretch(samples, timed) for samples in by_loop.values()]
+    stretches = {loop: _stretch(samples, timed) for loop, samples in by_loop.items()}
     times = [
         timed_loops.with_collections(
             time, sum((collections_s or {}).get(pid, 0.0) for pid in time.pids)
@@ -245,7 +244,7 @@ def _loop_time(
     )
     threads = {sample.thread.thread: sample.thread.thread.name for sample in samples}
     return LoopTime(
-        loop=replace(loop, file=activities.shown_path(loop.file)),
+        loop=loop,
         own_files=sorted(
             {
                 activities.shown_path(frame.file)

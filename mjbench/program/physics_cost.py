@@ -156,12 +156,12 @@ def _medians(
     function: Callable[[mujoco.MjModel, mujoco.MjData], None],
 ) -> list[float]:
     """Return the seconds of a call after each preparation of the model, timed in turns."""
-    data, spec, turn = mujoco.MjData(model), compat.state_spec("INTEGRATION"), itertools.count()
+    data, turn = mujoco.MjData(model), itertools.count()
 
     def contender(prepare: Callable[[], None], calls: int) -> timing.Contender:
         def before() -> None:
             prepares[0]()
-            mujoco.mj_setState(model, data, states[next(turn) // len(prepares) % len(states)], spec)
+            compat.set_state(model, data, states[next(turn) // len(prepares) % len(states)])
             mujoco.mj_forward(model, data)
             prepare()
 
@@ -278,12 +278,12 @@ def _weights(
 
 def _nearness(model: mujoco.MjModel, states: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     """Return (npair,) how near two geoms came to each other in the states."""
-    data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
+    data = mujoco.MjData(model)
     nearness = np.zeros(len(pairs), dtype=int)
     nearness[np.asarray(model.geom_rbound == 0)[pairs].any(axis=1)] = Nearness.NEAR  # a plane
     reach = (model.geom_rbound + model.geom_margin)[pairs].sum(axis=1)
     for state in states:
-        mujoco.mj_setState(model, data, state, spec)
+        compat.set_state(model, data, state)
         mujoco.mj_forward(model, data)
         first, second = (data.geom_xpos[pairs[:, i]] for i in range(2))
         is_near = np.linalg.norm(first - second, axis=1) < reach

@@ -179,9 +179,8 @@ def answer(request: _Request, channel: Channel) -> None:
     """Measure all questions; runs in a child."""
     model = request.model.load()
     data = mujoco.MjData(model)
-    spec = compat.state_spec("INTEGRATION")
     for state in request.model.states[:1]:
-        mujoco.mj_setState(model, data, state, spec)
+        compat.set_state(model, data, state)
     mujoco.mj_step(model, data)
     channel.send(_Forces(bool(data.cacc.any())))
     for number, question in enumerate(request.questions):
@@ -213,14 +212,14 @@ def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -
     present, suggested = _ways(model, question)
     is_of_copies = question.trial in _COPIERS and len(recorded.copied) > 0
     states = recorded.copied if is_of_copies else recorded.states
-    data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
+    data = mujoco.MjData(model)
 
     def contender(way: _Way, calls: int) -> timing.Contender:
         turn = itertools.count()
 
         def before() -> None:
             engine_clock(way.has_timer)
-            mujoco.mj_setState(model, data, states[next(turn) % len(states)], spec)
+            compat.set_state(model, data, states[next(turn) % len(states)])
             if not is_of_copies:
                 mujoco.mj_step(model, data)
 

@@ -22,23 +22,22 @@ def with_calls(
     sampled: Sequence[LoopTime],
     calls: Sequence[CallTime],
     main_pid: int,
-    stretches: Sequence[float | None],
+    stretches: Mapping[SourceLoop, float | None],
 ) -> list[LoopTime]:
     """Return loops with the calls that were timed in them, and loops that only calls show.
 
     Args:
-      stretches: of each, its time over that from its first timed call to its last; None where
-        samples saw too few calls.
+      stretches: of each sampled loop, its time over that from its first timed call to its last;
+        None where samples saw too few calls.
     """
     by_loop: dict[SourceLoop, list[CallTime]] = defaultdict(list)
     for call in calls:
         if call.loop is not None:
             by_loop[call.loop].append(call)
     times = {time.loop: time for time in sampled}
-    stretch = dict(zip(times, stretches, strict=True))
     for loop, of_loop in by_loop.items():
         if loop in times:
-            times[loop] = _timed(times[loop], of_loop, stretch[loop])
+            times[loop] = _timed(times[loop], of_loop, stretches[loop])
         elif any(call.is_step or call.callee in (COMPILE, DISPATCH) for call in of_loop):
             times[loop] = _timed(_unsampled(loop, of_loop, main_pid), of_loop)
     return list(times.values())

@@ -18,11 +18,13 @@ MOST_BYTES = 1 << 30
 class ArrayFile:
     """The arrays that were read from a file, and the names of all that it has.
 
-    The array of an .npy file has an empty name.
+    Attributes:
+      unnamed: the array of an .npy file, which has no others.
     """
 
     arrays: Mapping[str, np.ndarray]
     names: Sequence[str]
+    unnamed: np.ndarray | None = None
 
 
 def read(file: Path, what: str, fields: Collection[str]) -> ArrayFile:
@@ -41,7 +43,7 @@ def read(file: Path, what: str, fields: Collection[str]) -> ArrayFile:
         with file.open("rb") as stream:
             loaded: Any = np.load(stream, allow_pickle=False)
             if isinstance(loaded, np.ndarray):
-                return ArrayFile({"": loaded}, [""])
+                return ArrayFile({}, [], loaded)
             # NumPy gives a member that is no array as bytes
             arrays = {key: np.asarray(loaded[key]) for key in loaded.files if key in fields}
             return ArrayFile(arrays, loaded.files)

@@ -96,7 +96,8 @@ def read(file: Path, model: mujoco.MjModel) -> GivenControls:
 def _read_array(file: Path, name: str) -> np.ndarray:
     """Return the array of controls of a file."""
     content = array_files.read(file, "controls", _NAMES)
-    array = next((content.arrays[n] for n in ("", *_NAMES) if n in content.arrays), None)
+    named = (content.arrays[name] for name in _NAMES if name in content.arrays)
+    array = content.unnamed if content.unnamed is not None else next(named, None)
     if array is None:
         has = shown(", ".join(content.names[:8])) if content.names else "nothing"
         raise InputError(f"{name} has neither ctrl nor actions; it has {has}")

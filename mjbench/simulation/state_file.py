@@ -127,7 +127,7 @@ def read(file: Path, model: mujoco.MjModel) -> RecordedStates:
     columns = compat.state_columns(model)
     wanted = [*columns, capture_header.ARRAY, capture_header.SEGMENT_ARRAY]
     content = array_files.read(file, "states", wanted)
-    if "" in content.names:
+    if content.unnamed is not None:
         raise InputError(f"{name} holds one array: save named ones by numpy.savez")
     arrays, header = dict(content.arrays), None
     if capture_header.ARRAY in arrays:

@@ -128,14 +128,12 @@ def observe_model(
     return run.observed(is_mjcf, nusual)
 
 
-# How a simulation starts: a function that sets an MjData that was reset.
+# How a simulation starts: a function that resets an MjData.
 _Reset = Callable[[mujoco.MjModel, mujoco.MjData], None]
 
 
 def _from_state(state: np.ndarray) -> _Reset:
-    return lambda model, data: compat.set_state(
-        model, data, state, compat.state_spec("INTEGRATION")
-    )
+    return lambda model, data: compat.restart(model, data, state)
 
 
 def _from_keyframe(key: int) -> _Reset:
@@ -176,7 +174,6 @@ class _Run:
     def simulate(self, reset: _Reset, control: np.ndarray) -> None:
         """Step one simulation through (ncontrol, nu) controls."""
         model, data = self._model, self._data
-        mujoco.mj_resetData(model, data)
         reset(model, data)
         for ctrl in control:
             data.ctrl[:] = ctrl

@@ -38,13 +38,13 @@ def physics(model: mujoco.MjModel, initial_state: np.ndarray, points: np.ndarray
       initial_state: (nrun, nstate) where the runs began, rows of mjSTATE_INTEGRATION.
       points: (nrun, npoint, nstate) states along the runs.
     """
-    spec, data = compat.state_spec("INTEGRATION"), mujoco.MjData(model)
+    data = mujoco.MjData(model)
     rows = []
     for start, states in zip(initial_state, points, strict=True):
-        _forward(model, data, start, spec)
+        _forward(model, data, start)
         energy_j = _energy_j(model, data)
         for state in states:
-            _forward(model, data, state, spec)
+            _forward(model, data, state)
             rows.append(
                 (
                     max(0.0, -float(np.min(data.contact.dist[: data.ncon], initial=0.0))),
@@ -56,10 +56,9 @@ def physics(model: mujoco.MjModel, initial_state: np.ndarray, points: np.ndarray
     return Physics(*(float(mean) for mean in np.mean(rows, axis=0)))
 
 
-def _forward(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray, spec: int) -> None:
+def _forward(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray) -> None:
     """Compute what follows from a state, without stepping."""
-    mujoco.mj_resetData(model, data)
-    compat.set_state(model, data, np.ascontiguousarray(state), spec)
+    compat.restart(model, data, np.ascontiguousarray(state))
     mujoco.mj_forward(model, data)
 
 

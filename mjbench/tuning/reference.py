@@ -270,7 +270,7 @@ def perturbed(model: mujoco.MjModel, trials: Trials) -> Trials:
     """Return trials whose start positions differ in the last place, as if by rounding."""
     rng = np.random.default_rng(0)
     states = trials.initial_state.copy()
-    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))["qpos"]
+    columns = compat.state_columns(model)["qpos"]
     for row in states:
         qpos = np.array(row[columns])
         mujoco.mj_integratePos(model, qpos, _ULP * rng.standard_normal(model.nv), 1.0)

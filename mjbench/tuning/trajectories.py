@@ -102,8 +102,7 @@ def run(model: mujoco.MjModel, trials: Trials, nthread: int | None = None) -> Tr
     Raises:
       InputError: its states have other sizes, or its timestep does not divide a control's time.
     """
-    spec = compat.state_spec("INTEGRATION")
-    if compat.state_size(model, spec) != trials.initial_state.shape[1]:
+    if compat.state_size(model) != trials.initial_state.shape[1]:
         raise InputError("the setting changes the size of the model's state")
     nstep = steps_per_control(model, trials.control_s)
     nrun, ncontrol = trials.nrun, trials.ncontrol
@@ -140,18 +139,17 @@ def _run(
     model: mujoco.MjModel, trials: Trials, nstep: int, rows: np.ndarray, out: Trajectories
 ) -> None:
     """Step some runs, and write their states to `out`."""
-    spec, data = compat.state_spec("INTEGRATION"), mujoco.MjData(model)
+    data = mujoco.MjData(model)
     is_bad = compat.divergence_warnings()
     at = points(trials.ncontrol)
     for row in rows:
-        mujoco.mj_resetData(model, data)
-        compat.set_state(model, data, trials.initial_state[row], spec)
+        compat.restart(model, data, trials.initial_state[row])
         for k, control in enumerate(trials.control[row]):
             data.ctrl[:] = control
             mujoco.mj_step(model, data, nstep)
             out.qpos[row, k], out.qvel[row, k] = data.qpos, data.qvel
             for point in [i for i, after in enumerate(at) if after == k + 1]:
-                compat.get_state(model, data, out.points[row, point], spec)
+                compat.get_state(model, data, out.points[row, point])
             if compat.warning_counts(data)[is_bad].any():
                 break
         else:

@@ -90,6 +90,7 @@ class BuildRun:
         self._engine, self._model, self._reference = engine, model, reference
         self._folder = folder
         self._processes: list[NodeProcess] = []
+        self._loaded: tuple[Instantiated, float] | None = None
         self._states: np.ndarray | None = None
 
     def __enter__(self) -> "BuildRun":
@@ -107,14 +108,14 @@ class BuildRun:
         """The process that is timed."""
         return self._processes[0]
 
-    def load(self) -> tuple[Instantiated, float]:
-        """Start the process, compile the model in it; return how many milliseconds that took.
+    def load(self) -> None:
+        """Start the process, and compile the model in it.
 
         Raises:
           UnavailableError: the build cannot have the threads that the variant asks for.
           MachineError: the engine is another release.
         """
-        return self._load(self._reference.files)
+        self._loaded = self._load(self._reference.files)
 
     def check(self) -> RoundingCheck:
         """Step the workload, and single steps along it; return how far the build is from C."""
@@ -152,8 +153,10 @@ class BuildRun:
                 "timed blocks do not end where the run ended that was checked"
             )
 
-    def warm_up(self, instantiated: Instantiated, compile_ms: float, least_s: float) -> StartUp:
+    def warm_up(self, least_s: float) -> StartUp:
         """Run blocks until they are steady, for some seconds at least; return what came before."""
+        assert self._loaded is not None, "the build was loaded"
+        instantiated, compile_ms = self._loaded
         warmed, block = warm_up(self.process.time_block, least_s), self._reference.block
         return StartUp(
             import_ms=instantiated.import_ms,
@@ -165,7 +168,7 @@ class BuildRun:
         )
 
     def _load(self, files: tuple[str, ...]) -> tuple[Instantiated, float]:
-        """Compile a model in a new process."""
+        """Compile a model in a new process, and return how many milliseconds that took."""
         build, engine = Build(self.variant.path), self._engine
         folder = self._folder / f"process{len(self._processes)}"
         with writing(folder):

@@ -15,6 +15,7 @@ from mjbench import paths
 from mjbench.comparison import step_costs
 from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError
+from mjbench.paired import cores
 from mjbench.paired.run_sizes import RunSize, Sizes
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
@@ -185,7 +186,7 @@ def timed_paths(
                 Worker.prepare,
                 variant.path,
                 dict(variant.options),
-                [] if core is None else [core],
+                cores.usable(core),
                 range(reference.block.nbatch),
                 has_timer=False,
             )

@@ -125,14 +125,14 @@ class _Measurement:
         """Check a build; keep it for timing where it agrees."""
         record = WebPathRecord(path=run.variant.path, options=run.variant.options)
         try:
-            instantiated, compile_ms = run.load()
+            run.load()
             check = run.check()
             record = replace(record, check=check)
             if failed := rounding_check.failures(check):
                 return replace(record, status=Status.DISAGREES, detail="; ".join(failed))
             run.prepare()
             least_s = min(MIN_WARM_UP_S, self._plan.budget_s)
-            start_up = run.warm_up(instantiated, compile_ms, least_s)
+            start_up = run.warm_up(least_s)
             run.check_blocks()
         except MjbenchError as error:
             return _failed(record, error)

@@ -66,7 +66,7 @@ def _ctrl_column() -> int:
     from mjbench.simulation import compat
 
     model = mujoco.MjModel.from_xml_string(examples.XML)
-    return compat.state_columns(model, compat.state_spec("INTEGRATION"))["ctrl"].start
+    return compat.state_columns(model)["ctrl"].start
 
 
 def test_a_controller_sets_another_control_for_each_step() -> None:

@@ -9,11 +9,12 @@ import pytest
 from commands import PYTHONPATH
 from example_environment_records import record
 
+from mjbench.comparison.messages import AgreementReport
 from mjbench.environment import vectors
 from mjbench.environment.records import EnvironmentRecord, VectorForm
 from mjbench.environment.run import EnvironmentPlan
 from mjbench.environment.source import resolve
-from mjbench.environment.vectors import FormReport, VectorRound
+from mjbench.environment.vectors import VectorRound
 from mjbench.status import Status
 
 PLAN = EnvironmentPlan(nstep=None, seed=0, threads=(), nenv=(1, 2), budget_s=0.0, limit_s=60.0)
@@ -197,9 +198,9 @@ def test_without_gymnasium_there_are_none(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_a_form_that_ended_the_child_keeps_its_reason_and_the_others_their_figures() -> None:
-    fatal = FormReport(1, Status.TIMEOUT, "no answer")
+    fatal = AgreementReport(1, Status.TIMEOUT, "no answer")
     rounds = [VectorRound({0: 1.0, 2: 2.0}, {0: 1.5, 2: 2.5})] * 7
-    messages = [fatal, FormReport(0, Status.OK), FormReport(2, Status.OK), *rounds]
+    messages = [fatal, AgreementReport(0, Status.OK), AgreementReport(2, Status.OK), *rounds]
     samples = vectors._samples(PLAN, messages, Status.FAILED, "it ended early")
     first, second, third, fourth = samples
     assert (first.status, len(first.ns), first.single_ns[0]) == (Status.OK, 7, 1.5)
@@ -209,8 +210,8 @@ def test_a_form_that_ended_the_child_keeps_its_reason_and_the_others_their_figur
 
 
 def test_what_was_wrong_in_a_timed_block_has_no_figures() -> None:
-    wrong = FormReport(0, Status.DISAGREES, "in a timed block")
-    messages = [FormReport(0, Status.OK), VectorRound({0: 1.0}, {0: 1.0}), wrong]
+    wrong = AgreementReport(0, Status.DISAGREES, "in a timed block")
+    messages = [AgreementReport(0, Status.OK), VectorRound({0: 1.0}, {0: 1.0}), wrong]
     assert vectors._samples(PLAN, messages, Status.OK, "")[0].ns == ()
 
 

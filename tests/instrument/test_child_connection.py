@@ -1,10 +1,13 @@
 """What a child sends, and how it fails to: in the same words for all that answer over one."""
 
+import contextlib
+import multiprocessing.connection
 import pickle
 import signal
 import struct
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -90,6 +93,45 @@ def test_what_watches_a_silent_child_can_end_the_wait(tmp_path: Path) -> None:
     with pytest.raises(ChildError, match=r"^it takes too much$"):
         connection.receive(60.0, watch=watch)
     assert connection.process.wait(0.0) == -signal.SIGKILL
+    connection.end()
+
+
+def test_what_watches_takes_time_of_the_limit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    connection = started(tmp_path, "time.sleep(600)")
+    now_s, seen_s = 0.0, list[float]()
+    monkeypatch.setattr(child_connection, "_WATCH_S", 0.0)
+    monkeypatch.setattr(child_connection, "monotonic", lambda: now_s)
+
+    def watch() -> None:
+        nonlocal now_s
+        seen_s.append(now_s)
+        now_s += 40.0
+
+    with pytest.raises(ChildError, match="no answer within 60 s"):
+        connection.receive(60.0, watch=watch)
+    assert seen_s == [0.0, 40.0]
+    connection.end()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs pidfd_open")
+@pytest.mark.parametrize("code", ["here.recv(); here.send(1)", "here.recv(); sys.exit(3)"])
+def test_nothing_wakes_up_before_a_child_answers_or_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str
+) -> None:
+    connection, waits_s = started(tmp_path, code), list[float]()
+
+    def wait(handles: list[Any], timeout_s: float) -> list[Any]:
+        waits_s.append(timeout_s)
+        return multiprocessing.connection.wait(handles, timeout_s)
+
+    monkeypatch.setattr(child_connection, "wait", wait)
+    monkeypatch.setattr(child_connection, "_WATCH_S", 0.0)
+    connection.connection.send(None)
+    with contextlib.suppress(ChildError):
+        connection.receive(60.0)
+    assert len(waits_s) == 1
     connection.end()
 
 

@@ -2,6 +2,7 @@ import errno
 import os
 import pickle
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +12,14 @@ from isolated_tasks import Blob, BlobsRequest, Process, Text, WaitRequest
 from process_tree import ends
 
 from mjbench.errors import InputError, MachineError
-from mjbench.instrument import isolate
+from mjbench.instrument import child_connection, isolate
 from mjbench.instrument.child_connection import ChildConnection
 from mjbench.instrument.isolate import Activity, Ended
 from mjbench.status import Status
 
 # The parent reads from a child in chunks of this many bytes.
 CHUNK = 1 << 16
+Connect = Callable[..., ChildConnection]
 
 
 def run(task: str, request: Any = None, limit_s: float = 60.0) -> tuple[Ended, list[Any]]:
@@ -169,12 +171,13 @@ class SimulatedChild:
 
     def send(self, request: object) -> None: ...
 
-    def poll(self, wait_s: float = 0.0) -> bool:
+    def poll(self) -> bool:
+        return self.arrivals[0][0] <= self.now
+
+    def await_message(self, awaited: object, wait_s: float) -> list[object]:
         """Let simulated time pass until the next message, or for as long as the parent waits."""
-        arrival, _ = self.arrivals[0]
-        arrives = arrival <= self.now + wait_s
-        self.now = max(self.now, arrival) if arrives else self.now + wait_s
-        return arrives
+        self.now = max(self.now, min(self.arrivals[0][0], self.now + wait_s))
+        return [self] if self.poll() else []
 
     def recv_bytes(self, max_bytes: int) -> bytes:
         arrived = self.arrivals.pop(0)[1]
@@ -187,10 +190,22 @@ class SimulatedChild:
     def end(self) -> None: ...
 
 
-def received(*arrivals: tuple[float, object]) -> list[str]:
+@pytest.fixture
+def connect(monkeypatch: pytest.MonkeyPatch) -> Connect:
+    """Return what makes the connection to a child whose messages arrive at given times."""
+
+    def connected(*arrivals: tuple[float, object]) -> ChildConnection:
+        child: Any = SimulatedChild(*arrivals, (1e9, Ended(Status.OK)))
+        monkeypatch.setattr(child_connection, "monotonic", lambda: child.now)
+        monkeypatch.setattr(child_connection, "wait", child.await_message)
+        return ChildConnection(child, child, Path("log"))
+
+    return connected
+
+
+def received(connection: ChildConnection) -> list[str]:
     """Return what the parent receives; a child that is killed is `timeout`."""
-    child: Any = SimulatedChild(*arrivals, (1e9, Ended(Status.OK)))
-    connection, messages = ChildConnection(child, child, Path("log")), list[str]()
+    messages: list[str] = []
     ended = isolate._converse(connection, None, lambda m: messages.append(m.text), 3.0, None)
     return [*messages, ended.status.value]
 
@@ -207,28 +222,30 @@ def received(*arrivals: tuple[float, object]) -> list[str]:
     ],
 )
 def test_a_child_that_sends_no_whole_message_ends_in_words_that_say_so(
-    arrival: object, ended: Ended
+    connect: Connect, arrival: object, ended: Ended
 ) -> None:
-    child: Any = SimulatedChild((0.0, arrival))
-    connection = ChildConnection(child, child, Path("log"))
+    connection = connect((0.0, arrival))
     assert isolate._converse(connection, None, lambda m: None, 3.0, None) == ended
 
 
 @pytest.mark.parametrize(("allowed_s", "expected"), [(None, []), (4.0, []), (6.0, ["late"])])
-def test_a_child_can_extend_its_time_limit(allowed_s: float | None, expected: list[str]) -> None:
+def test_a_child_can_extend_its_time_limit(
+    connect: Connect, allowed_s: float | None, expected: list[str]
+) -> None:
     allowed = [] if allowed_s is None else [(0.0, isolate._SilenceAllowed(allowed_s))]
-    assert received(*allowed, (5.0, Text("late"))) == [*expected, "timeout"]
+    assert received(connect(*allowed, (5.0, Text("late")))) == [*expected, "timeout"]
 
 
-def test_an_extension_ends_with_the_next_message() -> None:
+def test_an_extension_ends_with_the_next_message(connect: Connect) -> None:
     extension = isolate._SilenceAllowed(100.0)
     arrivals = (0.0, extension), (90.0, Text("late")), (95.0, Text("too late"))
-    assert received(*arrivals) == ["late", "timeout"]
+    assert received(connect(*arrivals)) == ["late", "timeout"]
 
 
-def test_an_extension_never_shortens_the_limit() -> None:
+def test_an_extension_never_shortens_the_limit(connect: Connect) -> None:
     extension = isolate._SilenceAllowed(1.0)
-    assert received((0.0, extension), (2.0, Text("in time"))) == ["in time", "timeout"]
+    connection = connect((0.0, extension), (2.0, Text("in time")))
+    assert received(connection) == ["in time", "timeout"]
 
 
 def test_an_exception_in_the_parent_leaves_no_process() -> None:

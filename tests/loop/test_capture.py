@@ -25,7 +25,7 @@ from mjbench.simulation.model_digest import model_digest
 from mjbench.simulation.state_file import RecordedStates
 
 Step = Callable[[mujoco.MjModel, mujoco.MjData], object]
-SPEC = compat.state_spec("INTEGRATION")
+SPEC = compat.INTEGRATION
 HUMANOID = models.load(models.resolve("humanoid"))
 CARTPOLE = models.load(models.resolve("cartpole"))
 # A ball that a program pushes about by a force, between mocap walls.

@@ -350,6 +350,13 @@ def test_codes_are_unique_and_each_rule_is_explained() -> None:
         assert all(len(line) <= 100 for line in rule.explanation.splitlines()), rule.code
 
 
+def test_rules_are_explained_where_python_drops_docstrings() -> None:
+    code = "from mjbench.loop.lint import RULES; print(*(rule.explanation for rule in RULES))"
+    command = [sys.executable, "-OO", "-c", code]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.stdout.strip() == " ".join(rule.explanation for rule in RULES).strip(), done.stderr
+
+
 def test_a_loop_steps_through_functions_that_call_each_other(tmp_path: Path) -> None:
     results = findings(
         tmp_path,

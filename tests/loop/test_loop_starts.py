@@ -88,8 +88,8 @@ def test_without_a_file_starts_are_those_of_every_other_command() -> None:
     for row, control in zip(expected.initial_state[:3], expected.control[:3, 0], strict=True):
         start(CARTPOLE, data)
         state = np.empty(len(row))
-        compat.get_state(CARTPOLE, data, state, compat.state_spec("INTEGRATION"))
-        columns = compat.state_columns(CARTPOLE, compat.state_spec("INTEGRATION"))
+        compat.get_state(CARTPOLE, data, state)
+        columns = compat.state_columns(CARTPOLE)
         np.testing.assert_array_equal(state[columns["qpos"]], row[columns["qpos"]])
         np.testing.assert_array_equal(data.ctrl, control)
 

@@ -196,7 +196,7 @@ def test_a_row_of_one_moment_is_what_forward_computes_of_its_state(fields: list[
     fields = [f for f in fields if not f.startswith("body:") or name == "humanoid"]
     data, again = workload.start_data(model), workload.start_data(model)
     log = mjbench.record(model, data, 30, [*fields, "xfrc_applied"], same_moment=True)
-    spec, now = compat.state_spec("INTEGRATION"), mujoco.MjData(model)
+    spec, now = compat.INTEGRATION, mujoco.MjData(model)
     state = np.empty(compat.state_size(model, spec))
     for i in range(30):
         mujoco.mj_step(model, again)

@@ -1,6 +1,7 @@
 """The plain loop in sections does exactly what the plain loop does."""
 
 import dataclasses
+import functools
 import time
 
 import mujoco
@@ -16,7 +17,7 @@ from mjbench.paths import Resources
 from mjbench.simulation import compat, models, work, workload
 from mjbench.simulation.workload import Workload
 
-FULL = compat.state_spec("INTEGRATION")
+FULL = compat.INTEGRATION
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +100,9 @@ def test_a_run_whose_states_are_not_whole_is_not_divided(
     assert loop_sections.can_divide(pile, 6)
     without_warmstart = compat.state_spec("FULLPHYSICS")
     size = compat.state_size(pile.model, without_warmstart)
-    monkeypatch.setattr(compat, "state_spec", lambda name: without_warmstart)
+    get_state = functools.partial(compat.get_state, spec=without_warmstart)
+    monkeypatch.setattr(compat, "INTEGRATION", without_warmstart)
+    monkeypatch.setattr(compat, "get_state", get_state)
     part = dataclasses.replace(pile, initial_state=pile.initial_state[:, :size].copy())
     assert not loop_sections.can_divide(part, 6)
 

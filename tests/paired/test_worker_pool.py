@@ -103,7 +103,7 @@ def test_a_worker_that_sends_no_answer_is_ended_in_one_line(
     ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, child_connection.timeval(0.01))
     process: Any = Endless()
     worker = WorkerProcess(Connection(ours.detach()), "baseline", 60.0, process, tmp_path / "log")
-    with theirs, worker.connection:
+    with theirs, worker._child.connection:
         theirs.sendall(sent)
         worker._activities.append("running a block")
         with pytest.raises(TargetError) as caught:

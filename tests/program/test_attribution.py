@@ -64,6 +64,17 @@ def test_shares_of_a_loop_sum_to_one(file):
     assert time.error(0.3) == pytest.approx((0.3 * 0.7 / 10) ** 0.5)
 
 
+def test_a_file_of_two_installs_of_a_package_is_one_file(tmp_path):
+    seen = []
+    for pid, environment in enumerate(("first", "second"), start=1):
+        file = tmp_path / environment / "site-packages" / "package" / "program.py"
+        file.parent.mkdir(parents=True)
+        file.write_text(SOURCE)
+        seen.append(samples([stacks(str(file))["step"]] * 2, pid, pid))
+    (time,) = attribution.loop_times(seen, main_pid=1)
+    assert (time.loop.file, time.pids, time.samples) == ("package/program.py", [1, 2], 4)
+
+
 def test_lines_are_those_of_the_users_code_with_their_text(file):
     of = stacks(file)
     (time,) = attribution.loop_times([samples([of["step"]] * 7 + [of["observe"]] * 3)], 1)

@@ -18,7 +18,7 @@ from mjbench.simulation.sampling import Sample, SampleRequest
 from mjbench.simulation.starts import StartPlan
 
 CARTPOLE = models.load(models.resolve("cartpole"))
-SPEC = compat.state_spec("INTEGRATION")
+SPEC = compat.INTEGRATION
 
 
 def header(**changes: Any) -> CaptureHeader:

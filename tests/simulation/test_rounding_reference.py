@@ -18,7 +18,7 @@ def traced(small: Workload) -> RoundingReference:
 def test_the_run_is_that_of_the_plain_loop(small: Workload, traced: RoundingReference) -> None:
     every_step = range(small.nstep + 1)
     np.testing.assert_array_equal(traced.run.states, work.states_after(small, every_step))
-    spec = compat.state_spec("INTEGRATION")
+    spec = compat.INTEGRATION
     assert dict(traced.run.columns) == compat.state_columns(small.model, spec)
 
 

@@ -47,7 +47,7 @@ def test_starts_keep_the_keyframes_mocap_pose(model: mujoco.MjModel) -> None:
 
 def test_the_warm_start_is_real_and_matters(model: mujoco.MjModel) -> None:
     sample = workload.make(model, nbatch=1, nstep=1)
-    spec = compat.state_spec("INTEGRATION")
+    spec = compat.INTEGRATION
     warm = sample.initial_state[0]
     cold = warm.copy()
     cold[compat.state_columns(model, spec)["qacc_warmstart"]] = 0.0

@@ -24,7 +24,7 @@ def state_of(model, qpos, qvel=None, nstep=0):
     if qvel is not None:
         data.qvel[:] = qvel
     mujoco.mj_step(model, data, nstep)
-    spec = compat.state_spec("INTEGRATION")
+    spec = compat.INTEGRATION
     row = np.empty(compat.state_size(model, spec))
     compat.get_state(model, data, row, spec)
     return row
