@@ -36,7 +36,7 @@ from benchmarks.studies.c_floor_tally import FloorRow, FloorTally, LaunchTimes
 from mjbench import paths
 from mjbench.comparison.sizes import SizeRequest, choose_sizes
 from mjbench.errors import MachineError, MjbenchError, one_line
-from mjbench.instrument import isolate, machine
+from mjbench.host import isolate, machine
 from mjbench.paired import cores
 from mjbench.simulation import agreement, compat, models, workload
 from mjbench.simulation.engine_clock import engine_clock

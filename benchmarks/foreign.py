@@ -30,7 +30,7 @@ from benchmarks.foreign_progress import Progress, replace
 from benchmarks.studies import foreign_page, foreign_tally, tally_file
 from benchmarks.studies.foreign_tally import FileResult, ForeignTally, PackageTally
 from mjbench.errors import InputError, MachineError, MjbenchError, writing
-from mjbench.instrument import machine, platforms
+from mjbench.host import machine, platforms
 from mjbench.paths.parallelism import nthread
 from mjbench.releases import installs
 from mjbench.simulation.models import ModelSource

@@ -8,7 +8,7 @@ from pathlib import Path
 from benchmarks.foreign_packages import Package
 from benchmarks.studies.foreign_tally import FileResult
 from mjbench.errors import writing
-from mjbench.instrument import files
+from mjbench.store import files
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,6 @@ def _read(file: Path) -> list[ProgressRecord]:
 
 
 def _line(record: ProgressRecord) -> str:
-    from mjbench.instrument.runs import to_json
+    from mjbench.store.runs import to_json
 
     return json.dumps(to_json(record)) + "\n"

@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any
 
 import mjbench
-from mjbench import paths
+from mjbench import extras, paths
 from mjbench.errors import InputError, MachineError, MjbenchError, one_line, writing
-from mjbench.instrument import extras, files
 from mjbench.simulation import models
+from mjbench.store import files
 from mjbench.web import npm_package
 from mjbench.web.npm_package import Build, NpmPackage
 
@@ -75,8 +75,8 @@ def read_figures(file: Path, release: str) -> OtherFigures | None:
     # late: asv imports this module where few packages are
     import msgspec
 
-    from mjbench.instrument.json_form import json_type
     from mjbench.report.kinds import WEB
+    from mjbench.store.json_form import json_type
 
     if not file.exists():
         return None

@@ -20,7 +20,8 @@ from benchmarks import stored
 from benchmarks.settings import Tracked
 from mjbench import paths
 from mjbench.errors import MachineError
-from mjbench.instrument import isolate, timing
+from mjbench.host import isolate
+from mjbench.measuring import timing
 from mjbench.paths.accelerated import AcceleratedPath, save_workload
 from mjbench.simulation import models, work, workload
 from mjbench.status import Status

@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING
 from benchmarks.programs import side
 from benchmarks.studies import tally_command
 from mjbench.errors import MachineError
-from mjbench.instrument import stats
+from mjbench.measuring import stats
 from mjbench.program import sampler
 from mjbench.simulation import models
 from mjbench.status import ExitCode

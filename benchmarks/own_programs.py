@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mjbench.instrument import machine
+from mjbench.host import machine
 from mjbench.status import ExitCode
 
 FOLDER = Path(__file__).parent / "programs" / "own"

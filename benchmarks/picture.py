@@ -31,10 +31,10 @@ def write_report(run_file: Path, model: str, page: Path) -> None:
     """Write the report of one model of a run file."""
     import dataclasses
 
-    from mjbench.instrument import runs
     from mjbench.pages import html, reports
     from mjbench.pages.reports import NamedRun
     from mjbench.report.kinds import RECORD_TYPES
+    from mjbench.store import runs
 
     run = runs.load(run_file, RECORD_TYPES)
     records = tuple(record for record in run.records if getattr(record, "model", "") == model)

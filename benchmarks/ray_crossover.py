@@ -32,9 +32,9 @@ from benchmarks.studies.ray_tally import (
     RayTally,
     load,
 )
-from mjbench import paths
+from mjbench import extras, paths
 from mjbench.errors import InputError
-from mjbench.instrument import extras, machine
+from mjbench.host import machine
 from mjbench.paths import local_ray
 from mjbench.paths.parallelism import nthread
 from mjbench.simulation import models, workload

@@ -9,8 +9,8 @@ import numpy as np
 import mjbench
 from benchmarks import stored
 from benchmarks.settings import Tracked
-from mjbench.instrument import timing
 from mjbench.loop.recording import Ragged
+from mjbench.measuring import timing
 from mjbench.simulation import workload
 
 MODEL, NSTEP = "humanoid", 200

@@ -94,8 +94,8 @@ def by_hand(of: "Matrix") -> float:
 
 def by_sweep(of: "Matrix") -> SweepTimes:
     """Return the seconds of a sweep that does the same."""
-    from mjbench.instrument.run_set import RunSetFile
     from mjbench.report.kinds import RECORD_TYPES
+    from mjbench.store.run_set import RunSetFile
     from mjbench.sweep.ray_cluster import RayCluster
     from mjbench.sweep.run import Sweep
 

@@ -25,7 +25,7 @@ from benchmarks import foreign_packages
 from benchmarks.foreign_packages import PACKAGES
 from benchmarks.studies import tally_command, tally_file, tuning_page
 from mjbench.errors import InputError
-from mjbench.instrument import machine
+from mjbench.host import machine
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs
 from mjbench.simulation import models

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjbench.instrument import stats
+from mjbench.measuring import stats
 from mjbench.paired import launch_seeds
 from mjbench.paired.protocol import TargetPair
 from mjbench.paired.records import LaunchRow

@@ -44,7 +44,7 @@ def __getattr__(name: str) -> object:
     import importlib
 
     if name in _MEASURING:
-        from mjbench.instrument import extras
+        from mjbench import extras
 
         extras.require(f"mjbench.{name}", "cli", extras.OF_EVERY_COMMAND)
     module, _, attribute = _HOMES[name].partition(":")

@@ -12,8 +12,8 @@ def main() -> None:
     # until a command has something to save: an import that is interrupted need not be a traceback
     if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
+    from mjbench import extras
     from mjbench.errors import MachineError
-    from mjbench.instrument import extras
 
     try:
         extras.require("the command line", "cli", extras.OF_EVERY_COMMAND)
@@ -32,8 +32,8 @@ def main() -> None:
 
 def _end_processes() -> None:
     """End what a command has left running, such as a process that was interrupted as it started."""
-    if "mjbench.instrument.child" in sys.modules:
-        from mjbench.instrument import child
+    if "mjbench.host.child" in sys.modules:
+        from mjbench.host import child
 
         child.end_descendants()
 

@@ -14,7 +14,7 @@ from headless_browser import session
 from hypothesis import settings
 
 from mjbench.comparison import step_costs
-from mjbench.instrument import neighbours
+from mjbench.host import neighbours
 from mjbench.simulation import workload
 
 # The same examples in every run: a test that passed does not fail by chance.

@@ -11,7 +11,7 @@ from example_records import measurement, model_record
 from mjbench import paths
 from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
-from mjbench.instrument.progress import Progress
+from mjbench.measuring.progress import Progress
 from mjbench.paired import path_comparison
 from mjbench.paired.path_comparison import ModelComparison
 from mjbench.paired.race import RaceBudget, race

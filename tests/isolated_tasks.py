@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from mjbench.errors import InputError
-from mjbench.instrument.isolate import Channel
+from mjbench.host.isolate import Channel
 
 
 @dataclass(frozen=True)

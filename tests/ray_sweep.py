@@ -16,8 +16,8 @@ from pathlib import Path
 import psutil
 from sweep_examples import count_cell, matrix
 
-from mjbench.instrument.run_set import RunSetFile
 from mjbench.report.kinds import RECORD_TYPES
+from mjbench.store.run_set import RunSetFile
 from mjbench.sweep.ray_cluster import LeftOut, RayCluster
 from mjbench.sweep.ray_session import LABEL, RESOURCE
 from mjbench.sweep.results import CellResult

@@ -5,12 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from mjbench.instrument import run_set, runs
-from mjbench.instrument.machine import Machine
-from mjbench.instrument.run_file import RunFile
-from mjbench.instrument.run_set import RunSection, RunSetFile
-from mjbench.instrument.runs import Record, RunHeader
+from mjbench.host.machine import Machine
 from mjbench.report.kinds import RECORD_TYPES
+from mjbench.store import run_set, runs
+from mjbench.store.run_file import RunFile
+from mjbench.store.run_set import RunSection, RunSetFile
+from mjbench.store.runs import Record, RunHeader
 
 MACHINE = Machine(
     cpu="AMD EPYC 7763 64-Core Processor",

@@ -10,9 +10,10 @@ import sys
 from pathlib import Path
 
 from mjbench.counts.records import InstructionsRecord
-from mjbench.instrument import child, machine, runs
-from mjbench.instrument.run_file import RunFile
-from mjbench.instrument.runs import RunHeader
+from mjbench.host import child, machine
+from mjbench.store import runs
+from mjbench.store.run_file import RunFile
+from mjbench.store.runs import RunHeader
 
 
 def main() -> None:

@@ -3,15 +3,15 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
-from mjbench.instrument import run_file, runs
-from mjbench.instrument.machine import Machine
-from mjbench.instrument.runs import Record, RunHeader
+from mjbench.host.machine import Machine
 from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.paired.records import TargetRow, VerdictRecord
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.simulation import models
 from mjbench.status import Status
+from mjbench.store import run_file, runs
+from mjbench.store.runs import Record, RunHeader
 from mjbench.sweep.calibration import NodeRules
 from mjbench.sweep.cells import Cell, Kind
 from mjbench.sweep.matrix import Matrix

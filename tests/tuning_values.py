@@ -2,8 +2,9 @@
 
 import json
 
-from mjbench.instrument import machine, run_file, runs
+from mjbench.host import machine
 from mjbench.simulation.starts import Starts
+from mjbench.store import run_file, runs
 from mjbench.tuning.distance import Distance, Units
 from mjbench.tuning.physics import Physics
 from mjbench.tuning.reference import Present

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
-from mjbench.instrument.ratio import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRecord
 from mjbench.status import Status

@@ -4,7 +4,7 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mjbench.instrument.machine import Machine
+from mjbench.host.machine import Machine
 
 
 @dataclass(frozen=True)

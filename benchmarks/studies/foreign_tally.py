@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from benchmarks.foreign_packages import Package, PackageFiles
 from benchmarks.studies import tally_file
 from mjbench.errors import one_line
-from mjbench.instrument.machine import Machine
+from mjbench.host.machine import Machine
 from mjbench.status import Status
 
 if TYPE_CHECKING:

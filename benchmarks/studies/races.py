@@ -31,9 +31,9 @@ import numpy as np
 
 from benchmarks.studies import tally_command
 from benchmarks.studies.tally_file import dumps
+from mjbench import units
 from mjbench.errors import InputError, MachineError
-from mjbench.instrument import units
-from mjbench.instrument.stats import CONFIDENCE
+from mjbench.measuring.stats import CONFIDENCE
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import ExitCode, Status
@@ -133,11 +133,11 @@ def measure(sources: Sequence[ModelSource], launches: int, file: Path) -> ExitCo
     from mjbench.comparison.compare import ModelChildren
     from mjbench.comparison.messages import ModelFiles
     from mjbench.comparison.plan import ComparisonPlan, Variant
-    from mjbench.instrument import machine
-    from mjbench.instrument.runs import to_json
+    from mjbench.host import machine
     from mjbench.paired.path_comparison import enter
     from mjbench.paired.race_launches import RaceLaunches
     from mjbench.paired.worker_pool import WorkerPool
+    from mjbench.store.runs import to_json
 
     (plan,) = selection.plans(ComparisonPlan(variants=()), [])
     described = machine.describe()
@@ -371,7 +371,7 @@ def _outcome(stored: "RaceRecord", truth: Sequence[float], rng: np.random.Genera
 
 def _true_speedups(stored: "RaceRecord") -> list[float]:
     """Return the speed-up of each variant over the plain loop in all undisturbed launches."""
-    from mjbench.instrument import anytime
+    from mjbench.measuring import anytime
 
     logs = [[each.log_ratio(i, 0) for each in stored.launches] for i in range(len(stored.variants))]
     return [math.exp(anytime.mean_and_deviation(of_variant)[0]) for of_variant in logs]

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjbench.instrument import anytime
-from mjbench.instrument.anytime import Evidence, Interval
+from mjbench.measuring import anytime
+from mjbench.measuring.anytime import Evidence, Interval
 from mjbench.paired.judgement import MIN_LAUNCHES, conclude
 from mjbench.paired.launch_seeds import FIXED_LAUNCHES
 from mjbench.paired.outcomes import Verdict

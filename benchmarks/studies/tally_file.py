@@ -13,7 +13,7 @@ def dumps(tally: Any) -> str:
     Args:
       tally: values that are not finite become null.
     """
-    from mjbench.instrument.runs import to_json
+    from mjbench.store.runs import to_json
 
     return json.dumps(to_json(tally), indent=1, ensure_ascii=False) + "\n"
 

@@ -16,7 +16,7 @@ from benchmarks.studies.simulated_launches import (
     skewed_alike,
     two_modes,
 )
-from mjbench.instrument import anytime
+from mjbench.measuring import anytime
 from mjbench.paired.launch_seeds import RANDOM_LAUNCHES
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.verdict import VerdictPlan

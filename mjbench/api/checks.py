@@ -11,7 +11,7 @@ from enum import StrEnum
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from mjbench.errors import InputError, one_line
-from mjbench.instrument.limits import MAX_COUNT, MAX_SECONDS, MAX_SEED
+from mjbench.limits import MAX_COUNT, MAX_SECONDS, MAX_SEED
 from mjbench.simulation import workload
 
 _Choice = TypeVar("_Choice", bound=StrEnum)

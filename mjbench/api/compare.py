@@ -15,10 +15,9 @@ from mjbench.comparison import selection
 from mjbench.comparison.plan import BUDGET_S, ComparisonPlan
 from mjbench.comparison.records import ModelRecord
 from mjbench.errors import InputError
-from mjbench.instrument import progress
-from mjbench.instrument.limits import MAX_LARGE_COUNT, MAX_THREADS, TIME_LIMIT_S
-from mjbench.instrument.progress import Progress
-from mjbench.instrument.runs import Record
+from mjbench.limits import MAX_LARGE_COUNT, MAX_THREADS, TIME_LIMIT_S
+from mjbench.measuring import progress
+from mjbench.measuring.progress import Progress
 from mjbench.paired import path_comparison
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.report.advice import Advice, ClockAdvice
@@ -29,6 +28,7 @@ from mjbench.report.work_crossovers import WorkCrossover
 from mjbench.simulation import models as shipped_models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Product
+from mjbench.store.runs import Record
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from mjbench.api import checks, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.session import Session
-from mjbench.instrument.limits import MAX_HERTZ, TIME_LIMIT_S
+from mjbench.limits import MAX_HERTZ, TIME_LIMIT_S
 from mjbench.loop import latency as loop_latency
 from mjbench.loop.latency import LatencyRequest, LatencyRow, Pace
 

@@ -5,15 +5,15 @@ from pathlib import Path
 from typing import Any
 
 from mjbench.errors import one_line
-from mjbench.instrument.json_form import json_form
-from mjbench.instrument.machine import Machine
-from mjbench.instrument.run_file import RunFile
-from mjbench.instrument.runs import Run
+from mjbench.host.machine import Machine
 from mjbench.pages import fragment, reports, terminal
 from mjbench.pages.reports import NamedRun
 from mjbench.report import kinds, rows
 from mjbench.report.content import Report
 from mjbench.report.rows import Cell
+from mjbench.store.json_form import json_form
+from mjbench.store.run_file import RunFile
+from mjbench.store.runs import Run
 
 # The longest conclusion in the one line of `repr`.
 _REPR_CHARACTERS = 200

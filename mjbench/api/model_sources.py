@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from mjbench.errors import InputError, one_line, shown, writing
-from mjbench.instrument import scratch
+from mjbench.host import scratch
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 

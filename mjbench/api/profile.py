@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from mjbench.api import checks, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.session import Session
-from mjbench.instrument.limits import TIME_LIMIT_S
+from mjbench.limits import TIME_LIMIT_S
 from mjbench.loop import profile as loop_profile
 from mjbench.loop.profile import ProfileRow, StepProfile, StepTimes
 from mjbench.loop.rendering import FrameTime

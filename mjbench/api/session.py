@@ -10,10 +10,11 @@ from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any
 
-from mjbench.instrument import child, machine, neighbours, platforms, runs
-from mjbench.instrument.machine import ProcessorTime
-from mjbench.instrument.neighbours import Neighbour, Presence
-from mjbench.instrument.runs import Record, Run
+from mjbench.host import child, machine, neighbours, platforms
+from mjbench.host.machine import ProcessorTime
+from mjbench.host.neighbours import Neighbour, Presence
+from mjbench.store import runs
+from mjbench.store.runs import Record, Run
 
 # Seconds that the cleanup may take before a further Ctrl-C interrupts it.
 CLEANUP_S = 10.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from mjbench.api import checks
 from mjbench.errors import InputError, describe, writing
-from mjbench.instrument import scratch
+from mjbench.host import scratch
 from mjbench.simulation import starts
 from mjbench.simulation.starts import StartPlan
 

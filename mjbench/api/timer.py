@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mjbench.errors import InputError
-from mjbench.instrument.units import duration, plain
+from mjbench.units import duration, plain
 
 if TYPE_CHECKING:
     import mujoco

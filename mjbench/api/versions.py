@@ -11,8 +11,9 @@ from mjbench.counts import explain
 from mjbench.counts.explain import InstructionComparison
 from mjbench.counts.instructions import InstructionCounter
 from mjbench.errors import InputError
-from mjbench.instrument import platforms, progress
-from mjbench.instrument.progress import Progress
+from mjbench.host import platforms
+from mjbench.measuring import progress
+from mjbench.measuring.progress import Progress
 from mjbench.paired import family, outcomes, targets, verdict
 from mjbench.paired.family import Family
 from mjbench.paired.outcomes import Metric

@@ -28,7 +28,7 @@ from mjbench.cli.shared import (
     with_options,
 )
 from mjbench.errors import InputError, MachineError
-from mjbench.instrument.limits import MAX_THREADS
+from mjbench.limits import MAX_THREADS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -204,7 +204,6 @@ def _budget_s(options: _Options) -> float:
 def _compare(
     sources: "Sequence[ModelSource]", plans: "Sequence[ComparisonPlan]", options: _Options
 ) -> None:
-    from mjbench.instrument.runs import to_json
     from mjbench.paired.path_comparison import compare_model, finished, stored
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.paths import user_module_files
@@ -212,6 +211,7 @@ def _compare(
     from mjbench.report.advice import advise
     from mjbench.report.documents import CompareDocument
     from mjbench.report.results import derive
+    from mjbench.store.runs import to_json
 
     arguments = {**to_json(plans[0]), "models": [source.name for source in sources]}
     arguments["nbatch"] = [plan.nbatch for plan in plans]

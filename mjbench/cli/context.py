@@ -21,12 +21,12 @@ from mjbench.status import ExitCode, Status, exit_code
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
-    from mjbench.instrument.machine import Machine, ProcessorTime
-    from mjbench.instrument.neighbours import Neighbour, Presence
-    from mjbench.instrument.run_file import RunFile
-    from mjbench.instrument.runs import Record, Run, RunHeader
+    from mjbench.host.machine import Machine, ProcessorTime
+    from mjbench.host.neighbours import Neighbour, Presence
     from mjbench.report.content import DataTable, Section
     from mjbench.report.kinds import Kind
+    from mjbench.store.run_file import RunFile
+    from mjbench.store.runs import Record, Run, RunHeader
 
 
 class ProgressBar:
@@ -135,7 +135,7 @@ class RunContext:
           InputError: the run to continue is not one of this command and this machine.
           MachineError: an output cannot be written.
         """
-        from mjbench.instrument import machine
+        from mjbench.host import machine
 
         interrupts.enable()
         with contextlib.ExitStack() as closing:
@@ -161,7 +161,7 @@ class RunContext:
             if self._run_file is not None and error is None:
                 self.out.print(f"\nRun file: {self._run_file.path}", soft_wrap=True)
             if self._presence is not None and (others := self._presence.later_neighbours()):
-                from mjbench.instrument import neighbours
+                from mjbench.host import neighbours
 
                 report_line(
                     "another mjbench began to measure on this machine during this run"
@@ -172,16 +172,16 @@ class RunContext:
 
     def _print_stolen(self, begin: "ProcessorTime") -> None:
         """Say that the host gave the cores of this virtual machine to others, where it did."""
-        from mjbench.instrument import machine
+        from mjbench.host import machine
 
         if stolen := machine.stolen_note(begin):
             self.out.print(stolen, soft_wrap=True)
 
     def _open_run_file(self, storage: Storage) -> "RunFile":
         """Begin a run file, or continue one with those of its records that are finished."""
-        from mjbench.instrument import resume, runs
-        from mjbench.instrument.run_file import RunFile
         from mjbench.report.kinds import RECORD_TYPES
+        from mjbench.store import resume, runs
+        from mjbench.store.run_file import RunFile
 
         self._header = header = runs.RunHeader(
             runs.SCHEMA,
@@ -207,7 +207,7 @@ class RunContext:
     @property
     def machine(self) -> "Machine":
         """The machine, described when it is first asked for."""
-        from mjbench.instrument import machine
+        from mjbench.host import machine
 
         if self._machine is None:
             self._machine = machine.describe()
@@ -231,7 +231,7 @@ class RunContext:
 
     def _run(self, records: "Sequence[Record] | None" = None) -> "Run":
         """Return the run as its file holds it, with all of its records or with some."""
-        from mjbench.instrument.runs import Run
+        from mjbench.store.runs import Run
 
         assert self._header is not None, "this command has no run file"
         return Run(self._header, tuple(self._records if records is None else records))
@@ -250,7 +250,7 @@ class RunContext:
 
     def write(self, document: Any) -> None:
         """Write the command's JSON document, where one was asked for."""
-        from mjbench.instrument.json_form import json_form
+        from mjbench.store.json_form import json_form
 
         if self._json.is_wanted:
             self._json.write(json.dumps(json_form(document), indent=1) + "\n")
@@ -279,7 +279,7 @@ class RunContext:
 @contextlib.contextmanager
 def _announced(command: str, wait: bool) -> Iterator["Presence"]:
     """Take part in measuring on this machine: warn of others that do, or wait for them."""
-    from mjbench.instrument import neighbours
+    from mjbench.host import neighbours
 
     with neighbours.Presence(command) as presence:
         if others := presence.enter(wait, _report_wait):
@@ -291,6 +291,6 @@ def _announced(command: str, wait: bool) -> Iterator["Presence"]:
 
 
 def _report_wait(others: Sequence["Neighbour"]) -> None:
-    from mjbench.instrument import neighbours
+    from mjbench.host import neighbours
 
     report_line(f"waiting for {neighbours.describe(others)} to finish measuring")

@@ -13,7 +13,7 @@ from mjbench.cli.shared import JSON
 from mjbench.errors import InputError
 
 if TYPE_CHECKING:
-    from mjbench.instrument.run_set import RunSet
+    from mjbench.store.run_set import RunSet
 
 
 @cli.command()
@@ -36,11 +36,11 @@ def diff(old: Path, new: Path, across: bool, json_file: str | None) -> None:
     Example:
       mjbench diff old.jsonl new.jsonl
     """
-    from mjbench.instrument import run_set
     from mjbench.report.differences import difference_cautions, differences_table
     from mjbench.report.documents import DiffDocument
     from mjbench.report.kinds import RECORD_TYPES
     from mjbench.report.run_differences import differences
+    from mjbench.store import run_set
 
     with RunContext("diff", json_file, inputs=[old, new]) as run:
         stored = [run_set.read(path, RECORD_TYPES) for path in (old, new)]

@@ -14,7 +14,7 @@ _FRAME_LIMIT_S = 20.0
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from mjbench.instrument.conditions import Condition
+    from mjbench.host.conditions import Condition
     from mjbench.report.doctor import NoiseRow
 
 
@@ -31,8 +31,8 @@ def doctor(json_file: str | None) -> None:
     Example:
       mjbench doctor && mjbench versions 3.17.0 4.0.0 robot.xml --fail-on slower
     """
-    from mjbench.instrument import conditions
-    from mjbench.instrument.neighbours import Presence
+    from mjbench.host import conditions
+    from mjbench.host.neighbours import Presence
     from mjbench.pages.terminal import print_lines
     from mjbench.report.doctor import condition_lines, noise_section
     from mjbench.report.documents import DoctorDocument
@@ -56,7 +56,7 @@ def doctor(json_file: str | None) -> None:
 def _mujoco_conditions() -> "Iterator[Condition]":
     """Yield what MuJoCo's timer costs here, and which tools are missing."""
     from mjbench.counts import instructions
-    from mjbench.instrument.conditions import Condition, Grade
+    from mjbench.host.conditions import Condition, Grade
     from mjbench.paired import machine_check
     from mjbench.simulation import package_timer
 
@@ -74,7 +74,7 @@ def _mujoco_conditions() -> "Iterator[Condition]":
 
 def _rendering() -> "Condition":
     """Return which backends render, and how fast."""
-    from mjbench.instrument.conditions import Condition, Grade
+    from mjbench.host.conditions import Condition, Grade
     from mjbench.loop import rendering
     from mjbench.simulation import models
 

@@ -17,7 +17,7 @@ from mjbench.cli.shared import (
     with_options,
 )
 from mjbench.errors import MjbenchError, failure_of
-from mjbench.instrument.limits import MAX_THREADS
+from mjbench.limits import MAX_THREADS
 from mjbench.status import Status
 
 # Steps of an environment that are recorded at most: each holds two states and its controls.
@@ -88,7 +88,7 @@ def env(
     from mjbench.environment.records import EnvironmentRecord
     from mjbench.environment.run import EnvironmentPlan
     from mjbench.environment.source import resolve
-    from mjbench.instrument import machine
+    from mjbench.host import machine
     from mjbench.report.kinds import ENVIRONMENT
 
     if no_vector and nenv:

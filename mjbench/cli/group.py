@@ -12,7 +12,7 @@ import click
 
 import mjbench
 from mjbench.errors import InputError, MachineError, MjbenchError, describe, one_line, printable
-from mjbench.instrument import platforms
+from mjbench.host import platforms
 from mjbench.status import ExitCode
 
 # What became of commands of earlier versions.

@@ -38,7 +38,7 @@ class _Interrupts:
             _leave_closed_terminal()
             raise KeyboardInterrupt
         if now - self.first_s > CLEANUP_S:
-            from mjbench.instrument import child
+            from mjbench.host import child
 
             child.end_descendants()
             os._exit(ExitCode.INTERRUPTED)

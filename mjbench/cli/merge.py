@@ -10,7 +10,7 @@ from mjbench.cli.group import cli, report_line
 from mjbench.errors import InputError
 
 if TYPE_CHECKING:
-    from mjbench.instrument.run_set import Merged
+    from mjbench.store.run_set import Merged
 
 
 @cli.command()
@@ -35,8 +35,8 @@ def merge(files: tuple[Path, ...], output: Path) -> None:
       mjbench merge runs-*/*.jsonl -o all.jsonl
       mjbench report all.jsonl
     """
-    from mjbench.instrument import run_set
     from mjbench.report.kinds import RECORD_TYPES
+    from mjbench.store import run_set
 
     if str(output) == "-":
         raise InputError("a run set cannot go to standard output: give -o FILE")
@@ -49,8 +49,8 @@ def merge(files: tuple[Path, ...], output: Path) -> None:
 
 def _summary(merged: "Merged") -> str:
     """Return what a set holds now, what was added and what was skipped, in one line."""
-    from mjbench.instrument.machine_identity import identify
-    from mjbench.instrument.units import count_of
+    from mjbench.store.machine_identity import identify
+    from mjbench.units import count_of
 
     machines = dict.fromkeys(identify([run.header.machine for run in merged.runs]))
     skipped = [

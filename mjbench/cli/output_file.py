@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from mjbench.errors import InputError, MachineError, writing
-from mjbench.instrument import files
+from mjbench.store import files
 
 
 class OutputFile:

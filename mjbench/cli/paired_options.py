@@ -10,7 +10,7 @@ from mjbench.cli.fail_on import FailOn
 from mjbench.cli.group import report_line
 from mjbench.cli.shared import check_sizes, start_plan
 from mjbench.errors import InputError, shown, suggestion
-from mjbench.instrument import platforms
+from mjbench.host import platforms
 from mjbench.paired.outcomes import Metric
 from mjbench.status import ExitCode, Status
 

@@ -26,7 +26,7 @@ from mjbench.cli.shared import (
     with_options,
 )
 from mjbench.errors import Failure
-from mjbench.instrument.limits import MAX_THREADS
+from mjbench.limits import MAX_THREADS
 from mjbench.status import Status
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ def _requests(
     from mjbench.comparison import selection
     from mjbench.comparison.planner import Algorithm, PlannerSettings
     from mjbench.comparison.planning_run import PlanningRequest
-    from mjbench.instrument import machine
+    from mjbench.host import machine
 
     threads = options.threads or [machine.usable_cores()]
     variants = selection.variants(options.path_names or [], threads)

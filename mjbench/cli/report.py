@@ -14,7 +14,7 @@ from mjbench.cli.shared import RESULTS
 from mjbench.errors import InputError, writing
 
 if TYPE_CHECKING:
-    from mjbench.instrument.run_set import RunSet
+    from mjbench.store.run_set import RunSet
 
 # Formats of pages, which several runs share, and of other tools.
 _PAGES = ("html", "markdown")
@@ -56,8 +56,8 @@ def report(
       mjbench report --markdown >> "$GITHUB_STEP_SUMMARY"
       mjbench report --format junit -o junit.xml
     """
-    from mjbench.instrument import runs
     from mjbench.pages import exports
+    from mjbench.store import runs
 
     form = "markdown" if markdown else form
     chosen = list(files) or [runs.latest(results)]
@@ -80,9 +80,9 @@ def report(
 
 def _stored(file: Path) -> "RunSet":
     """Return a run file or set for another tool; say what to know before its numbers."""
-    from mjbench.instrument import run_set
     from mjbench.pages import exports
     from mjbench.report.kinds import RECORD_TYPES
+    from mjbench.store import run_set
 
     stored = run_set.read(file, RECORD_TYPES)
     for caution in exports.cautions(stored):

@@ -41,7 +41,7 @@ class _ProgramCommand(click.Command):
 
 def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "ProgramRow":
     """Return the row, with what the remedies of its first loop save."""
-    from mjbench.instrument import machine
+    from mjbench.host import machine
     from mjbench.program import confirm, remedies
 
     if not row.loops:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mjbench.errors import InputError, one_line
-from mjbench.instrument.limits import (
+from mjbench.limits import (
     MAX_COUNT,
     MAX_HERTZ,
     MAX_LARGE_COUNT,

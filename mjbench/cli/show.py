@@ -11,7 +11,7 @@ from mjbench.cli.group import cli, report_line
 from mjbench.cli.shared import CODE, CODE_HINT, JSON, RESULTS, with_options
 
 if TYPE_CHECKING:
-    from mjbench.instrument.runs import Run
+    from mjbench.store.runs import Run
 
 # Runs of a set that are printed; of more there is a list.
 _MOST_RUNS = 20
@@ -31,8 +31,8 @@ def show(file: Path | None, code: bool, results: Path, json_file: str | None) ->
       mjbench show
       mjbench show results/runs/run.jsonl --code
     """
-    from mjbench.instrument import run_set, runs
     from mjbench.report.kinds import RECORD_TYPES
+    from mjbench.store import run_set, runs
 
     file = file or runs.latest(results)
     stored = run_set.read(file, RECORD_TYPES)

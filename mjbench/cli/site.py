@@ -45,7 +45,7 @@ def site(output: Path, project: Path) -> None:
       mjbench site -o build/site
       python -m http.server --directory build/site
     """
-    from mjbench.instrument import scratch
+    from mjbench.host import scratch
     from mjbench.pages import site as pages
 
     if output.exists() and any(output.iterdir() if output.is_dir() else [output]):

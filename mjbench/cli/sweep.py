@@ -16,7 +16,7 @@ from mjbench.errors import InputError, MachineError
 from mjbench.status import FINISHED
 
 if TYPE_CHECKING:
-    from mjbench.instrument.run_set import RunSetFile
+    from mjbench.store.run_set import RunSetFile
     from mjbench.sweep.cells import Cell
     from mjbench.sweep.matrix import Matrix
     from mjbench.sweep.results import CellResult, Outcome
@@ -167,7 +167,7 @@ def _open(target: Path, on_error: contextlib.ExitStack) -> "RunSetFile":
       on_error: removes the file again if it was created here and has no result.
     """
     from mjbench.errors import writing
-    from mjbench.instrument.run_set import RunSetFile
+    from mjbench.store.run_set import RunSetFile
 
     # not Path.exists, which fails where a name is too long; create has a message for that
     if os.path.lexists(target):
@@ -190,8 +190,8 @@ def _remove_empty(target: Path) -> None:
 
 def _stored(target: Path, matrix: "Matrix") -> "dict[Cell, Outcome]":
     """Return how the cells in a run set ended; the last result of each counts."""
-    from mjbench.instrument import run_set
     from mjbench.report.kinds import RECORD_TYPES
+    from mjbench.store import run_set
     from mjbench.sweep import results
 
     if not os.path.lexists(target):

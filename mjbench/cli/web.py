@@ -116,7 +116,7 @@ def _engine(
     release: "ReleaseSpec | None", package_folder: Path | None, node_command: str, limit_s: float
 ) -> "Engine":
     """Return the builds of a release, and the Node that runs them."""
-    from mjbench.instrument import machine
+    from mjbench.host import machine
     from mjbench.web import node, npm_package
     from mjbench.web.build_run import Engine
 

@@ -28,8 +28,9 @@ from mjbench.comparison.messages import (
     PeakMemory,
 )
 from mjbench.comparison.plan import LIMIT_S, Variant
-from mjbench.instrument import isolate, machine, timing
-from mjbench.instrument.isolate import Channel
+from mjbench.host import isolate, machine
+from mjbench.host.isolate import Channel
+from mjbench.measuring import timing
 from mjbench.paths.accelerated import (
     CPU,
     AcceleratedPath,

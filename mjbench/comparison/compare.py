@@ -24,7 +24,7 @@ from mjbench.comparison.messages import (
 from mjbench.comparison.plan import ComparisonPlan
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.errors import Failure, failure_of
-from mjbench.instrument import isolate, machine, scratch
+from mjbench.host import isolate, machine, scratch
 from mjbench.paths.accelerated import AcceleratedPath
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from mjbench.comparison.messages import ListRequest
 from mjbench.errors import InputError
-from mjbench.instrument import isolate
-from mjbench.instrument.isolate import Channel
+from mjbench.host import isolate
+from mjbench.host.isolate import Channel
 from mjbench.simulation import models, work
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work import ModelFacts

@@ -16,7 +16,7 @@ from mjbench.comparison.records import ModelRecord
 from mjbench.comparison.sizes import BlockSizes, check_memory, choose_sizes
 from mjbench.comparison.verification import FurtherCases, ReferenceCase, verify
 from mjbench.errors import MachineError
-from mjbench.instrument.isolate import Channel
+from mjbench.host.isolate import Channel
 from mjbench.paths.accelerated import save_workload
 from mjbench.simulation import agreement, models, sampling, starts, work, workload
 from mjbench.simulation.model_digest import model_digest

@@ -1,6 +1,6 @@
 """What the children of a comparison are asked, and the messages that they send back.
 
-Frozen dataclasses, pickled from process to process (see `mjbench.instrument.isolate`). A variant is
+Frozen dataclasses, pickled from process to process (see `mjbench.host.isolate`). A variant is
 named by its index in the plan.
 """
 

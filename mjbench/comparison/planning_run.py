@@ -22,8 +22,8 @@ from mjbench.comparison.plan import LIMIT_S, Variant
 from mjbench.comparison.planner import Algorithm, Planner, PlannerSettings
 from mjbench.comparison.planning_tasks import PlanningTask, States, task_of
 from mjbench.errors import InputError, MachineError, describe, one_line
-from mjbench.instrument import isolate
-from mjbench.instrument.isolate import Channel
+from mjbench.host import isolate
+from mjbench.host.isolate import Channel
 from mjbench.loop.loop_starts import LoopStarts
 from mjbench.simulation import agreement, compat, models
 from mjbench.simulation.model_guard import ModelGuard

@@ -7,7 +7,7 @@ from typing import Any
 from mjbench import paths
 from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
 from mjbench.errors import InputError, describe
-from mjbench.instrument import machine, topology
+from mjbench.host import machine, topology
 from mjbench.paths.parallelism import WORKER_OPTIONS
 
 # Names that stand for several paths.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import mujoco
 
-from mjbench.instrument import machine
+from mjbench.host import machine
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Product, whole_holds
 

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from mjbench import extras
 from mjbench.counts import counted_program
 from mjbench.counts.function_differences import (
     CodeChanges,
@@ -21,9 +22,7 @@ from mjbench.counts.records import (
     FunctionDifference,
 )
 from mjbench.errors import MachineError
-from mjbench.instrument import extras
-from mjbench.instrument.ratio import Ratio
-from mjbench.instrument.units import percent_change
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import verdict
 from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.paired.records import Pair, TargetRow, VerdictRecord, VerdictRow
@@ -32,6 +31,7 @@ from mjbench.simulation import agreement, work_check
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work_check import StateDrift
 from mjbench.status import Status
+from mjbench.units import percent_change
 
 if TYPE_CHECKING:
     from mjbench.counts.code_comparison import CodeComparer

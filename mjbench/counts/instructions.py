@@ -33,8 +33,8 @@ from mjbench.counts.counted_program import (
 from mjbench.counts.records import FunctionCount, InstructionsRecord
 from mjbench.counts.stages import ENGINE, instructions_by_stage
 from mjbench.errors import Failure, MachineError, writing
-from mjbench.instrument import child, child_connection, platforms, scratch
-from mjbench.instrument.child_connection import ChildConnection, ChildError
+from mjbench.host import child, child_connection, platforms, scratch
+from mjbench.host.child_connection import ChildConnection, ChildError
 from mjbench.paired import release_python
 from mjbench.paired.run_sizes import Sizes
 from mjbench.releases import installs

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar
 
-from mjbench.instrument.bounds import Version
+from mjbench.bounds import Version
 from mjbench.paired.records import Pair, VerdictRow
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work

@@ -17,6 +17,7 @@ from typing import Any
 
 import mujoco
 
+from mjbench import extras
 from mjbench.environment.source import EnvironmentSource, Origin
 from mjbench.errors import (
     InputError,
@@ -25,7 +26,6 @@ from mjbench.errors import (
     shown,
     suggestion,
 )
-from mjbench.instrument import extras
 
 # The module of dm_control that has the release of MuJoCo which its bindings were generated from.
 _CONSTANTS = "dm_control.mujoco.wrapper.mjbindings.constants"

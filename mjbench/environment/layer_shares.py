@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mjbench.bounds import NonNegativeFloat
 from mjbench.environment.layers import Layer
 from mjbench.environment.timer import TimerCost
-from mjbench.instrument import stats
-from mjbench.instrument.bounds import NonNegativeFloat
-from mjbench.instrument.stats import Estimate
+from mjbench.measuring import stats
+from mjbench.measuring.stats import Estimate
 
 # Smallest divisor; no clock shows a shorter time.
 _LEAST_NS = 1e-3

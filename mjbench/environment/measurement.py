@@ -22,8 +22,8 @@ from mjbench.environment.run import (
     EnvironmentRound,
 )
 from mjbench.environment.source import EnvironmentSource
-from mjbench.instrument import isolate
-from mjbench.instrument.isolate import Ended
+from mjbench.host import isolate
+from mjbench.host.isolate import Ended
 from mjbench.status import Status
 
 

@@ -25,9 +25,9 @@ from mjbench.environment.timer import (
     engine_timed,
     functions_timed,
 )
-from mjbench.instrument import timing
-from mjbench.instrument.isolate import Channel
-from mjbench.instrument.timing import Contender
+from mjbench.host.isolate import Channel
+from mjbench.measuring import timing
+from mjbench.measuring.timing import Contender
 
 # The fewest and most rounds; a 95 % interval needs six.
 LEAST_ROUNDS, MOST_ROUNDS = 7, 100

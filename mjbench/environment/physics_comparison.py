@@ -17,8 +17,8 @@ from mjbench.comparison.plan import Variant
 from mjbench.comparison.verification import FurtherCases, ReferenceCase, verify
 from mjbench.environment.workload import PhysicsAlone
 from mjbench.errors import MachineError
-from mjbench.instrument import timing
-from mjbench.instrument.isolate import Channel
+from mjbench.host.isolate import Channel
+from mjbench.measuring import timing
 from mjbench.simulation import agreement, compat, work
 from mjbench.simulation.agreement import Difference
 from mjbench.simulation.model_guard import ModelGuard

@@ -12,6 +12,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mjbench import paths
+from mjbench.bounds import (
+    AnyFloat,
+    Nanoseconds,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+)
 from mjbench.environment.construction import ReleaseMismatch
 from mjbench.environment.layer_shares import (
     LayerSamples,
@@ -24,19 +32,11 @@ from mjbench.environment.model_changes import ModelChange
 from mjbench.environment.repetition import FieldDifference
 from mjbench.environment.timer import TimerCost
 from mjbench.errors import Failure
-from mjbench.instrument import stats
-from mjbench.instrument.bounds import (
-    AnyFloat,
-    Nanoseconds,
-    NonNegativeFloat,
-    NonNegativeInt,
-    PositiveFloat,
-    PositiveInt,
-)
-from mjbench.instrument.json_form import in_json
-from mjbench.instrument.stats import Estimate
+from mjbench.measuring import stats
+from mjbench.measuring.stats import Estimate
 from mjbench.simulation.work import ModelFacts
 from mjbench.status import Status
+from mjbench.store.json_form import in_json
 
 
 @dataclass(frozen=True)

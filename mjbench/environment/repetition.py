@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from mjbench.bounds import NonNegativeInt, PositiveInt
 from mjbench.environment.recording import Recording
 from mjbench.errors import one_line
-from mjbench.instrument.bounds import NonNegativeInt, PositiveInt
 from mjbench.simulation import compat
 
 # How deep observations are nested, at most.

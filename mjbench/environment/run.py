@@ -33,8 +33,9 @@ from mjbench.environment.source import EnvironmentSource
 from mjbench.environment.timer import LayerTime, TimerCost, measure_cost
 from mjbench.environment.workload import PhysicsAlone
 from mjbench.errors import InputError
-from mjbench.instrument import machine, timing
-from mjbench.instrument.isolate import Channel
+from mjbench.host import machine
+from mjbench.host.isolate import Channel
+from mjbench.measuring import timing
 from mjbench.paths.parallelism import nthread
 from mjbench.simulation import work
 from mjbench.status import Status

@@ -15,11 +15,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from mjbench.bounds import NonNegativeFloat
 from mjbench.environment import engine
 from mjbench.environment.callees import Callee
 from mjbench.environment.engine import Binding
 from mjbench.environment.layers import Layer
-from mjbench.instrument.bounds import NonNegativeFloat
 from mjbench.loop.engine_functions import STEPPING, EngineFunction
 
 ClockNs = Callable[[], int]

@@ -28,8 +28,8 @@ from mjbench.environment.repetition import Fingerprint
 from mjbench.environment.run import EnvironmentPlan
 from mjbench.environment.source import EnvironmentSource
 from mjbench.errors import InputError, describe
-from mjbench.instrument import isolate, machine
-from mjbench.instrument.isolate import Channel
+from mjbench.host import isolate, machine
+from mjbench.host.isolate import Channel
 from mjbench.status import Status
 
 # Steps of a block: as many as take one environment this long, within these bounds.

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjbench.environment.recording import Recording, StepTrace
-from mjbench.instrument.units import listed
 from mjbench.simulation.workload import Workload
+from mjbench.units import listed
 
 # Steps of the environment in a simulation, at most; and the share of its steps that shorter
 # simulations may not exceed in number, before runs are shortened to keep more of them.

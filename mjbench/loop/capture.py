@@ -21,11 +21,11 @@ import mujoco
 import numpy as np
 
 from mjbench.errors import InputError, MachineError, MjbenchError, one_line, shown, writing
-from mjbench.instrument import files
 from mjbench.loop import engine_functions
 from mjbench.loop.step_recorder import RecordedModel, StepRecorder, Window
 from mjbench.simulation import capture_header, state_file
 from mjbench.simulation.capture_header import CaptureHeader
+from mjbench.store import files
 
 # States that are stored, and steps of a window, unless the user says otherwise.
 MAX_STATES, WINDOW_NSTEP = 10_000, 100

@@ -16,11 +16,12 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
+from mjbench.bounds import CompressedText, NonNegativeFloat, Share, check_measured
 from mjbench.errors import InputError, one_line
-from mjbench.instrument import isolate, stats
-from mjbench.instrument.bounds import CompressedText, NonNegativeFloat, Share, check_measured
-from mjbench.instrument.isolate import Channel
-from mjbench.instrument.limits import TIME_LIMIT_S
+from mjbench.host import isolate
+from mjbench.host.isolate import Channel
+from mjbench.limits import TIME_LIMIT_S
+from mjbench.measuring import stats
 from mjbench.simulation import compat, models, sampling, starts, work
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.sampling import SampleRequest

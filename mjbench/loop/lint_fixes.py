@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench.errors import one_line, printable, writing
-from mjbench.instrument import files as stored_files
 from mjbench.loop import lint
 from mjbench.loop.certain_names import CertainNames
 from mjbench.loop.copying import Copying
@@ -23,6 +22,7 @@ from mjbench.loop.python_source import Program, read_program
 from mjbench.loop.script_changes import Changes, changed, lines_of
 from mjbench.loop.script_files import UncheckedFile, each_checked
 from mjbench.loop.stepping_script import SteppingScript
+from mjbench.store import files as stored_files
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ import ast
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from mjbench.instrument.units import listed
 from mjbench.loop.lint_data_uses import PART_PREFIXES
 from mjbench.loop.lint_forward import COMPUTED, STATE, enough_for
 from mjbench.loop.lint_rule import Match, rule
@@ -23,6 +22,7 @@ from mjbench.loop.stepping_script import (
     SteppingScript,
 )
 from mjbench.loop.stored_views import Store, StoredViews, store_of, stored_views
+from mjbench.units import listed
 
 # What a step integrates, and what is neither that nor computed from a state.
 _INTEGRATED = ("qpos", "qvel", "act", "time")

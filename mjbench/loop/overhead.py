@@ -12,12 +12,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from mjbench.instrument import isolate, stats, timing
-from mjbench.instrument.isolate import Channel
+from mjbench.host import isolate
+from mjbench.host.isolate import Channel
 from mjbench.loop import habits
 from mjbench.loop.compiled_loop import compile_loop, script
 from mjbench.loop.habits import BARE, ONE_CALL, ZERO_STEPS, Habit
 from mjbench.loop.loop_starts import LoopRequest, LoopStarts
+from mjbench.measuring import stats, timing
 from mjbench.simulation import models, work
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts

@@ -16,15 +16,16 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from mjbench.instrument import isolate, timing
-from mjbench.instrument.bounds import AnyFloat, Nanoseconds, Share, Timestep, check_measured
-from mjbench.instrument.isolate import Channel
-from mjbench.instrument.limits import TIME_LIMIT_S
+from mjbench.bounds import AnyFloat, Nanoseconds, Share, Timestep, check_measured
+from mjbench.host import isolate
+from mjbench.host.isolate import Channel
+from mjbench.limits import TIME_LIMIT_S
 from mjbench.loop import engine_stages, habits, rendering
 from mjbench.loop.compiled_loop import compile_loop
 from mjbench.loop.habits import Habit
 from mjbench.loop.loop_starts import LoopRequest, LoopStarts
 from mjbench.loop.rendering import FrameTime
+from mjbench.measuring import timing
 from mjbench.simulation import compat, models, work
 from mjbench.simulation.engine_clock import has_clock
 from mjbench.simulation.models import ModelSource

@@ -6,8 +6,8 @@ import time
 from dataclasses import dataclass
 
 from mjbench.errors import MachineError, one_line
-from mjbench.instrument import isolate
-from mjbench.instrument.isolate import Channel
+from mjbench.host import isolate
+from mjbench.host.isolate import Channel
 from mjbench.simulation.models import ModelSource
 
 # Frames that are timed, after one that sets everything up; the size of a frame, in pixels.

@@ -12,9 +12,6 @@ from xml.etree import ElementTree
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
 from mjbench.errors import InputError, MachineError
-from mjbench.instrument.machine_identity import identify
-from mjbench.instrument.run_set import RunSet
-from mjbench.instrument.runs import Run
 from mjbench.paired import across_machines, family
 from mjbench.paired.across_machines import Outcome
 from mjbench.paired.records import VerdictRecord
@@ -24,6 +21,9 @@ from mjbench.report.conclusions import cautions as cautions_of
 from mjbench.report.conclusions import disturbed
 from mjbench.report.results import derive_all
 from mjbench.status import Status
+from mjbench.store.machine_identity import identify
+from mjbench.store.run_set import RunSet
+from mjbench.store.runs import Run
 
 # What the formulas of spreadsheets begin with, in narrow and in wide letters.
 _FORMULA = tuple("=+-@\t\r\n＝＋－＠")

@@ -1,8 +1,8 @@
 """A report as one HTML file, which needs nothing else: charts are SVG in the page."""
 
 import mjbench
+from mjbench import extras
 from mjbench.errors import MachineError
-from mjbench.instrument import extras
 from mjbench.report import charts
 from mjbench.report.content import Figure, Report, Tone
 

@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench.errors import printable
-from mjbench.instrument import run_set
-from mjbench.instrument.machine import Machine
-from mjbench.instrument.machine_identity import MachineIdentity
-from mjbench.instrument.runs import Run
+from mjbench.host.machine import Machine
 from mjbench.releases import bundle
 from mjbench.releases.release_ratios import RatioRecord
 from mjbench.report import across_machines as across
 from mjbench.report import formats, histories, history_files, kinds
 from mjbench.report.content import Column, Conclusion, DataTable, Report, Section, Tone
+from mjbench.store import run_set
+from mjbench.store.machine_identity import MachineIdentity
+from mjbench.store.runs import Run
 
 # Sections of single runs, at most, where there are several runs: a page of more is of no use.
 _MOST_SECTIONS = 100

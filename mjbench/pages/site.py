@@ -20,9 +20,9 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from mjbench import extras
 from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError, MachineError, one_line, writing
-from mjbench.instrument import extras
 from mjbench.pages import html, reports
 from mjbench.pages.reports import NamedRun
 from mjbench.report import formats, history_plots, markdown, release_page, speed_page

@@ -12,14 +12,14 @@ from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from typing import Any
 
-from mjbench.instrument import anytime
-from mjbench.instrument.ratio import Ratio
-from mjbench.instrument.runs import InputFile, Run, RunHeader
+from mjbench.measuring import anytime
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import family
 from mjbench.paired.outcomes import CONFIDENCE, MIN_EFFECT, Metric, Verdict
 from mjbench.paired.records import TargetRow, VerdictRecord, VerdictRow
 from mjbench.releases import installs
 from mjbench.simulation.starts import Starts
+from mjbench.store.runs import InputFile, Run, RunHeader
 
 
 class Outcome(StrEnum):

@@ -1,6 +1,6 @@
 """How many cores threads get, measured in a process of its own."""
 
-from mjbench.instrument import machine
+from mjbench.host import machine
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess

@@ -6,7 +6,7 @@ import random
 import time
 from collections.abc import Collection, Iterable, Iterator
 
-from mjbench.instrument import platforms, topology
+from mjbench.host import platforms, topology
 
 # The cores that this process may use; read before it pins itself to one of them.
 USABLE = platforms.affinity()

@@ -9,10 +9,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mjbench.instrument import anytime
-from mjbench.instrument.runs import RunHeader
+from mjbench.measuring import anytime
 from mjbench.paired.outcomes import CONFIDENCE, Cause, Metric, Verdict
 from mjbench.paired.records import VerdictRow
+from mjbench.store.runs import RunHeader
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ import time
 import traceback
 from collections.abc import Iterator
 
-from mjbench.instrument import child
+from mjbench.host import child
 
 # What workers import, or MuJoCo does.
 _MODULES = (

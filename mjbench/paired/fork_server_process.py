@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from mjbench.errors import MachineError, one_line, writing
-from mjbench.instrument import child
+from mjbench.host import child
 from mjbench.paired import fork_server
 
 

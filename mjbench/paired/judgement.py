@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjbench.instrument import anytime
-from mjbench.instrument.anytime import Evidence, Interval
-from mjbench.instrument.ratio import Ratio
+from mjbench.measuring import anytime
+from mjbench.measuring.anytime import Evidence, Interval
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.outcomes import Verdict
 
 # A verdict of faster or slower is final when its interval's half-width is at most this share of the

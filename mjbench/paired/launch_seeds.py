@@ -8,7 +8,7 @@ import random
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from mjbench.instrument import platforms
+from mjbench.host import platforms
 
 # Launches whose workers are forked from the same programs. What these share correlates launches,
 # but little where the kernel does not draw addresses (see `benchmarks/variance_components.py`).

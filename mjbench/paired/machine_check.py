@@ -12,7 +12,7 @@ from statistics import NormalDist
 import mujoco
 
 from mjbench.errors import MachineError
-from mjbench.instrument import anytime, timing
+from mjbench.measuring import anytime, timing
 from mjbench.paired import verdict
 from mjbench.paired.judgement import MIN_LAUNCHES
 from mjbench.paired.targets import Target

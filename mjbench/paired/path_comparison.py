@@ -14,16 +14,17 @@ from mjbench.comparison.compare import ModelChildren
 from mjbench.comparison.messages import ModelFiles
 from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord, of_model
-from mjbench.instrument import neighbours, progress
-from mjbench.instrument.machine import ProcessorTime
-from mjbench.instrument.progress import Progress
-from mjbench.instrument.runs import Record
+from mjbench.host import neighbours
+from mjbench.host.machine import ProcessorTime
+from mjbench.measuring import progress
+from mjbench.measuring.progress import Progress
 from mjbench.paired.race import RaceBudget, race
 from mjbench.paired.race_launches import RaceLaunches
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation.models import ModelSource
 from mjbench.status import FINISHED, Status
+from mjbench.store.runs import Record
 
 # Share of a model's progress that verification stands for; the race is the rest.
 _VERIFICATION_SHARE = 0.2

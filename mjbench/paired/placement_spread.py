@@ -13,11 +13,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt, Version
 from mjbench.errors import MachineError
-from mjbench.instrument import anytime
-from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt, Version
-from mjbench.instrument.json_form import in_json
-from mjbench.instrument.ratio import Ratio
+from mjbench.measuring import anytime
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import launches, moved_check
 from mjbench.paired.launches import StopRule, Sufficiency
 from mjbench.paired.preparation import WorkCheck
@@ -30,6 +29,7 @@ from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.moved_image import ImmovableError
 from mjbench.releases.placement import RESIDUES, Placement, PlacementPair
 from mjbench.status import FINISHED, Status
+from mjbench.store.json_form import in_json
 
 # The interval of fewer launches would be too wide to be of use, so a residue has none then.
 MIN_LAUNCHES = 9

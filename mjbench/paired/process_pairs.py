@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from mjbench.errors import MjbenchError
-from mjbench.instrument import machine
+from mjbench.host import machine
 from mjbench.paired import cores
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess

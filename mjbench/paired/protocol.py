@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjbench.instrument import timing
+from mjbench.measuring import timing
 from mjbench.paired import cores, preparation
 from mjbench.paired.calibrator import Calibrator
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs

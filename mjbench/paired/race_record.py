@@ -14,10 +14,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.comparison.plan import Variant
-from mjbench.instrument import anytime
-from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
-from mjbench.instrument.ratio import Ratio
+from mjbench.measuring import anytime
+from mjbench.measuring.ratio import Ratio
 from mjbench.paths.parallelism import nthread
 from mjbench.status import Status
 

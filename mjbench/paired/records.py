@@ -11,15 +11,15 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from mjbench.instrument import stats
-from mjbench.instrument.bounds import (
+from mjbench.bounds import (
     NonNegativeFloat,
     NonNegativeInt,
     PositiveFloat,
     PositiveInt,
     TwoOf,
 )
-from mjbench.instrument.ratio import Ratio
+from mjbench.measuring import stats
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.outcomes import Cause, Metric, Verdict
 from mjbench.releases.placement import AS_SHIPPED, PlacementPair
 from mjbench.simulation.starts import Starts

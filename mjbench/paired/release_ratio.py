@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from mjbench.errors import Failure, InputError, MachineError, failure_of
-from mjbench.instrument import stats
+from mjbench.measuring import stats
 from mjbench.paired import cores, moved_check
 from mjbench.paired.moved_check import Averaging
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs

@@ -1,7 +1,7 @@
 """How often paired comparison is wrong, slow or undecided on this machine, now.
 
 The truth about both targets of a trial is known (see `selfcheck_cases`). Whatever a verdict says
-beyond that is an error of the instrument.
+beyond that is an error of measuring.
 """
 
 import contextlib
@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from mjbench.errors import InputError, MachineError, MjbenchError
-from mjbench.instrument import child, platforms
+from mjbench.host import child, platforms
 from mjbench.paired import verdict
 from mjbench.paired.outcomes import Arm, Cause, Verdict
 from mjbench.paired.selfcheck_cases import Case

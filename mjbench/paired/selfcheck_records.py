@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
-from mjbench.instrument.bounds import LogRatio, NonNegativeFloat, NonNegativeInt, PositiveFloat
-from mjbench.instrument.ratio import Ratio
+from mjbench.bounds import LogRatio, NonNegativeFloat, NonNegativeInt, PositiveFloat
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.outcomes import Arm, Cause, Verdict
 from mjbench.paired.records import PlacementEffect
 

@@ -7,10 +7,9 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 
-from mjbench.instrument import anytime
-from mjbench.instrument.anytime import Evidence
-from mjbench.instrument.ratio import Ratio
-from mjbench.instrument.units import percent_change
+from mjbench.measuring import anytime
+from mjbench.measuring.anytime import Evidence
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import launches, outcomes
 from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, conclude, judge
 from mjbench.paired.launches import Launched, StopRule, Sufficiency
@@ -32,6 +31,7 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.placement import PlacementPair
 from mjbench.status import Status
+from mjbench.units import percent_change
 
 # Unless another is asked for.
 CONFIDENCE = outcomes.CONFIDENCE

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from mjbench.errors import InputError, MachineError, failure_of
-from mjbench.instrument import child, platforms
+from mjbench.host import child, platforms
 from mjbench.paired import memory_layout
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.worker_answers import (
@@ -449,7 +449,7 @@ class Worker:
     @activity("counting cores")
     def count_cores(self, nthread: int) -> float:
         """Return how many cores `nthread` threads get now (see `machine.Calibration`)."""
-        from mjbench.instrument.machine import Calibration
+        from mjbench.host.machine import Calibration
 
         calibration = Calibration(nthread)
         seconds = []

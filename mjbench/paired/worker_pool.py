@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from mjbench.errors import writing
-from mjbench.instrument import child, child_connection, platforms, scratch
-from mjbench.instrument.child_connection import Process
+from mjbench.host import child, child_connection, platforms, scratch
+from mjbench.host.child_connection import Process
 from mjbench.paired import cores as affinity
 from mjbench.paired import launch_seeds, release_python
 from mjbench.paired.fork_server_process import ForkServerProcess

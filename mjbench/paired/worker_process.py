@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar
 
 from mjbench.errors import Failure, InputError, MachineError, UnavailableError
-from mjbench.instrument import machine
-from mjbench.instrument.child_connection import ChildConnection, ChildError, Process
+from mjbench.host import machine
+from mjbench.host.child_connection import ChildConnection, ChildError, Process
 from mjbench.paired import worker_answers
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_answers import Done

@@ -15,9 +15,8 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from mjbench import paths
+from mjbench import extras, paths
 from mjbench.errors import InputError, one_line
-from mjbench.instrument import extras
 from mjbench.paths.base import Options, Prepared, Resources, States, SteppingPath
 from mjbench.simulation import compat, work
 from mjbench.simulation.accelerated_limits import Precision

@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 
 from mjbench.errors import InputError, one_line
-from mjbench.instrument.limits import MAX_COUNT, MAX_THREADS
+from mjbench.limits import MAX_COUNT, MAX_THREADS
 from mjbench.paths.parallelism import PARALLEL_OPTIONS
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Product, StepOutputs, Workload

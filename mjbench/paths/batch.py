@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import mujoco
 import numpy as np
 
-from mjbench.instrument import machine
+from mjbench.host import machine
 from mjbench.paths import snippets
 from mjbench.paths.base import (
     Option,

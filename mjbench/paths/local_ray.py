@@ -18,7 +18,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from mjbench.errors import MachineError, describe
-from mjbench.instrument import ray_environment, scratch, session_guard
+from mjbench.host import ray_environment, scratch, session_guard
 
 # Ray's own minimum for the object store is 75 MiB.
 _LEAST_STORE_BYTES = 128 << 20

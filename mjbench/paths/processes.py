@@ -15,7 +15,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjbench.instrument import child
+from mjbench.host import child
 from mjbench.paths import snippets
 from mjbench.paths.base import (
     Option,

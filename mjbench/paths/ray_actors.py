@@ -15,8 +15,8 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
+from mjbench import extras
 from mjbench.errors import MachineError, describe, one_line
-from mjbench.instrument import extras
 from mjbench.paths import local_ray, snippets
 from mjbench.paths.base import (
     Option,

@@ -10,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from mjbench.instrument import machine
+from mjbench.host import machine
 from mjbench.loop.lint import Finding
 from mjbench.loop.lint_rules import NAMED_ACCESS
 from mjbench.program.activities import Activity, Place

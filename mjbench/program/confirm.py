@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench.errors import InputError, MjbenchError
-from mjbench.instrument import machine, scratch, stats
+from mjbench.host import machine, scratch
 from mjbench.loop import lint_fixes
+from mjbench.measuring import stats
 from mjbench.program import launch
 from mjbench.program.hook import step_clock
 from mjbench.program.launch import Program

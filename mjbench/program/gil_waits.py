@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from mjbench.instrument.bounds import Share
+from mjbench.bounds import Share
 from mjbench.program import activities
 from mjbench.program.activities import Activity, Place, is_own
 from mjbench.program.samples import Frame, ThreadSamples

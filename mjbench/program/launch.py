@@ -18,7 +18,7 @@ from pathlib import Path
 from types import FrameType
 
 from mjbench.errors import InputError, MachineError, shown
-from mjbench.instrument import scratch
+from mjbench.host import scratch
 from mjbench.program import activities, calls, gil_waits, recorded_models, sampler, step_times
 from mjbench.program.activities import Place
 from mjbench.program.calls import ProgramCalls

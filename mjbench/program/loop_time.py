@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from mjbench.instrument.bounds import Share
+from mjbench.bounds import Share
 from mjbench.program.activities import Activity, Place
 from mjbench.program.calls import CallTime
 from mjbench.program.source_loops import SourceLoop

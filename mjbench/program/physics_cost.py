@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mjbench.instrument import isolate, timing
-from mjbench.instrument.bounds import Share
-from mjbench.instrument.isolate import Channel
+from mjbench.bounds import Share
+from mjbench.host import isolate
+from mjbench.host.isolate import Channel
 from mjbench.loop import profile
 from mjbench.loop.loop_starts import LEAST_NSTEP, StartsInTurn
+from mjbench.measuring import timing
 from mjbench.program.recorded_models import RecordedModel, loadable
 from mjbench.simulation import compat, geom_pairs, work
 

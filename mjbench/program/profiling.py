@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mjbench.errors import InputError
-from mjbench.instrument import machine
+from mjbench.host import machine
 from mjbench.program import sampler, samples
 from mjbench.program.gil_waits import Holders
 from mjbench.program.samples import ThreadSamples

@@ -16,8 +16,9 @@ import mujoco
 import numpy as np
 
 from mjbench.errors import InputError, MjbenchError
-from mjbench.instrument import isolate, machine, stats, timing
-from mjbench.instrument.isolate import Channel
+from mjbench.host import isolate, machine
+from mjbench.host.isolate import Channel
+from mjbench.measuring import stats, timing
 from mjbench.program.recorded_models import RecordedModel, loadable
 from mjbench.simulation import compat
 from mjbench.simulation.engine_clock import engine_clock

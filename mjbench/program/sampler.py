@@ -11,8 +11,8 @@ import sysconfig
 from dataclasses import dataclass
 from pathlib import Path
 
+from mjbench import extras
 from mjbench.errors import UnavailableError, one_line
-from mjbench.instrument import extras
 
 # Samples per second; with stacks of libraries, each stops the program for a moment
 # (docs/method/run.md).

@@ -14,8 +14,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from mjbench.errors import InputError, MachineError, one_line, writing
-from mjbench.instrument import files, scratch
+from mjbench.host import scratch
 from mjbench.releases.release import Release
+from mjbench.store import files
 
 BRANCH = "releases"
 # Author and committer of every commit; fixed, because they are part of the hash.

@@ -26,7 +26,7 @@ import platformdirs
 from packaging.version import InvalidVersion, Version
 
 from mjbench.errors import InputError, MachineError, one_line, suggestion
-from mjbench.instrument import platforms
+from mjbench.host import platforms
 from mjbench.releases import install_check, package_index, pip, wheels
 from mjbench.releases.release import OLDEST, version_key
 

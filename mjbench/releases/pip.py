@@ -17,7 +17,7 @@ from packaging.utils import InvalidWheelFilename, parse_wheel_filename
 from packaging.version import Version
 
 from mjbench.errors import InputError, MachineError, one_line
-from mjbench.instrument import child
+from mjbench.host import child
 from mjbench.releases import package_index
 from mjbench.releases.release import OLDEST, version_key
 

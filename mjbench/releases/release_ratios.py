@@ -11,8 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from mjbench.instrument import anytime
-from mjbench.instrument.bounds import (
+from mjbench.bounds import (
     LogRatio,
     NonNegativeFloat,
     NonNegativeInt,
@@ -20,6 +19,7 @@ from mjbench.instrument.bounds import (
     PositiveInt,
     Version,
 )
+from mjbench.measuring import anytime
 from mjbench.releases.placement import Placement
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work

@@ -9,8 +9,6 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from mjbench.instrument.machine_identity import MachineIdentity, identify
-from mjbench.instrument.runs import Run
 from mjbench.paired import across_machines
 from mjbench.paired.across_machines import (
     AcrossMachines,
@@ -21,6 +19,8 @@ from mjbench.paired.across_machines import (
 from mjbench.report import advice_across, formats, verdicts
 from mjbench.report.advice_across import AdviceAcross
 from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section, Tone
+from mjbench.store.machine_identity import MachineIdentity, identify
+from mjbench.store.runs import Run
 
 # Machines have a column each where the table is no wider than so many characters; otherwise each
 # cell of the table is a row.

@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import Any
 
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
-from mjbench.instrument.ratio import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import MARGIN, Loop, RaceRecord, Standing
 from mjbench.paths import BASE
 from mjbench.report.results import ModelResults, PathResult

@@ -10,8 +10,6 @@ from dataclasses import dataclass, replace
 
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
-from mjbench.instrument.machine_identity import RunSoftware, software_names
-from mjbench.instrument.runs import InputFile, Run
 from mjbench.paired.race_record import Loop
 from mjbench.report import formats
 from mjbench.report.advice import Advice, advise
@@ -20,6 +18,8 @@ from mjbench.report.conclusions import disturbed
 from mjbench.report.results import ModelResults, derive_all
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.workload import Product
+from mjbench.store.machine_identity import RunSoftware, software_names
+from mjbench.store.runs import InputFile, Run
 
 # Models that a sentence names, at most.
 _MOST_NAMES = 10

@@ -7,8 +7,8 @@ a dark one.
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from mjbench import extras
 from mjbench.errors import MachineError
-from mjbench.instrument import extras
 from mjbench.report.content import Cell, DataTable, Figure
 
 # The version of Vega-Lite whose language the specifications are in.

@@ -4,8 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
-from mjbench.instrument.ratio import Ratio
-from mjbench.instrument.units import count_of, plain
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race import MAX_LAUNCHES
 from mjbench.paired.race_record import Loop
 from mjbench.paths import BASE
@@ -37,6 +36,7 @@ from mjbench.simulation import accelerated_limits, package_timer
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
+from mjbench.units import count_of, plain
 
 
 def sections(models: Sequence[ModelResults]) -> Iterator[Section]:

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 
 from mjbench import paths
 from mjbench.comparison.plan import Variant, describe_options
-from mjbench.instrument.ratio import Ratio
-from mjbench.instrument.units import count_of
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import Loop
 from mjbench.report import formats
 from mjbench.report.advice import Advice, ClockAdvice, Reason
 from mjbench.report.results import ModelResults
 from mjbench.report.thread_advice import ThreadAdvice
 from mjbench.simulation import package_timer
+from mjbench.units import count_of
 
 # A model on whose free bodies gravity acts falls where it has fewer contacts than this in a step.
 _FALLING_CONTACTS = 0.05

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from mjbench.comparison.plan import Variant
-from mjbench.instrument.stats import CONFIDENCE
-from mjbench.instrument.units import plain
+from mjbench.measuring.stats import CONFIDENCE
 from mjbench.report.results import PathResult
+from mjbench.units import plain
 
 # The speeds of fewer sizes show no scatter about their curve.
 _MIN_SIZES = 5

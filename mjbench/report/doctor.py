@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from mjbench.instrument.conditions import Condition, Grade
-from mjbench.instrument.units import plain
+from mjbench.host.conditions import Condition, Grade
 from mjbench.report.content import Conclusion, Section, Tone
+from mjbench.units import plain
 
 # The change of which a gate should be certain.
 TRUSTED = 0.01

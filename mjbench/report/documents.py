@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, make_dataclass
 
 from mjbench.comparison.listing import ListedModel
-from mjbench.instrument.conditions import Condition
-from mjbench.instrument.machine import Machine
-from mjbench.instrument.runs import SCHEMA, Run
+from mjbench.host.conditions import Condition
+from mjbench.host.machine import Machine
 from mjbench.paired.across_machines import AcrossMachines
 from mjbench.paired.selfcheck_records import SelfcheckRow
 from mjbench.releases import speed_history
@@ -23,6 +22,7 @@ from mjbench.report.run_differences import RunDifference
 from mjbench.report.thread_advice import ThreadAdvice, advise_threads
 from mjbench.report.work_crossovers import WorkCrossover, work_crossovers
 from mjbench.status import Status
+from mjbench.store.runs import SCHEMA, Run
 
 
 def results_document(result: type, schema: int = SCHEMA, has_machine: bool = True) -> type:

@@ -12,15 +12,15 @@ from mjbench.environment.records import (
     VectorForm,
     VectorSamples,
 )
-from mjbench.instrument import machine
-from mjbench.instrument.stats import Estimate
-from mjbench.instrument.units import duration, listed, plain
+from mjbench.host import machine
+from mjbench.measuring.stats import Estimate
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import nthread
 from mjbench.report import charts, content, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report.formats import Form
 from mjbench.status import Status
+from mjbench.units import duration, listed, plain
 
 # The least share of a layer that the first sentence names beside physics; and the most layers, or
 # fields that do not repeat, that a sentence names.

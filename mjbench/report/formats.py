@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from typing import Any, Protocol
 
-from mjbench.instrument.units import plain
+from mjbench.units import plain
 
 # Writes a cell that is not a text.
 Form = Callable[[Any], str]

@@ -5,13 +5,13 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from mjbench.instrument.units import plain
 from mjbench.releases.release_ratios import StepRatioRecord
 from mjbench.releases.speed_history import SpeedSeries
 from mjbench.report import charts, formats, history_plots, speed_across, speed_page
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section
 from mjbench.report.history_files import MachineHistory
 from mjbench.report.speed_history import SpeedHistory, listed_changes
+from mjbench.units import plain
 
 
 def of_machines(histories: Sequence[MachineHistory]) -> Iterator[Section]:

@@ -7,15 +7,15 @@ from pathlib import Path
 
 from mjbench.counts.records import ExplainRecord
 from mjbench.errors import InputError, shown, suggestion
-from mjbench.instrument import run_set
-from mjbench.instrument.machine_identity import MachineIdentity, identify
-from mjbench.instrument.runs import Run
 from mjbench.releases import known_causes
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.releases.speed_history import in_order
 from mjbench.report import speed_history
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.report.speed_history import SpeedHistory
+from mjbench.store import run_set
+from mjbench.store.machine_identity import MachineIdentity, identify
+from mjbench.store.runs import Run
 
 
 def run_files(folder: Path) -> list[Path]:

@@ -13,11 +13,11 @@ from typing import Any
 
 import msgspec
 
-from mjbench.instrument.json_form import json_type
-from mjbench.instrument.run_set import SectionHeader, SetHeader
-from mjbench.instrument.runs import RunHeader
 from mjbench.report.documents import RunSetDocument
 from mjbench.report.kinds import DOCUMENTS, RECORD_TYPES
+from mjbench.store.json_form import json_type
+from mjbench.store.run_set import SectionHeader, SetHeader
+from mjbench.store.runs import RunHeader
 
 SCHEMA_FOLDER = Path(__file__).resolve().parents[1] / "schemas"
 

@@ -12,7 +12,6 @@ from mjbench.comparison import records as comparison_records
 from mjbench.comparison.planning_run import PlanningRow
 from mjbench.counts.records import ExplainRecord, InstructionsRecord
 from mjbench.environment.records import EnvironmentRecord
-from mjbench.instrument.runs import SCHEMA, Record, Run
 from mjbench.loop.latency import LatencyRow
 from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.profile import ProfileRow
@@ -44,6 +43,7 @@ from mjbench.report import (
 from mjbench.report.content import Section
 from mjbench.report.lint import LintDocument
 from mjbench.report.results import derive_all
+from mjbench.store.runs import SCHEMA, Record, Run
 from mjbench.tuning.records import TuneRecord
 from mjbench.web.records import WebRecord
 

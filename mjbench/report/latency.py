@@ -5,11 +5,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mjbench.instrument.units import duration, plain
 from mjbench.loop.latency import LatencyRow, Pace, SlowFeature, histogram_quantiles
 from mjbench.report import charts, content, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report.starts import starts_lines
+from mjbench.units import duration, plain
 
 # Slow steps have a feature in common if they have so many times as much of it as all steps, and at
 # least this much in every tenth of them.

@@ -9,10 +9,10 @@ from typing import Any
 
 import mjbench
 from mjbench.errors import printable
-from mjbench.instrument.runs import SCHEMA, to_json
 from mjbench.loop.lint import Finding
 from mjbench.loop.lint_rules import RULES
 from mjbench.loop.script_files import UncheckedFile
+from mjbench.store.runs import SCHEMA, to_json
 
 
 @dataclass(frozen=True, kw_only=True)

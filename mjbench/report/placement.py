@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-from mjbench.instrument.ratio import Ratio
-from mjbench.instrument.units import percent
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.releases.placement import RESIDUES
 from mjbench.report import formats
 from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section
+from mjbench.units import percent
 
 
 def section(rows: Sequence[SpreadRecord]) -> Section:

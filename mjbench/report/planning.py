@@ -5,11 +5,11 @@ from collections.abc import Iterator, Sequence
 
 from mjbench.comparison.plan import Variant, describe_options
 from mjbench.comparison.planning_run import PlanningRow
-from mjbench.instrument.units import plain
 from mjbench.report import formats
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.report.starts import capture_lines
 from mjbench.status import Status
+from mjbench.units import plain
 
 
 def sections(rows: Sequence[PlanningRow]) -> Iterator[Section]:

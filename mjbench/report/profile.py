@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator, Sequence
 
-from mjbench.instrument.units import duration, plain
 from mjbench.loop.profile import FRAMES_PER_S, ProfileRow, StepProfile, StepTimes
 from mjbench.loop.rendering import FrameTime
 from mjbench.report import charts, content, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report.starts import starts_lines, warning_lines
 from mjbench.simulation import package_timer
+from mjbench.units import duration, plain
 
 
 def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:

@@ -5,7 +5,6 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from mjbench.instrument.units import duration, plain
 from mjbench.program import remedies
 from mjbench.program.activities import Activity, Place
 from mjbench.program.calls import CallTime
@@ -18,6 +17,7 @@ from mjbench.program.step_times import StepTimes
 from mjbench.report import charts, formats
 from mjbench.report.content import Cell, Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.status import Status
+from mjbench.units import duration, plain
 
 # Smaller shares of a loop, of a package in it, and of stages are left out; the JSON document has
 # all.

@@ -11,9 +11,9 @@ from typing import Any
 
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord, ScalingRecord, of_model
-from mjbench.instrument import machine, stats
-from mjbench.instrument.ratio import Ratio
-from mjbench.instrument.runs import Record
+from mjbench.host import machine
+from mjbench.measuring import stats
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.path_comparison import race_of
 from mjbench.paired.race_record import Loop, RaceRecord
 from mjbench.paths import BASE
@@ -23,6 +23,7 @@ from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
+from mjbench.store.runs import Record
 
 
 @dataclass(frozen=True, kw_only=True)

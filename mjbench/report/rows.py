@@ -4,12 +4,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mjbench.instrument import run_set
-from mjbench.instrument.json_form import json_form
-from mjbench.instrument.machine_identity import identify
-from mjbench.instrument.run_set import RunSet
-from mjbench.instrument.runs import Run
 from mjbench.report import kinds
+from mjbench.store import run_set
+from mjbench.store.json_form import json_form
+from mjbench.store.machine_identity import identify
+from mjbench.store.run_set import RunSet
+from mjbench.store.runs import Run
 
 # What a cell holds.
 Cell = str | float | int | bool | None

@@ -8,18 +8,18 @@ from typing import Any
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import MeasurementRecord
 from mjbench.errors import InputError
-from mjbench.instrument import stats
-from mjbench.instrument.machine import Machine
-from mjbench.instrument.machine_identity import MachineIdentity, identify
-from mjbench.instrument.ratio import Ratio
-from mjbench.instrument.run_set import RunSet
-from mjbench.instrument.runs import Run
-from mjbench.instrument.stats import TimedBlocks
+from mjbench.host.machine import Machine
+from mjbench.measuring import stats
+from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import TimedBlocks
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paths.accelerated import CPU
 from mjbench.report.results import PathResult, derive_all, steps_per_block
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.status import Status
+from mjbench.store.machine_identity import MachineIdentity, identify
+from mjbench.store.run_set import RunSet
+from mjbench.store.runs import Run
 
 # What must not differ where something was compiled: what compiled it, and with which flags.
 _COMPILERS = ("jax", "jaxlib", "warp-lang")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from mjbench.counts.explain import REPEATABILITY
 from mjbench.counts.records import OTHER_CODE, CodeChange, ExplainRecord
-from mjbench.instrument.machine import Machine
+from mjbench.host.machine import Machine
 from mjbench.paired.outcomes import Cause
 from mjbench.releases import known_causes, speed_history
 from mjbench.releases.change_points import ChangePoint

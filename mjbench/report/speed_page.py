@@ -5,8 +5,7 @@ import statistics
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from mjbench.instrument.machine import Machine
-from mjbench.instrument.units import count_of
+from mjbench.host.machine import Machine
 from mjbench.releases import speed_history
 from mjbench.releases.change_points import (
     FALSE_DISCOVERY_RATE,
@@ -36,6 +35,7 @@ from mjbench.report.speed_tables import (
     work,
 )
 from mjbench.simulation import models
+from mjbench.units import count_of
 
 TITLE = "# What changed between releases\n\nWritten by `mjbench history`; do not edit."
 # As many of the largest changes are named in the conclusion.

@@ -10,13 +10,13 @@ from mjbench.counts.function_differences import (
     largest_differences,
 )
 from mjbench.counts.records import ExplainRecord
-from mjbench.instrument.units import plain
 from mjbench.releases import release_ratios, speed_history
 from mjbench.releases.change_points import MIN_CHANGE
 from mjbench.releases.release_ratios import LogEstimate
 from mjbench.releases.speed_history import Measured, SpeedSeries
 from mjbench.report.markdown import change, change_with_error, code, escaped, table
 from mjbench.report.speed_history import Listed, SpeedHistory, listed_changes, title
+from mjbench.units import plain
 
 # The smallest change of a count of instructions that is marked.
 COUNT_THRESHOLD = 0.01

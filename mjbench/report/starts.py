@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
-from mjbench.instrument.units import count_of, plain
 from mjbench.simulation.starts import SettleLimit, Starts, Window
+from mjbench.units import count_of, plain
 
 # Values of mjtWarning by which MuJoCo says that memory was full and it left something out.
 _MEMORY_WARNINGS = ("CONTACTFULL", "CNSTRFULL", "VGEOMFULL")

@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 
-from mjbench.instrument.units import count_of
 from mjbench.report import formats
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.status import Status
 from mjbench.sweep.cells import Cell
 from mjbench.sweep.results import Outcome
 from mjbench.sweep.run import Summary
+from mjbench.units import count_of
 
 # At most so many failed cells, and so many missing ones, are named.
 _MOST_CELLS, _MOST_MISSING = 50, 3

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mjbench.instrument.ratio import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paths.parallelism import nthread
 from mjbench.report.results import ModelResults, PathResult

@@ -3,8 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from mjbench.instrument.ratio import Ratio
-from mjbench.instrument.units import plain
+from mjbench.measuring.ratio import Ratio
 from mjbench.report import charts, formats
 from mjbench.report.content import (
     Cell,
@@ -43,6 +42,7 @@ from mjbench.tuning.settings import (
     label,
     loop_change,
 )
+from mjbench.units import plain
 
 # Settings that failed, and settings alone, that are named.
 _MOST_FAILED = _MOST_ALONE = 12

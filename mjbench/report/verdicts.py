@@ -3,8 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from mjbench.instrument.ratio import Ratio
-from mjbench.instrument.units import count_of, percent, percent_change, plain
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import family
 from mjbench.paired.across_machines import (
     AcrossMachines,
@@ -20,6 +19,7 @@ from mjbench.report import charts, formats
 from mjbench.report.content import Cell, Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report.starts import starts_lines, warning_lines
 from mjbench.simulation import agreement
+from mjbench.units import count_of, percent, percent_change, plain
 
 # What stands behind the name of a comparison of something else than the time of a block.
 _METRICS = {

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.comparison.plan import Variant
-from mjbench.instrument.stats import Estimate
+from mjbench.measuring.stats import Estimate
 from mjbench.report import formats
 from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section, Tone
 from mjbench.report.starts import starts_lines

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from mjbench.comparison.plan import Variant
-from mjbench.instrument.units import plain
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import WORKER_OPTIONS, nthread
 from mjbench.report import formats
 from mjbench.report.results import PathResult
+from mjbench.units import plain
 
 # The path, and those that it is compared with.
 PATH, RIVALS = "ray", (BASE, "rollout", "processes")

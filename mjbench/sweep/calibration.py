@@ -10,9 +10,9 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from mjbench.instrument import machine, neighbours
-from mjbench.instrument.machine import Calibration, ProcessorTime
-from mjbench.instrument.neighbours import Neighbour
+from mjbench.host import machine, neighbours
+from mjbench.host.machine import Calibration, ProcessorTime
+from mjbench.host.neighbours import Neighbour
 
 # Seconds of sleep, in which only others are busy, and of work in all threads.
 _SLEEP_S, _WORK_S = 0.4, 0.6

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench.errors import InputError, MachineError, printable, shown, writing
-from mjbench.instrument import isolate
-from mjbench.instrument.isolate import Channel
-from mjbench.instrument.limits import TIME_LIMIT_S
+from mjbench.host import isolate
+from mjbench.host.isolate import Channel
+from mjbench.limits import TIME_LIMIT_S
 from mjbench.simulation import carried_models, models
 from mjbench.simulation.models import ModelSource
 

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import IO
 
 from mjbench.errors import Failure, MachineError, MjbenchError, one_line
-from mjbench.instrument import child, machine, scratch
-from mjbench.instrument.machine import Machine
+from mjbench.host import child, machine, scratch
+from mjbench.host.machine import Machine
 from mjbench.simulation import carried_models
 from mjbench.status import ExitCode, Status
 from mjbench.sweep import calibration, model_files, results, software
@@ -37,7 +37,7 @@ _RESULTS = "runs"
 # The program: mjbench, which ends with the process whose id is its first argument.
 _PROGRAM = (
     "import runpy, sys\n"
-    "from mjbench.instrument import child\n"
+    "from mjbench.host import child\n"
     "child.die_with_parent(int(sys.argv.pop(1)))\n"
     "runpy.run_module('mjbench', run_name='__main__', alter_sys=True)\n"
 )

@@ -10,7 +10,7 @@ from typing import Any
 
 from mjbench.comparison import selection
 from mjbench.errors import InputError, shown, suggestion
-from mjbench.instrument.limits import MAX_SECONDS
+from mjbench.limits import MAX_SECONDS
 from mjbench.paired import targets
 from mjbench.paired.outcomes import Metric
 from mjbench.paths import BASE

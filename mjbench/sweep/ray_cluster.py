@@ -15,8 +15,8 @@ from typing import Any
 import psutil
 
 from mjbench.errors import Failure, one_line
-from mjbench.instrument import child
-from mjbench.instrument.machine import Machine
+from mjbench.host import child
+from mjbench.host.machine import Machine
 from mjbench.status import Status
 from mjbench.sweep import node, ray_session, software
 from mjbench.sweep.model_files import CarriedModel

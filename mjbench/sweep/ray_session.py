@@ -9,9 +9,10 @@ import warnings
 from collections.abc import Iterator
 from typing import Any
 
+from mjbench import extras
 from mjbench.errors import InputError, MachineError, one_line, shown
-from mjbench.instrument import extras, ray_environment, scratch
-from mjbench.instrument.machine import LABEL_VARIABLE
+from mjbench.host import ray_environment, scratch
+from mjbench.host.machine import LABEL_VARIABLE
 
 # The custom resource by which a node says that it may be taken, and the label with the name of its
 # machine.

@@ -12,16 +12,16 @@ from pathlib import Path
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.counts.records import InstructionsRecord
 from mjbench.errors import Failure
-from mjbench.instrument import run_file, runs
-from mjbench.instrument.machine import Machine
-from mjbench.instrument.run_set import RunSection
-from mjbench.instrument.runs import Record, Run, RunHeader
+from mjbench.host.machine import Machine
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import TargetRow, VerdictRecord
 from mjbench.releases import release_ratios
 from mjbench.releases.release_ratios import StepRatioRecord
 from mjbench.status import Status, exit_code
+from mjbench.store import run_file, runs
+from mjbench.store.run_set import RunSection
+from mjbench.store.runs import Record, Run, RunHeader
 from mjbench.sweep.cells import Cell, Kind
 
 # A name for the lines of a node, in messages about them.

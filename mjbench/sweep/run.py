@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from mjbench.errors import InputError, MachineError, suggestion
-from mjbench.instrument.machine import Machine
+from mjbench.host.machine import Machine
 from mjbench.sweep import commands, results, software
 from mjbench.sweep.cells import Cell
 from mjbench.sweep.commands import COMMANDS

@@ -24,10 +24,10 @@ from statistics import NormalDist
 
 import numpy as np
 
-from mjbench.instrument import anytime, stats, timing
-from mjbench.instrument.anytime import Interval
-from mjbench.instrument.timing import Clock
-from mjbench.instrument.units import duration
+from mjbench.measuring import anytime, stats, timing
+from mjbench.measuring.anytime import Interval
+from mjbench.measuring.timing import Clock
+from mjbench.units import duration
 
 # Seconds of a block, at least, and of a round. Where a core has other work, Linux lets a process
 # run for some milliseconds at a time: most pairs of blocks that are much shorter are undisturbed.

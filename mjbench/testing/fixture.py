@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
+from mjbench import extras
 from mjbench.errors import MachineError
-from mjbench.instrument import extras
 from mjbench.paired.outcomes import CONFIDENCE
 from mjbench.testing import callables
 from mjbench.testing.callables import Answer, Function, FunctionPair, SpeedCheck, SpeedQuestion

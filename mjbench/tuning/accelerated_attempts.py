@@ -19,8 +19,9 @@ import numpy as np
 
 from mjbench.comparison.accelerated_run import CHILD_MEMORY_SHARE, COMPILER_PATIENCE
 from mjbench.errors import MachineError, UnavailableError, describe, failure_of
-from mjbench.instrument import isolate, machine, timing
-from mjbench.instrument.isolate import Channel
+from mjbench.host import isolate, machine
+from mjbench.host.isolate import Channel
+from mjbench.measuring import timing
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths.accelerated import AcceleratedPath, Compiled, accelerated_path, start_fields

@@ -11,8 +11,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mjbench.instrument import stats
-from mjbench.instrument.ratio import Ratio
+from mjbench.measuring import stats
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.records import LaunchRow
 from mjbench.tuning.accelerated_attempts import EngineOnThisMachine, Settings
 from mjbench.tuning.fronts import error_of, time_ratio_of

@@ -14,8 +14,9 @@ import numpy as np
 
 from mjbench import paths
 from mjbench.errors import InputError, MachineError
-from mjbench.instrument import isolate, stats, timing
-from mjbench.instrument.isolate import Channel
+from mjbench.host import isolate
+from mjbench.host.isolate import Channel
+from mjbench.measuring import stats, timing
 from mjbench.simulation import work
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Workload

@@ -11,7 +11,7 @@ from itertools import chain, zip_longest
 
 import mujoco
 
-from mjbench.instrument import topology
+from mjbench.host import topology
 from mjbench.simulation import compat, model_options
 from mjbench.simulation.engine_clock import has_clock
 from mjbench.simulation.work import Peaks

@@ -7,11 +7,11 @@ from pathlib import Path
 
 from mjbench import paths
 from mjbench.errors import InputError, MachineError
-from mjbench.instrument import isolate
-from mjbench.instrument.isolate import Channel
-from mjbench.instrument.ratio import Ratio
+from mjbench.host import isolate
+from mjbench.host.isolate import Channel
 from mjbench.loop import profile
 from mjbench.loop.loop_starts import LoopRequest
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import verdict
 from mjbench.paired.records import VerdictRecord
 from mjbench.paired.run_sizes import Sizes

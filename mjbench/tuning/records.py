@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from mjbench.instrument import stats
-from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
-from mjbench.instrument.ratio import Ratio
+from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
+from mjbench.measuring import stats
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.records import LaunchRow
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.starts import Starts

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Generic, TypeVar
 
 from mjbench.errors import MjbenchError, failure_of
-from mjbench.instrument.ratio import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.records import LaunchRow, VerdictRecord
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from mjbench.errors import InputError
-from mjbench.instrument import machine
+from mjbench.host import machine
 from mjbench.simulation import compat
 
 # A timestep divides the time of a control if their quotient is this near to a whole number.

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from mjbench.comparison.plan import Variant
 from mjbench.errors import Failure, MjbenchError, failure_of
-from mjbench.instrument import child, machine, scratch
+from mjbench.host import child, machine, scratch
 from mjbench.paired import cores
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.time_limit import ENDING_ERRORS, ending_of

@@ -16,10 +16,10 @@ from typing import TypeVar
 
 import msgspec
 
+from mjbench.bounds import NonNegativeFloat, NonNegativeInt
 from mjbench.errors import Failure, MachineError, one_line
-from mjbench.instrument import child, child_connection
-from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt
-from mjbench.instrument.child_connection import ChildError
+from mjbench.host import child, child_connection
+from mjbench.host.child_connection import ChildError
 from mjbench.paired import cores
 from mjbench.status import Status
 from mjbench.web.node import Node

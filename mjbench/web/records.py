@@ -10,19 +10,19 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
-from mjbench.instrument import stats
-from mjbench.instrument.bounds import (
+from mjbench.bounds import (
     NonNegativeFloat,
     NonNegativeInt,
     PositiveFloat,
     PositiveInt,
     Version,
 )
-from mjbench.instrument.json_form import in_json
-from mjbench.instrument.stats import Estimate
+from mjbench.measuring import stats
+from mjbench.measuring.stats import Estimate
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.status import Status
+from mjbench.store.json_form import in_json
 from mjbench.web.rounding_check import RoundingCheck
 
 # The path of C that others are compared with: between its steps there is no Python.

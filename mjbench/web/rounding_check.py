@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjbench.instrument.bounds import AnyFloat, NonNegativeInt, PositiveInt
+from mjbench.bounds import AnyFloat, NonNegativeInt, PositiveInt
 from mjbench.simulation import agreement
 from mjbench.simulation.rounding_reference import (
     ReferenceRun,

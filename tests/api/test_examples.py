@@ -10,8 +10,8 @@ from commands import ROOT
 from pytest_runs import run_pytest
 
 import mjbench
-from mjbench.instrument import runs
 from mjbench.loop import rendering
+from mjbench.store import runs
 
 
 def blocks(page: str) -> list[str]:

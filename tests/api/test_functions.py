@@ -10,7 +10,7 @@ import pytest
 
 import mjbench
 from mjbench.errors import InputError, MachineError
-from mjbench.instrument import child
+from mjbench.host import child
 from mjbench.paired.outcomes import Metric
 from mjbench.simulation import models
 from mjbench.status import Status

@@ -16,16 +16,17 @@ import mjbench
 from mjbench.api.compare import Comparison
 from mjbench.api.profile import Profile
 from mjbench.api.versions import ReleaseComparison
-from mjbench.instrument import machine, runs
-from mjbench.instrument.ratio import Ratio
-from mjbench.instrument.runs import Run, RunHeader
+from mjbench.host import machine
 from mjbench.loop.profile import ProfileRow
+from mjbench.measuring.ratio import Ratio
 from mjbench.pages import fragment
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRecord
 from mjbench.report.content import Tone
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
+from mjbench.store import runs
+from mjbench.store.runs import Run, RunHeader
 
 HOSTILE = "<img src=x onerror=alert(1)>&\x1b[31m"
 

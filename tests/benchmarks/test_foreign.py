@@ -89,7 +89,7 @@ def test_a_model_of_which_every_simulation_diverges_is_refused_with_the_reason(
 def test_the_variants_do_not_depend_on_the_cores_of_the_machine(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from mjbench.instrument import machine
+    from mjbench.host import machine
 
     variants = foreign.plan().variants
     monkeypatch.setattr(machine, "usable_cores", lambda: 64)

@@ -8,10 +8,10 @@ import pytest
 
 from benchmarks import lab
 from mjbench.errors import InputError
-from mjbench.instrument import machine
-from mjbench.instrument.json_form import json_form
+from mjbench.host import machine
 from mjbench.report.kinds import WEB
 from mjbench.simulation.work import Work
+from mjbench.store.json_form import json_form
 from mjbench.web import npm_package
 from mjbench.web.records import WebPathRecord, WebRecord
 

@@ -5,7 +5,7 @@ import pytest
 from benchmarks import mjx
 from mjbench.comparison.messages import AgreementReport, BlockTime, CompileReport, PeakMemory
 from mjbench.errors import MachineError
-from mjbench.instrument.isolate import Ended
+from mjbench.host.isolate import Ended
 from mjbench.status import Status
 
 OK = Ended(Status.OK)

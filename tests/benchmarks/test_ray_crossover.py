@@ -19,9 +19,9 @@ from benchmarks.studies.ray_tally import (
     load,
 )
 from mjbench.errors import InputError
-from mjbench.instrument.runs import to_json
 from mjbench.report.results import PathResult
 from mjbench.status import Status
+from mjbench.store.runs import to_json
 
 SMALL, LARGE = CallWork(steps=40, loop_ms=0.2), CallWork(steps=4000, loop_ms=20.0)
 

@@ -3,7 +3,7 @@
 import pytest
 
 from mjbench.cli.context import RunContext
-from mjbench.instrument.machine import ProcessorTime
+from mjbench.host.machine import ProcessorTime
 
 
 @pytest.mark.parametrize(("share", "is_reported"), [(0.13, True), (0.01, False)])

@@ -17,8 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjbench.cli import cli
-from mjbench.instrument import machine, runs
-from mjbench.instrument.ratio import Ratio
+from mjbench.host import machine
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.outcomes import Arm, Cause, Verdict
 from mjbench.paired.placement_spread import ResidueRow, Spread, SpreadRecord
 from mjbench.paired.records import LaunchRow, Pair, PlacementEffect, TargetRow, VerdictRecord
@@ -27,6 +27,7 @@ from mjbench.releases.placement import Placement, PlacementPair
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.work import Work
 from mjbench.status import Status
+from mjbench.store import runs
 
 WORK = Work(contacts=1.0, constraints=4.0, solver_iterations=2.0)
 SIDE = TargetRow("3.3.0", "m", "rollout", {"threads": 2}, {"solver": "cg"})

@@ -13,9 +13,10 @@ from set_files import MACHINE, labelled, run_file, set_of
 from verdict_records import SAME
 
 from mjbench.cli import cli
-from mjbench.instrument import machine, runs
-from mjbench.instrument.machine import Machine
-from mjbench.instrument.run_file import RunFile
+from mjbench.host import machine
+from mjbench.host.machine import Machine
+from mjbench.store import runs
+from mjbench.store.run_file import RunFile
 
 RUNS = ROOT / "results/runs"
 

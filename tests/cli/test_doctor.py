@@ -10,7 +10,7 @@ from commands import mjbench
 
 from mjbench.cli import cli
 from mjbench.errors import MachineError
-from mjbench.instrument import conditions
+from mjbench.host import conditions
 from mjbench.loop import rendering
 from mjbench.loop.rendering import FrameTime
 from mjbench.paired import machine_check

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from mjbench.cli import interrupts
-from mjbench.instrument import child
+from mjbench.host import child
 
 
 class ExitedError(Exception):

@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 from commands import ROOT, mjbench
 
 from mjbench.cli import cli
-from mjbench.instrument import files
+from mjbench.store import files
 
 LOOP = """
 import mujoco

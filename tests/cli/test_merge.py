@@ -14,9 +14,9 @@ from example_records import measurement, model_record
 from set_files import MACHINE, labelled, run_file, section_of, set_of
 
 from mjbench.cli import cli
-from mjbench.instrument import run_set
-from mjbench.instrument.run_set import RunSetFile
 from mjbench.report.kinds import RECORD_TYPES
+from mjbench.store import run_set
+from mjbench.store.run_set import RunSetFile
 
 
 def merge(*arguments: str | Path) -> Result:
@@ -226,8 +226,8 @@ def test_an_empty_file_becomes_a_set(tmp_path: Path) -> None:
 APPEND_FOREVER = """
 import sys
 from pathlib import Path
-from mjbench.instrument import run_set
-from mjbench.instrument.run_set import RunSetFile
+from mjbench.store import run_set
+from mjbench.store.run_set import RunSetFile
 from mjbench.report.kinds import RECORD_TYPES
 
 (section,) = run_set.read(Path(sys.argv[1]), RECORD_TYPES).sections

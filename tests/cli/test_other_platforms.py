@@ -11,7 +11,7 @@ from example_models import CONTACT_XML
 from other_platforms import Ended
 
 from mjbench.cli import cli
-from mjbench.instrument.platforms import RUN_ON_WINDOWS
+from mjbench.host.platforms import RUN_ON_WINDOWS
 
 RUN = "run.jsonl"
 WORDS = {

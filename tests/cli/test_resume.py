@@ -13,7 +13,7 @@ from commands import mjbench
 from example_races import invent_comparisons
 
 from mjbench.cli import cli
-from mjbench.instrument.ratio import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import verdict
 from mjbench.paired.judgement import Judgement
 from mjbench.paired.outcomes import Verdict

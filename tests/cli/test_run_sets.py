@@ -16,7 +16,7 @@ from verdict_records import FAILED, OPEN, SAME, SLOWER, of_model
 
 import mjbench
 from mjbench.cli import cli
-from mjbench.instrument.run_set import RunSetFile
+from mjbench.store.run_set import RunSetFile
 
 COMPARED = (
     model_record(),

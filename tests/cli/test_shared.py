@@ -23,7 +23,7 @@ from mjbench.cli.shared import (
     Share,
     Shares,
 )
-from mjbench.instrument.limits import MAX_THREADS
+from mjbench.limits import MAX_THREADS
 
 
 @pytest.mark.parametrize(

@@ -14,13 +14,14 @@ from commands import PYTHONPATH, mjbench
 from example_models import CONTACT_XML
 from sweep_examples import MACHINE, plan_file
 
+from mjbench import extras
 from mjbench.cli.sweep import check_command
 from mjbench.comparison.records import ModelRecord
 from mjbench.errors import Failure
-from mjbench.instrument import extras, run_set
-from mjbench.instrument.run_set import RunSection, RunSetFile
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
+from mjbench.store import run_set
+from mjbench.store.run_set import RunSection, RunSetFile
 from mjbench.sweep import matrix, results, software
 from mjbench.sweep import plan as plans
 

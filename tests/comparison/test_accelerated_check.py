@@ -11,12 +11,12 @@ from mjbench.comparison.accelerated_check import (
     reordered_end_problem,
     timed_end_problem,
 )
-from mjbench.instrument.runs import to_json
 from mjbench.paths.accelerated import Compiled
 from mjbench.simulation import accelerated_limits
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload
+from mjbench.store.runs import to_json
 
 
 def compiled_run(workload: Workload, wrong: str = "") -> Compiled:

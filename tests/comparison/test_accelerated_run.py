@@ -11,7 +11,7 @@ from mjbench.comparison import accelerated_run
 from mjbench.comparison.accelerated_check import MAX_SINGLE_STEPS
 from mjbench.comparison.messages import AgreementReport, BlockTime, CompileReport, PeakMemory
 from mjbench.comparison.plan import ComparisonPlan, Variant
-from mjbench.instrument import isolate
+from mjbench.host import isolate
 from mjbench.paired import path_comparison
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths.accelerated import AcceleratedPath, save_workload

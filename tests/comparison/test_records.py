@@ -7,9 +7,10 @@ from pathlib import Path
 from example_records import CHECK
 
 from mjbench.comparison.records import RECORD_TYPES, MeasurementRecord
-from mjbench.instrument import machine, run_file, runs
+from mjbench.host import machine
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.status import Status
+from mjbench.store import run_file, runs
 
 RECORD = MeasurementRecord(
     model="m",

@@ -21,8 +21,7 @@ from mjbench.counts.records import (
     FunctionCount,
     FunctionDifference,
 )
-from mjbench.instrument.ratio import Ratio
-from mjbench.instrument.runs import to_json
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.paired.records import TargetRow, VerdictRow
 from mjbench.releases.installs import ReleaseSpec
@@ -30,6 +29,7 @@ from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work import Work
 from mjbench.simulation.work_check import Followed
 from mjbench.status import Status
+from mjbench.store.runs import to_json
 
 
 def counted(release: str, **functions: float) -> ModelCount:

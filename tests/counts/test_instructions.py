@@ -17,11 +17,11 @@ from mjbench.counts import instructions
 from mjbench.counts.counted_program import OperationRequest
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.counts.records import FunctionCount
-from mjbench.instrument import child
-from mjbench.instrument.runs import to_json
+from mjbench.host import child
 from mjbench.releases import installs
 from mjbench.simulation import models
 from mjbench.status import Status
+from mjbench.store.runs import to_json
 
 INSTALLED = installs.parse_release(installs.INSTALLED)
 REPEATED = ("cartpole", "cube_table")

@@ -14,7 +14,7 @@ from mjbench.environment.adapters import adapt
 from mjbench.environment.layers import Layer
 from mjbench.environment.passes import LEAST_ROUNDS, EnvironmentPasses, send_rounds
 from mjbench.errors import InputError
-from mjbench.instrument import timing
+from mjbench.measuring import timing
 
 
 def passes(environment: Any, nstep: int = 40) -> EnvironmentPasses:

@@ -8,10 +8,10 @@ import pytest
 from commands import ROOT
 from headless_browser import emulate, requested, resize, violations
 
-from mjbench.instrument import runs
 from mjbench.pages import html, reports
 from mjbench.pages.reports import NamedRun
 from mjbench.report.kinds import RECORD_TYPES
+from mjbench.store import runs
 
 # One run of each kind that has charts, and one without any.
 RUNS = ("reference-mujoco-4.0.0", "reference-between-builds", "reference-selfcheck-quiet")

@@ -13,15 +13,15 @@ from commands import ROOT
 import mjbench
 from mjbench.cli import cli
 from mjbench.errors import InputError
-from mjbench.instrument import run_set, runs
-from mjbench.instrument.ratio import Ratio
-from mjbench.instrument.run_set import RunSection, RunSet
-from mjbench.instrument.runs import Record
+from mjbench.measuring.ratio import Ratio
 from mjbench.pages import exports
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TargetRow, VerdictRecord
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
+from mjbench.store import run_set, runs
+from mjbench.store.run_set import RunSection, RunSet
+from mjbench.store.runs import Record
 
 COMPARISON = ROOT / "results/runs/reference-mujoco-4.0.0.jsonl"
 

@@ -17,13 +17,13 @@ from markdown_it import MarkdownIt
 
 from mjbench.cli import cli
 from mjbench.errors import InputError
-from mjbench.instrument import run_set
 from mjbench.pages import exports, reports, site
 from mjbench.pages import html as html_page
 from mjbench.pages import markdown as markdown_page
 from mjbench.pages.site import Project
 from mjbench.report import history_files, speed_page
 from mjbench.report.kinds import RECORD_TYPES
+from mjbench.store import run_set
 
 # Each begins with another letter, by which it is known in a page.
 HOSTILE = (

@@ -9,11 +9,11 @@ from set_files import labelled, run_file, set_of
 from speed_histories import VERSIONS, record
 from verdict_records import FAILED, FASTER, OPEN, SAME, SLOWER, of_model
 
-from mjbench.instrument.runs import Record
 from mjbench.pages import reports
 from mjbench.pages.reports import NamedRun
 from mjbench.report.content import Report, Tone
 from mjbench.status import Status
+from mjbench.store.runs import Record
 
 
 def verdict_runs(folder: Path, **records: Record) -> list[Path]:

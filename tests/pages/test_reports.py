@@ -13,15 +13,16 @@ from commands import ROOT
 from example_records import model_record
 
 from mjbench.cli import cli
-from mjbench.instrument import machine, runs
-from mjbench.instrument.run_file import RunFile
-from mjbench.instrument.runs import Record, RunHeader
+from mjbench.host import machine
 from mjbench.pages import html as as_html
 from mjbench.pages import markdown as as_markdown
 from mjbench.pages import reports
 from mjbench.pages.reports import NamedRun
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
+from mjbench.store import runs
+from mjbench.store.run_file import RunFile
+from mjbench.store.runs import Record, RunHeader
 
 COMMITTED = sorted((ROOT / "results/runs").glob("reference-*.jsonl"))
 HOSTILE = "<script>alert('&\"')</script>|`x`[a](javascript:b)"

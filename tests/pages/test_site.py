@@ -14,13 +14,13 @@ from verdict_records import SLOWER
 
 from mjbench.cli import cli
 from mjbench.errors import MachineError
-from mjbench.instrument import runs
 from mjbench.pages import reports, site
 from mjbench.pages.reports import NamedRun
 from mjbench.pages.site import Project
 from mjbench.report import history_files
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.report.speed_history import SpeedHistory
+from mjbench.store import runs
 
 RUN = ROOT / "results/runs/reference-mujoco-4.0.0.jsonl"
 

@@ -5,10 +5,10 @@ import io
 import pytest
 
 from mjbench.errors import one_line, printable
-from mjbench.instrument.units import plain
 from mjbench.pages import terminal
 from mjbench.report import formats, starts
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
+from mjbench.units import plain
 
 # It writes the clipboard of many terminals.
 CLIPBOARD = "\x1b]52;c;cm0=\x07"

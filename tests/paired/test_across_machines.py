@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from verdict_records import FAILED, FASTER, OPEN, SAME, SIDES, SLOWER
 
-from mjbench.instrument.ratio import Ratio
-from mjbench.instrument.runs import InputFile
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import across_machines
 from mjbench.paired.across_machines import (
     AcrossMachines,
@@ -20,6 +19,7 @@ from mjbench.paired.across_machines import (
 from mjbench.paired.judgement import judge
 from mjbench.paired.outcomes import Cause, Metric, Verdict
 from mjbench.paired.records import PlacementEffect, VerdictRow
+from mjbench.store.runs import InputFile
 
 
 def decided(**rows: VerdictRow) -> MachineComparison:

@@ -7,7 +7,7 @@ import sys
 import pytest
 from paired_examples import INSTALLED
 
-from mjbench.instrument.topology import Topology
+from mjbench.host.topology import Topology
 from mjbench.paired import calibrator, cores
 from mjbench.paired.calibrator import Calibrator
 from mjbench.paired.worker_pool import WorkerPool

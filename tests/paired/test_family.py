@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from mjbench.instrument.ratio import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import family
 from mjbench.paired.outcomes import Cause, Metric, Verdict
 from mjbench.paired.records import PlacementEffect, VerdictRow

@@ -15,7 +15,7 @@ from commands import ROOT
 from paired_examples import INSTALLED
 
 from mjbench.errors import MachineError
-from mjbench.instrument import child, platforms
+from mjbench.host import child, platforms
 from mjbench.paired import fork_server, release_python
 from mjbench.paired.fork_server_process import ForkServerProcess
 from mjbench.paired.launch_seeds import LaunchSeeds

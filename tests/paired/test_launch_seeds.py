@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from mjbench.instrument import platforms
+from mjbench.host import platforms
 from mjbench.paired import launch_seeds
 
 

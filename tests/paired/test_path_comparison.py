@@ -9,8 +9,8 @@ from commands import TESTS
 from pretender import Pretender
 
 from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
-from mjbench.instrument import neighbours
-from mjbench.instrument.neighbours import Neighbour
+from mjbench.host import neighbours
+from mjbench.host.neighbours import Neighbour
 from mjbench.paired import path_comparison
 from mjbench.paired.path_comparison import ModelComparison
 from mjbench.paired.worker_pool import WorkerPool

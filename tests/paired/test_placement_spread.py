@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 from paired_examples import CARTPOLE
 
-from mjbench.instrument.json_form import json_form
-from mjbench.instrument.runs import to_json
 from mjbench.paired import launches as launch_loop
 from mjbench.paired import moved_check, placement_spread
 from mjbench.paired.placement_spread import MIN_LAUNCHES, SpreadPlan, SpreadRecord
@@ -20,6 +18,8 @@ from mjbench.paired.time_limit import TimeLimit
 from mjbench.releases.moved_image import ImmovableError
 from mjbench.releases.placement import RESIDUES, Placement, PlacementPair
 from mjbench.status import Status
+from mjbench.store.json_form import json_form
+from mjbench.store.runs import to_json
 
 # How much slower a step is at each residue.
 TRUTH = {0: 0.0, 16: 0.04, 32: -0.01, 48: 0.02}

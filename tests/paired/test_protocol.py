@@ -12,7 +12,7 @@ import pytest
 from paired_examples import CARTPOLE
 
 from mjbench.errors import MachineError
-from mjbench.instrument import machine, platforms
+from mjbench.host import machine, platforms
 from mjbench.paired import cores, launch_seeds, protocol, time_limit
 from mjbench.paired.process_pairs import ProcessPairs
 from mjbench.paired.protocol import TargetPair

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mjbench.errors import MachineError
-from mjbench.instrument import platforms
+from mjbench.host import platforms
 from mjbench.paired import release_python
 
 

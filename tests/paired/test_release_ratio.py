@@ -8,7 +8,7 @@ import pytest
 from paired_examples import CARTPOLE, INSTALLED
 
 from mjbench.errors import InputError
-from mjbench.instrument import stats
+from mjbench.measuring import stats
 from mjbench.paired import moved_check, operations, preparation, release_ratio
 from mjbench.paired.moved_check import Averaging
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs

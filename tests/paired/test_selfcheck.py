@@ -11,7 +11,7 @@ import pytest
 from paired_examples import CARTPOLE, CUBES
 
 from mjbench.errors import InputError, MachineError
-from mjbench.instrument.ratio import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import selfcheck, selfcheck_cases
 from mjbench.paired.judgement import Judgement
 from mjbench.paired.moved_check import Averaging

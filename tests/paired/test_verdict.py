@@ -10,8 +10,7 @@ import pytest
 from paired_examples import BRIEF, CARTPOLE, INSTALLED
 
 from benchmarks.studies.simulated_launches import Scenario, simulate, skewed, two_modes
-from mjbench.instrument import runs
-from mjbench.instrument.ratio import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired import preparation, protocol, verdict
 from mjbench.paired.judgement import Judgement, judge
 from mjbench.paired.moved_check import Averaging
@@ -30,6 +29,7 @@ from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.simulation.work_check import StateDrift
 from mjbench.status import Status
+from mjbench.store import runs
 
 
 def test_a_known_slowdown_is_a_share_of_the_simulations(pool: WorkerPool) -> None:

@@ -12,7 +12,7 @@ import process_tree
 import pytest
 from paired_examples import BRIEF, CARTPOLE
 
-from mjbench.instrument import child_connection
+from mjbench.host import child_connection
 from mjbench.paired import verdict
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError, WorkerProcess
@@ -98,7 +98,7 @@ class Endless:
 def test_a_worker_that_sends_no_answer_is_ended_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sent: bytes, cause: str, is_block: bool
 ) -> None:
-    monkeypatch.setattr("mjbench.instrument.machine.available_memory_bytes", lambda: 1 << 20)
+    monkeypatch.setattr("mjbench.host.machine.available_memory_bytes", lambda: 1 << 20)
     ours, theirs = socket.socketpair()
     ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, child_connection.timeval(0.01))
     process: Any = Endless()

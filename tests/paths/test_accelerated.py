@@ -9,10 +9,9 @@ import pytest
 from commands import PYTHONPATH
 from pretender import NBATCH, available, make_workload
 
-from mjbench import paths
+from mjbench import extras, paths
 from mjbench.comparison import selection
 from mjbench.errors import MachineError
-from mjbench.instrument import extras
 from mjbench.paths.warp_buffers import check_overflow
 from mjbench.simulation import trajectory, workload
 
@@ -62,7 +61,7 @@ def test_the_snippet_computes_what_c_computes(
 
 
 def test_a_missing_package_names_the_extra_that_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mjbench.instrument.extras._is_installed", lambda name: False)
+    monkeypatch.setattr("mjbench.extras._is_installed", lambda name: False)
     for name, extra in (
         ("mjx", "mjx"),
         ("mjx64", "mjx"),

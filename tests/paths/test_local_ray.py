@@ -13,7 +13,7 @@ from isolated_tasks import Process, Text
 
 from mjbench import paths
 from mjbench.errors import MachineError
-from mjbench.instrument import isolate
+from mjbench.host import isolate
 from mjbench.paths.ray_actors import Ray
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
@@ -81,7 +81,7 @@ def test_ray_ends_with_a_child_that_leaves_it_behind() -> None:
 def test_ray_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     program = (
         "from isolated_tasks import Text\n"
-        "from mjbench.instrument import isolate\n"
+        "from mjbench.host import isolate\n"
         "isolate.run('isolated_tasks:step_with_ray', Text(''), lambda message:"
         f" print(getattr(message, 'pid', 0), flush=True), 60.0, {str(TESTS)!r})"
     )

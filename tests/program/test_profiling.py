@@ -2,7 +2,7 @@
 
 import pytest
 
-from mjbench.instrument import machine
+from mjbench.host import machine
 from mjbench.program import profiling, sampler
 from mjbench.program.profiling import ProcessorClock, ProcessorUse, Profiling, Sampling
 

@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjbench.errors import InputError, MachineError
-from mjbench.instrument import platforms
+from mjbench.host import platforms
 from mjbench.releases import install_check, installs
 
 

@@ -11,13 +11,13 @@ from set_files import MACHINE, labelled
 from verdict_records import FAILED, FASTER, OPEN, SAME, SLOWER, of_model
 
 from mjbench.comparison.records import ModelRecord
-from mjbench.instrument.machine import Machine
-from mjbench.instrument.ratio import Ratio
-from mjbench.instrument.runs import SCHEMA, InputFile, Record, Run, RunHeader
+from mjbench.host.machine import Machine
+from mjbench.measuring.ratio import Ratio
 from mjbench.paired.outcomes import Metric
 from mjbench.report import across_machines, advice_across
 from mjbench.report.across_machines import side_by_side
 from mjbench.status import Status
+from mjbench.store.runs import SCHEMA, InputFile, Record, Run, RunHeader
 
 
 def run(machine: Machine | str, *records: Record, **header: object) -> Run:

@@ -12,7 +12,6 @@ import pytest
 from commands import ROOT
 
 from benchmarks import history_repeats
-from mjbench.instrument import runs
 from mjbench.paired import selfcheck
 from mjbench.paired.judgement import judge
 from mjbench.paired.outcomes import Verdict
@@ -27,6 +26,7 @@ from mjbench.report.kinds import RECORD_TYPES
 from mjbench.report.results import derive_all
 from mjbench.simulation import models
 from mjbench.status import ExitCode, Status
+from mjbench.store import runs
 
 RUNS = ROOT / "results/runs"
 COMPARISONS = sorted(RUNS.glob("reference-mujoco-*.jsonl"))

@@ -18,9 +18,6 @@ import mjbench
 from mjbench.api.compare import Comparison
 from mjbench.cli import cli
 from mjbench.comparison.plan import WITHOUT_TIMER
-from mjbench.instrument import run_set, runs
-from mjbench.instrument.run_set import RunSet
-from mjbench.instrument.runs import Run
 from mjbench.pages import exports, html, markdown, reports, site, terminal
 from mjbench.pages.reports import NamedRun
 from mjbench.pages.site import Project
@@ -28,6 +25,9 @@ from mjbench.report import across_machines, advice_across, formats
 from mjbench.report.content import Report, Tone
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.report.results import PathResult, derive_all
+from mjbench.store import run_set, runs
+from mjbench.store.run_set import RunSet
+from mjbench.store.runs import Run
 
 DESK, LAPTOP = labelled("desk"), labelled("laptop")
 # A path's speed-up, and the ends of its interval.

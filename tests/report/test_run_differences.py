@@ -6,12 +6,12 @@ from typing import Any
 import pytest
 from example_records import measurement
 
-from mjbench.instrument import machine
-from mjbench.instrument.runs import SCHEMA, Run, RunHeader
+from mjbench.host import machine
 from mjbench.paths.accelerated import CPU
 from mjbench.report.run_differences import RunDifference, run_differences
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.status import Status
+from mjbench.store.runs import SCHEMA, Run, RunHeader
 
 MACHINE = replace(machine.describe(), cpu="c", versions={"jax": "1"}, flags={})
 

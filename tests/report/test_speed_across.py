@@ -8,10 +8,10 @@ from set_files import labelled
 from speed_histories import VERSIONS, record
 
 from mjbench.errors import InputError
-from mjbench.instrument.runs import SCHEMA, Run, RunHeader
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.report import history_files, speed_across, speed_page
 from mjbench.report.history_files import MachineHistory
+from mjbench.store.runs import SCHEMA, Run, RunHeader
 
 FLAT = [1.0] * 8
 STEP = [1.0] * 4 + [1.1] * 4

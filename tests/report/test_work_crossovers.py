@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from mjbench.instrument.ratio import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.report.results import PathResult
 from mjbench.report.work_crossovers import describe_work_crossover, work_crossovers
 from mjbench.status import Status

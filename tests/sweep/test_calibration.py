@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from mjbench.instrument import machine
-from mjbench.instrument.machine import ProcessorTime
-from mjbench.instrument.neighbours import Neighbour, Presence
+from mjbench.host import machine
+from mjbench.host.machine import ProcessorTime
+from mjbench.host.neighbours import Neighbour, Presence
 from mjbench.sweep import calibration
 from mjbench.sweep.calibration import Limits, NodeState
 

@@ -12,10 +12,11 @@ import pytest
 from commands import PYTHONPATH, ROOT, TESTS
 from sweep_examples import MACHINE, verdict_cell
 
+from mjbench import extras
 from mjbench.errors import Failure, InputError, MachineError
-from mjbench.instrument import extras, run_set
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
+from mjbench.store import run_set
 from mjbench.sweep import ray_cluster, software
 from mjbench.sweep.commands import CommandLine
 from mjbench.sweep.node import BusyError, NotMeasuredError, Request

@@ -10,11 +10,11 @@ from sweep_examples import MACHINE, count_cell, header, line, verdict, verdict_c
 
 from mjbench.counts.records import InstructionsRecord
 from mjbench.errors import Failure, InputError
-from mjbench.instrument import runs
-from mjbench.instrument.run_set import RunSection, RunSetFile, read
 from mjbench.releases.release_ratios import StepRatioRecord
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
+from mjbench.store import runs
+from mjbench.store.run_set import RunSection, RunSetFile, read
 from mjbench.sweep import results
 from mjbench.sweep.cells import Cell, Kind
 from mjbench.sweep.results import Collector

@@ -7,9 +7,9 @@ import pytest
 from tuning_values import ENGINE_TUNE, FEWER, stored
 
 from mjbench.errors import InputError
-from mjbench.instrument import run_set
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
+from mjbench.store import run_set
 from mjbench.tuning.records import TuneRecord
 from mjbench.tuning.settings import Edit, Part, label
 

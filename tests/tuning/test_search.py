@@ -7,7 +7,7 @@ import pytest
 from tuning_values import NOTHING, PRESENT_ERROR, apart, present
 
 from mjbench.errors import MachineError
-from mjbench.instrument.ratio import Ratio
+from mjbench.measuring.ratio import Ratio
 from mjbench.status import Status
 from mjbench.tuning import fronts
 from mjbench.tuning.measurements import Survey

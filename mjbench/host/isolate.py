@@ -1,0 +1,228 @@
+"""Run a function in a child process, so that a crash or a hang costs only its own rows.
+
+The parent calls `run`; the child calls `child_main`. The request and the messages
+that the child sends back are frozen dataclasses, pickled; both sides are the same code. The child
+works in an empty folder (MuJoCo writes log files into the current one), and it dies with the
+parent. Messages have a connection of their own: all that the child writes to its output goes to a
+log.
+"""
+
+import contextlib
+import importlib
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from mjbench.errors import InputError, MachineError, failure_of
+from mjbench.host import child, child_connection, scratch
+from mjbench.host.child_connection import ChildConnection, ChildError
+from mjbench.status import Status
+
+_ACTIVITY = "activity.json"
+_LOG = "output.txt"
+# The child's program; its arguments are the task, the connection, and the parent.
+_CHILD = "import sys; from mjbench.host.isolate import child_main; child_main(*sys.argv[1:])"
+
+
+@dataclass(frozen=True)
+class Activity:
+    """What a child is doing.
+
+    Attributes:
+      text: for people, such as `loading humanoid`; it completes "killed while …".
+      index: number of the item it works on, where there are several; None otherwise.
+    """
+
+    text: str
+    index: int | None = None
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a child ended.
+
+    Attributes:
+      status: `ok`, `input` (bad input), `failed`, `crashed` or `timeout`.
+      detail: one line for people; empty when ok.
+      activity: what the child was doing when it crashed, failed or hung; None when unknown.
+    """
+
+    status: Status
+    detail: str = ""
+    activity: Activity | None = None
+
+    def check(self) -> None:
+        """Raise the error that this end stands for; return when the child ended well.
+
+        Raises:
+          InputError: the input was bad.
+          MachineError: the child failed, crashed or hung.
+        """
+        if self.status == Status.INPUT:
+            raise InputError(self.detail)
+        if self.status != Status.OK:
+            raise MachineError(self.detail)
+
+
+@dataclass(frozen=True)
+class _SilenceAllowed:
+    """From the child: its next message may take this long, whatever the parent's limit."""
+
+    seconds: float
+
+
+class Channel:
+    """The child's side of the conversation."""
+
+    def __init__(self, descriptor: int):
+        self._connection = Connection(descriptor)
+        self._pid = os.getpid()
+        self._activity_file = Path.cwd() / _ACTIVITY  # the task may change the folder
+
+    def receive(self) -> Any:
+        """Return the request."""
+        return self._connection.recv()
+
+    def send(self, message: object) -> None:
+        """Send a message, a frozen dataclass, to the parent."""
+        if os.getpid() != self._pid:  # a fork that the task did not end, and that runs on
+            os._exit(1)
+        self._connection.send(message)
+
+    def allow_silence(self, seconds: float) -> None:
+        """Extend the time limit until the next message to `seconds`; it is never shortened."""
+        self.send(_SilenceAllowed(seconds))
+
+    def doing(self, text: str, index: int | None = None) -> None:
+        """Record what is being done now, for the parent to read if this process dies.
+
+        It goes to a file rather than to the parent, which would wake up beside a timed block. A
+        full disk costs this record, not the work.
+        """
+        with contextlib.suppress(OSError):
+            content = json.dumps({"text": text, "index": index})
+            self._activity_file.write_text(content, encoding="utf-8")
+
+
+def run(
+    task: str,
+    request: object,
+    on_message: Callable[[Any], None],
+    limit_s: float,
+    import_from: str | None = None,
+    environment: Mapping[str, str | None] | None = None,
+    memory_bytes: int | None = None,
+) -> Ended:
+    """Call the function `task` ("module:function") in a child with (request, channel).
+
+    Args:
+      request: its first argument; anything that pickles.
+      on_message: called with each message as it arrives.
+      limit_s: the child is killed after this long without a message.
+      import_from: a further folder that the child may import from.
+      environment: further environment variables of the child; None removes one.
+      memory_bytes: the child is killed when it takes more memory than this.
+
+    Returns:
+      How the child ended. The child and all that it started are gone by then, also when an
+      exception (Ctrl-C) passes through.
+
+    Raises:
+      MachineError: no process can be started, or its files cannot be written.
+    """
+    with scratch.folder() as folder:
+        connection = child_connection.start(
+            lambda descriptor: [
+                *(sys.executable, "-c", _CHILD, task, str(descriptor), str(os.getpid()))
+            ],
+            folder / _LOG,
+            limit_s,
+            stdin=subprocess.DEVNULL,
+            cwd=folder,
+            env=_environment(import_from, environment or {}),
+        )
+        try:
+            end = _converse(connection, request, on_message, limit_s, memory_bytes)
+        finally:
+            connection.end()
+        return end if end.status in (Status.OK, Status.INPUT) else _located(end, folder)
+
+
+def _converse(
+    connection: ChildConnection,
+    request: object,
+    on_message: Callable[[Any], None],
+    limit_s: float,
+    memory_bytes: int | None,
+) -> Ended:
+    def watch() -> None:
+        if memory_bytes and child.memory_bytes(connection.process.pid) > memory_bytes:
+            cause = f"took more than {memory_bytes / 2**30:.1f} GiB of memory, killed"
+            raise connection.failure(Status.FAILED, cause)
+
+    with contextlib.suppress(OSError):  # a dead child is reported when its answer is read
+        connection.connection.send(request)
+    limit = limit_s
+    try:
+        while True:
+            content = connection.receive(limit, watch=watch if memory_bytes else None)
+            message = connection.unpickled(content)
+            if isinstance(message, Ended):
+                return message
+            if isinstance(message, _SilenceAllowed):
+                limit = max(limit_s, message.seconds)
+            else:
+                limit = limit_s
+                on_message(message)
+    except ChildError as error:
+        hint = ", killed (--time-limit)" if error.ending == Status.TIMEOUT else ""
+        return Ended(error.ending, error.cause + hint)
+
+
+def _located(end: Ended, folder: Path) -> Ended:
+    """Return `end` with what the child was doing, and the last line it wrote to stderr."""
+    try:
+        activity = Activity(**json.loads(child.text(folder / _ACTIVITY)))
+    except (ValueError, TypeError):  # none yet, or the child died while it wrote
+        activity = None
+    detail = end.detail + (f" while {activity.text}" if activity else "")
+    if end.status == Status.CRASHED:
+        detail += child.last_line(folder / _LOG)
+    return Ended(end.status, detail, activity)
+
+
+def _environment(import_from: str | None, others: Mapping[str, str | None]) -> dict[str, str]:
+    root = str(Path(__file__).resolve().parents[2])
+    parts = [root, os.environ.get("PYTHONPATH", ""), import_from or ""]
+    path = os.pathsep.join(p for p in parts if p)
+    variables = {**os.environ, **others, "PYTHONPATH": path}
+    return {name: value for name, value in variables.items() if value is not None}
+
+
+def child_main(task: str, descriptor: str, parent: str) -> None:
+    """Be the child: call the task, and say how it ended."""
+    child.die_with_parent(int(parent))
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.set_inheritable(int(descriptor), False)
+    channel = Channel(int(descriptor))
+    try:
+        request = channel.receive()
+        module, _, function = task.partition(":")
+        getattr(importlib.import_module(module), function)(request, channel)
+        end = Ended(Status.OK)
+    except BaseException as error:  # a path of the user's own may raise SystemExit
+        failure = failure_of(error)
+        end = Ended(failure.status, failure.detail)
+    try:
+        channel.send(end)
+    except OSError as error:
+        print(failure_of(error).detail, file=sys.stderr, flush=True)  # noqa: T201  the log
+        os._exit(1)
+    os._exit(0)  # nothing here needs a tidy shutdown, and some engines hang in theirs

@@ -1,0 +1,376 @@
+"""Describes what a run ran on: processor, usable cores, memory, versions, load.
+
+Usable cores follow from the scheduler's affinity and the control group's quota, not from the
+number of cores of the machine. `Calibration` measures how many of them a run really gets.
+
+Parts of this module also run inside the environments of old releases, where psutil may be missing;
+see `available_memory_bytes`.
+"""
+
+import hashlib
+import hmac
+import importlib.metadata
+import math
+import os
+import platform
+import subprocess
+import sys
+import threading
+import uuid
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mjbench.errors import InputError, one_line
+from mjbench.host import platforms
+
+if TYPE_CHECKING:
+    import mujoco
+
+_CGROUP = Path("/sys/fs/cgroup")
+# Packages that a result depends on.
+_PACKAGES = (
+    "mujoco",
+    "mujoco-core",
+    "mujoco-mjx",
+    "mujoco-warp",
+    "numpy",
+    "scipy",
+    "jax",
+    "jaxlib",
+    "warp-lang",
+)
+# Environment variables that change how fast or what the engine computes.
+_FLAGS = (
+    "OMP_NUM_THREADS",
+    "XLA_FLAGS",
+    "JAX_ENABLE_X64",
+    "JAX_DEFAULT_MATMUL_PRECISION",
+    "NVIDIA_TF32_OVERRIDE",
+    "GLIBC_TUNABLES",
+    "LD_PRELOAD",
+)
+# The environment variable with the user's name for this machine, and the longest such name: hosts
+# may have such ones.
+LABEL_VARIABLE = "MJBENCH_MACHINE"
+_LABEL_LENGTH = 64
+# XML of a body that costs about a microsecond a step and touches little memory.
+_SPINNER = (
+    "<mujoco><option gravity='0 0 0'/><worldbody><body><joint type='hinge'/>"
+    "<geom size='.1' contype='0' conaffinity='0'/></body></worldbody></mujoco>"
+)
+_CALIBRATION_STEPS = 5000
+# The share of processor time that the host of a virtual machine must take before it counts.
+NOTABLE_STOLEN = 0.02
+# The share that threads must get of the cores that they can use: with less, their figures say more
+# about the machine's other guests than about what was measured.
+ENOUGH_CORES = 0.85
+# Share of the available memory that work may take.
+MEMORY_SHARE = 0.6
+
+
+def usable_cores(cgroup: Path = _CGROUP) -> int:
+    """Return how many cores this process may use: affinity, limited by the cgroup's quota."""
+    cores = len(platforms.affinity()) or os.cpu_count() or 1
+    quota = cgroup_quota(cgroup)
+    return max(1, min(cores, math.ceil(quota))) if quota else cores
+
+
+def cgroup_quota(cgroup: Path = _CGROUP) -> float | None:
+    """Return the CPU quota of the control group in cores, or None if there is none.
+
+    Reads `cpu.max` (version 2) or `cpu.cfs_quota_us` and `cpu.cfs_period_us` (version 1); psutil
+    knows neither.
+    """
+    try:
+        quota, period = (cgroup / "cpu.max").read_text().split()[:2]
+    except (OSError, ValueError):
+        try:
+            quota = (cgroup / "cpu/cpu.cfs_quota_us").read_text().strip()
+            period = (cgroup / "cpu/cpu.cfs_period_us").read_text().strip()
+        except OSError:
+            return None
+    try:
+        cores = int(quota) / int(period)
+    except (ValueError, ZeroDivisionError):  # "max": no limit
+        return None
+    return cores if cores > 0 else None
+
+
+def available_memory_bytes(cgroup: Path = _CGROUP) -> int:
+    """Return the memory that can be used without swapping, limited by the control group's.
+
+    Where psutil is missing, as in the environments of old releases, only the control group's limit
+    is known; without one, memory counts as unlimited.
+    """
+    available = sys.maxsize
+    try:
+        import psutil
+    except ImportError:
+        pass
+    else:
+        available = psutil.virtual_memory().available
+    remaining = _cgroup_remaining_bytes(cgroup)
+    return available if remaining is None else max(0, min(available, remaining))
+
+
+def check_memory(bytes_needed: float, work: str, remedy: str) -> None:
+    """Refuse work that does not fit into memory.
+
+    Args:
+      work: such as `64 simulations`.
+      remedy: such as `reduce --nbatch`.
+
+    Raises:
+      InputError: it does not fit.
+    """
+    available_bytes = available_memory_bytes()
+    if bytes_needed > MEMORY_SHARE * available_bytes:
+        raise InputError(
+            f"{work} need about {bytes_needed / 2**30:.1f} GiB, {available_bytes / 2**30:.1f} GiB"
+            f" are available: {remedy}"
+        )
+
+
+def _cgroup_remaining_bytes(cgroup: Path) -> int | None:
+    """Return how much memory the control group has left; None if it has no limit (version 2)."""
+    try:
+        limit = int((cgroup / "memory.max").read_text())
+        used = int((cgroup / "memory.current").read_text())
+        for line in (cgroup / "memory.stat").read_text().splitlines():
+            if line.startswith("inactive_file "):  # cached files, which the kernel frees on demand
+                used -= int(line.split()[1])
+    except (OSError, ValueError):  # no control group, or "max": no limit
+        return None
+    return limit - used
+
+
+def data_bytes(model: "mujoco.MjModel") -> int:
+    """Return about how much memory one MjData of `model` takes after stepping, in bytes.
+
+    The arena, MjData's memory for contacts and constraints, takes memory only where it was
+    written. It is counted as twice what one step from the model's defaults uses.
+    """
+    import mujoco
+
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data)
+    used = int(getattr(data, "maxuse_arena", 0))
+    return int(getattr(data, "nbuffer", 0)) + 2 * used
+
+
+def peak_memory_bytes() -> int:
+    """Return the most memory that this process has had, in bytes."""
+    if sys.platform == "win32":
+        raise NotImplementedError("nothing is measured on Windows")
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return int(peak) * (1 if sys.platform == "darwin" else 1024)
+
+
+@dataclass(frozen=True)
+class ProcessorTime:
+    """How long the cores of this machine have run, since it was started.
+
+    Attributes:
+      busy_s: in all processes and on all cores together.
+      stolen_s: time for which a process was ready while the host gave the core to others; 0 where
+        the system does not say.
+    """
+
+    busy_s: float
+    stolen_s: float
+
+    @classmethod
+    def now(cls) -> "ProcessorTime":
+        """Return the time until now."""
+        import psutil
+
+        times = psutil.cpu_times()
+        idle_s = times.idle + getattr(times, "iowait", 0.0)
+        # Linux counts the time of guests as time of users, too
+        guest_s = getattr(times, "guest", 0.0) + getattr(times, "guest_nice", 0.0)
+        stolen_s = getattr(times, "steal", 0.0)
+        return cls(sum(times) - idle_s - guest_s - stolen_s, stolen_s)
+
+    def stolen_since(self, earlier: "ProcessorTime") -> float:
+        """Return the share of the time asked for since then that the host gave to others."""
+        stolen_s = self.stolen_s - earlier.stolen_s
+        asked_s = stolen_s + self.busy_s - earlier.busy_s
+        return stolen_s / asked_s if asked_s > 0 else 0.0
+
+
+def stolen_note(begin: ProcessorTime) -> str:
+    """Return a sentence if the host took much processor time since `begin`; empty otherwise."""
+    share = ProcessorTime.now().stolen_since(begin)
+    if share < NOTABLE_STOLEN:
+        return ""
+    return (
+        f"The host took {100 * share:.0f} % of this machine's processor time for others:"
+        " timings are noisier for it, and verdicts take longer."
+    )
+
+
+@dataclass(frozen=True)
+class Machine:
+    """The machine and its software, as stored with every result.
+
+    Attributes:
+      architecture: such as `x86_64`.
+      cores: None when unknown.
+      usable_cores: see `usable_cores`.
+      cgroup_quota_cores: CPU quota of the control group; None without one.
+      load_1min: when the run began.
+      governor: how the processor's clock is chosen; empty when unknown.
+      versions: of the packages that a result depends on, by name.
+      flags: environment variables that change speed or results, by name.
+      label: the user's name for this machine, from MJBENCH_MACHINE.
+      host: see `host_hash`; empty in older files.
+    """
+
+    cpu: str
+    architecture: str
+    system: str
+    cores: int | None
+    usable_cores: int
+    cgroup_quota_cores: float | None
+    memory_bytes: int
+    load_1min: float
+    governor: str
+    hypervisor: bool
+    python: str
+    versions: dict[str, str]
+    flags: dict[str, str] = field(default_factory=dict)
+    label: str = ""
+    host: str = ""
+
+
+def describe() -> Machine:
+    """Return the machine and its software."""
+    import psutil
+
+    return Machine(
+        cpu=_cpuinfo("model name")
+        or _sysctl("machdep.cpu.brand_string")
+        or platform.processor()
+        or platform.machine(),
+        architecture=platform.machine(),
+        system=platform.platform(terse=True),
+        cores=os.cpu_count(),
+        usable_cores=usable_cores(),
+        cgroup_quota_cores=cgroup_quota(),
+        memory_bytes=psutil.virtual_memory().total,
+        load_1min=round(psutil.getloadavg()[0], 2),
+        governor=read_text("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
+        hypervisor=is_virtual(),
+        python=platform.python_version(),
+        versions={name: version for name in _PACKAGES if (version := _version(name))},
+        flags={name: os.environ[name] for name in _FLAGS if name in os.environ},
+        label=_label(),
+        host=host_hash(),
+    )
+
+
+class Calibration:
+    """Measures how many cores `threads` threads really get: the same work alone and side by side.
+
+    `single()` steps a tiny model in one thread, `together()` in every thread at once; the caller
+    times both. If every thread has a core of its own, both take equally long.
+    """
+
+    def __init__(self, threads: int):
+        import mujoco
+
+        self.threads = threads
+        self._model = mujoco.MjModel.from_xml_string(_SPINNER)
+        self._datas = [mujoco.MjData(self._model) for _ in range(threads)]
+        self._mj_step = mujoco.mj_step
+
+    def single(self) -> None:
+        """Do one thread's work."""
+        self._work(self._datas[0])
+
+    def together(self) -> None:
+        """Do every thread's work at once."""
+        others = [threading.Thread(target=self._work, args=(data,)) for data in self._datas[1:]]
+        for thread in others:
+            thread.start()
+        self._work(self._datas[0])
+        for thread in others:
+            thread.join()
+
+    def cores(self, single_s: float, together_s: float) -> float:
+        """Return how many cores the times of `single` and `together` amount to."""
+        return self.threads * single_s / together_s
+
+    def _work(self, data: "mujoco.MjData") -> None:
+        self._mj_step(self._model, data, _CALIBRATION_STEPS)
+
+
+def _label() -> str:
+    """Return the user's name for this machine, on one line; empty without one."""
+    # cut short, it could be that of another machine
+    label = one_line(os.environ.get(LABEL_VARIABLE, ""), _LABEL_LENGTH + 1)
+    if len(label) > _LABEL_LENGTH:
+        raise InputError(f"{LABEL_VARIABLE} is longer than {_LABEL_LENGTH} characters: {label}")
+    return label
+
+
+def host_hash() -> str:
+    """Return ten hexadecimal digits that differ from machine to machine and do not name any.
+
+    They are an HMAC of the host's name, keyed with what nobody outside knows: the machine's id
+    (machine-id(5), which must not be published), else the address of a network card. Both go in,
+    because containers of one image share the id, and machines may share a name. Empty where there
+    is no key: a container that has neither.
+    """
+    key = read_text("/etc/machine-id") or _network_address()
+    if not key:
+        return ""
+    return hmac.new(key.encode(), platform.node().encode(), hashlib.sha256).hexdigest()[:10]
+
+
+def _network_address() -> str:
+    """Return the hardware address of a network card; empty where Python finds none."""
+    address = uuid.getnode()
+    # where it finds none, it draws a number with this bit set
+    return "" if address >> 40 & 1 else f"{address:012x}"
+
+
+def is_virtual() -> bool:
+    """Return whether this is a virtual machine, as far as it says so."""
+    return "hypervisor" in _cpuinfo("flags").split() or _sysctl("kern.hv_vmm_present") == "1"
+
+
+def _cpuinfo(key: str) -> str:
+    for line in read_text("/proc/cpuinfo").splitlines():
+        if line.startswith(key):
+            return line.partition(":")[2].strip()
+    return ""
+
+
+def _sysctl(name: str) -> str:
+    """Return a value that the kernel of macOS knows; empty elsewhere."""
+    if sys.platform != "darwin":
+        return ""
+    command = ["/usr/sbin/sysctl", "-n", name]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+
+
+def read_text(path: str | Path) -> str:
+    """Return the text of a file of the kernel; empty where there is none."""
+    try:
+        return Path(path).read_text().strip()
+    except OSError:
+        return ""
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None

@@ -1,0 +1,226 @@
+"""Notice other mjbench that measure on this machine at the same time: they disturb each other.
+
+Every process that measures has a file in a shared folder, which it keeps locked. A process that
+begins reads the files of the others, and appends a line to each. At its end it reads its own file,
+which then names those that began later. Where the folder cannot be used, nothing is noticed.
+
+Any user of the machine can write into the folder, so nothing in it is trusted: only files with the
+names that this module gives are read, a few kilobytes of each, and no lock is awaited for long.
+"""
+
+import contextlib
+import json
+import os
+import re
+import stat
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from mjbench.errors import one_line
+from mjbench.host import platforms
+
+# Environment variable that names the folder in which the shared folder is.
+FOLDER_VARIABLE = "MJBENCH_LOCKS"
+_FOLDER = "mjbench-measuring"
+# How often a process that waits looks again, in seconds.
+_POLL_S = 1.0
+# Processes begin one at a time; how long one tries to be the one, in seconds, and how often.
+_ENTRY_LOCK, _ENTRY_LIMIT_S, _ENTRY_POLL_S = "entry", 5.0, 0.05
+_NAME = re.compile(r"\d+-\d+\.json")
+_MAX_BYTES = 4096
+
+
+@dataclass(frozen=True)
+class Neighbour:
+    """Another process that measures."""
+
+    pid: int
+    command: str
+
+
+def describe(others: Sequence[Neighbour]) -> str:
+    """Return the names of other processes that measure, for a message."""
+    return ", ".join(
+        f"mjbench {other.command}, process {other.pid}" if other.pid else "an unidentified process"
+        for other in others
+    )
+
+
+def shared_folder() -> Path:
+    """Return the folder that all users of this machine share."""
+    root = Path("/tmp")  # not TMPDIR, which may be each user's own
+    if named := os.environ.get(FOLDER_VARIABLE):
+        root = Path(named)
+    elif not root.is_dir():
+        root = Path(tempfile.gettempdir())
+    return root / _FOLDER
+
+
+def measuring_now(folder: Path | None = None) -> list[Neighbour]:
+    """Return the processes that measure, without taking part; none where nothing is noticed.
+
+    Args:
+      folder: shared by all that measure; None for this machine's.
+    """
+    if sys.platform == "win32":
+        return []
+    folder = folder or shared_folder()
+    try:
+        _create_shared_folder(folder)
+        with _entry_lock(folder / _ENTRY_LOCK, time.sleep):
+            return [neighbour for _, neighbour in _others(folder)]
+    except OSError:
+        return []
+
+
+class Presence:
+    """This process among those that measure; a context manager, which leaves at its end."""
+
+    def __init__(self, command: str, folder: Path | None = None):
+        """Prepare to take part.
+
+        Args:
+          folder: shared by all that measure; None for this machine's.
+        """
+        self._me = Neighbour(os.getpid(), command)
+        self._folder = folder or shared_folder()
+        self._file: Path | None = None
+        self._closing = contextlib.ExitStack()
+
+    def __enter__(self) -> "Presence":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        with contextlib.suppress(OSError), self._closing:
+            if self._file is not None:
+                self._file.unlink(missing_ok=True)
+
+    def enter(
+        self,
+        wait: bool,
+        on_wait: Callable[[Sequence[Neighbour]], None] = lambda others: None,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> list[Neighbour]:
+        """Begin to measure; return the others that measure now.
+
+        Args:
+          on_wait: called once with the others that are waited for.
+        """
+        if sys.platform == "win32":  # it has no such locks, and no command there measures
+            return []
+        has_waited = False
+        try:
+            while True:
+                _create_shared_folder(self._folder)
+                with _entry_lock(self._folder / _ENTRY_LOCK, sleep):
+                    others = list(_others(self._folder))
+                    if not (wait and others):
+                        self._announce(others)
+                        return [neighbour for _, neighbour in others]
+                if not has_waited:
+                    on_wait([neighbour for _, neighbour in others])
+                has_waited = True
+                sleep(_POLL_S)
+        except OSError:
+            return []
+
+    def later_neighbours(self) -> list[Neighbour]:
+        """Return the others that began to measure after this process did."""
+        if self._file is None:
+            return []
+        try:
+            _, *lines = _lines(self._file)
+        except (OSError, ValueError):
+            return []
+        return [neighbour for line in lines if (neighbour := _parse(line))]
+
+    def _announce(self, others: Sequence[tuple[Path, Neighbour]]) -> None:
+        """Create this process's file, and append a line to those of the others."""
+        line = json.dumps(asdict(self._me)) + "\n"
+        file = self._folder / f"{self._me.pid}-{time.monotonic_ns()}.json"
+        _create_file(file)
+        descriptor = self._closing.enter_context(_opened(file, os.O_RDWR | os.O_APPEND))
+        platforms.lock_file(descriptor, shared=False, wait=False)
+        os.write(descriptor, line.encode())
+        self._file = file
+        for other, _ in others:
+            with contextlib.suppress(OSError), _opened(other, os.O_WRONLY | os.O_APPEND) as opened:
+                os.write(opened, line.encode())
+
+
+def _others(folder: Path) -> Iterator[tuple[Path, Neighbour]]:
+    """Yield the files of processes that measure; remove those of processes that are gone."""
+    for path in sorted(folder.iterdir()):
+        if not _NAME.fullmatch(path.name):
+            continue
+        with contextlib.suppress(OSError):
+            try:
+                with _opened(path, os.O_RDONLY) as descriptor:
+                    platforms.lock_file(descriptor, shared=True, wait=False)
+                    path.unlink(missing_ok=True)  # its lock is free: its process is gone
+            except BlockingIOError:
+                first, *_ = [*_lines(path), ""]
+                yield path, _parse(first) or Neighbour(0, "")
+
+
+def _lines(path: Path) -> list[str]:
+    with _opened(path, os.O_RDONLY) as descriptor:
+        return os.read(descriptor, _MAX_BYTES).decode(errors="replace").splitlines()
+
+
+def _parse(line: str) -> Neighbour | None:
+    try:
+        value = json.loads(line)
+        return Neighbour(int(value["pid"]), one_line(value["command"], limit=40))
+    except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
+        return None
+
+
+def _create_shared_folder(folder: Path) -> None:
+    """Create the shared folder, in which every user may create files, but remove only their own."""
+    with contextlib.suppress(FileExistsError):
+        folder.mkdir(parents=True)
+        folder.chmod(0o1777)
+    mode = folder.lstat().st_mode
+    if not stat.S_ISDIR(mode) or (mode & stat.S_IWOTH and not mode & stat.S_ISVTX):
+        raise OSError(f"{folder} is not a folder for all users")
+
+
+def _create_file(path: Path) -> None:
+    """Create a file that every user may write, unless it exists."""
+    with contextlib.suppress(FileExistsError):
+        descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC)
+        os.close(descriptor)
+        path.chmod(0o666)
+
+
+@contextlib.contextmanager
+def _entry_lock(path: Path, sleep: Callable[[float], None]) -> Iterator[None]:
+    """Hold the lock that lets one process at a time begin."""
+    _create_file(path)
+    with _opened(path, os.O_RDONLY) as descriptor:
+        for _ in range(round(_ENTRY_LIMIT_S / _ENTRY_POLL_S)):
+            try:
+                platforms.lock_file(descriptor, shared=False, wait=False)
+                break
+            except BlockingIOError:
+                sleep(_ENTRY_POLL_S)
+        else:
+            raise OSError(f"{path} stays locked")
+        yield
+
+
+@contextlib.contextmanager
+def _opened(path: Path, flags: int) -> Iterator[int]:
+    """Yield the descriptor of a regular file."""
+    descriptor = os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK)
+    try:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise OSError(f"{path} is not a regular file")
+        yield descriptor
+    finally:
+        os.close(descriptor)

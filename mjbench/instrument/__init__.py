@@ -1,1 +1,0 @@
-"""How things are measured: clocks, statistics, the machine, child processes, run files."""

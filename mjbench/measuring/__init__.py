@@ -1,0 +1,1 @@
+"""Timed rounds, and the statistics of what they give."""

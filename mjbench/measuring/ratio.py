@@ -1,0 +1,36 @@
+"""A ratio with its interval: the one type that records, tables, documents and advice share."""
+
+import math
+from dataclasses import dataclass
+
+from mjbench.bounds import PositiveFloat
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """An estimate, and the ends of its interval; an end is None where it has no bound."""
+
+    estimate: PositiveFloat
+    low: PositiveFloat | None
+    high: PositiveFloat | None
+
+    @classmethod
+    def of_log(cls, estimate: float, half_width: float) -> "Ratio":
+        """Return a ratio from its natural logarithm, and half the width of that one's interval."""
+        if not math.isfinite(half_width):
+            return cls(math.exp(estimate), None, None)
+        ends = math.exp(estimate - half_width), math.exp(estimate + half_width)
+        return cls(math.exp(estimate), *ends)
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether it has both ends."""
+        return self.low is not None and self.high is not None
+
+    def covers(self, value: float) -> bool:
+        """Return whether a value lies within; a missing end is no bound."""
+        return (self.low is None or self.low <= value) and (self.high is None or value <= self.high)
+
+    def is_above(self, value: float) -> bool:
+        """Return whether the whole interval is above a value; never without a lower end."""
+        return self.low is not None and self.low > value

@@ -1,0 +1,272 @@
+"""The run file: everything a run measured, one JSON record a line, readable at any moment.
+
+A record is a frozen dataclass with a class variable `record_type`. It is appended and flushed when
+its measurement ends, so a killed run leaves every earlier record readable; a last line cut short
+is left out. docs/formats.md describes the records, and `mjbench/schemas` holds their JSON Schema.
+"""
+
+import contextlib
+import hashlib
+import io
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from typing import Any, ClassVar, Protocol, TypeVar
+
+import msgspec
+
+from mjbench.errors import InputError, one_line, printable, reason
+from mjbench.host.machine import Machine
+
+# The version of run files and of every document that `--json` writes.
+#   1  first version
+SCHEMA = 1
+# Keys whose texts have several lines; line breaks in other texts are foreign.
+_MULTILINE_KEYS = {"snippet", "code"}
+
+# Records that earlier versions stored; they are left out.
+_REMOVED_TYPES = frozenset({"web_experiments", "contest", "confirmation"})
+# Types that earlier versions called otherwise, by their old names.
+_RENAMED_TYPES = {"engine_tune": "tune"}
+# Numbers are not larger: their products and ratios do not overflow.
+_LARGEST = 1e100
+
+_T = TypeVar("_T")
+
+
+class Record(Protocol):
+    """A frozen dataclass that is stored in a run file.
+
+    It may have a static method `upgrade`, which takes a stored record as a dictionary and renames
+    what earlier versions called otherwise.
+    """
+
+    record_type: ClassVar[str]
+
+
+@dataclass(frozen=True)
+class InputFile:
+    """A file that a command was given.
+
+    Attributes:
+      name: without its folder.
+      sha256: of its content, in hexadecimal; empty where it could not be read.
+    """
+
+    name: str
+    sha256: str
+
+    @classmethod
+    def of(cls, path: Path) -> "InputFile":
+        """Return what a header says of a file."""
+        try:
+            with path.open("rb") as file:
+                return cls(printable(path.name), hashlib.file_digest(file, "sha256").hexdigest())
+        except OSError:
+            return cls(printable(path.name), "")
+
+
+@dataclass(frozen=True)
+class RunHeader:
+    """The first line of a run file.
+
+    Attributes:
+      arguments: they must be the same for `resume`; nothing else reads them.
+      command_line: the words after `mjbench`; empty in older files.
+      began: in UTC, as ISO 8601; empty in older files.
+    """
+
+    record_type: ClassVar[str] = "run"
+    schema: int
+    command: str
+    machine: Machine
+    arguments: dict[str, Any]
+    files: tuple[InputFile, ...] = ()
+    command_line: tuple[str, ...] = ()
+    began: str = ""
+
+    def files_of(self, models: Iterable[str]) -> tuple[InputFile, ...]:
+        """Return the files that models were loaded from, which their names name."""
+        names = {PurePath(model).name for model in models}
+        return tuple(file for file in self.files if file.name in names)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run file, read back.
+
+    Attributes:
+      is_torn: whether the last line was cut short and left out.
+    """
+
+    header: RunHeader
+    records: tuple[Record, ...]
+    is_torn: bool = False
+
+    def of_type(self, kind: type[_T]) -> list[_T]:
+        """Return the records of one type."""
+        return [record for record in self.records if isinstance(record, kind)]
+
+
+def to_json(value: Any) -> Any:
+    """Return a dataclass, or a container of them, as JSON-ready values.
+
+    Paths become the names of their files, as folders are only of this machine; a number that is not
+    finite, which JSON cannot hold, becomes None, as does one that is beyond what is read.
+    """
+    return _finite(msgspec.to_builtins(value, enc_hook=_text))
+
+
+def _text(value: object) -> str:
+    return printable(value.name if isinstance(value, PurePath) else value)
+
+
+def _finite(value: Any) -> Any:
+    match value:
+        case float():
+            return value if abs(value) <= _LARGEST else None
+        case list() | tuple():
+            return [_finite(item) for item in value]
+        case dict():
+            return {key: _finite(item) for key, item in value.items()}
+    return value
+
+
+def as_stored(value: Any) -> Any:
+    """Return JSON-ready values as they come back from a run file."""
+    return _printable_texts(json.loads(json.dumps(value)))
+
+
+def load(path: Path, record_types: Mapping[str, type]) -> Run:
+    """Read a run file.
+
+    Raises:
+      InputError: not a run file, one of another format, or a record that does not fit its type.
+    """
+    return parse(path, read_lines(path), record_types)
+
+
+def read_lines(path: Path) -> list[bytes]:
+    """Return the lines of a file with their line breaks, which the last one may lack.
+
+    Raises:
+      InputError: it is not a file, or cannot be read.
+    """
+    try:
+        if not (path.is_file() or path.is_fifo() or not path.exists()):
+            raise InputError(f"{path}: not a file")
+        return split_lines(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot read {path}: {reason(error)}") from error
+
+
+def split_lines(content: bytes) -> list[bytes]:
+    """Return lines with their line breaks, which the last one may lack."""
+    return io.BytesIO(content).readlines()
+
+
+def parse(
+    path: Path,
+    lines: Sequence[bytes],
+    record_types: Mapping[str, type],
+    first_number: int = 1,
+    may_be_torn: bool = True,
+) -> Run:
+    """Return the run that lines of a file hold.
+
+    Args:
+      lines: the run's header first.
+      first_number: number of the first line in the file.
+      may_be_torn: whether to leave out a last line that is not JSON, and not to refuse it.
+
+    Raises:
+      InputError: no run, one of another format, or a record that does not fit its type.
+    """
+    values, is_torn = _values(path, lines, first_number, may_be_torn)
+    where = path if first_number == 1 else f"{path}, line {first_number}"
+    if not values or not isinstance(values[0], dict) or values[0].get("type") != "run":
+        raise InputError(f"{where}: not a run file (its first line must be the run's header)")
+    if values[0].get("schema") != SCHEMA:
+        raise InputError(
+            f"{where}: format {values[0].get('schema')!r}, this version of mjbench reads {SCHEMA}"
+        )
+    types = {**record_types, RunHeader.record_type: RunHeader}
+    numbered = [(n, v) for n, v in enumerate(values, first_number) if not _is_removed(v)]
+    header, *records = (_typed(path, number, value, types) for number, value in numbered)
+    for (number, _), record in zip(numbered[1:], records, strict=True):
+        if isinstance(record, RunHeader):
+            raise InputError(f"{path}, line {number}: a second header")
+    return Run(header, tuple(records), is_torn)
+
+
+def _is_removed(value: Any) -> bool:
+    return isinstance(value, dict) and str(value.get("type")) in _REMOVED_TYPES
+
+
+def _values(
+    path: Path, lines: Sequence[bytes], first_number: int, may_be_torn: bool
+) -> tuple[list[Any], bool]:
+    """Return the JSON value of each line, and whether a last line that was cut short is left out.
+
+    What is not JSON is refused, so NaN as well, which Python's own parser reads.
+    """
+    values: list[Any] = []
+    for number, line in enumerate(lines, first_number):
+        try:
+            values.append(_printable_texts(msgspec.json.decode(line)))
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            if may_be_torn and len(values) + 1 == len(lines) and values:
+                return values, True  # the writer was killed in the middle of its last line
+            raise InputError(f"{path}, line {number}: not JSON; not a run file?") from error
+        except ValueError as error:
+            raise InputError(f"{path}, line {number}: {one_line(error)}") from error
+    return values, False
+
+
+def _printable_texts(value: Any, key: str = "") -> Any:
+    """Return a JSON value whose texts have no control characters, nor line breaks in a name."""
+    if isinstance(value, str):
+        lines = value.split("\n") if key in _MULTILINE_KEYS else [value]
+        return "\n".join(map(printable, lines))
+    if isinstance(value, list):  # most are of numbers
+        numbers = [v for v in value if isinstance(v, float | int)]
+        if numbers and not -_LARGEST <= min(numbers) <= max(numbers) <= _LARGEST:
+            raise ValueError(f"a number beyond {_LARGEST:g}")
+        if len(numbers) == len(value):
+            return value
+        return [_printable_texts(v, key) for v in value]
+    if isinstance(value, dict):
+        return {printable(k): _printable_texts(item, k) for k, item in value.items()}
+    if isinstance(value, float | int) and not -_LARGEST <= value <= _LARGEST:
+        raise ValueError(f"a number beyond {_LARGEST:g}")
+    return value
+
+
+def _typed(path: Path, number: int, value: Any, types: Mapping[str, type]) -> Any:
+    name = str(value.get("type")) if isinstance(value, dict) else ""
+    kind = types.get(_RENAMED_TYPES.get(name, name))
+    if kind is None:
+        raise InputError(f"{path}, line {number}: not a record of a run file")
+    upgrade = getattr(kind, "upgrade", None)
+    try:
+        return msgspec.convert(upgrade(value) if upgrade else value, kind)
+    except (msgspec.ValidationError, RecursionError) as error:
+        raise InputError(f"{path}, line {number}: {one_line(error)}") from error
+
+
+def latest(folder: Path) -> Path:
+    """Return the newest run file of a folder; what is empty or no file at all is passed over.
+
+    Raises:
+      InputError: there is none.
+    """
+    written: list[tuple[float, Path]] = []
+    for path in folder.glob("*.jsonl"):
+        with contextlib.suppress(OSError):  # a link to nothing, or no permission
+            status = path.stat()
+            if path.is_file() and status.st_size:
+                written.append((status.st_mtime, path))
+    if not written:
+        raise InputError(f"no run file in {folder}; `mjbench compare` writes one")
+    return max(written)[1]

@@ -1,0 +1,95 @@
+"""Children end with all that they started, and with their parent; others live on."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from commands import PYTHONPATH, TESTS
+from isolated_tasks import Process
+from process_tree import ends
+
+from mjbench.host import child, isolate
+
+
+@pytest.mark.parametrize("task", ["start_a_session", "leave_a_daemon"])
+def test_what_a_child_started_in_another_session_ends_with_it(task: str) -> None:
+    started: list[int] = []
+
+    def watch(message: Process) -> None:
+        started.append(os.pidfd_open(message.pid))
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        isolate.run(f"isolated_tasks:{task}", None, watch, 60.0, str(TESTS))
+    (process,) = started
+    assert ends(process)
+
+
+@pytest.mark.parametrize(("task", "count"), [("wait_for_file", 1), ("step_with_processes", 2)])
+def test_children_die_with_a_parent_that_is_killed(tmp_path: Path, task: str, count: int) -> None:
+    program = (
+        "from pathlib import Path\n"
+        "from isolated_tasks import WaitRequest\n"
+        "from mjbench.host import isolate\n"
+        f"isolate.run('isolated_tasks:{task}', WaitRequest(Path('/nonexistent')),"
+        f" lambda message: print(message.pid, flush=True), 60.0, {str(TESTS)!r})"
+    )
+    parent = subprocess.Popen(
+        [sys.executable, "-c", program],
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": PYTHONPATH},
+    )
+    assert parent.stdout is not None
+    processes = [os.pidfd_open(int(parent.stdout.readline())) for _ in range(count)]
+    parent.kill()
+    parent.wait()
+    parent.stdout.close()
+    assert all(map(ends, processes))
+
+
+def test_a_child_whose_parent_has_ended_before_it_could_ask_to_die_with_it_ends() -> None:
+    program = "from mjbench.host import child; child.die_with_parent(1 << 22); print('on')"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, "PYTHONPATH": PYTHONPATH},
+        capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (1, "")
+
+
+def test_what_others_have_started_below_this_process_lives_on() -> None:
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as neighbour:
+        mine = child.Child([sys.executable, "-c", "import time; time.sleep(600)"])
+        ended = os.pidfd_open(mine.process.pid)
+        child.end_descendants()
+        assert ends(ended)
+        mine.end()
+        assert neighbour.poll() is None
+        neighbour.communicate(b"\n")
+    assert neighbour.returncode == 0
+
+
+def test_an_interrupt_waits_until_a_process_has_started_and_then_ends_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    started: list[subprocess.Popen[bytes]] = []
+
+    class Interrupted(subprocess.Popen[bytes]):
+        def __init__(self, *arguments: object, **options: object) -> None:
+            signal.raise_signal(signal.SIGINT)  # before it has a mark, or anybody knows it
+            super().__init__(*arguments, **options)  # type: ignore[call-overload]
+            started.append(self)
+
+    monkeypatch.setattr(subprocess, "Popen", Interrupted)
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        child.Child([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    assert started[0].stdin is not None
+    assert started[0].stdin.closed
+    assert signal.getsignal(signal.SIGINT) is before
+    assert [process.returncode for process in started] == [-signal.SIGKILL]

@@ -1,0 +1,46 @@
+"""The command that installs an extra: it names packages, since mjbench is on no index."""
+
+import importlib.metadata
+
+import pytest
+
+from mjbench import extras
+
+REQUIREMENTS = [
+    "numpy>=1.26",
+    "jinja2>=3.1; extra == 'report'",
+    'vl-convert-python ; extra == "report"',
+    "mjbench[report]; extra == 'site'",
+    "sphinx>=8; (python_version > '3') and extra == 'site'",
+]
+
+
+@pytest.mark.parametrize(
+    ("extra", "arguments"),
+    [
+        ("report", '"jinja2>=3.1" vl-convert-python'),
+        ("site", '"jinja2>=3.1" vl-convert-python "sphinx>=8"'),
+        ("site,report", '"jinja2>=3.1" vl-convert-python "sphinx>=8"'),
+        ("unknown", '".[unknown]"'),
+    ],
+)
+def test_packages_of_an_extra_are_named(
+    monkeypatch: pytest.MonkeyPatch, extra: str, arguments: str
+) -> None:
+    monkeypatch.setattr(importlib.metadata, "requires", lambda name: REQUIREMENTS)
+    assert extras.install_command(extra) == f"python -m pip install {arguments}"
+
+
+def test_without_metadata_it_is_the_command_for_a_clone(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(name: str) -> list[str]:
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(importlib.metadata, "requires", fail)
+    assert extras.install_command("cli") == 'python -m pip install ".[cli]"'
+
+
+@pytest.mark.parametrize(
+    "extra", ["cli", "env", "history", "mjx", "report", "run", "site", "test", "warp"]
+)
+def test_every_extra_of_mjbench_has_packages(extra: str) -> None:
+    assert ".[" not in extras.install_command(extra)
