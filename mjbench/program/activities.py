@@ -78,6 +78,11 @@ class Place:
     function: str
     text: str = ""
 
+    @property
+    def position(self) -> tuple[str, int]:
+        """The file and the line: a comprehension is a function of its own, on the same line."""
+        return self.file, self.line
+
     def __str__(self) -> str:
         return f"{self.file}:{self.line}"
 
@@ -329,6 +334,12 @@ def is_own(frame: Frame) -> bool:
     """Return whether a frame is a line of the user's own code."""
     is_source = frame.is_python and not frame.file.startswith("<")
     return is_source and not package_of(frame.file) and "/program/hook/" not in frame.file
+
+
+def place_of(frame: Frame) -> Place:
+    """Return the line of a frame, as results name it."""
+    text = source_line(frame.file, frame.line)
+    return Place(shown_path(frame.file), frame.line, frame.function, text)
 
 
 def imports(frame: Frame) -> bool:

@@ -18,7 +18,8 @@ from mjbench.program.calls import CallTime, Incident
 from mjbench.program.hook import call_clock
 from mjbench.program.loop_time import FEW_SAMPLES, LEAST_REPEATS, LoopTime
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
-from mjbench.program.replacements import Measured, Question, Trial
+from mjbench.program.replacements import Measured
+from mjbench.program.trials import Question, Trial
 from mjbench.simulation import package_timer
 
 # The most that a pair stands for; steps after a new MjData that tell what its memory costs them.
@@ -342,17 +343,17 @@ def _stands_for(loop: LoopTime, calls: Sequence[CallTime]) -> float:
     """Return the share of a loop that calls stand for: all that is not seen on other lines."""
     if not calls:
         return 0.0
-    own = {(call.place.file, call.place.line) for call in calls}
+    own = {call.place.position for call in calls}
     timed = _share(loop, calls)
     elsewhere = sum(
         part
         for line in loop.lines
         for activity, part in line.activities.items()
         if not loop.is_timed(activity)
-        and (activity != Activity.BINDINGS or (line.place.file, line.place.line) not in own)
+        and (activity != Activity.BINDINGS or line.place.position not in own)
     )
     elsewhere += loop.activities.get(Activity.COLLECTION, 0.0)
-    others = [call for call in loop.calls if (call.place.file, call.place.line) not in own]
+    others = [call for call in loop.calls if call.place.position not in own]
     return min(_MOST_GAIN, max(timed, 1 - elsewhere - _share(loop, others)))
 
 
@@ -408,7 +409,7 @@ def of_steps(loop: LoopTime, measured: Measured) -> Iterator[Remedy]:
 def of_turns(loop: LoopTime, measured: Measured, incidents: Sequence[Incident]) -> Iterator[Remedy]:
     """Yield what to do about several simulations that are stepped in turn."""
     for incident in incidents:
-        calls = [call for call in steps_of(loop) if call.place == incident.place]
+        calls = [call for call in steps_of(loop) if call.place.position == incident.place.position]
         if incident.name != call_clock.IN_TURN or not calls:
             continue
         share, saved = _share(loop, calls), measured.saved(_batch(incident))

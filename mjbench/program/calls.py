@@ -14,7 +14,8 @@ from pathlib import Path
 from mjbench.program import activities
 from mjbench.program.activities import Activity, Place
 from mjbench.program.hook import call_clock
-from mjbench.program.source_loops import SourceLoop, outermost_loop, source_line
+from mjbench.program.samples import Frame
+from mjbench.program.source_loops import SourceLoop, outermost_loop
 from mjbench.program.step_times import Header
 
 # What callees do, but for functions of the engine: those are physics.
@@ -224,7 +225,7 @@ def _own_place(stack: Sequence[tuple[str, int, str]]) -> Place:
     """Return the innermost line of the user's code; the innermost line where none is."""
     own = [frame for frame in stack if not activities.package_of(frame[0])]
     file, line, function = (own or stack)[0]
-    return Place(activities.shown_path(file), line, function, source_line(file, line))
+    return activities.place_of(Frame(function, file, line))
 
 
 def _loop(stack: Sequence[tuple[str, int, str]]) -> SourceLoop | None:

@@ -153,7 +153,7 @@ def _findings_at(place: Place, findings: Sequence[Finding]) -> list[Finding]:
     return [
         each
         for each in findings
-        if (each.file, each.line) == (place.file, place.line) and each.ns_per_step is not None
+        if (each.file, each.line) == place.position and each.ns_per_step is not None
     ]
 
 
@@ -172,7 +172,7 @@ def _has_building(loop: LoopTime) -> bool:
     if loop.building is None or loop.samples < FEW_SAMPLES:
         return False
     loading = [call for call in loop.calls if call.activity == Activity.LOADING]
-    is_call = any(call.place == loop.building.place for call in loading)
+    is_call = any(call.place.position == loop.building.place.position for call in loading)
     return not is_call or loop.building.activities.get(Activity.BUILDING, 0.0) >= LEAST_GAIN
 
 
@@ -231,7 +231,7 @@ def _of_line(
 ) -> Iterator[Remedy]:
     """Yield what to do about a line: what lint says of it, and about what that leaves."""
     activity, share = _main_cost([line]), _avoidable(line)
-    of_line = [call for call in loop.calls if call.place == line.place]
+    of_line = [call for call in loop.calls if call.place.position == line.place.position]
     is_engine_call = bool(of_line) and _ENGINE_CALL.match(line.place.text)
     if is_engine_call or any(call.activity == Activity.COPYING for call in of_line):
         return  # what samples saw beside the call makes it, or frees its result

@@ -12,9 +12,10 @@ from mjbench.program.hook import call_clock
 from mjbench.program.launch import Program
 from mjbench.program.loop_time import LineTime, LoopTime
 from mjbench.program.remedy import Basis, Confirmed, Remedy, RemedyKind
-from mjbench.program.replacements import Measured, Question, TimeRatio, Trial
+from mjbench.program.replacements import Measured, TimeRatio
 from mjbench.program.source_loops import SourceLoop
 from mjbench.program.step_times import Durations, StepTimes
+from mjbench.program.trials import Question, Trial
 
 PHYSICS, PYTHON, NUMPY = Activity.PHYSICS, Activity.PYTHON, Activity.NUMPY
 BINDINGS = Activity.BINDINGS
