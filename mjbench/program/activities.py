@@ -141,6 +141,7 @@ CALL_CLOCK = "program/hook/call_clock.py"
 # What a line of Python does that calls libraries, where their stacks were not read.
 _LINES = (
     (re.compile(r"\bmj_(step[12]?|forward\w*|inverse\w*|rnePostConstraint)\("), Activity.PHYSICS),
+    (re.compile(r"\bmj[uvdr]?_\w+\(|\.contact\b"), Activity.BINDINGS),
     (re.compile(r"\bsleep\("), Activity.SLEEPING),
     (re.compile(r"\.acquire\(|\bwith [\w.]*lock\b"), Activity.THREADS),
     (re.compile(r"\bprint\(|\.(write|flush|savez?|tofile)\("), Activity.LOGGING),

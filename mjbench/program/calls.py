@@ -241,7 +241,12 @@ def _estimated(
     calls: Sequence[CallTime], slots: Sequence[_Slot], header: Header | None
 ) -> list[CallTime]:
     """Return the calls with those between bursts, which take no longer than there was time."""
-    fast = [slot for call, slot in zip(calls, slots, strict=True) if _is_fast(call.callee)]
+    slots = _with_callbacks_between_bursts(calls, slots)
+    fast = [  # callbacks are parts of steps
+        slot
+        for call, slot in zip(calls, slots, strict=True)
+        if _is_fast(call.callee) and not call.is_callback
+    ]
     timed_calls = sum(slot.timed_calls for slot in fast)
     if header is None or not timed_calls:
         return list(calls)
@@ -265,6 +270,28 @@ def _estimated(
         )
         if _is_fast(call.callee)
         else call
+        for call, slot in zip(calls, slots, strict=True)
+    ]
+
+
+def _with_callbacks_between_bursts(
+    calls: Sequence[CallTime], slots: Sequence[_Slot]
+) -> list[_Slot]:
+    """Return the slots, where callbacks were called in steps between bursts as in those timed."""
+    steps = [
+        slot for call, slot in zip(calls, slots, strict=True) if call.callee in call_clock.STEPS
+    ]
+    passed = sum(slot.passed_calls for slot in steps) / max(
+        1, sum(slot.timed_calls for slot in steps)
+    )
+    return [
+        replace(
+            slot,
+            passed_calls=round(passed * slot.timed_calls),
+            passed_ns=round(passed * slot.timed_ns),
+        )
+        if call.is_callback
+        else slot
         for call, slot in zip(calls, slots, strict=True)
     ]
 

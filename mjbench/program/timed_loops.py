@@ -195,11 +195,10 @@ def _beside_slow(
     time: LoopTime, line: LineTime, share: float, exact: Collection[Activity]
 ) -> Mapping[Activity, float]:
     """Return what samples saw on the line of a slow call beside the call, such as what frees it."""
-    others = {
-        activity: part
-        for activity, part in line.activities.items()
-        if activity not in {*_TOLD_BY_LINE, *exact}
-    }
+    told = {*_TOLD_BY_LINE, *exact}
+    if Activity.DISPATCH in exact:
+        told.add(Activity.POLICY)  # JAX itself, where it is called
+    others = {activity: part for activity, part in line.activities.items() if activity not in told}
     beside = line.share - share - sum(others.values())
     is_certain = beside > 2 * time.error(line.share)
     return {**others, Activity.BINDINGS: beside} if is_certain else others
