@@ -131,6 +131,8 @@ _LOGGING_FILE = re.compile(
 )
 _STANDARD_LOGGING = re.compile(r"^(logging/\w+|csv|json/\w+|pickle|shelve|gzip|zipfile\w*)\.py$")
 _STANDARD_PROCESSES = re.compile(r"^(multiprocessing/|subprocess\.py|concurrent/futures/process)")
+# A thread of the pool reads what its processes send, and the caller waits for that thread.
+_PROCESS_POOL = "multiprocessing/pool.py"
 _STANDARD_THREADS = re.compile(r"^(threading|queue|concurrent/futures/(thread|_base))\.py$")
 _STANDARD_WAITING = re.compile(r"^(selectors|socket|asyncio/\w+)\.py$")
 _THREADED_ENGINE = re.compile(r"/mujoco/(rollout|batch\w*)\.py$")
@@ -282,6 +284,8 @@ def _by_python(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | 
     if any(_STANDARD_PROCESSES.match(name) for name in names) and (
         waits or _STANDARD_WAITING.match(names[0]) or names[0].startswith("multiprocessing/conn")
     ):
+        return Activity.PROCESSES
+    if _STANDARD_THREADS.match(names[0]) and _PROCESS_POOL in names:
         return Activity.PROCESSES
     if _STANDARD_THREADS.match(names[0]) or _STANDARD_WAITING.match(names[0]):
         return Activity.THREADS
