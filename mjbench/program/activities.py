@@ -251,6 +251,8 @@ def _by_caller(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | 
             return Activity.LOGGING
         if _THREADED_ENGINE.search(file):
             return Activity.PHYSICS
+        if standard_name(file) == _PROCESS_POOL:
+            return Activity.PROCESSES
         if imports(frame):
             return Activity.IMPORT
     return None
@@ -284,8 +286,6 @@ def _by_python(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | 
     if any(_STANDARD_PROCESSES.match(name) for name in names) and (
         waits or _STANDARD_WAITING.match(names[0]) or names[0].startswith("multiprocessing/conn")
     ):
-        return Activity.PROCESSES
-    if _STANDARD_THREADS.match(names[0]) and _PROCESS_POOL in names:
         return Activity.PROCESSES
     if _STANDARD_THREADS.match(names[0]) or _STANDARD_WAITING.match(names[0]):
         return Activity.THREADS
