@@ -42,6 +42,7 @@ def test_a_path_that_computes_something_else_is_refused(monkeypatch: pytest.Monk
     monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"))
     with WorkerPool(limit_s=30.0) as pool:
         pair = TargetPair(pool, target, target)
+        pair.prepare()
         with pytest.raises(TargetError, match="does not reach the final states"):
             pair.launch()
 
