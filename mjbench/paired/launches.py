@@ -5,6 +5,7 @@ A launch is a fresh process, or one for each of two sides, which measures some o
 history measures, and `environment.vectors` vectorised forms.
 """
 
+import contextlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from typing import Generic, TypeVar
@@ -81,17 +82,16 @@ def launch(targets: Targets[LaunchT], rule: StopRule[LaunchT]) -> Iterator[Failu
     """
     ending = Failure(Status.OK, "")
     try:
-        targets.prepare()
-        while positions := rule.next_targets():
-            try:
-                rule.add(targets.launch(positions))
-            except UnableError as error:
-                rule.withdraw(error)
-            yield None
+        with contextlib.closing(targets):
+            targets.prepare()
+            while positions := rule.next_targets():
+                try:
+                    rule.add(targets.launch(positions))
+                except UnableError as error:
+                    rule.withdraw(error)
+                yield None
     except UnableError as error:
         ending = Failure(error.status, error.detail)
     except ENDING_ERRORS as error:
         ending = ending_of(error)
-    finally:
-        targets.close()
     yield ending
