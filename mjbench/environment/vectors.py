@@ -93,7 +93,7 @@ def added(
                 detail="in vectorised forms",
                 vectors=_samples(plan, messages, Status.INTERRUPTED, "stopped before it was timed"),
             )
-        culprit = ended.activity.index if ended.activity else None
+        culprit = ended.item
         if ended.status == Status.OK or culprit is None or culprit in fatal:
             break
         fatal[culprit] = AgreementReport(culprit, ended.status, ended.detail)
