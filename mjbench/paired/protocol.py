@@ -123,7 +123,7 @@ class TargetPair:
 
         Raises:
           InputError: a target cannot do it.
-          TargetError: a target crashed, hung or failed.
+          ChildError: a target crashed, hung or failed.
           OutOfTimeError: the limit does not allow a launch.
         """
         targets = baseline, candidate
@@ -147,7 +147,7 @@ class TargetPair:
 
         Raises:
           InputError: a target cannot run its path.
-          TargetError: a target crashed, hung or failed.
+          ChildError: a target crashed, hung or failed.
           OutOfTimeError: this is the first launch, and the time limit does not allow it.
         """
         self._pairs.wait()

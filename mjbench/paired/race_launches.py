@@ -7,13 +7,14 @@ from typing import ParamSpec, TypeVar
 from mjbench.comparison.compare import ModelChildren
 from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError
+from mjbench.host.child_connection import ChildError
 from mjbench.paired import cores, launch_seeds
 from mjbench.paired.calibrator import countable
 from mjbench.paired.race import UnableError
 from mjbench.paired.race_record import RaceLaunch, UnableVariant
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import TargetError, Task, WorkerProcess
+from mjbench.paired.worker_process import Task, WorkerProcess
 from mjbench.paths.parallelism import nthread
 from mjbench.releases import installs
 from mjbench.status import Status
@@ -43,7 +44,7 @@ class RaceLaunches:
         Raises:
           UnableError: a variant cannot run, ended the process, or returns something else than the
             plain loop.
-          TargetError: the process crashed, hung or failed while it did nothing of another variant
+          ChildError: the process crashed, hung or failed while it did nothing of another variant
             than the plain loop.
         """
         plan, files = self._verified.plan, self._verified.files
@@ -100,13 +101,13 @@ def _ask(
 
     Raises:
       UnableError: the variant cannot run, or ended the process.
-      TargetError: it is the plain loop that ended the process.
+      ChildError: it is the plain loop that ended the process.
     """
     try:
         return process.call(task, *args, **kwargs)
     except InputError as error:
         status, cause = Status.FAILED, str(error).removeprefix(f"{process.name}: ")
-    except TargetError as error:
+    except ChildError as error:
         if position == 0:
             raise
         status, cause = error.ending, error.cause
