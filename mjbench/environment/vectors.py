@@ -119,9 +119,8 @@ class _VectorLaunches(Targets[VectorLaunch]):
             answers.append,
             self._request.plan.limit_s,
         )
-        culprit = ended.activity.index if ended.activity else None
-        if ended.status != Status.OK and culprit is not None:
-            raise UnableError(culprit, ended.status, ended.detail)
+        if ended.status != Status.OK and ended.item is not None:
+            raise UnableError(ended.item, ended.status, ended.detail)
         ended.check()
         (answer,) = answers
         if isinstance(answer, WrongForm):

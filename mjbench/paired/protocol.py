@@ -145,7 +145,7 @@ class TargetPair(Targets[LaunchRow]):
 
         Raises:
           InputError: a target cannot do it.
-          TargetError: a target crashed, hung or failed.
+          ChildError: a target crashed, hung or failed.
           OutOfTimeError: the limit does not allow a launch.
         """
         pool, (baseline, candidate) = self._pool, self._targets
@@ -167,7 +167,7 @@ class TargetPair(Targets[LaunchRow]):
 
         Raises:
           InputError: a target cannot run its path.
-          TargetError: a target crashed, hung or failed.
+          ChildError: a target crashed, hung or failed.
           OutOfTimeError: this is the first launch, and the time limit does not allow it.
         """
         assert tuple(positions) == BOTH, "a pair is launched together"

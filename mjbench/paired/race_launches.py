@@ -7,13 +7,14 @@ from collections.abc import Iterator, Sequence
 from mjbench.comparison.compare import ModelChildren
 from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError
+from mjbench.host.child_connection import ChildError
 from mjbench.paired import cores, launch_seeds
 from mjbench.paired.calibrator import countable
 from mjbench.paired.launches import Targets, UnableError
 from mjbench.paired.race_record import RaceLaunch
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import TargetError, WorkerProcess
+from mjbench.paired.worker_process import WorkerProcess
 from mjbench.paths.parallelism import nthread
 from mjbench.releases import installs
 from mjbench.status import Status
@@ -37,7 +38,7 @@ class RaceLaunches(Targets[RaceLaunch]):
         Raises:
           UnableError: a variant cannot run, ended the process, or returns something else than the
             plain loop.
-          TargetError: the process crashed, hung or failed while it did nothing of another variant
+          ChildError: the process crashed, hung or failed while it did nothing of another variant
             than the plain loop.
         """
         plan, files = self._verified.plan, self._verified.files
@@ -88,14 +89,14 @@ def _attributed(process: WorkerProcess, position: int, activity: str) -> Iterato
 
     Raises:
       UnableError: the variant cannot run, or ended the process.
-      TargetError: it is the plain loop that ended the process.
+      ChildError: it is the plain loop that ended the process.
     """
     try:
         yield
         return
     except InputError as error:
         status, cause = Status.FAILED, str(error).removeprefix(f"{process.name}: ")
-    except TargetError as error:
+    except ChildError as error:
         if position == 0:
             raise
         status, cause = error.ending, error.cause

@@ -160,10 +160,10 @@ class EngineOnThisMachine:
             ended = self._run("run_launch", request, receive)
             if ended.status == Status.OK:
                 return programs[0]
-            if ended.activity is None or ended.activity.index is None:
+            if ended.item is None:
                 ended.check()
                 raise AssertionError("an end that is not ok raises")
-            first = ended.activity.index + 1
+            first = ended.item + 1
             on_attempt(Attempt(settings[first - 1], ended.status, ended.detail))
             if first == len(settings):
                 return programs[0]

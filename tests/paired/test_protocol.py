@@ -13,13 +13,14 @@ from paired_examples import CARTPOLE
 
 from mjbench.errors import MachineError
 from mjbench.host import machine, platforms
+from mjbench.host.child_connection import ChildError
 from mjbench.paired import cores, launch_seeds, protocol, time_limit
 from mjbench.paired.process_pairs import ProcessPairs
 from mjbench.paired.protocol import TargetPair
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import TargetError, WorkerProcess
+from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
 
 needs_affinity = pytest.mark.skipif(
@@ -141,7 +142,7 @@ def test_a_process_that_fails_while_it_starts_does_not_end_the_launch_before(
 
     monkeypatch.setattr(protocol, "time_quads", kill_next)
     pair.launch()
-    with pytest.raises(TargetError, match=r"baseline .*killed by signal 9"):
+    with pytest.raises(ChildError, match=r"baseline .*killed by signal 9"):
         pair.launch()
     pair.close()
 
