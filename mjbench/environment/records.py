@@ -28,7 +28,7 @@ from mjbench.environment.layer_shares import (
     TimerEffect,
 )
 from mjbench.environment.layers import Layer
-from mjbench.environment.model_changes import ModelChange
+from mjbench.environment.recording import ModelChange
 from mjbench.environment.repetition import FieldDifference
 from mjbench.environment.timer import TimerCost
 from mjbench.errors import Failure

@@ -25,7 +25,7 @@ from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import CONFIDENCE
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases.moved_image import ImmovableError
+from mjbench.releases.moved_install import ImmovableError
 from mjbench.releases.placement import RESIDUES, Placement, PlacementPair
 from mjbench.status import FINISHED, Status
 from mjbench.store.json_form import in_json

@@ -15,7 +15,7 @@ from mjbench.paired.launches import Targets
 from mjbench.paired.placement_spread import MIN_LAUNCHES, SpreadPlan, SpreadRecord
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.time_limit import TimeLimit
-from mjbench.releases.moved_image import ImmovableError
+from mjbench.releases.moved_install import ImmovableError
 from mjbench.releases.placement import RESIDUES, Placement, PlacementPair
 from mjbench.status import Status
 from mjbench.store.json_form import json_form
