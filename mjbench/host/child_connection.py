@@ -61,8 +61,10 @@ class ChildConnection:
     def __init__(self, connection: Connection, process: Process, output_file: Path):
         """Take over a connection, which `pair` made, of a child that prints to a file."""
         self.connection, self.process = connection, process
-        self._awaited = [connection, *_exit_handles(process)]
         self._output_file = output_file
+        # what is ready when the child has sent something or ended; of a child that is still being
+        # forked, the end is known later
+        self._awaited: list[Connection] = []
 
     def receive(
         self,
@@ -125,7 +127,7 @@ class ChildConnection:
     def end(self) -> None:
         """End the child, whatever it is doing."""
         self.process.end()
-        for each in self._awaited:
+        for each in {self.connection, *self._awaited}:
             each.close()
 
     def _timeout(self, cause: str, activity: str) -> ChildError:
@@ -141,6 +143,7 @@ class ChildConnection:
         A child that has ended may have left a process that keeps its end of the connection open.
         Where the system can, nothing wakes up here beside a child that is timed.
         """
+        self._awaited = self._awaited or [self.connection, *_exit_handles(self.process)]
         wakes = watch is not None or self._awaited == [self.connection]
         deadline_s = monotonic() + limit_s
         while (left_s := deadline_s - monotonic()) > 0.0:
