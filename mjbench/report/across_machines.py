@@ -260,7 +260,5 @@ def verdict_cell(verdict: MachineVerdict) -> str:
     ratio = verdict.ratio
     if ratio is None:
         return outcome
-    change = formats.change(ratio.estimate)
-    if ratio.low is not None and ratio.high is not None:
-        change += f" ({100 * (ratio.low - 1):+.2f} to {100 * (ratio.high - 1):+.2f})"
-    return f"{change} {outcome}"
+    interval = formats.in_brackets(ratio, formats.change)
+    return f"{formats.change(ratio.estimate)}{interval} {outcome}"

@@ -94,10 +94,7 @@ def _doubt(advice: Advice) -> str:
 
 
 def _times(speedup: Ratio, baseline: str) -> str:
-    low_high = ""
-    if speedup.low is not None and speedup.high is not None:
-        low_high = f" ({formats.factor(speedup.low)} to {formats.factor(speedup.high)})"
-    return f"{formats.factor(speedup.estimate)} times {baseline}{low_high}"
+    return f"{formats.factor(speedup.estimate)} times {baseline}{formats.in_brackets(speedup)}"
 
 
 def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> str:

@@ -73,16 +73,16 @@ def _binding(ns: float) -> str:
 
 
 def _table(table: OverheadRow) -> DataTable:
-    columns = (
-        Column("in the loop"),
-        Column("adds ns/step", formats.count),
-        Column("95 %", formats.ends_in(formats.count)),
-        Column("of a step", formats.percent),
-        Column("cheaper"),
-        Column("saves ns", formats.count),
+    return DataTable.of(
+        "Habits",
+        table.costs or (),
+        (Column("in the loop"), lambda cost: cost.source),
+        (Column("adds ns/step", formats.count), lambda cost: cost.ns),
+        (Column("95 %", formats.ends_in(formats.count)), lambda cost: cost),
+        (Column("of a step", formats.percent), lambda cost: cost.share),
+        (Column("cheaper"), lambda cost: cost.cheaper),
+        (Column("saves ns", formats.count), lambda cost: cost.saved_ns),
     )
-    rows = [(c.source, c.ns, c, c.share, c.cheaper, c.saved_ns) for c in table.costs or ()]
-    return DataTable("Habits", columns, rows)
 
 
 def _snippets(cost: HabitCost) -> Iterator[Snippet]:

@@ -15,6 +15,7 @@ from mjbench.report.content import (
     Snippet,
     Tone,
 )
+from mjbench.report.formats import short_percent
 from mjbench.report.starts import starts_lines
 from mjbench.simulation import package_timer
 from mjbench.simulation.starts import Starts
@@ -477,5 +478,5 @@ def _length(metres: float) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share in percent, in two digits."""
-    return f"{100 * share:.2g} %" if share < 1e-4 else f"{plain(100 * share, 2)} %"
+    """Return a share in percent, in two digits, however small it is."""
+    return f"{100 * share:.2g} %" if share < 1e-4 else short_percent(share)

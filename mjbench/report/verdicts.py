@@ -19,7 +19,7 @@ from mjbench.report import charts, formats
 from mjbench.report.content import Cell, Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report.starts import starts_lines, warning_lines
 from mjbench.simulation import agreement
-from mjbench.units import count_of, percent, percent_change, plain
+from mjbench.units import count_of, plain
 
 # What stands behind the name of a comparison of something else than the time of a block.
 _METRICS = {
@@ -179,7 +179,7 @@ def _spread(comparison: MachineComparison) -> str:
     if len(comparison.ratios) < 2:
         return ""
     least, most = (f(r.estimate for r in comparison.ratios) for f in (min, max))
-    spread = f"from {percent_change(least)} % to {percent_change(most)} %"
+    spread = f"from {formats.change(least)} to {formats.change(most)}"
     return f"machines differ beyond their intervals, {spread}" if comparison.differs else spread
 
 
@@ -279,21 +279,21 @@ def _timesteps(timesteps: Pair[float]) -> str:
 
 
 def _describe_ratio(verdict: Verdict, ratio: Ratio) -> str:
-    ends = [end for end in (ratio.low, ratio.high) if end is not None]
-    if len(ends) == 2 and verdict == Verdict.FASTER and ratio.estimate <= 1 / _LARGE:
-        low, high = _times(1 / ends[1]), _times(1 / ends[0])
-        return f"faster, {_times(1 / ratio.estimate)} times as fast (interval {low} to {high})"
-    if len(ends) == 2 and verdict == Verdict.SLOWER and ratio.estimate >= _LARGE:
-        low, high = map(_times, ends)
-        return f"slower, takes {_times(ratio.estimate)} times as long (interval {low} to {high})"
+    if ratio.low is not None and ratio.high is not None:
+        if verdict == Verdict.FASTER and ratio.estimate <= 1 / _LARGE:
+            low, high = _times(1 / ratio.high), _times(1 / ratio.low)
+            return f"faster, {_times(1 / ratio.estimate)} times as fast (interval {low} to {high})"
+        if verdict == Verdict.SLOWER and ratio.estimate >= _LARGE:
+            interval = formats.ends(ratio, _times, " to ")
+            return f"slower, takes {_times(ratio.estimate)} times as long (interval {interval})"
     if verdict == Verdict.SAME:
-        return f"same within {percent(max(abs(end - 1) for end in ends))} %"
-    interval = (
-        f"{percent_change(ends[0])} to {percent_change(ends[1])} %" if len(ends) == 2 else "unknown"
-    )
+        ends = [end for end in (ratio.low, ratio.high) if end is not None]
+        return f"same within {formats.short_percent(max(abs(end - 1) for end in ends))}"
+    interval = formats.ends(ratio, formats.change, " to ") or "unknown"
     if verdict == Verdict.INCONCLUSIVE:
-        return f"inconclusive, {percent_change(ratio.estimate)} % (interval {interval})"
-    return f"{verdict} by {percent(abs(ratio.estimate - 1))} % (interval {interval})"
+        return f"inconclusive, {formats.change(ratio.estimate)} (interval {interval})"
+    size = formats.short_percent(abs(ratio.estimate - 1))
+    return f"{verdict} by {size} (interval {interval})"
 
 
 def _describe_cause(row: VerdictRow) -> str:
@@ -315,17 +315,10 @@ def _describe_placement(row: VerdictRow) -> str:
         return f"; compared as shipped: {placement.problem}"
     if placement.effect is None:
         return ""
-    ratio = placement.effect
-    ends = [end for end in (ratio.low, ratio.high) if end is not None]
-    interval = (
-        f" (interval {percent_change(ends[0])} to {percent_change(ends[1])} %)"
-        if len(ends) == 2
-        else ""
-    )
-    unsure = "" if interval else " (too few launches for an interval)"
-    return (
-        f"; the placement of these builds adds {percent_change(ratio.estimate)} %{interval}{unsure}"
-    )
+    interval = formats.ends(placement.effect, formats.change, " to ")
+    certainty = f"interval {interval}" if interval else "too few launches for an interval"
+    change = formats.change(placement.effect.estimate)
+    return f"; the placement of these builds adds {change} ({certainty})"
 
 
 def _times(factor: float) -> str:
