@@ -11,7 +11,7 @@ from mjbench.releases.change_points import (
     MIN_CHANGE,
     SIMULATED_DEVIATION,
 )
-from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS, NoChangePair
+from mjbench.releases.release import NO_CHANGE_PAIRS, NoChangePair
 from mjbench.releases.release_ratios import LogEstimate
 from mjbench.releases.speed_history import SpeedSeries
 from mjbench.report import formats, history_plots
