@@ -190,23 +190,20 @@ def _figure(row: ExplainRecord, changes: Sequence[NetDifference]) -> Figure:
         (Column("% of a step", formats.digits(3)), lambda change: 100 * change.difference / total),
     )
     largest = changes[0]
-    layer: charts.Spec = {
-        "mark": {"type": "bar", "height": 12},
-        "encoding": {
-            "x": charts.quantity("% of a step", "% of the instructions of a step", zero=True),
-            "y": charts.names(data),
-            "color": {
-                "condition": {"test": "datum['% of a step'] > 0", "value": charts.ORANGE},
-                "value": charts.BLUE,
-            },
+    bars = {
+        "x": charts.quantity("% of a step", "% of the instructions of a step", zero=True),
+        "y": charts.names(data),
+        "color": {
+            "condition": {"test": "datum['% of a step'] > 0", "value": charts.ORANGE},
+            "value": charts.BLUE,
         },
     }
-    return Figure(
-        title=f"{_heading(row)}: functions that account for most of the change",
-        alternative=f"Bars of {len(changes)} functions; the largest change is that of"
+    return charts.figure(
+        f"{_heading(row)}: functions that account for most of the change",
+        f"Bars of {len(changes)} functions; the largest change is that of"
         f" {' and '.join(largest.names)}, {100 * largest.difference / total:+.1f} % of a step.",
-        specification=charts.chart(data, [charts.rule_at(0.0), layer]),
-        data=data,
+        data,
+        [charts.rule_at(0.0), charts.layer("bar", bars, height=12)],
     )
 
 

@@ -89,18 +89,16 @@ def _figure(model: str, rows: Sequence[LatencyRow]) -> Figure:
         if one_in <= (row.nstep or 0)
     ]
     data = DataTable("Latency by share of steps", columns, cells)
-    layer: charts.Spec = {
-        "mark": {"type": "line", "interpolate": "step-after"},
-        "encoding": {
-            "x": charts.quantity("one step in", "one step in so many is slower", log=True),
-            "y": charts.quantity("latency, µs", "latency, µs", log=True),
-            "color": charts.colour("pace", _PACES),
-        },
+    lines = {
+        "x": charts.quantity("one step in", "one step in so many is slower", log=True),
+        "y": charts.quantity("latency, µs", "latency, µs", log=True),
+        "color": charts.colour("pace", _PACES),
     }
     longest = max((row.max_ns or 0.0) / 1e3 for row in rows)
-    return Figure(
-        title=f"{model}: latency of single steps",
-        alternative=f"Lines that rise from the usual step to the slowest, {longest:,.0f} µs.",
-        specification=charts.chart(data, [layer], height=240),
-        data=data,
+    return charts.figure(
+        f"{model}: latency of single steps",
+        f"Lines that rise from the usual step to the slowest, {longest:,.0f} µs.",
+        data,
+        [charts.layer("line", lines, interpolate="step-after")],
+        height=240,
     )

@@ -112,19 +112,16 @@ def _waterfall(table: OverheadRow) -> Figure:
         for cost in table.costs[:_MOST_HABITS]
     ]
     data = DataTable("Nanoseconds of a step", columns, rows)
-    layer: charts.Spec = {
-        "mark": {"type": "bar", "height": 12},
-        "encoding": {
-            "x": charts.quantity("from", "ns of a step", zero=True),
-            "x2": {"field": "to"},
-            "y": charts.names(data),
-            "color": charts.colour("kind", {"step": charts.BLUE, "habit": charts.ORANGE}),
-        },
+    bars = {
+        "x": charts.quantity("from", "ns of a step", zero=True),
+        "x2": {"field": "to"},
+        "y": charts.names(data),
+        "color": charts.colour("kind", {"step": charts.BLUE, "habit": charts.ORANGE}),
     }
-    return Figure(
-        title=f"{table.model}: a step, and what each habit adds to it",
-        alternative=f"The engine takes {table.engine_ns:,.0f} ns; the loop ends at {loop:,.0f} ns;"
-        " habits begin there.",
-        specification=charts.chart(data, [layer]),
-        data=data,
+    return charts.figure(
+        f"{table.model}: a step, and what each habit adds to it",
+        f"The engine takes {table.engine_ns:,.0f} ns; the loop ends at {loop:,.0f} ns; habits"
+        " begin there.",
+        data,
+        [charts.layer("bar", bars, height=12)],
     )

@@ -147,20 +147,18 @@ def _front_figure(record: TuneRecord, present: Present) -> Figure:
     ]
     data = DataTable("Time and error", columns, rows)
     error, time_ratio = columns[1].title, columns[2].title
-    layer: charts.Spec = {
-        "mark": {"type": "point", "filled": True, "size": 60, "tooltip": {"content": "data"}},
-        "encoding": {
-            "x": charts.quantity(time_ratio, f"{time_ratio}, present settings = 1"),
-            "y": charts.quantity(error, error, log=all(row[1] > 0 for row in rows)),
-            "color": charts.colour("point", _COLOURS),
-        },
+    points = {
+        "x": charts.quantity(time_ratio, f"{time_ratio}, present settings = 1"),
+        "y": charts.quantity(error, error, log=all(row[1] > 0 for row in rows)),
+        "color": charts.colour("point", _COLOURS),
     }
-    return Figure(
-        title=f"{record.model}: time and error of settings",
-        alternative=f"{len(rows)} points: the farther left, the faster; the lower, the more"
-        f" accurate. {len(record.front)} are confirmed from new starts.",
-        specification=charts.chart(data, [layer], height=320),
-        data=data,
+    return charts.figure(
+        f"{record.model}: time and error of settings",
+        f"{len(rows)} points: the farther left, the faster; the lower, the more accurate."
+        f" {len(record.front)} are confirmed from new starts.",
+        data,
+        [charts.layer("point", points, filled=True, size=60, tooltip={"content": "data"})],
+        height=320,
     )
 
 
