@@ -7,9 +7,8 @@ from mjbench.comparison.plan import Variant, describe_options
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import Loop
 from mjbench.report import formats
-from mjbench.report.advice import Advice, ClockAdvice, Reason
+from mjbench.report.advice import Advice, ClockAdvice, Reason, ThreadAdvice
 from mjbench.report.results import ModelResults
-from mjbench.report.thread_advice import ThreadAdvice
 from mjbench.simulation import package_timer
 from mjbench.units import count_of
 

@@ -109,8 +109,8 @@ def test_cells_have_ratio_interval_and_outcome() -> None:
     no_interval = replace(SAME, ratio=Ratio(1.0, None, None))
     records = (SLOWER, weak, FAILED, no_interval)
     runs = [run(name, record) for name, record in zip("abcd", records, strict=True)]
-    (matrix,) = across_machines.matrices(side_by_side(runs))
-    assert [row[1:] for row in matrix.table().rows] == [
+    (table,) = across_machines.tables_by_machine(side_by_side(runs))
+    assert [row[1:] for row in table.rows] == [
         [
             "+3.00 % (+2.00 to +4.00 %) slower",
             "+3.00 % (+2.00 to +4.00 %) undecided (slower if judged alone)",
@@ -122,8 +122,8 @@ def test_cells_have_ratio_interval_and_outcome() -> None:
 
 def test_what_a_machine_did_not_measure_is_a_dash() -> None:
     runs = [run("a", SAME), run("b", of_model(SAME, "n"))]
-    (matrix,) = across_machines.matrices(side_by_side(runs))
-    assert [row[1:] for row in matrix.table().rows] == [
+    (table,) = across_machines.tables_by_machine(side_by_side(runs))
+    assert [row[1:] for row in table.rows] == [
         ["+0.00 % (-0.40 to +0.40 %) same", "–"],
         ["–", "+0.00 % (-0.40 to +0.40 %) same"],
     ]
@@ -131,12 +131,16 @@ def test_what_a_machine_did_not_measure_is_a_dash() -> None:
 
 def test_a_table_that_is_too_wide_for_the_terminal_has_a_row_for_each_cell() -> None:
     few, many = (
-        next(across_machines.matrices(side_by_side([run(f"machine {n}", SAME) for n in range(n)])))
+        next(
+            across_machines.tables_by_machine(
+                side_by_side([run(f"machine {n}", SAME) for n in range(n)])
+            )
+        )
         for n in (2, 9)
     )
-    assert [column.title for column in few.table().columns][1:] == ["machine 0", "machine 1"]
-    assert [column.title for column in many.table().columns] == ["comparison", "machine", "result"]
-    assert len(many.table().rows) == 9
+    assert [column.title for column in few.columns][1:] == ["machine 0", "machine 1"]
+    assert [column.title for column in many.columns] == ["comparison", "machine", "result"]
+    assert len(many.rows) == 9
 
 
 # advised paths
