@@ -21,10 +21,9 @@ from mjbench.measuring.progress import Progress
 from mjbench.paired import path_comparison
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.report.advice import Advice, ClockAdvice
-from mjbench.report.crossovers import Crossover
+from mjbench.report.crossovers import Crossover, WorkCrossover
 from mjbench.report.documents import CompareDocument
 from mjbench.report.results import ModelResults, PathResult, derive_all
-from mjbench.report.work_crossovers import WorkCrossover
 from mjbench.simulation import models as shipped_models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Product
