@@ -9,7 +9,7 @@ from mjbench.api.measured import Measured
 from mjbench.api.session import Measurement, of_each_model
 from mjbench.limits import SECONDS, TIME_LIMIT_S
 from mjbench.loop import profile as loop_profile
-from mjbench.loop.profile import ProfileRow, StepProfile, StepTimes
+from mjbench.loop.profile import ProfileRow, StepTimes
 from mjbench.loop.rendering import FrameTime
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
@@ -30,21 +30,16 @@ class Profile(Measured):
         return row
 
     @property
-    def step_profile(self) -> StepProfile:
-        """All figures, as they were measured."""
-        profile = self.row.profile()
-        assert profile is not None, "what fails raises"
-        return profile
-
-    @property
     def steps(self) -> StepTimes:
         """Times of a step, in nanoseconds, and the engine's stages."""
-        return self.step_profile.steps
+        steps = self.row.steps
+        assert steps is not None, "what fails raises"
+        return steps
 
     @property
     def frames(self) -> Sequence[FrameTime]:
         """What rendering a frame costs, by backend."""
-        return self.step_profile.frames
+        return self.row.frames or ()
 
     @property
     def stages(self) -> Mapping[str, float]:
@@ -90,6 +85,6 @@ def measurement(sources: Sequence[ModelSource], starts: StartPlan, limit_s: floa
     """Return the measurement of where the time of models' steps goes."""
 
     def measure_model(source: ModelSource) -> list[ProfileRow]:
-        return [ProfileRow.measured(loop_profile.measure(source, limit_s, starts))]
+        return [loop_profile.measure(source, limit_s, starts)]
 
     return of_each_model("profile", sources, starts, ProfileRow, measure_model)

@@ -43,26 +43,32 @@ class Process(Protocol):
 
 
 class ChildError(MachineError):
-    """A child crashed, hung or sent garbage; it has been killed.
+    """A child crashed, hung, failed or sent garbage; the message names it, if it has a name.
 
     Attributes:
       ending: `crashed`, `timeout`, or `failed`.
-      cause: how, without what it was doing and what it printed.
+      cause: how, without its name, what it was doing and what it printed.
     """
 
-    def __init__(self, ending: Status, cause: str, circumstances: str = ""):
-        super().__init__(cause + circumstances)
+    def __init__(self, ending: Status, cause: str, circumstances: str = "", name: str = ""):
+        super().__init__(f"{name}: {cause}{circumstances}" if name else cause + circumstances)
         self.ending, self.cause = ending, cause
 
 
 class ChildConnection:
     """This process's end of the connection to a child."""
 
-    def __init__(self, connection: Connection, process: Process, output_file: Path):
-        """Take over a connection, which `pair` made, of a child that prints to a file."""
-        self.connection, self.process = connection, process
-        self._awaited = [connection, *_exit_handles(process)]
+    def __init__(self, connection: Connection, process: Process, output_file: Path, name: str = ""):
+        """Take over a connection, which `pair` made, of a child that prints to a file.
+
+        Args:
+          name: of the child, for error messages.
+        """
+        self.connection, self.process, self._name = connection, process, name
         self._output_file = output_file
+        # what is ready when the child has sent something or ended; of a child that is still being
+        # forked, the end is known later
+        self._awaited: list[Connection] = []
 
     def receive(
         self,
@@ -120,12 +126,12 @@ class ChildConnection:
         """Kill the child; return the error that says so, and what the child last printed."""
         self.process.end()
         doing = f" while {activity}" if activity else ""
-        return ChildError(ending, cause, doing + child.last_line(self._output_file))
+        return ChildError(ending, cause, doing + child.last_line(self._output_file), self._name)
 
     def end(self) -> None:
         """End the child, whatever it is doing."""
         self.process.end()
-        for each in self._awaited:
+        for each in {self.connection, *self._awaited}:
             each.close()
 
     def _timeout(self, cause: str, activity: str) -> ChildError:
@@ -141,6 +147,7 @@ class ChildConnection:
         A child that has ended may have left a process that keeps its end of the connection open.
         Where the system can, nothing wakes up here beside a child that is timed.
         """
+        self._awaited = self._awaited or [self.connection, *_exit_handles(self.process)]
         wakes = watch is not None or self._awaited == [self.connection]
         deadline_s = monotonic() + limit_s
         while (left_s := deadline_s - monotonic()) > 0.0:
