@@ -35,31 +35,19 @@ _CHILD = "import sys; from mjbench.host.isolate import child_main; child_main(*s
 
 
 @dataclass(frozen=True)
-class Activity:
-    """What a child is doing.
-
-    Attributes:
-      text: for people, such as `loading humanoid`; it completes "killed while …".
-      index: number of the item it works on, where there are several; None otherwise.
-    """
-
-    text: str
-    index: int | None = None
-
-
-@dataclass(frozen=True)
 class Ended:
     """How a child ended.
 
     Attributes:
       status: `ok`, `input`, `unavailable`, `failed`, `crashed` or `timeout`.
       detail: one line for people; empty when ok.
-      activity: what the child was doing when it crashed, failed or hung; None when unknown.
+      item: number of the item that the child worked on when it crashed, failed or hung; None where
+        it worked on none, or is unknown.
     """
 
     status: Status
     detail: str = ""
-    activity: Activity | None = None
+    item: int | None = None
 
     def check(self) -> None:
         """Raise the error that this end stands for; return when the child ended well.
@@ -102,15 +90,18 @@ class Channel:
         """Extend the time limit until the next message to `seconds`; it is never shortened."""
         self.send(_SilenceAllowed(seconds))
 
-    def doing(self, text: str, index: int | None = None) -> None:
+    def doing(self, text: str, item: int | None = None) -> None:
         """Record what is being done now, for the parent to read if this process dies.
 
         It goes to a file rather than to the parent, which would wake up beside a timed block. A
         full disk costs this record, not the work.
+
+        Args:
+          text: for people, such as `loading humanoid`; it completes "killed while …".
+          item: number of the item that is worked on, where there are several.
         """
         with contextlib.suppress(OSError):
-            content = json.dumps({"text": text, "index": index})
-            self._activity_file.write_text(content, encoding="utf-8")
+            self._activity_file.write_text(json.dumps([text, item]), encoding="utf-8")
 
 
 def run(
@@ -236,13 +227,13 @@ def _converse(
 def _located(end: Ended, folder: Path) -> Ended:
     """Return `end` with what the child was doing, and the last line it wrote to stderr."""
     try:
-        activity = Activity(**json.loads(child.text(folder / _ACTIVITY)))
+        text, item = json.loads(child.text(folder / _ACTIVITY))
     except (ValueError, TypeError):  # none yet, or the child died while it wrote
-        activity = None
-    detail = end.detail + (f" while {activity.text}" if activity else "")
+        text, item = "", None
+    detail = end.detail + (f" while {text}" if text else "")
     if end.status == Status.CRASHED:
         detail += child.last_line(folder / _LOG)
-    return Ended(end.status, detail, activity)
+    return Ended(end.status, detail, item)
 
 
 def _environment(import_from: str | None, others: Mapping[str, str | None]) -> dict[str, str]:

@@ -12,7 +12,7 @@ from mjbench.releases.change_points import (
     MIN_CHANGE,
     SIMULATED_DEVIATION,
 )
-from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS, NoChangePair
+from mjbench.releases.release import NO_CHANGE_PAIRS, NoChangePair
 from mjbench.releases.speed_history import SpeedSeries
 from mjbench.report import history_plots
 from mjbench.report.markdown import code, escaped

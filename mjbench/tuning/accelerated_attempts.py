@@ -155,11 +155,11 @@ class EngineMeasurements:
             )
             if ended.status == Status.OK:
                 break
-            if ended.activity is None or ended.activity.index is None:
+            if ended.item is None:
                 ended.check()
             else:
-                on_attempt(Attempt(left[ended.activity.index], ended.status, ended.detail))
-                left = left[ended.activity.index + 1 :]
+                on_attempt(Attempt(left[ended.item], ended.status, ended.detail))
+                left = left[ended.item + 1 :]
         return programs[0]
 
 

@@ -8,8 +8,7 @@ from commands import ROOT
 
 from mjbench.paired.outcomes import Cause
 from mjbench.releases import bundle, speed_history
-from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS
-from mjbench.releases.release import OLDEST, version_key
+from mjbench.releases.release import NO_CHANGE_PAIRS, OLDEST, version_key
 from mjbench.report import history_files, speed_page
 from mjbench.report.speed_history import Listed, SpeedHistory, listed_changes
 

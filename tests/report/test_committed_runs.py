@@ -18,7 +18,7 @@ from mjbench.paired.outcomes import Verdict
 from mjbench.paired.race_record import Loop
 from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.paths import BASE
-from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS
+from mjbench.releases.release import NO_CHANGE_PAIRS
 from mjbench.releases.release_ratios import RatioRecord
 from mjbench.report import history_files, speed_page
 from mjbench.report.advice import advise
