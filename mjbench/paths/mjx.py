@@ -10,7 +10,7 @@ from mjbench.errors import InputError, MachineError, one_line
 from mjbench.paths import warp_buffers
 from mjbench.paths.accelerated import CPU, AcceleratedPath, Compiled, keyword_arguments
 from mjbench.paths.base import Options
-from mjbench.paths.mjx_program import CompiledProgram, MjxProgram
+from mjbench.paths.mjx_program import MjxProgram
 from mjbench.simulation import compat
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.work import Peaks
@@ -76,27 +76,27 @@ class Mjx(AcceleratedPath):
         jax.config.update("jax_enable_x64", self.precision == Precision.FLOAT64)
         model = self.put_model(workload.model)
         buffer_sizes = self.buffer_sizes(peaks, workload.nbatch)
-        program = MjxProgram(workload, model, self.make_data(workload.model, buffer_sizes))
-        if program.dtype != self.precision:
-            raise InputError(f"JAX computes in {program.dtype}, not {self.precision}")
+        empty = self.make_data(workload.model, buffer_sizes)
+        if empty.qpos.dtype != self.precision:
+            raise InputError(f"JAX computes in {empty.qpos.dtype}, not {self.precision}")
         nstep_is_fixed = self.needs_fixed_nstep()
-        compiled = CompiledProgram(program, nstep_is_fixed)
-        first_call_s = compiled.first_call_s() if self.compiles_at_first_call else 0.0
+        program = MjxProgram(workload, model, empty, nstep_is_fixed)
+        first_call_s = program.first_call_s() if self.compiles_at_first_call else 0.0
         device = jax.devices()[0]
         is_cpu = device.platform == CPU
         return Compiled(
-            compiled.run,
-            compiled.clear,
-            compiled.final_states,
-            advance=compiled.advance,
-            reload=compiled.reload,
+            program.run,
+            program.clear,
+            program.final_states,
+            advance=program.advance,
+            reload=program.reload,
             device=device.platform if is_cpu else device.device_kind,
-            trace_s=compiled.trace_s,
-            compile_s=compiled.compile_s + first_call_s,
+            trace_s=program.trace_s,
+            compile_s=program.compile_s + first_call_s,
             is_deterministic=not nstep_is_fixed,
             buffer_sizes=buffer_sizes,
             gpu_memory_bytes=lambda: None if is_cpu else self.peak_gpu_memory_bytes(device),
-            cached_compile_s=compiled.cached_compile_s if self.impl == "jax" else lambda: None,
+            cached_compile_s=program.cached_compile_s if self.impl == "jax" else lambda: None,
         )
 
     def put_model(self, model: mujoco.MjModel) -> "mjx.Model":

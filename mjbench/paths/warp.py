@@ -85,7 +85,7 @@ class Warp(AcceleratedPath):
         graph = _StepGraph(workload, buffer_sizes)
         device = wp.get_device()
         return Compiled(
-            graph.timed_call(),
+            graph.run,
             graph.clear,
             graph.final_states,
             advance=graph.advance,
@@ -140,10 +140,9 @@ class _StepGraph:
         self._start = self._fields_on_device(start_fields(self._workload))
         self._controls = self._controls_on_device(self._workload.control)
 
-    def timed_call(self) -> Callable[[], None]:
-        """Return the timed region."""
-        rollout, nstep = self._rollout, self._workload.nstep
-        return lambda: rollout(self._start, self._controls, nstep)
+    def run(self) -> None:
+        """Step the workload; this is the timed region."""
+        self._rollout(self._start, self._controls, self._workload.nstep)
 
     def clear(self) -> None:
         """Invalidate the output of the last run."""
