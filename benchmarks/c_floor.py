@@ -34,7 +34,7 @@ import numpy as np
 from benchmarks.studies import c_floor_page, tally_file
 from benchmarks.studies.c_floor_tally import FloorRow, FloorTally, LaunchTimes
 from mjbench import paths
-from mjbench.comparison.sizes import SizeRequest, choose_sizes
+from mjbench.comparison.sizes import choose_sizes
 from mjbench.errors import MachineError, MjbenchError, one_line
 from mjbench.host import isolate, machine
 from mjbench.paired import cores
@@ -158,7 +158,7 @@ def measure_launch(request: LaunchRequest, channel: isolate.Channel) -> None:
 
     case = request.case
     model = models.load(request.source)
-    sizes = choose_sizes(step_s(model), SizeRequest(hold=case.hold))
+    sizes = choose_sizes(step_s(model), hold=case.hold)
     drawn = workload.make(model, sizes.nbatch, sizes.nstep, case.hold)
     work = drawn.returning(case.returns)
     prepared = paths.find(case.path).prepare(work, case.options, paths.Resources(work))

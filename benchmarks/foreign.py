@@ -90,10 +90,17 @@ def conditions() -> str:
 
 def compare_file(files: PackageFiles, file: str, limit_s: float) -> FileResult:
     """Compare all variants on one model file."""
-    from mjbench.comparison.compare import verify_model
+    from mjbench.comparison.compare import ModelChildren
+    from mjbench.comparison.messages import ModelFiles
+    from mjbench.host import scratch
+    from mjbench.paired.path_comparison import ModelComparison
 
     source = ModelSource(file, files.root / file)
-    return foreign_tally.judge(files, file, verify_model(source, plan(limit_s)))
+    with scratch.folder() as folder:
+        children = ModelChildren(source, plan(limit_s), ModelFiles.in_folder(folder))
+        children.verify()
+    measurements = children.measurements(children.agreeing, is_over=True)
+    return foreign_tally.judge(files, file, ModelComparison(children.model_record(), measurements))
 
 
 def tally_of(

@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from mjbench.measuring import timing
 from mjbench.paths.accelerated import AcceleratedPath, save_workload
 from mjbench.simulation import models, work, workload
 from mjbench.status import Status
+
+if TYPE_CHECKING:
+    from mjbench.comparison.records import MeasurementRecord
 
 NBATCH, NSTEP = 1024, 100
 # Of the comparison with the handwritten program: steps of a block, and pairs of blocks. The ratios
@@ -174,34 +177,33 @@ class MjxTimes:
 def _measure(model: str, nbatch: int) -> MjxTimes:
     """Measure the path `mjx` in a child process, once per process of asv."""
     from mjbench.comparison import accelerated_run
+    from mjbench.comparison.accelerated_run import AcceleratedRequest
     from mjbench.comparison.plan import Variant
 
-    messages: list[Any] = []
+    records: list[MeasurementRecord] = []
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "workload.pickle"
         stored_workload = stored.stored_workload(model, nbatch)
         save_workload(stored_workload, work.observe(stored_workload).peaks, file)
-        ended = accelerated_run.run(
-            models.resolve(model), Variant("mjx", {}), file, messages.append
-        )
-    return times_from(messages, ended)
+        request = AcceleratedRequest(models.resolve(model), Variant("mjx", {}), file)
+        ended = accelerated_run.run(request, records.append)
+    return times_from(records[-1] if records else None, ended)
 
 
-def times_from(messages: Sequence[Any], ended: isolate.Ended) -> MjxTimes:
-    """Return the times that a child of `accelerated_run` sent, and that it agreed with C."""
-    from mjbench.comparison.messages import AgreementReport, BlockTime, CompileReport
+def times_from(record: "MeasurementRecord | None", ended: isolate.Ended) -> MjxTimes:
+    """Return the times of a path that agreed with C.
 
-    compiled = next((m for m in messages if isinstance(m, CompileReport)), None)
-    # the last report counts: what was timed is compared once more after the timing
-    report = next((m for m in reversed(messages) if isinstance(m, AgreementReport)), None)
-    if report is not None and report.status == Status.UNAVAILABLE:
-        raise NotImplementedError(report.detail)
-    if compiled is None and ended.status == Status.FAILED:
+    Args:
+      record: the last one that its child sent, if it sent any.
+      ended: how the child ended.
+    """
+    if record is not None and record.status == Status.UNAVAILABLE:
+        raise NotImplementedError(record.detail)
+    if record is None and ended.status == Status.FAILED:
         raise NotImplementedError(ended.detail)
     ended.check()
-    if report is not None and report.status != Status.OK:
-        raise MachineError(report.detail)
-    block_s = [message.seconds for message in messages if isinstance(message, BlockTime)]
-    if compiled is None or report is None or not block_s:
+    if record is not None and record.status != Status.OK:
+        raise MachineError(record.detail)
+    if record is None or record.compile_s is None or not record.samples_s:
         raise MachineError("the child process of MJX ended without a result")
-    return MjxTimes((compiled.trace_s or 0.0) + compiled.compile_s, block_s)
+    return MjxTimes((record.trace_s or 0.0) + record.compile_s, record.samples_s)

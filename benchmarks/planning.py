@@ -9,8 +9,7 @@ import numpy as np
 from benchmarks import stored
 from benchmarks.settings import Timed
 from mjbench import paths
-from mjbench.comparison.planner import Planner, PlannerSettings
-from mjbench.comparison.planning_tasks import States, SwingUp
+from mjbench.comparison.planner import Planner, PlannerSettings, States, SwingUp
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Product, Workload
 
@@ -38,7 +37,7 @@ class Planning(Timed):
             seed=0,
             returns=Product.TRAJECTORY,
         )
-        self.columns = compat.state_columns(model, compat.state_spec("FULLPHYSICS"))
+        self.columns = compat.state_columns(model, compat.FULLPHYSICS)
         stepping_path = paths.find(path)
         options = stepping_path.complete({})
         reason = stepping_path.unavailable() or stepping_path.unsuited(self.workload, options)

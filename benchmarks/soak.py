@@ -97,18 +97,20 @@ def _median_bytes(usages: Sequence[Usage]) -> float:
 
 def compare_once() -> None:
     """Compare once, by a child."""
-    from mjbench.comparison.compare import verify_model
+    from mjbench.comparison.compare import ModelChildren
+    from mjbench.comparison.messages import ModelFiles
     from mjbench.comparison.plan import ComparisonPlan, Variant
+    from mjbench.host import scratch
     from mjbench.paths import BASE
     from mjbench.simulation import models
     from mjbench.status import Status
 
     # the smallest work there is: what is checked is what is left after it
     plan = ComparisonPlan(variants=(Variant(BASE, {}),), nbatch=1, nstep=1)
-    source = models.resolve(MODEL)
-    records = verify_model(source, plan)
-    if records.model.status != Status.OK:
-        raise SystemExit(f"a comparison failed: {records.model.detail}")
+    with scratch.folder() as folder:
+        ended = ModelChildren(models.resolve(MODEL), plan, ModelFiles.in_folder(folder)).verify()
+    if ended.status != Status.OK:
+        raise SystemExit(f"a comparison failed: {ended.detail}")
 
 
 def launch_once(pool: "WorkerPool") -> None:
@@ -122,10 +124,12 @@ def launch_once(pool: "WorkerPool") -> None:
     target = Target(installs.parse_release(installs.INSTALLED), models.resolve(MODEL))
     pair = TargetPair(pool, target, target, Sizes(nbatch=1, nstep=1))
     try:
+        pair.prepare()
         pair.launch()
     finally:
         pair.close()
-        pair.baseline_workload.unlink()  # it would last as long as the pool
+        if pair.is_prepared:
+            pair.baseline_workload.unlink()  # it would last as long as the pool
 
 
 def main() -> int:

@@ -67,6 +67,12 @@ def echo(request: Text, channel: Channel) -> None:
     channel.send(request)
 
 
+def add(one: int, other: float, channel: Channel) -> tuple[float, object]:
+    if one == other:
+        raise InputError(f"{one} is not to be added to {one}")
+    return one + other, os.getpid()
+
+
 def send_blobs(request: BlobsRequest, channel: Channel) -> None:
     for index, size in enumerate(request.sizes):
         channel.send(Blob.of(index, size))
@@ -83,7 +89,7 @@ def fail(request: Any, channel: Channel) -> None:
 
 def crash(request: Any, channel: Channel) -> None:
     channel.send(Text("before the crash"))
-    channel.doing("something dangerous", index=3)
+    channel.doing("something dangerous", item=3)
     os.kill(os.getpid(), signal.SIGSEGV)
 
 
@@ -95,7 +101,7 @@ def leave(request: Any, channel: Channel) -> None:
 
 def hang(request: Any, channel: Channel) -> None:
     grandchild = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
-    channel.doing("nothing at all", index=0)
+    channel.doing("nothing at all", item=0)
     channel.send(Process(grandchild.pid))
     while True:
         time.sleep(600)

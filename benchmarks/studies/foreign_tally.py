@@ -15,8 +15,8 @@ from mjbench.host.machine import Machine
 from mjbench.status import Status
 
 if TYPE_CHECKING:
-    from mjbench.comparison.compare import VerifiedModel
     from mjbench.comparison.records import ModelRecord
+    from mjbench.paired.path_comparison import ModelComparison
 
 
 class Outcome(StrEnum):
@@ -156,7 +156,7 @@ class ForeignTally:
     packages: tuple[PackageTally, ...]
 
 
-def judge(files: PackageFiles, file: str, records: "VerifiedModel") -> FileResult:
+def judge(files: PackageFiles, file: str, records: "ModelComparison") -> FileResult:
     """Return how a file ended, from the records of its comparison."""
     model = records.model
     statuses = {_variant(m.path, m.options): m.status for m in records.measurements}

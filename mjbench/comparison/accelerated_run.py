@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,15 +18,8 @@ from mjbench.comparison.accelerated_check import (
     reordered_end_problem,
     timed_end_problem,
 )
-from mjbench.comparison.messages import (
-    AcceleratedRequest,
-    AgreementReport,
-    BlockTime,
-    CachedCompile,
-    CompileReport,
-    PeakMemory,
-)
 from mjbench.comparison.plan import LIMIT_S, Variant
+from mjbench.comparison.records import MeasurementRecord
 from mjbench.host import isolate, machine
 from mjbench.host.isolate import Channel
 from mjbench.measuring import timing
@@ -41,6 +33,8 @@ from mjbench.paths.accelerated import (
     reference_peaks,
 )
 from mjbench.simulation import accelerated_limits, models, work
+from mjbench.simulation.accelerated_limits import Precision
+from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
 
@@ -56,35 +50,45 @@ CONTACT_REASON = "makes contact, where it is slow on a CPU; name it with --paths
 RK4_REASON = "is integrated by RK4, which compiles for minutes; name it with --paths to try it"
 
 
+@dataclass(frozen=True)
+class AcceleratedRequest:
+    """One model and one path that compiles, to be measured alone.
+
+    Attributes:
+      workload_file: that `paths.accelerated.save_workload` wrote.
+      is_named: whether the user asked for this path; others are not tried where they are slow.
+      limit_s: seconds of silence after which the child is killed; its compiler gets more.
+    """
+
+    source: ModelSource
+    variant: Variant
+    workload_file: Path
+    is_named: bool = True
+    limit_s: float = LIMIT_S
+
+
 def run(
-    source: models.ModelSource,
-    variant: Variant,
-    workload_file: Path,
-    on_message: Callable[[Any], None],
-    is_named: bool = True,
-    limit_s: float = LIMIT_S,
+    request: AcceleratedRequest,
+    on_record: Callable[[MeasurementRecord], None],
     import_from: str | None = None,
 ) -> isolate.Ended:
     """Measure one path on one model in a child; whatever becomes of it, this process goes on.
 
     Args:
-      workload_file: that `paths.accelerated.save_workload` wrote.
-      on_message: called with the child's messages (see `measure_in_child`).
-      is_named: whether the user asked for this path; others are not tried where they are slow.
-      limit_s: seconds of silence after which the child is killed; its compiler gets more.
+      on_record: called with what the child knows (see `measure_in_child`).
       import_from: a folder that a path of the user's own may be imported from.
 
     Raises:
       InputError: the path does not compile.
     """
-    source = models.ModelSource(source.name, source.path.resolve())
+    source = ModelSource(request.source.name, request.source.path.resolve())
     return isolate.run(
         "mjbench.comparison.accelerated_run:measure_in_child",
-        AcceleratedRequest(source, variant, workload_file, is_named, limit_s),
-        on_message,
-        limit_s,
+        dataclasses.replace(request, source=source),
+        on_record,
+        request.limit_s,
         import_from,
-        accelerated_path(variant.path).environment(),
+        accelerated_path(request.variant.path).environment(),
         memory_bytes=int(CHILD_MEMORY_SHARE * machine.available_memory_bytes()),
     )
 
@@ -92,41 +96,46 @@ def run(
 def measure_in_child(request: AcceleratedRequest, channel: Channel) -> None:
     """Measure one path on one model; runs in the child.
 
-    Messages: an `AgreementReport`; before it a `CompileReport`, after it a `BlockTime` for each
-    block and a `PeakMemory`, where it comes to that, and a `CachedCompile` where the user asked for
-    this path. A second `AgreementReport` revises the first where the timed blocks end elsewhere.
+    Messages: its `MeasurementRecord` as far as it is known, again after each stage; the last one
+    counts. The path disagrees where single steps do, the run, or the end of the timed blocks.
     """
-    name, options = request.source.name, request.variant.options
-    path = accelerated_path(request.variant.path)
+    name, variant = request.source.name, request.variant
+    path = accelerated_path(variant.path)
     channel.doing(f"loading {name}")
     model = models.load(request.source)
     workload, resources = load_workload(model, request.workload_file)
     channel.doing(f"preparing {path.name} on {name}")
     channel.allow_silence(COMPILER_PATIENCE * request.limit_s)
+    record = MeasurementRecord.of(name, variant)
     reason = _reason_not_to_run(path, workload, resources, request)
     if reason:
-        channel.send(AgreementReport(0, Status.UNAVAILABLE, reason))
+        channel.send(dataclasses.replace(record, status=Status.UNAVAILABLE, detail=reason))
         return
     channel.doing(f"compiling {path.name} for {name}")
-    compiled = path.prepare(workload, options, resources)
-    digest = workload.digest()
-    channel.send(
-        CompileReport(
-            compiled.device,
-            compiled.trace_s,
-            compiled.compile_s,
-            digest,
-            dict(compiled.buffer_sizes),
-        )
+    compiled = path.prepare(workload, variant.options, resources)
+    record = dataclasses.replace(
+        record,
+        nbatch=workload.nbatch,
+        nstep=workload.nstep,
+        workload_digest=workload.digest(),
+        snippet=path.snippet(workload, {**variant.options, **compiled.buffer_sizes}),
+        device=compiled.device,
+        trace_s=compiled.trace_s,
+        compile_s=compiled.compile_s,
+        buffer_sizes=dict(compiled.buffer_sizes),
     )
-    channel.doing(f"checking {path.name} on {name}")
-    snippet = path.snippet(workload, {**options, **compiled.buffer_sizes})
-    agrees = _check_and_time(_Case(workload, compiled, path, snippet, request), channel)
-    channel.send(PeakMemory(machine.peak_memory_bytes(), compiled.gpu_memory_bytes()))
-    if agrees and request.is_named:
+    channel.send(record)
+    record = _checked_and_timed(_Case(workload, compiled, path.precision, request), record, channel)
+    record = dataclasses.replace(
+        record,
+        memory_bytes=machine.peak_memory_bytes(),
+        gpu_memory_bytes=compiled.gpu_memory_bytes(),
+    )
+    channel.send(record)
+    if record.agrees and request.is_named:
         channel.doing(f"compiling {path.name} again, with its cache")
         channel.allow_silence(COMPILER_PATIENCE * request.limit_s)
-        channel.send(CachedCompile(compiled.cached_compile_s()))
+        channel.send(dataclasses.replace(record, cached_compile_s=compiled.cached_compile_s()))
     resources.close()
 
 
@@ -136,68 +145,56 @@ class _Case:
 
     workload: Workload
     compiled: Compiled
-    path: AcceleratedPath
-    snippet: str
+    precision: Precision
     request: AcceleratedRequest
 
 
-def _check_and_time(case: _Case, channel: Channel) -> bool:
-    """Check the compiled run; where it agrees, time it and compare the timed blocks' end.
-
-    Returns:
-      Whether it agrees.
-    """
-    limit_s = case.request.limit_s
+def _checked_and_timed(
+    case: _Case, record: MeasurementRecord, channel: Channel
+) -> MeasurementRecord:
+    """Check the compiled run; where it agrees, time it and compare the timed blocks' end."""
+    variant, limit_s = case.request.variant, case.request.limit_s
 
     def advance(fields: Mapping[str, np.ndarray], control: np.ndarray, nstep: int) -> StepOutcome:
         # each call has the limit to itself, so that a program that hangs is killed soon
         channel.allow_silence(limit_s)
         return case.compiled.advance(fields, control, nstep)
 
-    checked = check_run(case.workload, advance, case.path.precision)
+    channel.doing(f"checking {variant.path} on {record.model}")
+    checked = check_run(case.workload, advance, case.precision)
+    agreement = accelerated_limits.summary(checked.check)
+    record = dataclasses.replace(record, agrees=True, agreement=agreement, check=checked.check)
     failures = accelerated_limits.failures(checked.check)
-    agrees = not failures
-    report = AgreementReport(
-        0,
-        Status.OK if agrees else Status.DISAGREES,
-        "; ".join(failures),
-        agrees,
-        accelerated_limits.summary(checked.check),
-        case.snippet,
-        checked.check,
-    )
-    channel.send(report)
-    if not agrees:
-        return False
-    channel.doing(f"timing {case.request.variant}")
-    _time(case.compiled, channel, limit_s)
+    if failures:
+        detail = "; ".join(failures)
+        return dataclasses.replace(record, status=Status.DISAGREES, detail=detail, agrees=False)
+    channel.send(record)
+    channel.doing(f"timing {variant}")
+    record = dataclasses.replace(record, samples_s=_steady_s(case.compiled, channel, limit_s))
     problem = timed_end_problem(case.workload, case.compiled, checked)
     if not problem:
-        channel.doing(f"reordering the simulations of {case.request.variant}")
+        channel.doing(f"reordering the simulations of {variant}")
         problem = reordered_end_problem(case.workload, case.compiled, checked)
-    if problem:
-        channel.send(
-            dataclasses.replace(
-                report,
-                status=Status.DISAGREES,
-                detail=problem,
-                agrees=False,
-                agreement=problem,
-            )
-        )
-    return not problem
+    if not problem:
+        return record
+    return dataclasses.replace(
+        record, status=Status.DISAGREES, detail=problem, agrees=False, agreement=problem
+    )
 
 
-def _time(compiled: Compiled, channel: Channel, limit_s: float) -> None:
-    """Send the seconds of steady blocks, after one that warms up."""
+def _steady_s(compiled: Compiled, channel: Channel, limit_s: float) -> list[float]:
+    """Return the seconds of steady blocks, after one that warms up."""
     channel.allow_silence(2 * limit_s)
     contender = timing.Contender(compiled.run, before=compiled.clear)
     timing.block_s(contender)
     end = time.perf_counter() + STEADY_S
-    for count in range(1, MAX_BLOCKS + 1):
-        channel.send(BlockTime(timing.block_s(contender)))
-        if time.perf_counter() > end and count >= MIN_BLOCKS:
-            break
+    samples_s: list[float] = []
+    while len(samples_s) < MIN_BLOCKS or (
+        time.perf_counter() <= end and len(samples_s) < MAX_BLOCKS
+    ):
+        channel.allow_silence(0.0)  # a sign of life: each block has the limit to itself
+        samples_s.append(timing.block_s(contender))
+    return samples_s
 
 
 def _reason_not_to_run(

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mjbench.comparison.messages import ListRequest
 from mjbench.errors import InputError
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
@@ -31,19 +30,18 @@ def list_models(sources: Sequence[ModelSource], limit_s: float) -> list[ListedMo
     """Return the facts of each model, in the order given."""
     rows: list[ListedModel] = []
     while len(rows) < len(sources):
-        remaining = (ModelSource(s.name, s.path.resolve()) for s in sources[len(rows) :])
-        request = ListRequest(tuple(remaining))
+        remaining = [ModelSource(s.name, s.path.resolve()) for s in sources[len(rows) :]]
         ended = isolate.run(
-            "mjbench.comparison.listing:describe_all", request, rows.append, limit_s
+            "mjbench.comparison.listing:describe_all", remaining, rows.append, limit_s
         )
         if len(rows) < len(sources):  # the child ended while describing the next one
             rows.append(ListedModel(sources[len(rows)].name, ended.status, ended.detail))
     return rows
 
 
-def describe_all(request: ListRequest, channel: Channel) -> None:
+def describe_all(sources: Sequence[ModelSource], channel: Channel) -> None:
     """Send the facts of each model; runs in the child."""
-    for source in request.sources:
+    for source in sources:
         channel.doing(f"loading {source.name}")
         try:
             facts = work.describe(models.load(source))

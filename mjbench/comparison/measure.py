@@ -38,12 +38,13 @@ def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
     channel.doing(f"loading {name}")
     model = models.load(request.source)
     channel.doing(f"stepping {name}")
-    size_request = plan.size_request()
     cost_s = step_costs.step_cost_s(
         model_digest(model), functools.partial(sampling.settled_step_s, model)
     )
-    sizes = choose_sizes(cost_s, size_request)
-    check_memory(model, sizes.nbatch, sizes.nstep, size_request.nthread, plan.returns)
+    sizes = choose_sizes(
+        cost_s, plan.nbatch, plan.nstep, plan.hold, plan.most_threads, bool(plan.accelerated)
+    )
+    check_memory(model, sizes.nbatch, sizes.nstep, plan.most_threads, plan.returns)
     max_nstep = starts.max_settling_nstep(cost_s)
     settling_nstep = min(starts.settling_nstep(model, plan.starts), max_nstep)
     patience_per_step_s = PATIENCE * work.step_s(model)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from mjbench import paths
-from mjbench.comparison.sizes import SizeRequest
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.paths.parallelism import nthread
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
@@ -73,12 +72,7 @@ class ComparisonPlan:
         """The variants that compile, by their positions."""
         return [i for i, each in enumerate(self.variants) if paths.find(each.path).compiles]
 
-    def size_request(self) -> SizeRequest:
-        """Return what the plan asks of the sizes."""
-        return SizeRequest(
-            nbatch=self.nbatch,
-            nstep=self.nstep,
-            hold=self.hold,
-            nthread=max(nthread(variant.options) for variant in self.variants),
-            has_accelerated=bool(self.accelerated),
-        )
+    @property
+    def most_threads(self) -> int:
+        """The most threads or processes that any variant uses."""
+        return max(nthread(variant.options) for variant in self.variants)

@@ -10,7 +10,7 @@ import random
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -19,8 +19,7 @@ import numpy as np
 
 from mjbench import paths
 from mjbench.comparison.plan import LIMIT_S, Variant
-from mjbench.comparison.planner import Algorithm, Planner, PlannerSettings
-from mjbench.comparison.planning_tasks import PlanningTask, States, task_of
+from mjbench.comparison.planner import Algorithm, Planner, PlannerSettings, States, task_of
 from mjbench.errors import InputError, MachineError, describe, one_line
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
@@ -50,40 +49,6 @@ class PlanningRequest:
     hold: int
     duration_s: float
     states_file: Path | None = None
-
-
-@dataclass(frozen=True)
-class PathPlans:
-    """The plans of one path.
-
-    Attributes:
-      status: `ok`, or why its plans do not count.
-    """
-
-    index: int
-    status: Status
-    detail: str = ""
-    plan_s: Sequence[float] = field(default=())
-
-
-@dataclass(frozen=True)
-class LoopOutcome:
-    """What came of the loop.
-
-    Attributes:
-      is_achieved: whether the last quarter of it was as it should be; None where each plan starts
-        from another state.
-      control_s: simulated seconds between two controls.
-      state_digest: names all states of the loop, bit by bit.
-      starts: where the states to plan from came from; None for the loop itself.
-    """
-
-    task: str
-    is_achieved: bool | None
-    nplan: int
-    control_s: float
-    state_digest: str
-    starts: Starts | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,81 +101,39 @@ def run(
     Raises:
       MjbenchError: the child failed.
     """
-    messages: list[PathPlans | LoopOutcome] = []
+    rows: list[PlanningRow] = []
     isolate.run(
         "mjbench.comparison.planning_run:plan_in_child",
         request,
-        messages.append,
+        rows.append,
         limit_s,
         import_from,
     ).check()
-    plans = {message.index: message for message in messages if isinstance(message, PathPlans)}
-    (outcome,) = (message for message in messages if isinstance(message, LoopOutcome))
-    return [
-        _row(request, variant, plans[index], plans[0], outcome)
-        for index, variant in enumerate(request.variants)
-    ]
-
-
-def _row(
-    request: PlanningRequest,
-    variant: Variant,
-    plans: PathPlans,
-    base: PathPlans,
-    outcome: LoopOutcome,
-) -> PlanningRow:
-    settings = request.settings
-    row = PlanningRow(
-        model=request.source.name,
-        task=outcome.task,
-        algorithm=settings.algorithm,
-        samples=settings.samples,
-        horizon=settings.knots * request.hold,
-        path=variant.path,
-        options=variant.options,
-        status=plans.status,
-        detail=plans.detail,
-        nplan=outcome.nplan,
-        control_hz=1 / outcome.control_s,
-        achieved=outcome.is_achieved,
-        state_digest=outcome.state_digest,
-        starts=outcome.starts,
-    )
-    if plans.status != Status.OK:
-        return row
-    plan_s = statistics.median(plans.plan_s)
-    ratios = [b / own for b, own in zip(base.plan_s, plans.plan_s, strict=True)]
-    return dataclasses.replace(
-        row, plan_s=plan_s, plans_per_s=1 / plan_s, speedup=statistics.median(ratios)
-    )
+    return rows
 
 
 def plan_in_child(request: PlanningRequest, channel: Channel) -> None:
-    """Run the loop; sends a `PathPlans` for each variant, and a `LoopOutcome`."""
+    """Run the loop; sends a `PlanningRow` for each variant."""
     channel.doing("loading the model")
     model = models.load(request.source)
     if not model.nu:
         raise InputError(f"{request.source.name} has no controls to plan")
-    task = task_of(request.source.name, model)
     channel.doing("preparing paths")
-    planned = [_PlannedPath(index, v, model, request) for index, v in enumerate(request.variants)]
+    planned = [_PlannedPath(variant, model, request) for variant in request.variants]
     channel.doing("planning")
-    outcome = _Loop(model, task, request, planned).run(channel)
+    of_loop = _Loop(model, request, planned).run(channel)
     for path in planned:
-        channel.send(path.plans())
+        channel.send(path.row(of_loop, planned[0]))
         path.close()
-    channel.send(outcome)
 
 
 class _PlannedPath:
     """A path that rolls out candidates, and how long its plans took."""
 
-    def __init__(
-        self, index: int, variant: Variant, model: mujoco.MjModel, request: PlanningRequest
-    ):
+    def __init__(self, variant: Variant, model: mujoco.MjModel, request: PlanningRequest):
         samples, knots = request.settings.samples, request.settings.knots
         nstate = compat.state_size(model)
-        self._index, self._variant = index, variant
+        self._variant = variant
         self._workload = Workload(
             model,
             np.zeros((samples, nstate)),
@@ -221,13 +144,8 @@ class _PlannedPath:
         )
         self._resources = paths.Resources(self._workload)
         self._prepared: paths.Prepared | None = None
-        self._plan_s: list[float] = []
-        self._status, self._detail = Status.OK, ""
-
-    @property
-    def is_ok(self) -> bool:
-        """Whether its plans count so far."""
-        return self._status == Status.OK
+        self.plan_s: list[float] = []
+        self.status, self.detail = Status.OK, ""
 
     def roll_out(
         self, start: np.ndarray, candidates: np.ndarray, cost: Callable[[np.ndarray], np.ndarray]
@@ -255,7 +173,7 @@ class _PlannedPath:
             states = self._prepared.step_outputs().state
             assert states is not None, "it returns trajectories"
             costs = cost(states)
-            self._plan_s.append(time.perf_counter() - begin)
+            self.plan_s.append(time.perf_counter() - begin)
         except BaseException as error:  # a path's own failure costs its own row
             self.fail(Status.FAILED, describe(error))
             return None
@@ -276,11 +194,24 @@ class _PlannedPath:
 
     def fail(self, status: Status, detail: str) -> None:
         """Note why its plans do not count."""
-        self._status, self._detail = status, detail
+        self.status, self.detail = status, detail
 
-    def plans(self) -> PathPlans:
-        """Return its plans."""
-        return PathPlans(self._index, self._status, self._detail, tuple(self._plan_s))
+    def row(self, of_loop: PlanningRow, base: "_PlannedPath") -> PlanningRow:
+        """Return its plans, beside those of the plain loop."""
+        row = dataclasses.replace(
+            of_loop,
+            path=self._variant.path,
+            options=self._variant.options,
+            status=self.status,
+            detail=self.detail,
+        )
+        if self.status != Status.OK:
+            return row
+        plan_s = statistics.median(self.plan_s)
+        speedup = statistics.median(
+            before / own for before, own in zip(base.plan_s, self.plan_s, strict=True)
+        )
+        return dataclasses.replace(row, plan_s=plan_s, plans_per_s=1 / plan_s, speedup=speedup)
 
     def close(self) -> None:
         """Stop its workers and pools."""
@@ -291,30 +222,26 @@ class _Loop:
     """The closed loop of a planner and a model."""
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        task: PlanningTask,
-        request: PlanningRequest,
-        planned: Sequence[_PlannedPath],
+        self, model: mujoco.MjModel, request: PlanningRequest, planned: Sequence[_PlannedPath]
     ):
-        self._model, self._task, self._request, self._planned = model, task, request, planned
+        self._model, self._request, self._planned = model, request, planned
+        self._task = task_of(request.source.name, model)
         # looked up here, and not in each plan, which is timed
         self._guard = ModelGuard(model)
-        self._columns = compat.state_columns(model, compat.state_spec("FULLPHYSICS"))
+        self._columns = compat.state_columns(model, compat.FULLPHYSICS)
 
-    def run(self, channel: Channel) -> LoopOutcome:
-        """Plan and step until the duration is over."""
+    def run(self, channel: Channel) -> PlanningRow:
+        """Plan and step until the duration is over; return what all paths have in common."""
         model, request, task = self._model, self._request, self._task
         data = task.start(model)
         low, high = _control_range(model)
         planner = Planner(request.settings, np.array(data.ctrl), low, high)
         control_s = request.hold * float(model.opt.timestep)
         nplan = max(4, round(request.duration_s / control_s))
-        physics = compat.state_spec("FULLPHYSICS")
         given = self._given_starts()
         in_turn = None if given is None else given.in_turn()
         start = np.empty(compat.state_size(model))
-        states = np.empty((nplan, compat.state_size(model, physics)))
+        states = np.empty((nplan, compat.state_size(model, compat.FULLPHYSICS)))
         shuffle = random.Random(request.settings.seed).shuffle
         for k in range(nplan):
             channel.allow_silence(0.0)  # a sign of life: no plan may take longer than the limit
@@ -325,15 +252,22 @@ class _Loop:
             planner.improve(candidates, self._costs(start, candidates, shuffle))
             data.ctrl[:] = planner.advance()
             mujoco.mj_step(model, data, request.hold)
-            compat.get_state(model, data, states[k], physics)
+            compat.get_state(model, data, states[k], compat.FULLPHYSICS)
         last = States.of(self._columns, states[-(nplan // 4) :])
-        return LoopOutcome(
-            task.name,
-            task.is_achieved(last) if given is None else None,
-            nplan,
-            control_s,
-            agreement.digest(states),
-            None if given is None else given.starts,
+        settings = request.settings
+        return PlanningRow(
+            model=request.source.name,
+            task=task.name,
+            algorithm=settings.algorithm,
+            samples=settings.samples,
+            horizon=settings.knots * request.hold,
+            path=paths.BASE,
+            options={},
+            nplan=nplan,
+            control_hz=1 / control_s,
+            achieved=task.is_achieved(last) if given is None else None,
+            state_digest=agreement.digest(states),
+            starts=None if given is None else given.starts,
         )
 
     def _given_starts(self) -> LoopStarts | None:
@@ -358,7 +292,7 @@ class _Loop:
         def cost(physics: np.ndarray) -> np.ndarray:
             return self._task.cost(States.of(self._columns, physics), candidates)
 
-        order = [i for i, path in enumerate(self._planned) if path.is_ok]
+        order = [i for i, path in enumerate(self._planned) if path.status == Status.OK]
         shuffle(order)
         digests: dict[int, str] = {}
         base: tuple[np.ndarray, np.ndarray] | None = None
@@ -374,7 +308,7 @@ class _Loop:
             if i == 0 and rolled_out is not None:
                 base = rolled_out[0].copy(), rolled_out[1]
         if base is None:
-            raise InputError(f"the plain loop fails: {self._planned[0].plans().detail}")
+            raise InputError(f"the plain loop fails: {self._planned[0].detail}")
         for i, digest in digests.items():
             if digest != digests[0]:
                 again = self._planned[i].roll_out(start, candidates, cost)

@@ -5,10 +5,13 @@ apply.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, Protocol, TypeVar
 
+from mjbench import paths
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
+from mjbench.comparison.plan import Variant
+from mjbench.paths.accelerated import AcceleratedPath
 from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import ModelFacts, Work
@@ -145,6 +148,28 @@ class MeasurementRecord:
     def is_timed(self) -> bool:
         """Whether it has blocks of its own, and agrees; paths of a race have theirs there."""
         return bool(self.agrees and self.status == Status.OK and self.samples_s)
+
+    @classmethod
+    def of(
+        cls, model: str, variant: Variant, status: Status = Status.OK, detail: str = ""
+    ) -> "MeasurementRecord":
+        """Return the record of a variant on a model before it is measured."""
+        path = paths.find(variant.path)
+        return cls(
+            model=model,
+            path=variant.path,
+            options=variant.options,
+            status=status,
+            detail=detail,
+            closed_loop=path.closed_loop,
+            precision=path.precision if isinstance(path, AcceleratedPath) else None,
+        )
+
+    def with_model(self, model: ModelRecord) -> "MeasurementRecord":
+        """Return the record with what the record of its model has, too, but how that ended."""
+        common = {each.name for each in fields(self)} & {each.name for each in fields(model)}
+        values = {name: getattr(model, name) for name in common - {"status", "detail"}}
+        return replace(self, **values)
 
     @staticmethod
     def upgrade(value: dict[str, Any]) -> dict[str, Any]:

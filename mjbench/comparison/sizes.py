@@ -23,24 +23,6 @@ MIN_NBATCH_PER_THREAD = 4
 
 
 @dataclass(frozen=True)
-class SizeRequest:
-    """What is asked of the sizes of a workload.
-
-    Attributes:
-      nbatch: simulations; None to choose.
-      nstep: steps per simulation; None to choose.
-      nthread: most threads or processes that any path uses.
-      has_accelerated: whether paths that compile take part.
-    """
-
-    nbatch: int | None = None
-    nstep: int | None = None
-    hold: int = 1
-    nthread: int = 1
-    has_accelerated: bool = False
-
-
-@dataclass(frozen=True)
 class BlockSizes:
     """The sizes of a workload, which is one block.
 
@@ -54,24 +36,36 @@ class BlockSizes:
     reduced: bool
 
 
-def choose_sizes(step_s: float, request: SizeRequest) -> BlockSizes:
-    """Return the sizes asked for; those not asked for are chosen by the seconds of a step."""
-    hold = request.hold
-    nbatch = request.nbatch or NBATCH
-    nstep = request.nstep or whole_holds(NSTEP, hold)
-    usual = (nbatch, nstep)
-    if nbatch * nstep * step_s <= LONG_BLOCK_S:
-        return BlockSizes(nbatch, nstep, reduced=False)
+def choose_sizes(
+    step_s: float,
+    nbatch: int | None = None,
+    nstep: int | None = None,
+    hold: int = 1,
+    nthread: int = 1,
+    has_accelerated: bool = False,
+) -> BlockSizes:
+    """Return the sizes asked for; those that are None are chosen by the seconds of a step.
+
+    Args:
+      nthread: most threads or processes that any path uses.
+      has_accelerated: whether paths that compile take part.
+    """
+    usual = nbatch or NBATCH, nstep or whole_holds(NSTEP, hold)
+    chosen_nbatch, chosen_nstep = usual
+    if chosen_nbatch * chosen_nstep * step_s <= LONG_BLOCK_S:
+        return BlockSizes(chosen_nbatch, chosen_nstep, reduced=False)
     steps = max(1, int(BLOCK_S / step_s))
-    if request.nstep is None:
-        nstep = min(nstep, whole_holds(max(MIN_NSTEP, steps // nbatch), hold))
-    if request.nbatch is None and nbatch * nstep > steps:
-        min_nbatch = min(nbatch, max(MIN_NBATCH, MIN_NBATCH_PER_THREAD * request.nthread))
-        nbatch = min(nbatch, max(min_nbatch, steps // nstep))
+    if nstep is None:
+        least = max(MIN_NSTEP, steps // chosen_nbatch)
+        chosen_nstep = min(chosen_nstep, whole_holds(least, hold))
+    if nbatch is None and chosen_nbatch * chosen_nstep > steps:
+        min_nbatch = min(chosen_nbatch, max(MIN_NBATCH, MIN_NBATCH_PER_THREAD * nthread))
+        chosen_nbatch = min(chosen_nbatch, max(min_nbatch, steps // chosen_nstep))
     max_steps = max(1, int(LONG_BLOCK_S / step_s))
-    if request.nstep is None and nbatch * nstep > max_steps and not request.has_accelerated:
-        nstep = min(nstep, whole_holds(max_steps // nbatch, hold))
-    return BlockSizes(nbatch, nstep, reduced=(nbatch, nstep) != usual)
+    if nstep is None and chosen_nbatch * chosen_nstep > max_steps and not has_accelerated:
+        chosen_nstep = min(chosen_nstep, whole_holds(max_steps // chosen_nbatch, hold))
+    chosen = chosen_nbatch, chosen_nstep
+    return BlockSizes(*chosen, reduced=chosen != usual)
 
 
 def check_memory(
@@ -90,7 +84,7 @@ def check_memory(
       InputError: they would not.
     """
     nstate = compat.state_size(model)
-    nphysics = compat.state_size(model, compat.state_spec("FULLPHYSICS"))
+    nphysics = compat.state_size(model, compat.FULLPHYSICS)
     # of what is returned of every step: mujoco.rollout's; else also the reference's, those that
     # paths share, those of worker processes, and a copy while two are compared
     copies = 1 if returns == Product.FINAL else 4

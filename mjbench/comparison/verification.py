@@ -115,7 +115,7 @@ class ReferenceCase:
 
     @functools.cached_property
     def _physics_columns(self) -> dict[str, slice]:
-        return compat.state_columns(self.workload.model, compat.state_spec("FULLPHYSICS"))
+        return compat.state_columns(self.workload.model, compat.FULLPHYSICS)
 
     def reorder(self, rng: np.random.Generator) -> None:
         """Reorder the simulations of the workload and of the reference run, in place."""

@@ -43,24 +43,28 @@ class Process(Protocol):
 
 
 class ChildError(MachineError):
-    """A child crashed, hung or sent garbage; it has been killed.
+    """A child crashed, hung, failed or sent garbage; the message names it, if it has a name.
 
     Attributes:
       ending: `crashed`, `timeout`, or `failed`.
-      cause: how, without what it was doing and what it printed.
+      cause: how, without its name, what it was doing and what it printed.
     """
 
-    def __init__(self, ending: Status, cause: str, circumstances: str = ""):
-        super().__init__(cause + circumstances)
+    def __init__(self, ending: Status, cause: str, circumstances: str = "", name: str = ""):
+        super().__init__(f"{name}: {cause}{circumstances}" if name else cause + circumstances)
         self.ending, self.cause = ending, cause
 
 
 class ChildConnection:
     """This process's end of the connection to a child."""
 
-    def __init__(self, connection: Connection, process: Process, output_file: Path):
-        """Take over a connection, which `pair` made, of a child that prints to a file."""
-        self.connection, self.process = connection, process
+    def __init__(self, connection: Connection, process: Process, output_file: Path, name: str = ""):
+        """Take over a connection, which `pair` made, of a child that prints to a file.
+
+        Args:
+          name: of the child, for error messages.
+        """
+        self.connection, self.process, self._name = connection, process, name
         self._output_file = output_file
         # what is ready when the child has sent something or ended; of a child that is still being
         # forked, the end is known later
@@ -122,7 +126,7 @@ class ChildConnection:
         """Kill the child; return the error that says so, and what the child last printed."""
         self.process.end()
         doing = f" while {activity}" if activity else ""
-        return ChildError(ending, cause, doing + child.last_line(self._output_file))
+        return ChildError(ending, cause, doing + child.last_line(self._output_file), self._name)
 
     def end(self) -> None:
         """End the child, whatever it is doing."""

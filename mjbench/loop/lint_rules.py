@@ -1,6 +1,7 @@
-"""The rules of `mjbench lint`: what each one looks for in a stepping script.
+"""The rules of `mjbench lint`: those about what runs in each step or episode, and all of them.
 
-A new rule is a function that yields matches, with its explanation, and a line of `RULES`.
+A new rule is a function with its explanation, here or in a module `lint_…` with its like, and a
+line of `RULES`.
 """
 
 import ast
@@ -15,10 +16,9 @@ from mjbench.loop.lint_new_objects import (
     new_renderers,
     new_rollout_pools,
 )
-from mjbench.loop.lint_repeats import Loop, step_loop_of_helper
+from mjbench.loop.lint_repeats import Repetition, step_loop_of_helper
 from mjbench.loop.lint_rule import Match, rule
-from mjbench.loop.lint_written_views import written_views
-from mjbench.loop.lint_wrong_results import halves_of_runge_kutta, shared_data
+from mjbench.loop.lint_wrong_results import halves_of_runge_kutta, shared_data, written_views
 from mjbench.loop.script_syntax import (
     dotted_name,
     is_call,
@@ -138,7 +138,7 @@ def allocations(script: SteppingScript) -> Iterator[Match]:
 
 def _in_steps(
     script: SteppingScript, calls: Sequence[ast.Call], loops: Sequence[SteppingBody]
-) -> Iterator[tuple[ast.Call, Loop | None]]:
+) -> Iterator[tuple[ast.Call, Repetition | None]]:
     """Yield calls that run in every step of one of some loops.
 
     With a call in a function comes the loop that calls the function; None with those of the loop.

@@ -24,7 +24,7 @@ class Calibrator:
         """Return how many cores as many threads get now.
 
         Raises:
-          TargetError: the process failed, crashed or did not answer in time.
+          ChildError: the process failed, crashed or did not answer in time.
         """
         count = countable(self._nthread)
         if count == 1:

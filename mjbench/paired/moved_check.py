@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from mjbench.errors import InputError
+from mjbench.host.child_connection import ChildError
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import TargetError, WorkerProcess
+from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases import movable, placement
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.moved_install import ImmovableError
@@ -75,7 +76,7 @@ def _as_shipped(
 
     Raises:
       ImmovableError: this release cannot step the model that is looked at.
-      TargetError: it crashed, hung or failed.
+      ChildError: it crashed, hung or failed.
     """
     source = models.resolve(_MODEL)
     pool.wait_for(process, release)
@@ -101,7 +102,7 @@ def _compare(
         pool.wait_for(process, release)
         process.call(Worker.load_model, source.name, source.path, {})
         states = process.call(Worker.observe, workload).final_state
-    except (InputError, TargetError) as error:
+    except (InputError, ChildError) as error:
         raise ImmovableError(f"with moved libraries it fails: {error}") from error
     if not np.array_equal(states, expected):
         raise ImmovableError("with moved libraries it steps to other states")

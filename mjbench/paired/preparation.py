@@ -146,7 +146,7 @@ def prepare(
 
     Raises:
       InputError: a target cannot do this work.
-      TargetError: a target crashed, hung or failed.
+      ChildError: a target crashed, hung or failed.
       OutOfTimeError: the limit does not allow a launch.
     """
     processes: list[WorkerProcess] = []

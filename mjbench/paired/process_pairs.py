@@ -79,7 +79,7 @@ class ProcessPairs:
 
         Raises:
           InputError: what they were asked for cannot be.
-          TargetError: one crashed, hung or failed.
+          ChildError: one crashed, hung or failed.
         """
         try:
             if self._failure is not None:

@@ -81,7 +81,7 @@ class ReleaseTask(ABC):
         Raises:
           UnavailableError: the release cannot do it, although the reference can.
           InputError: neither can.
-          TargetError: a release crashed, hung or failed.
+          ChildError: a release crashed, hung or failed.
         """
 
     def equip(self, processes: Processes) -> None:  # noqa: B027 (most tasks need nothing)
@@ -96,7 +96,7 @@ class ReleaseTask(ABC):
 
         Raises:
           InputError: a release cannot do it.
-          TargetError: a release crashed, hung or failed.
+          ChildError: a release crashed, hung or failed.
         """
 
     @abstractmethod

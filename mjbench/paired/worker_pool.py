@@ -227,7 +227,7 @@ class WorkerPool:
 
         Raises:
           InputError: what was asked for cannot be.
-          TargetError: it failed, crashed or did not answer in time.
+          ChildError: it failed, crashed or did not answer in time.
         """
         process.wait()
         self._checked.add(release.key)

@@ -6,9 +6,9 @@ from collections import deque
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
-from mjbench.errors import Failure, InputError, MachineError, UnavailableError
+from mjbench.errors import Failure, InputError, UnavailableError
 from mjbench.host import machine
 from mjbench.host.child_connection import ChildConnection, ChildError, Process
 from mjbench.paired import worker_answers
@@ -22,19 +22,6 @@ _T = TypeVar("_T")
 Task = Callable[Concatenate[Worker, _P], _T]
 # A failure is no longer than this.
 _MAX_FAILURE_BYTES = 1 << 16
-
-
-class TargetError(MachineError):
-    """A target's process crashed, hung or failed; the message names the target in one line.
-
-    Attributes:
-      ending: whether it crashed, hung (`timeout`) or failed.
-      cause: the message without the target and what it was doing.
-    """
-
-    def __init__(self, message: str, ending: Status = Status.FAILED, cause: str = ""):
-        super().__init__(message)
-        self.ending, self.cause = ending, cause or message
 
 
 class WorkerProcess:
@@ -55,7 +42,7 @@ class WorkerProcess:
         moved_install: Path | None = None,
     ):
         self.name, self.limit_s = name, limit_s
-        self._child = ChildConnection(connection, process, output_file)
+        self._child = ChildConnection(connection, process, output_file, name)
         self._output_file, self._moved_install = output_file, moved_install
         # What the process is doing, and what it will do next.
         self._activities: deque[str] = deque()
@@ -70,7 +57,7 @@ class WorkerProcess:
 
         Raises:
           InputError: what was asked for cannot be.
-          TargetError: the process failed, crashed or did not answer in time.
+          ChildError: the process failed, crashed or did not answer in time.
         """
         self.ask(task, *args, **kwargs)
         answer: _T = self._answer()
@@ -97,16 +84,17 @@ class WorkerProcess:
         """Have one block run, after `Worker.time_blocks` was asked; return its nanoseconds.
 
         Raises:
-          TargetError: the process failed, crashed or did not answer in time.
+          ChildError: the process failed, crashed or did not answer in time.
         """
         with contextlib.suppress(OSError):
             self._child.connection.send_bytes(worker_answers.BLOCK)
-        content = self._receive(worker_answers.NANOSECONDS.size + _MAX_FAILURE_BYTES)
-        if len(content) != worker_answers.NANOSECONDS.size:  # the block failed, and ended the task
-            raise TargetError(f"{self.name}: {self._unpickled(content, Failure).detail}")
+        activity, size = self._activities[0], worker_answers.NANOSECONDS.size
+        content = self._child.receive(self.limit_s, activity, size + _MAX_FAILURE_BYTES)
+        if len(content) != size:  # the block failed, and ended the task
+            raise self._failed(self._child.unpickled(content, activity, Failure).detail)
         ns = int(worker_answers.NANOSECONDS.unpack(content)[0])
         if ns <= 0:
-            raise TargetError(f"{self.name}: reports that a block took {ns} ns")
+            raise self._failed(f"reports that a block took {ns} ns")
         return ns
 
     def end_blocks(self) -> None:
@@ -124,29 +112,17 @@ class WorkerProcess:
 
     def _answer(self) -> Any:
         """Return the answer to the oldest pending task."""
-        content = self._receive(machine.available_memory_bytes())
-        answer: Done[Any] | Failure = self._unpickled(content, Done, Failure)
+        activity = self._activities[0]
+        content = self._child.receive(self.limit_s, activity, machine.available_memory_bytes())
+        answer: Done[Any] | Failure = self._child.unpickled(content, activity, Done, Failure)
         self._activities.popleft()
         if isinstance(answer, Done):
             return answer.value
-        message = f"{self.name}: {answer.detail}"
         kinds = {Status.INPUT: InputError, Status.UNAVAILABLE: UnavailableError}
         if kind := kinds.get(answer.status):
-            raise kind(message)
-        raise TargetError(message, cause=answer.detail)
+            raise kind(f"{self.name}: {answer.detail}")
+        raise self._failed(answer.detail)
 
-    def _receive(self, max_bytes: int) -> bytes:
-        """Return the bytes of the next answer, `max_bytes` at most."""
-        try:
-            return self._child.receive(self.limit_s, self._activities[0], max_bytes)
-        except ChildError as error:
-            self._fail(error)
-
-    def _unpickled(self, content: bytes, *kinds: type) -> Any:
-        try:
-            return self._child.unpickled(content, self._activities[0], *kinds)
-        except ChildError as error:
-            self._fail(error)
-
-    def _fail(self, error: ChildError) -> NoReturn:
-        raise TargetError(f"{self.name}: {error}", error.ending, error.cause) from None
+    def _failed(self, cause: str) -> ChildError:
+        """Return the error that a task failed, and the process goes on."""
+        return ChildError(Status.FAILED, cause, name=self.name)

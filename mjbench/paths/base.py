@@ -289,7 +289,7 @@ def make_simulate(model: mujoco.MjModel, hold: int, returns: Product) -> Simulat
     but step and record.
     """
     spec, has_reset = compat.INTEGRATION, needs_reset(model)
-    physics = compat.state_spec("FULLPHYSICS")
+    physics = compat.FULLPHYSICS
 
     def simulate(
         data: mujoco.MjData,

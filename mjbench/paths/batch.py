@@ -179,7 +179,7 @@ class BatchRollout(_BatchPath):
     ) -> Callable[[], None]:
         control = workload.step_control if workload.model.nu else None
         recorded = resources.step_outputs().arrays
-        items = dict(zip((compat.state_spec("FULLPHYSICS"), "sensordata"), recorded, strict=False))
+        items = dict(zip((compat.FULLPHYSICS, "sensordata"), recorded, strict=False))
         return lambda: batch.rollout(workload.nstep, control, record=tuple(items), out=items)
 
     def snippet(self, workload: Workload, options: Options) -> str:

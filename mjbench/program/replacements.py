@@ -291,7 +291,7 @@ def _pool(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
 
     threads = machine.usable_cores()
     datas = [mujoco.MjData(model) for _ in range(threads)]
-    spec = compat.state_spec("FULLPHYSICS")
+    spec = compat.FULLPHYSICS
     start = np.empty((1, mujoco.mj_stateSize(model, spec)))
     mujoco.mj_getState(model, datas[0], start[0], spec)
     starts = np.repeat(start, question.simulations, axis=0)

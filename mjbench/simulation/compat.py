@@ -43,8 +43,8 @@ def state_spec(name: str) -> int:
     return int(getattr(mujoco.mjtState, f"mjSTATE_{name}"))
 
 
-# All that a step depends on.
-INTEGRATION = state_spec("INTEGRATION")
+# All that a step depends on; and what `mujoco.rollout` starts from and returns.
+INTEGRATION, FULLPHYSICS = state_spec("INTEGRATION"), state_spec("FULLPHYSICS")
 
 
 def state_size(model: mujoco.MjModel, spec: int = INTEGRATION) -> int:
@@ -95,12 +95,9 @@ def state_columns(model: mujoco.MjModel, spec: int = INTEGRATION) -> dict[str, s
 
 
 def physics_entries(model: mujoco.MjModel) -> np.ndarray:
-    """Return (nphysics,) the entries of an mjSTATE_INTEGRATION row that form mjSTATE_FULLPHYSICS.
-
-    That is the state which `mujoco.rollout` starts from, and returns.
-    """
+    """Return (nphysics,) which entries of mjSTATE_INTEGRATION form mjSTATE_FULLPHYSICS."""
     columns = state_columns(model)
-    physics = state_columns(model, state_spec("FULLPHYSICS"))
+    physics = state_columns(model, FULLPHYSICS)
     return np.concatenate([np.r_[columns[name]] for name in physics])
 
 

@@ -241,7 +241,7 @@ def step_outputs(workload: Workload) -> StepOutputs:
     if outputs.state is None:
         return outputs
     model, data = workload.model, mujoco.MjData(workload.model)
-    physics = compat.state_spec("FULLPHYSICS")
+    physics = compat.FULLPHYSICS
     for i, start in enumerate(workload.initial_state):
         states, sensors = outputs.rows(i)
         compat.restart(model, data, start)

@@ -158,7 +158,7 @@ class StepOutputs:
         if workload.returns == Product.FINAL:
             return cls(None, None)
         model, shape = workload.model, (workload.nbatch, workload.nstep)
-        nphysics = compat.state_size(model, compat.state_spec("FULLPHYSICS"))
+        nphysics = compat.state_size(model, compat.FULLPHYSICS)
         state = np.empty((*shape, nphysics))
         if workload.returns == Product.TRAJECTORY:
             return cls(state, None)

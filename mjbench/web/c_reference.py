@@ -85,7 +85,7 @@ def prepare(
 
     Raises:
       InputError: the model cannot be loaded, or every simulation of it diverges.
-      TargetError: the process crashed, hung or failed.
+      ChildError: the process crashed, hung or failed.
     """
     process = pool.start(release, f"C of MuJoCo {release.version} ({source.name})")
     try:
@@ -172,7 +172,7 @@ def timed_paths(
 
     Raises:
       InputError: a path cannot run.
-      TargetError: a process crashed, hung or failed.
+      ChildError: a process crashed, hung or failed.
     """
     processes: list[WorkerProcess] = []
     try:

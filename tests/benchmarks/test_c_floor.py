@@ -16,7 +16,7 @@ from benchmarks import c_floor
 from benchmarks.studies import c_floor_page
 from benchmarks.studies.c_floor_tally import FloorRow, LaunchTimes, Spread
 from mjbench import paths
-from mjbench.comparison.sizes import SizeRequest, choose_sizes
+from mjbench.comparison.sizes import choose_sizes
 from mjbench.errors import MachineError
 from mjbench.simulation import models, work, workload
 
@@ -85,7 +85,7 @@ def test_a_program_that_ends_by_itself_is_an_error(tmp_path: Path, model: mujoco
 def test_every_model_has_sizes_for_every_case(name: str) -> None:
     model = models.load(models.resolve(name))
     for hold in {case.hold for case in c_floor.CASES}:
-        sizes = choose_sizes(work.step_s(model), SizeRequest(hold=hold))
+        sizes = choose_sizes(work.step_s(model), hold=hold)
         assert sizes.nbatch >= 1
         assert sizes.nstep >= hold
         assert sizes.nstep % hold == 0

@@ -1,6 +1,6 @@
 """MJX and Warp in processes of their own: the same workload, judged, killed where they hang."""
 
-from dataclasses import dataclass, field
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +9,9 @@ from pretender import MODEL, NBATCH, NSTEP, available, make_workload
 
 from mjbench.comparison import accelerated_run
 from mjbench.comparison.accelerated_check import MAX_SINGLE_STEPS
-from mjbench.comparison.messages import AgreementReport, BlockTime, CompileReport, PeakMemory
+from mjbench.comparison.accelerated_run import AcceleratedRequest
 from mjbench.comparison.plan import ComparisonPlan, Variant
-from mjbench.host import isolate
+from mjbench.comparison.records import MeasurementRecord
 from mjbench.paired import path_comparison
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths.accelerated import AcceleratedPath, save_workload
@@ -22,46 +22,19 @@ from mjbench.simulation.workload import Workload
 from mjbench.status import Status
 
 
-@dataclass
-class Child:
-    """All that the child of one path sent, and how it ended."""
-
-    ended: isolate.Ended = field(default_factory=lambda: isolate.Ended(Status.FAILED))
-    reports: list[AgreementReport] = field(default_factory=list)
-    compiling: CompileReport | None = None
-    memory: PeakMemory | None = None
-    samples_s: list[float] = field(default_factory=list)
-
-    def receive(self, message: object) -> None:
-        match message:
-            case AgreementReport():
-                self.reports.append(message)
-            case CompileReport():
-                self.compiling = message
-            case BlockTime():
-                self.samples_s.append(message.seconds)
-            case PeakMemory():
-                self.memory = message
-
-    @property
-    def report(self) -> AgreementReport:
-        """The only report, of a path that agrees and was timed."""
-        assert self.ended.status == Status.OK, self.ended.detail
-        (report,) = self.reports
-        assert report.agrees is True, report.detail
-        assert len(self.samples_s) >= accelerated_run.MIN_BLOCKS
-        return report
-
-
 def measured(
     path: AcceleratedPath, workload: Workload, folder: Path, model: str = MODEL, **more: Any
-) -> Child:
+) -> MeasurementRecord:
+    """Return the record of a path that agrees and was timed."""
     file = folder / "workload.pickle"
     save_workload(workload, observe(workload).peaks, file)
-    child, variant = Child(), Variant(path.name, {})
-    source = models.resolve(model)
-    child.ended = accelerated_run.run(source, variant, file, child.receive, **more)
-    return child
+    request = AcceleratedRequest(models.resolve(model), Variant(path.name, {}), file)
+    records: list[MeasurementRecord] = []
+    ended = accelerated_run.run(dataclasses.replace(request, **more), records.append, str(folder))
+    assert ended.status == Status.OK, ended.detail
+    assert records[-1].agrees is True, records[-1].detail
+    assert len(records[-1].samples_s) >= accelerated_run.MIN_BLOCKS
+    return records[-1]
 
 
 @pytest.mark.parametrize(("name", "nstep"), [("mjx", NSTEP), ("mjx64", 500), ("warp", NSTEP)])
@@ -71,15 +44,15 @@ def test_the_cart_pole_keeps_to_the_tolerances(
     if name == "mjx64":  # `mjx` runs as where Warp is installed
         request.getfixturevalue("without_warp")
     workload = make_workload(nstep=nstep)
-    child = measured(available(name), workload, tmp_path)
-    check = child.report.check
-    assert child.compiling is not None
-    assert child.compiling.compile_s > 0
-    assert child.compiling.device
+    record = measured(available(name), workload, tmp_path)
+    check = record.check
+    assert record.compile_s is not None
+    assert record.compile_s > 0
+    assert record.device
     # the very same workload, in the child and on its device
-    assert child.compiling.workload_digest == workload.digest()
-    assert child.memory is not None
-    assert child.memory.memory_bytes > 2**20
+    assert record.workload_digest == workload.digest()
+    assert record.memory_bytes is not None
+    assert record.memory_bytes > 2**20
     assert check is not None
     assert check.received is True
     assert check.unconstrained_steps == min(NBATCH * nstep, MAX_SINGLE_STEPS)
@@ -105,15 +78,15 @@ def test_warp_called_by_mjx_has_room_and_reports_its_contacts(tmp_path: Path) ->
     model = str(tmp_path / "ball.xml")
     workload = make_workload(model, nbatch=8, nstep=10)
     assert observe(workload).peaks.contacts == 1
-    child = measured(available("mjx_warp"), workload, tmp_path, model=model, limit_s=120.0)
-    check = child.report.check
+    record = measured(available("mjx_warp"), workload, tmp_path, model=model, limit_s=120.0)
+    check = record.check
     assert check is not None
     assert check.contact_steps > 0
     assert check.same_count == 1.0
     assert check.normal_degrees is not None
     assert check.normal_degrees < 1e-3
     # 48 contacts of each world; twice the 4 constraints of the cone
-    assert "naconmax=384, njmax=8" in child.report.snippet
+    assert "naconmax=384, njmax=8" in record.snippet
 
 
 def test_a_number_of_steps_that_is_compiled_in_changes_nothing(
@@ -132,8 +105,7 @@ def test_a_number_of_steps_that_is_compiled_in_changes_nothing(
         "        return dataclasses.replace(compiled, cached_compile_s=lambda: None)\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    child = measured(available("fixed:Fixed"), make_workload(), tmp_path, import_from=str(tmp_path))
-    assert child.report.agreement
+    assert measured(available("fixed:Fixed"), make_workload(), tmp_path).agreement
 
 
 def test_a_program_that_never_returns_is_a_row_that_says_timeout(
@@ -180,5 +152,6 @@ def test_a_path_that_does_not_compile_is_refused(tmp_path: Path) -> None:
     from mjbench.errors import InputError
 
     with pytest.raises(InputError, match="does not compile"):
-        source, variant = models.resolve(MODEL), Variant("rollout", {})
-        accelerated_run.run(source, variant, tmp_path / "none", lambda message: None)
+        variant = Variant("rollout", {})
+        request = AcceleratedRequest(models.resolve(MODEL), variant, tmp_path / "none")
+        accelerated_run.run(request, lambda record: None)

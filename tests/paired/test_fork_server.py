@@ -16,12 +16,13 @@ from paired_examples import INSTALLED
 
 from mjbench.errors import MachineError
 from mjbench.host import child, platforms
+from mjbench.host.child_connection import ChildError
 from mjbench.paired import fork_server, release_python
 from mjbench.paired.fork_server_process import ForkServerProcess
 from mjbench.paired.launch_seeds import LaunchSeeds
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import TargetError, WorkerProcess
+from mjbench.paired.worker_process import WorkerProcess
 
 pytestmark = pytest.mark.skipif(not platforms.can_adopt(), reason="only Linux adopts orphans")
 
@@ -155,7 +156,7 @@ def test_a_server_that_is_killed_is_named_and_another_one_takes_its_place() -> N
         os.kill(server, signal.SIGSTOP)  # so that it cannot fork before it is killed
         second = pool.start(INSTALLED, name="second")
         os.kill(server, signal.SIGKILL)
-        with pytest.raises(TargetError, match=r"second: killed by signal 9 .* importing MuJoCo"):
+        with pytest.raises(ChildError, match=r"second: killed by signal 9 .* importing MuJoCo"):
             second.wait()
         pool.end([second])
         third = pool.start(INSTALLED)
@@ -171,7 +172,7 @@ def test_what_a_server_printed_before_it_ended_is_shown(monkeypatch: pytest.Monk
     with WorkerPool() as pool:
         workers = [pool.start(INSTALLED, name=name) for name in ("first", "second")]
         for worker in workers:
-            with pytest.raises(TargetError, match=rf"{worker.name}: .*code 3 .*NumPy is broken"):
+            with pytest.raises(ChildError, match=rf"{worker.name}: .*code 3 .*NumPy is broken"):
                 worker.wait()
 
 
@@ -261,7 +262,7 @@ def test_a_worker_that_dies_is_named_with_the_signal() -> None:
         worker = pool.start(INSTALLED, name="worker")
         pool.wait_for(worker, INSTALLED)
         os.kill(worker.pid, signal.SIGSEGV)
-        with pytest.raises(TargetError, match=r"worker: killed by signal 11 \(SIGSEGV\)"):
+        with pytest.raises(ChildError, match=r"worker: killed by signal 11 \(SIGSEGV\)"):
             worker.call(Worker.count_cores, 1)
 
 

@@ -98,7 +98,7 @@ def test_a_run_whose_states_are_not_whole_is_not_divided(
     pile: Workload, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert loop_sections.can_divide(pile, 6)
-    without_warmstart = compat.state_spec("FULLPHYSICS")
+    without_warmstart = compat.FULLPHYSICS
     size = compat.state_size(pile.model, without_warmstart)
     get_state = functools.partial(compat.get_state, spec=without_warmstart)
     monkeypatch.setattr(compat, "INTEGRATION", without_warmstart)

@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 from paired_examples import INSTALLED
 
+from mjbench.host.child_connection import ChildError
 from mjbench.paired import moved_check
 from mjbench.paired.moved_check import Averaging
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import TargetError
 from mjbench.releases import movable
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.moved_install import ImmovableError
 from mjbench.releases.placement import AS_SHIPPED, RESIDUES, Placement
+from mjbench.status import Status
 
 STATES = np.arange(6.0).reshape(2, 3)
 
@@ -105,7 +106,10 @@ def test_a_release_that_passed_is_not_checked_again() -> None:
     ("third", "message"),
     [
         (np.nextafter(STATES, 9.0), "with moved libraries it steps to other states"),
-        (TargetError("MuJoCo 9: killed by SIGSEGV"), "it fails: MuJoCo 9: killed by SIGSEGV"),
+        (
+            ChildError(Status.FAILED, "MuJoCo 9: killed by SIGSEGV"),
+            "it fails: MuJoCo 9: killed by SIGSEGV",
+        ),
     ],
 )
 def test_a_release_that_does_otherwise_when_it_is_moved_is_refused(

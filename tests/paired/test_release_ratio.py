@@ -8,6 +8,7 @@ import pytest
 from paired_examples import CARTPOLE, INSTALLED
 
 from mjbench.errors import InputError
+from mjbench.host.child_connection import ChildError
 from mjbench.measuring import stats
 from mjbench.paired import moved_check, operations, preparation, release_ratio
 from mjbench.paired.moved_check import Averaging
@@ -17,7 +18,6 @@ from mjbench.paired.release_tasks import OperationTask, ReleaseTask, StepTask
 from mjbench.paired.targets import Target
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import TargetError
 from mjbench.releases import release_ratios
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.release_ratios import (
@@ -121,7 +121,7 @@ def test_a_task_that_fails_says_so_and_the_others_go_on(
 
     def crash_later(count: int) -> Sequence[int]:
         if count == 1:
-            raise TargetError("it fell over")
+            raise ChildError(Status.FAILED, "it fell over")
         return fine(count)
 
     def refuse(count: int) -> Sequence[int]:
@@ -362,7 +362,7 @@ def test_a_process_that_cannot_read_its_work_leaves_no_answer_of_the_other_behin
     for process in processes:
         pool.wait_for(process, INSTALLED)
     work.workloads = missing, work.workloads[1]
-    with pytest.raises(TargetError, match="missing"):
+    with pytest.raises(ChildError, match="missing"):
         task.equip(processes)
     assert processes[1].call(Worker.count_cores, 1) > 0
     pool.end(processes)

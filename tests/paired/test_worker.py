@@ -16,11 +16,11 @@ from commands import ROOT
 from paired_examples import CUBES, INSTALLED
 
 from mjbench.errors import MachineError
+from mjbench.host.child_connection import ChildError
 from mjbench.paired.loop_sections import Section
 from mjbench.paired.protocol import TargetPair
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import TargetError
 from mjbench.releases.moved_install import ImmovableError
 from mjbench.releases.placement import Placement
 from mjbench.simulation import models, work, workload
@@ -42,7 +42,8 @@ def test_a_path_that_computes_something_else_is_refused(monkeypatch: pytest.Monk
     monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"))
     with WorkerPool(limit_s=30.0) as pool:
         pair = TargetPair(pool, target, target)
-        with pytest.raises(TargetError, match="does not reach the final states"):
+        pair.prepare()
+        with pytest.raises(ChildError, match="does not reach the final states"):
             pair.launch()
 
 
@@ -65,7 +66,7 @@ def test_steps_call_a_function_of_the_engine_that_they_step_with(
     process.call(Worker.equip, model_file, pool.save(workload), "python_loop")
     prepare = functools.partial(process.call, Worker.prepare, "python_loop", {}, (), (0, 1))
     assert prepare(callback="mj_factorM") > 0
-    with pytest.raises(TargetError, match="with mj_Euler called inside each step does not reach"):
+    with pytest.raises(ChildError, match="with mj_Euler called inside each step does not reach"):
         prepare(callback="mj_Euler")
     pool.end([process])
 

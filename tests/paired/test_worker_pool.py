@@ -13,9 +13,10 @@ import pytest
 from paired_examples import BRIEF, CARTPOLE
 
 from mjbench.host import child_connection
+from mjbench.host.child_connection import ChildError
 from mjbench.paired import verdict
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import TargetError, WorkerProcess
+from mjbench.paired.worker_process import WorkerProcess
 from mjbench.status import Status
 
 
@@ -106,7 +107,7 @@ def test_a_worker_that_sends_no_answer_is_ended_in_one_line(
     with theirs, worker._child.connection:
         theirs.sendall(sent)
         worker._activities.append("running a block")
-        with pytest.raises(TargetError) as caught:
+        with pytest.raises(ChildError) as caught:
             worker.time_block() if is_block else worker.wait()
     assert str(caught.value).startswith(f"baseline: {cause}")
     assert "while running a block" in str(caught.value)

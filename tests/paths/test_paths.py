@@ -189,7 +189,7 @@ def test_a_snippet_does_what_its_path_does(
     expected = case.reference.final_state
     if path.name == "rollout":  # it returns full-physics states
         columns = compat.state_columns(model)
-        physics = compat.state_columns(model, compat.state_spec("FULLPHYSICS"))
+        physics = compat.state_columns(model, compat.FULLPHYSICS)
         expected = expected[:, np.concatenate([np.r_[columns[field]] for field in physics])]
     np.testing.assert_array_equal(names["final_state"], expected)
 

@@ -10,15 +10,15 @@ from benchmarks import foreign, foreign_packages
 from benchmarks.foreign_packages import Package, PackageFiles
 from benchmarks.studies import foreign_page, foreign_tally
 from benchmarks.studies.foreign_tally import NO_MODEL, FileResult, Outcome
-from mjbench.comparison.compare import VerifiedModel
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
+from mjbench.paired.path_comparison import ModelComparison
 from mjbench.status import ExitCode, Status
 
 PACKAGE = Package("robots", "1.0")
 
 
 def judged(root: Path, statuses: dict[str, Status], **model: Any) -> FileResult:
-    records = VerifiedModel(
+    records = ModelComparison(
         ModelRecord(model="bots/a.xml", **{"status": Status.OK, "spread": 1.0, **model}),
         tuple(
             MeasurementRecord(
