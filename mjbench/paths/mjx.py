@@ -38,7 +38,6 @@ class Mjx(AcceleratedPath):
     compiles_at_first_call: ClassVar[bool] = False
 
     def environment(self) -> dict[str, str | None]:
-        """Return variables that set the precision, and prevent reuse of compiled programs."""
         return {
             "JAX_ENABLE_X64": "1" if self.precision == Precision.FLOAT64 else "0",
             "JAX_COMPILATION_CACHE_DIR": None,
@@ -51,7 +50,6 @@ class Mjx(AcceleratedPath):
         }
 
     def device_kind(self) -> str:
-        """Return the platform of JAX's first device."""
         import jax
 
         try:
@@ -65,12 +63,10 @@ class Mjx(AcceleratedPath):
         return self.device_kind() != CPU
 
     def data_fields(self, model: mujoco.MjModel) -> Mapping[str, Any]:
-        """Return the fields of MJX's Data for a model."""
         self.put_model(model)
         return dict(vars(self.make_data(model, self.buffer_sizes(Peaks(1, 1), 1))))
 
     def compile(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
-        """Trace and compile the program (see `mjx_program`)."""
         import jax
 
         jax.config.update("jax_enable_x64", self.precision == Precision.FLOAT64)
@@ -100,13 +96,11 @@ class Mjx(AcceleratedPath):
         )
 
     def put_model(self, model: mujoco.MjModel) -> "mjx.Model":
-        """Return MJX's Model."""
         from mujoco import mjx
 
         return mjx.put_model(model, **compat.known(mjx.put_model, impl=self.impl))
 
     def make_data(self, model: mujoco.MjModel, buffer_sizes: Mapping[str, int]) -> "mjx.Data":
-        """Return MJX's Data of one simulation."""
         from mujoco import mjx
 
         return mjx.make_data(model, **compat.known(mjx.make_data, impl=self.impl), **buffer_sizes)
@@ -159,7 +153,6 @@ class MjxWarp(Mjx):
     compiles_at_first_call = True  # Warp's kernels
 
     def compile(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
-        """Trace and compile the program, and Warp's kernels with it."""
         from mjbench.paths.warp import configure_warp
 
         configure_warp()
@@ -173,7 +166,6 @@ class MjxWarp(Mjx):
         return compat.known(mjx.make_data, nconmax=sizes["naconmax"], **sizes)
 
     def peak_gpu_memory_bytes(self, device: "jax.Device") -> int | None:
-        """Return the peak memory that JAX and Warp used on a GPU."""
         from mjbench.paths.warp import peak_gpu_memory_bytes
 
         parts = (super().peak_gpu_memory_bytes(device), peak_gpu_memory_bytes())

@@ -39,7 +39,6 @@ class Warp(AcceleratedPath):
     packages = ("warp", "mujoco_warp")
 
     def device_kind(self) -> str:
-        """Return the kind of device that Warp chooses."""
         import warp as wp
 
         _print_warnings_only()
@@ -55,7 +54,6 @@ class Warp(AcceleratedPath):
         return super().unsuited(workload, options)
 
     def data_fields(self, model: mujoco.MjModel) -> Mapping[str, Any]:
-        """Return the fields of MuJoCo Warp's Data for a model."""
         import mujoco_warp
 
         _print_warnings_only()
@@ -63,7 +61,6 @@ class Warp(AcceleratedPath):
         return dict(vars(mujoco_warp.make_data(model)))
 
     def default_buffer_sizes(self, model: mujoco.MjModel) -> dict[str, int]:
-        """Return the sizes that make_data chooses, for each world."""
         import mujoco_warp
 
         _print_warnings_only()
