@@ -30,8 +30,9 @@ from mjbench.loop.script_syntax import (
 from mjbench.loop.stepping_script import SteppingBody, SteppingScript
 from mjbench.loop.stored_views import stored_views
 
-# The codes of the rules on views that outlive their step, and on names looked up in every step.
-STORED_VIEW, NAMED_ACCESS = "MJB001", "MJB002"
+# The codes of the rules on views that outlive their step, on names looked up in every step, and on
+# arrays created in every step.
+STORED_VIEW, NAMED_ACCESS, NEW_ARRAY = "MJB001", "MJB002", "MJB003"
 # About how many ns a habit of mjbench/loop/habits.py adds to a step of the cart-pole, as stored in
 # results/overhead.json; on another machine, only the order of magnitude is the same.
 COSTS_NS = {
@@ -107,7 +108,7 @@ def named_access(script: SteppingScript) -> Iterator[Match]:
 
 
 @rule(
-    "MJB003",
+    NEW_ARRAY,
     "a new array in every step; create one before the loop and write into its slices (x[:n] =)",
 )
 def allocations(script: SteppingScript) -> Iterator[Match]:
