@@ -20,7 +20,7 @@ import numpy as np
 from mjbench import paths
 from mjbench.comparison.plan import LIMIT_S, Variant
 from mjbench.comparison.planner import Algorithm, Planner, PlannerSettings, States, task_of
-from mjbench.errors import InputError, MachineError, describe, one_line
+from mjbench.errors import InputError, describe, one_line
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.loop.loop_starts import LoopStarts
@@ -184,9 +184,7 @@ class _PlannedPath:
         self._workload.initial_state[:] = start
         self._workload.control[:] = candidates
         path = paths.find(self._variant.path)
-        reason = path.unavailable() or path.cannot_return(self._workload.returns)
-        reason = reason or path.unsuited(self._workload, self._variant.options)
-        if reason:
+        if reason := path.cannot_run(self._workload, self._variant.options):
             self.fail(Status.UNAVAILABLE, one_line(reason))
             return
         self._prepared = path.prepare(self._workload, self._variant.options, self._resources)
@@ -298,11 +296,7 @@ class _Loop:
         base: tuple[np.ndarray, np.ndarray] | None = None
         for i in order:
             rolled_out = self._planned[i].roll_out(start, candidates, cost)
-            field = self._guard.change()
-            if field:
-                raise MachineError(
-                    f"{self._request.variants[i]} changes the model, which all paths share: {field}"
-                )
+            self._guard.check(f"{self._request.variants[i]} ")
             if rolled_out is not None:
                 digests[i] = agreement.digest(rolled_out[0])
             if i == 0 and rolled_out is not None:
