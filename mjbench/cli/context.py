@@ -180,7 +180,7 @@ class RunContext:
     def _open_run_file(self, storage: Storage) -> "RunFile":
         """Begin a run file, or continue one with those of its records that are finished."""
         from mjbench.report.kinds import RECORD_TYPES
-        from mjbench.store import resume, runs
+        from mjbench.store import run_file, runs
         from mjbench.store.run_file import RunFile
 
         self._header = header = runs.RunHeader(
@@ -197,7 +197,7 @@ class RunContext:
         if storage.resume.is_fifo():
             raise InputError(f"cannot continue {storage.resume}: it is a pipe, not a file")
         stored = runs.load(storage.resume, RECORD_TYPES)
-        resume.check_continues(storage.resume, stored.header, header)
+        run_file.check_continues(storage.resume, stored.header, header)
         if stored.is_torn:
             report_line(f"{storage.resume}: the last line was cut short; it is left out")
         self.resumed_records = tuple(storage.select_finished(stored.records))

@@ -92,11 +92,7 @@ class PlanningRow:
 def run(
     request: PlanningRequest, import_from: str | None = None, limit_s: float = LIMIT_S
 ) -> list[PlanningRow]:
-    """Run a planner in a child process, and return a row for each variant.
-
-    Args:
-      import_from: a folder that a path of the user's own may be imported from.
-      limit_s: seconds of silence after which the child is killed.
+    """Run a planner in a child process (see `isolate.run`), and return a row for each variant.
 
     Raises:
       MjbenchError: the child failed.
@@ -150,12 +146,9 @@ class _PlannedPath:
     def roll_out(
         self, start: np.ndarray, candidates: np.ndarray, cost: Callable[[np.ndarray], np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the states of candidates, and their costs; None where the path fails.
+        """Return the (samples, nstep, nphysics) states of candidates, and their (samples,) costs.
 
-        Args:
-          start: (nstate,) to start from.
-          candidates: (samples, knots, nu) controls.
-          cost: returns (samples,) costs of (samples, nstep, nphysics) states.
+        None where the path fails.
         """
         try:
             workload = self._workload

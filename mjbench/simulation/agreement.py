@@ -142,10 +142,7 @@ def drift(after: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]) 
 
 
 def scales(fields: Mapping[str, np.ndarray]) -> dict[str, float]:
-    """Return what differences of each field are relative to: its largest finite magnitude.
-
-    It is at least LEAST_SCALE.
-    """
+    """Return the scale of each field: its largest finite magnitude, at least LEAST_SCALE."""
     return {
         field: max(LEAST_SCALE, float(np.abs(values[np.isfinite(values)]).max(initial=0.0)))
         for field, values in fields.items()
@@ -155,10 +152,7 @@ def scales(fields: Mapping[str, np.ndarray]) -> dict[str, float]:
 def relative_drift(
     got: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray], scales: Mapping[str, float]
 ) -> float:
-    """Return the largest difference of any field, relative to the field's scale.
-
-    A NaN in either of them counts as an infinite difference.
-    """
+    """Return the largest `drift` of any field, relative to the field's scale."""
     return max(
         (drift({field: got[field]}, {field: reference[field]}) / scales[field] for field in got),
         default=0.0,

@@ -84,11 +84,7 @@ def portable(drawn: Workload) -> PortableWorkload:
 
 
 def follow(own: Workload, probe: Fields) -> Followed:
-    """Return what a target does from the states of a probe.
-
-    Args:
-      probe: states that were recorded along the workload by the target which drew it.
-    """
+    """Return what a target does from the probe of the target that drew the workload."""
     model, nsteps = own.model, points(own.nstep)
     states = states_after(_probed(own), nsteps)
     run = workload.fields(model, states.reshape(-1, states.shape[2]))
