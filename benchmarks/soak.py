@@ -124,10 +124,12 @@ def launch_once(pool: "WorkerPool") -> None:
     target = Target(installs.parse_release(installs.INSTALLED), models.resolve(MODEL))
     pair = TargetPair(pool, target, target, Sizes(nbatch=1, nstep=1))
     try:
+        pair.prepare()
         pair.launch()
     finally:
         pair.close()
-        pair.baseline_workload.unlink()  # it would last as long as the pool
+        if pair.is_prepared:
+            pair.baseline_workload.unlink()  # it would last as long as the pool
 
 
 def main() -> int:

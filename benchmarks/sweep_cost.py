@@ -94,7 +94,6 @@ def by_hand(of: "Matrix") -> float:
 
 def by_sweep(of: "Matrix") -> SweepTimes:
     """Return the seconds of a sweep that does the same."""
-    from mjbench.report.kinds import RECORD_TYPES
     from mjbench.store.run_set import RunSetFile
     from mjbench.sweep.ray_cluster import RayCluster
     from mjbench.sweep.run import Sweep
@@ -107,7 +106,7 @@ def by_sweep(of: "Matrix") -> SweepTimes:
             file.append(result.section)
 
         with RayCluster() as cluster:
-            sweep = Sweep(of, (), cluster, store, RECORD_TYPES)
+            sweep = Sweep(of, (), cluster, store)
             started = time.perf_counter()
             summary = sweep.measure()
             measured = time.perf_counter()

@@ -33,7 +33,7 @@ from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import ExitCode, Status
 from mjbench.tuning.distance import SHARE
-from mjbench.tuning.measurements import OnThisMachine
+from mjbench.tuning.measurements import CMeasurements
 from mjbench.tuning.records import Accuracy, Effect, Recommendation, TuneRecord
 from mjbench.tuning.search import SearchPlan
 from mjbench.tuning.settings import label
@@ -154,7 +154,7 @@ def checked(
     promises = [_promise(each, each == record.best()) for each in record.front]
     if record.present is None:
         return promises
-    measurements = OnThisMachine(pool, source, StartPlan())
+    measurements = CMeasurements(pool, source, StartPlan())
     lengths = record.present.ncontrol, record.present.horizon_ncontrol
     for look in range(LOOKS):
         measurements.baseline(plan.trials(2 + look, *lengths))

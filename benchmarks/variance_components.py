@@ -12,6 +12,7 @@ to launch. Leave the machine alone meanwhile; 10 programs take about a minute fo
 """
 
 import argparse
+import functools
 import itertools
 import random
 import sys
@@ -139,8 +140,9 @@ def measure(old: ReleaseSpec, new: ReleaseSpec, model: str, programs: int) -> li
     groups = []
     for _ in range(programs):
         with WorkerPool() as pool:
-            placements = placement.schedule(random.Random())
+            placements = functools.partial(placement.schedule, random.Random())
             pair = TargetPair(pool, baseline, candidate, placements=placements)
+            pair.prepare()
             count = launch_seeds.launches_of_a_program() - 1
             groups.append([pair.launch() for _ in range(count)])
             pair.close()

@@ -13,6 +13,7 @@ from mjbench.comparison.plan import WITHOUT_TIMER, ComparisonPlan, Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.measuring.progress import Progress
 from mjbench.paired import path_comparison
+from mjbench.paired.launches import Targets
 from mjbench.paired.path_comparison import ModelComparison
 from mjbench.paired.race import RaceBudget, race
 from mjbench.paired.race_record import RaceLaunch, RaceRecord
@@ -69,13 +70,14 @@ def raced(
     rng, ticks = np.random.default_rng(5), itertools.count()
     usual_ns = _BASE_NS / np.array(speedups)
 
-    def launch(positions: Sequence[int], is_final: bool) -> RaceLaunch:
-        noise = np.exp(rng.normal(0.0, spread, (4, len(positions))))
-        ns = np.rint(usual_ns[list(positions)] * noise).astype(int).tolist()
-        return RaceLaunch(cores, list(positions), ns, is_final)
+    class Invented(Targets[RaceLaunch]):
+        def launch(self, positions: Sequence[int]) -> RaceLaunch:
+            noise = np.exp(rng.normal(0.0, spread, (4, len(positions))))
+            ns = np.rint(usual_ns[list(positions)] * noise).astype(int).tolist()
+            return RaceLaunch(cores, list(positions), ns)
 
     clock = ticks.__next__  # a second passes whenever the race looks
-    *_, ended = race(entered, launch, RaceBudget(4.0 * launches, clock))
+    *_, ended = race(entered, Invented(), RaceBudget(4.0 * launches, clock))
     return ended
 
 

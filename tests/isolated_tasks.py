@@ -67,6 +67,12 @@ def echo(request: Text, channel: Channel) -> None:
     channel.send(request)
 
 
+def add(one: int, other: float, channel: Channel) -> tuple[float, object]:
+    if one == other:
+        raise InputError(f"{one} is not to be added to {one}")
+    return one + other, os.getpid()
+
+
 def send_blobs(request: BlobsRequest, channel: Channel) -> None:
     for index, size in enumerate(request.sizes):
         channel.send(Blob.of(index, size))

@@ -3,7 +3,7 @@
 import tempfile
 from pathlib import Path
 
-from mjbench.releases.moved_image import MovableImage
+from mjbench.releases.moved_install import MovableImage
 
 
 def moved(image: MovableImage, content: bytes, shift: int) -> bytes:

@@ -16,7 +16,6 @@ from pathlib import Path
 import psutil
 from sweep_examples import count_cell, matrix
 
-from mjbench.report.kinds import RECORD_TYPES
 from mjbench.store.run_set import RunSetFile
 from mjbench.sweep.ray_cluster import LeftOut, RayCluster
 from mjbench.sweep.ray_session import LABEL, RESOURCE
@@ -51,7 +50,7 @@ def main() -> None:
         others = [one for one in ray_cluster.nodes if one.label == "other"]
         ray_cluster.nodes = tuple(one for one in ray_cluster.nodes if one not in others)
         ray_cluster.left_out = tuple(LeftOut(one.id, one.name, "other software") for one in others)
-        sweep = Sweep(matrix(cells), (), ray_cluster, store, RECORD_TYPES, program=program)
+        sweep = Sweep(matrix(cells), (), ray_cluster, store, program=program)
         killer.start()
         summary = sweep.measure()
     cluster.shutdown()

@@ -3,12 +3,16 @@
 import math
 from collections.abc import Sequence
 
+from set_files import labelled
+
+from mjbench.counts.records import ExplainRecord, FunctionDifference, Pair
 from mjbench.releases import speed_history
 from mjbench.releases.placement import Placement
 from mjbench.releases.release_ratios import LaunchRatio, StepRatioRecord
 from mjbench.releases.speed_history import SpeedSeries
 from mjbench.simulation.work import Work
 from mjbench.status import Status
+from mjbench.store.runs import SCHEMA, Run, RunHeader
 
 VERSIONS = [f"1.{i}" for i in range(12)]
 SPREAD = 0.002
@@ -51,3 +55,30 @@ def history(ratios: Sequence[float]) -> SpeedSeries:
     records = [record(v, r) for v, r in zip(VERSIONS, ratios, strict=False)]
     (only,) = speed_history.histories(records)
     return only
+
+
+def history_run(machine: str, ratios: Sequence[float], model: str = "pile") -> Run:
+    """Return a run of `history measure` on a machine that the user gave a name."""
+    header = RunHeader(SCHEMA, "history", labelled(machine), {})
+    records = [record(v, r, model) for v, r in zip(VERSIONS, ratios, strict=False)]
+    return Run(header, tuple(records))
+
+
+# A model that becomes slower by a quarter, and the instructions of the releases around the change.
+STEP = history([1.0] * 6 + [1.25] * 6)
+COUNTS = ExplainRecord(
+    model="pile",
+    old="1.5",
+    new="1.6",
+    status=Status.OK,
+    instructions_per_step=Pair(1000.0, 1200.0),
+    outside_per_step=Pair(None, None),
+    work=Pair(None, None),
+    stages={},
+    functions=[
+        FunctionDifference(name="mj_island", old=100.0, new=290.0, difference=190.0),
+        FunctionDifference(name="mj_crb", old=10.0, new=20.0, difference=10.0),
+    ],
+    time=None,
+)
+COUNTED = {("pile", "1.5", "1.6"): COUNTS}

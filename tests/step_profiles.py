@@ -1,11 +1,12 @@
 """A step's profile with round numbers."""
 
-from mjbench.loop.profile import StepProfile, StepTimes
+from mjbench.loop import profile
+from mjbench.loop.profile import ProfileRow, StepTimes
 from mjbench.loop.rendering import FrameTime
 from mjbench.simulation.work import Work
 
 
-def step_profile(clock_ns: float | None = 500.0) -> StepProfile:
+def step_profile(clock_ns: float | None = 500.0) -> ProfileRow:
     """Return the profile of a model with 4 contacts, rendered by EGL alone."""
     steps = StepTimes(
         timestep=0.002,
@@ -17,4 +18,4 @@ def step_profile(clock_ns: float | None = 500.0) -> StepProfile:
         warnings={},
     )
     frames = [FrameTime("egl", 0.01), FrameTime("osmesa", None, "it needs libosmesa6")]
-    return StepProfile("pole", steps, frames)
+    return profile.row("pole", steps, frames)

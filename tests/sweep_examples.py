@@ -7,7 +7,6 @@ from mjbench.host.machine import Machine
 from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.paired.records import TargetRow, VerdictRecord
 from mjbench.releases.installs import ReleaseSpec
-from mjbench.report.kinds import RECORD_TYPES
 from mjbench.simulation import models
 from mjbench.status import Status
 from mjbench.store import run_file, runs
@@ -104,7 +103,7 @@ def node(name: str, label: str = "") -> Node:
 
 def delivered(cell: Cell, on: str = "one", objection: str = "") -> Measured:
     """Return that a node has measured a cell; with an objection, it was busy for 15 s before."""
-    collector = Collector([cell], RECORD_TYPES)
+    collector = Collector([cell])
     (result,) = collector.add([header(), line(verdict(cell))])
     return Measured(on, "", result, 12.0, 15.0 if objection else 0.0, objection)
 

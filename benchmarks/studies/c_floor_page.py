@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from benchmarks.studies.c_floor_tally import FloorRow, FloorTally, Spread
-from mjbench.report import markdown
+from mjbench.pages import markdown
 
 HEADING = (
     f"{'model':18} {'path':17} {'C':>9} {'C+timer':>9} {'Python':>9} {'no timer':>9}"
@@ -48,7 +48,7 @@ def _lines(tally: FloorTally) -> Iterator[str]:
     yield ""
     columns = ["C", "C with a timer", "Python", "Python without the timer"]
     columns += ["Python / C", "without the timer / C"]
-    yield from markdown.table(["model", "path", *columns], map(_cells, rows), columns)
+    yield from markdown.table_lines(["model", "path", *columns], map(_cells, rows), columns)
     yield ""
     cores = f"{described.usable_cores} core{'s' * (described.usable_cores != 1)}"
     kind = "a virtual machine with " if described.hypervisor else ""

@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.studies import simulated_histories
 from benchmarks.studies.simulated_histories import PLANS, RELEASES, Plan, Score
-from mjbench.report.markdown import table
+from mjbench.pages.markdown import table_lines
 from mjbench.status import ExitCode
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "method" / "history-errors.md"
@@ -92,7 +92,7 @@ def _table(scores: dict[Plan, Score]) -> Iterator[str]:
         )
         for plan, score in scores.items()
     )
-    return table(["history of a model", *numbers], rows, right_aligned=numbers)
+    return table_lines(["history of a model", *numbers], rows, right_aligned=numbers)
 
 
 if __name__ == "__main__":

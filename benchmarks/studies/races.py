@@ -380,23 +380,24 @@ def _true_speedups(stored: "RaceRecord") -> list[float]:
 def _one_race(stored: "RaceRecord", rng: np.random.Generator) -> "tuple[RaceRecord, float]":
     """Return a race on launches drawn at random, and the seconds that it took."""
     from mjbench.comparison.plan import BUDGET_S
+    from mjbench.paired.launches import Targets
     from mjbench.paired.race import RaceBudget, race
     from mjbench.paired.race_record import RaceLaunch
 
-    spent_s = 0.0
+    class Drawn(Targets[RaceLaunch]):
+        spent_s = 0.0
 
-    def launch(positions: Sequence[int], is_final: bool) -> RaceLaunch:
-        nonlocal spent_s
-        drawn = stored.launches[rng.integers(len(stored.launches))]
-        ns = [[row[i] for i in positions] for row in drawn.ns]
-        rounds = 1 + _PREPARING_BLOCKS / len(ns)
-        spent_s += _START_S + 1e-9 * rounds * sum(map(sum, ns))
-        return RaceLaunch(drawn.cores, list(positions), ns, is_final)
+        def launch(self, positions: Sequence[int]) -> RaceLaunch:
+            drawn = stored.launches[rng.integers(len(stored.launches))]
+            ns = [[row[i] for i in positions] for row in drawn.ns]
+            rounds = 1 + _PREPARING_BLOCKS / len(ns)
+            self.spent_s += _START_S + 1e-9 * rounds * sum(map(sum, ns))
+            return RaceLaunch(drawn.cores, list(positions), ns)
 
-    entered = replace(stored, launches=())
+    variants, entered = Drawn(), replace(stored, launches=())
     # agreement takes a few seconds of the budget
-    *_, last = race(entered, launch, RaceBudget(BUDGET_S - 5.0, lambda: spent_s))
-    return last, spent_s
+    *_, last = race(entered, variants, RaceBudget(BUDGET_S - 5.0, lambda: variants.spent_s))
+    return last, variants.spent_s
 
 
 def _is_faster_than_itself(record: "RaceRecord") -> bool:

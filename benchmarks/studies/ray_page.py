@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 
 from benchmarks.studies.ray_tally import Overtaking, PathTime, RayModel, RaySize, RayTally
+from mjbench.pages import markdown
 from mjbench.paths import BASE
-from mjbench.report import markdown
 
 
 def page(tally: RayTally) -> str:
@@ -38,7 +38,7 @@ def _lines(tally: RayTally) -> Iterator[str]:
     yield ""
     # the last column is Ray's own
     rivals = tally.models[0].sizes[0].times[:-1]
-    yield from markdown.table(
+    yield from markdown.table_lines(
         ["model", "µs a step", *(rival.column for rival in rivals)],
         (
             [model.model, f"{model.step_us:.3g}", *(_cell(model, rival) for rival in rivals)]
@@ -107,7 +107,7 @@ def _call_table(model: RayModel) -> Iterator[str]:
         [f"{size.nbatch:,}", f"{size.steps:,}", *(_ms(time.ms) for time in size.times)]
         for size in model.sizes
     )
-    yield from markdown.table(columns, rows, columns)
+    yield from markdown.table_lines(columns, rows, columns)
 
 
 def _cost(tally: RayTally) -> Iterator[str]:

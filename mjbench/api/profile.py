@@ -9,7 +9,7 @@ from mjbench.api.measured import Measured
 from mjbench.api.session import Session
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.loop import profile as loop_profile
-from mjbench.loop.profile import ProfileRow, StepProfile, StepTimes
+from mjbench.loop.profile import ProfileRow, StepTimes
 from mjbench.loop.rendering import FrameTime
 
 if TYPE_CHECKING:
@@ -30,21 +30,16 @@ class Profile(Measured):
         return row
 
     @property
-    def step_profile(self) -> StepProfile:
-        """All figures, as they were measured."""
-        profile = self.row.profile()
-        assert profile is not None, "what fails raises"
-        return profile
-
-    @property
     def steps(self) -> StepTimes:
         """Times of a step, in nanoseconds, and the engine's stages."""
-        return self.step_profile.steps
+        steps = self.row.steps
+        assert steps is not None, "what fails raises"
+        return steps
 
     @property
     def frames(self) -> "Sequence[FrameTime]":
         """What rendering a frame costs, by backend."""
-        return self.step_profile.frames
+        return self.row.frames or ()
 
     @property
     def stages(self) -> Mapping[str, float]:
@@ -84,6 +79,6 @@ def profile(
         start_states.plan(settle_s, states) as starts,
         Session("profile", wait) as session,
     ):
-        row = ProfileRow.measured(loop_profile.measure(source, limit_s, starts))
+        row = loop_profile.measure(source, limit_s, starts)
         run = session.run([row], {"models": [source.name]}, [source.path, *starts.files])
         return Profile(run, session.notes())

@@ -73,8 +73,10 @@ def history(
             option = given[0].replace("_", "-")
             raise click.UsageError(f"give --{option} after {ctx.invoked_subcommand}")
         return
+    from mjbench.pages import markdown
     from mjbench.releases import bundle
-    from mjbench.report import history_files, history_plots, speed_across, speed_page
+    from mjbench.report import history as history_sections
+    from mjbench.report import history_across, history_files, history_plots
 
     committed = bundle.default_path().with_name("causes.toml")
     causes = causes or (committed if committed.exists() else None)
@@ -86,14 +88,14 @@ def history(
     try:
         each = history_files.read_each(files, causes, since)
         if len(each) > 1 and machine is None and plots is None:
-            lines = speed_across.lines(each)
+            sections = iter([history_across.section(each)])
         else:
             measured = history_files.choose(each, machine)
             if plots is not None:
                 history_plots.draw(measured, plots)
-            lines = speed_page.lines(measured, _link(plots, output))
-        text = "\n".join(lines)
-        page.write(f"{speed_page.TITLE}\n\n{text}\n")
+            sections = history_sections.sections(measured, has_plots=plots is not None)
+        lines = markdown.document(sections, _link(plots, output))
+        page.write("\n".join(lines) + "\n")
     finally:
         page.close()
 

@@ -103,7 +103,7 @@ def _count_all(
                 before = ()
                 continue
             counts = counter.count(release, selection.sources)
-            counts += counter.count_operations(release, _requests(selection))
+            counts += counter.count(release, _requests(selection))
             for old, new in zip(before, counts, strict=bool(before)):
                 if (old.release, new.release, new.operation or new.model) not in done:
                     record = _record(explainer, old, new)

@@ -24,12 +24,12 @@ def profile(names: tuple[str, ...], **options: Any) -> None:
       mjbench profile humanoid
       mjbench profile robot.mjb --states states.npz
     """
-    from mjbench.loop.profile import ProfileRow, measure
+    from mjbench.loop.profile import measure
     from mjbench.report.kinds import PROFILE
 
     measure_each(
         names,
         PROFILE,
-        lambda source, starts, limit_s: [ProfileRow.measured(measure(source, limit_s, starts))],
+        lambda source, starts, limit_s: [measure(source, limit_s, starts)],
         **options,
     )

@@ -127,7 +127,7 @@ def _cases(
 ) -> list["Case"]:
     """Return the cases of all arms that were asked for."""
     from mjbench.paired import selfcheck_cases
-    from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS
+    from mjbench.releases.release import NO_CHANGE_PAIRS
     from mjbench.simulation import models
 
     few = [models.resolve(name) for name in names or ("cartpole", "humanoid")]

@@ -139,7 +139,6 @@ def _measure(
     address: str | None,
 ) -> "Summary":
     """Measure what is missing on a cluster."""
-    from mjbench.report.kinds import RECORD_TYPES
     from mjbench.sweep.ray_cluster import RayCluster
     from mjbench.sweep.run import Sweep
 
@@ -157,7 +156,7 @@ def _measure(
         def on_result(done: int, cell: "Cell", node: str) -> None:
             advance(done, f"{done} of {count} results; {cell.name} from {node}", 0.0)
 
-        return Sweep(matrix, done, cluster, store, RECORD_TYPES, on_result=on_result).measure()
+        return Sweep(matrix, done, cluster, store, on_result=on_result).measure()
 
 
 def _open(target: Path, on_error: contextlib.ExitStack) -> "RunSetFile":

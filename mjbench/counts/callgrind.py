@@ -21,9 +21,11 @@ functions that it called executed, directly or through others.
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
+from mjbench.counts.records import FunctionCount
 from mjbench.errors import MachineError, describe
 
 # What follows `operator` in the name of one. Longer signs come first, and a template's bracket may
@@ -32,20 +34,6 @@ _OPERATOR = re.compile(
     r"\(\)|\[\]|<=>|->\*|->|<<=|>>=|<<|>>|&&|\|\||\+\+|--|[-+*/%^&|!=<>]=|[-+*/%^&|~!=<>,]"
     r"|[ ]?(new|delete)(\[\])?"
 )
-
-
-@dataclass(frozen=True)
-class FunctionCost:
-    """What one function cost, in instructions.
-
-    Attributes:
-      self_cost: executed by the function itself.
-      inclusive_cost: the same with all that it called.
-    """
-
-    name: str
-    self_cost: int
-    inclusive_cost: int
 
 
 @dataclass(frozen=True)
@@ -95,29 +83,30 @@ class CallgrindProfile:
         """All instructions of the dump."""
         return sum(self.self_cost.values())
 
-    def inclusive(self, name: str) -> int:
-        """Return the instructions of a function with all that it called.
+    @cached_property
+    def inclusive_cost(self) -> Counter[str]:
+        """Instructions of each function with all that it called, by name.
 
         Calls of itself are left out: the outermost call already includes them.
         """
-        return self.self_cost.get(name, 0) + sum(
-            cost for (caller, callee), cost in self.arcs.items() if caller == name != callee
-        )
-
-    def costs(self) -> list[FunctionCost]:
-        """Return all functions, costliest first."""
-        inclusive = dict(self.self_cost)
+        inclusive = Counter(self.self_cost)
         for (caller, callee), cost in self.arcs.items():
             if caller != callee:
-                inclusive[caller] = inclusive.get(caller, 0) + cost
-        costs = [
-            FunctionCost(name, self.self_cost.get(name, 0), cost)
-            for name, cost in inclusive.items()
-        ]
-        return sorted(costs, key=lambda cost: (-cost.self_cost, cost.name))
+                inclusive[caller] += cost
+        return inclusive
 
-    def reachable_from(self, root: str) -> list[FunctionCost]:
-        """Return the functions that `root` calls, directly or not, and itself; costliest first."""
+    def counts(self, names: Iterable[str], repeats: int) -> list[FunctionCount]:
+        """Return what functions cost in one of `repeats` equal pieces of work, costliest first."""
+        counts = [
+            FunctionCount(
+                name, self.self_cost.get(name, 0) / repeats, self.inclusive_cost[name] / repeats
+            )
+            for name in names
+        ]
+        return sorted(counts, key=lambda count: (-count.self, count.name))
+
+    def reachable_from(self, root: str) -> set[str]:
+        """Return the functions that `root` calls, directly or not, and itself."""
         callees: dict[str, set[str]] = defaultdict(set)
         for caller, callee in self.arcs:
             callees[caller].add(callee)
@@ -125,11 +114,7 @@ class CallgrindProfile:
         while frontier:
             frontier = set().union(*(callees[name] for name in frontier)) - reached
             reached |= frontier
-        costs = [
-            FunctionCost(name, self.self_cost.get(name, 0), self.inclusive(name))
-            for name in reached
-        ]
-        return sorted(costs, key=lambda cost: (-cost.self_cost, cost.name))
+        return reached
 
 
 def parse(text: str) -> CallgrindProfile:

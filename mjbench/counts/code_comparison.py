@@ -56,7 +56,7 @@ class CodeComparer:
     def __init__(self, read: Callable[[Path], SharedLibrary] = shared_library.read) -> None:
         """Start without libraries; `read` returns that of a file."""
         self._read = read
-        self._libraries: dict[str, _Library] = {}
+        self._libraries: dict[str, SharedLibrary] = {}
 
     def compare(self, baseline: Places, candidate: Places) -> CodeChanges:
         """Return how the code of the executed functions changed.
@@ -79,12 +79,12 @@ class CodeComparer:
     def _executed(self, places: Places) -> "_Executed":
         """Return the functions of the engine that a release executes."""
         file = _engine_file(places)
-        library = self._libraries.pop(file, None) or _Library(self._read(Path(file)))
+        library = self._libraries.pop(file, None) or self._read(Path(file))
         self._libraries[file] = library  # the one used last comes last
         if len(self._libraries) > _MAX_LIBRARIES:
             del self._libraries[next(iter(self._libraries))]
         functions = {
-            name: library.functions_at(place.addresses)
+            name: sorted({symbol for at in place.addresses for symbol in library.at(at)})
             for name, in_files in places.items()
             for place in in_files
             if place.library == file
@@ -106,51 +106,23 @@ def _engine_file(places: Places) -> str:
     raise MachineError(f"Callgrind does not say in which library {ENGINE} is")
 
 
-class _Library:
-    """A library whose functions are decoded when they are asked for."""
-
-    def __init__(self, library: SharedLibrary):
-        self._library = library
-        self._decoded: dict[int, list[Instruction]] = {}
-
-    def functions_at(self, addresses: Iterable[int]) -> list[Symbol]:
-        """Return the functions to which instructions belong, by all of their names."""
-        return sorted({symbol for address in addresses for symbol in self._library.at(address)})
-
-    def named_like(self, symbols: Iterable[Symbol]) -> list[Symbol]:
-        """Return the functions of this library that have a name of those of another one."""
-        names = {source_name(symbol.name) for symbol in symbols}
-        return sorted({twin for name in names for twin in self._library.named(name)})
-
-    def decoded(self, symbol: Symbol) -> list[Instruction]:
-        """Return the instructions of a function."""
-        if symbol.address not in self._decoded:
-            code, surroundings = self._library.code_of(symbol), self._library.surroundings
-            self._decoded[symbol.address] = machine_code.decode(code, symbol.address, surroundings)
-        return self._decoded[symbol.address]
-
-    def main_code(self, symbols: Sequence[Symbol]) -> list[Instruction]:
-        """Return the instructions of the longest of the parts of a function."""
-        return self.decoded(max(symbols, key=lambda symbol: symbol.size_bytes))
-
-
 @dataclass(frozen=True)
 class _Executed:
     """The functions of the engine that one release executes; their symbols by Callgrind's name."""
 
-    library: _Library
+    library: SharedLibrary
     functions: Mapping[str, Sequence[Symbol]]
 
 
 def _engine_changes(old: _Executed, new: _Executed) -> CodeChanges:
     """Return how the functions of the engine changed."""
     gone = {
-        name: old.library.main_code(symbols)
+        name: _main_code(old.library, symbols)
         for name, symbols in old.functions.items()
         if name not in new.functions and not _has_twin(old.library, symbols, new.library)
     }
     fresh = {
-        name: new.library.main_code(symbols)
+        name: _main_code(new.library, symbols)
         for name, symbols in new.functions.items()
         if name not in old.functions and not _has_twin(new.library, symbols, old.library)
     }
@@ -170,10 +142,21 @@ def _engine_changes(old: _Executed, new: _Executed) -> CodeChanges:
     return CodeChanges(changes, old_names)
 
 
-def _has_twin(library: _Library, symbols: Sequence[Symbol], other: _Library) -> bool:
+def _main_code(library: SharedLibrary, symbols: Sequence[Symbol]) -> list[Instruction]:
+    """Return the instructions of the longest of the parts of a function."""
+    return library.decoded(max(symbols, key=lambda symbol: symbol.size_bytes))
+
+
+def _has_twin(library: SharedLibrary, symbols: Sequence[Symbol], other: SharedLibrary) -> bool:
     """Return whether another library has the same function, and not only one of its name."""
-    code = library.main_code(symbols)
-    return any(is_same_function(code, other.decoded(twin)) for twin in other.named_like(symbols))
+    code = _main_code(library, symbols)
+    return any(is_same_function(code, other.decoded(twin)) for twin in _named_like(symbols, other))
+
+
+def _named_like(symbols: Iterable[Symbol], library: SharedLibrary) -> list[Symbol]:
+    """Return the functions of a library that have a name of those of another one."""
+    names = {source_name(symbol.name) for symbol in symbols}
+    return sorted({twin for name in names for twin in library.named(name)})
 
 
 def _change(
@@ -187,8 +170,9 @@ def _change(
     old_parts, new_parts = old.functions.get(old_name, ()), new.functions.get(new_name, ())
     old_choices, new_choices = old_parts, new_parts
     if old_name == new_name:  # also parts that only one of the releases happens to execute
-        old_choices = old.library.named_like([*old_parts, *new_parts])
-        new_choices = new.library.named_like([*old_parts, *new_parts])
+        old_choices, new_choices = (
+            _named_like([*old_parts, *new_parts], library) for library in (old.library, new.library)
+        )
     if not old_choices or not new_choices:
         return CodeChange.GONE if old_choices else CodeChange.NEW
 

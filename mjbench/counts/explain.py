@@ -42,12 +42,6 @@ REPEATABILITY = 0.001
 DISAGREEMENT = 0.03
 
 
-def stage_pairs(baseline: ModelCount, candidate: ModelCount) -> dict[str, tuple[float, float]]:
-    """Return the instructions per step of every stage: (baseline, candidate)."""
-    before, after = baseline.stages or {}, candidate.stages or {}
-    return {stage: (before.get(stage, 0.0), after.get(stage, 0.0)) for stage in {**before, **after}}
-
-
 def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRecord) -> list[str]:
     """Return lines that say what changed: instructions, work, code, or the time alone."""
     assert baseline.instructions_per_step
@@ -143,6 +137,7 @@ class Explainer:
             except MachineError as error:
                 code_detail = str(error)
         functions = function_differences(baseline, candidate, code)
+        before, after = baseline.stages or {}, candidate.stages or {}
         return ExplainRecord(
             model=candidate.model,
             operation=candidate.operation,
@@ -154,7 +149,10 @@ class Explainer:
             ),
             outside_per_step=Pair(baseline.outside_per_step, candidate.outside_per_step),
             work=Pair(baseline.work, candidate.work),
-            stages={stage: Pair(*pair) for stage, pair in stage_pairs(baseline, candidate).items()},
+            stages={
+                stage: Pair(before.get(stage, 0.0), after.get(stage, 0.0))
+                for stage in {**before, **after}
+            },
             functions=[function for function in functions if is_different(function)],
             code=code_shares(functions) if code else None,
             code_detail=code_detail,

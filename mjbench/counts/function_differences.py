@@ -1,4 +1,10 @@
-"""Match the functions of two counts: what each executes, how its code changed, what cost moved."""
+"""Match the functions of two counts: what each executes, how its code changed, what cost moved.
+
+A compiler that inlines a function moves its instructions to the caller; one that no longer does, or
+a programmer who splits a function, moves them out of it. The caller's code has then changed, it
+costs about as much more as its callee costs less, or the other way round, and neither difference is
+a change of speed.
+"""
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -7,11 +13,18 @@ from dataclasses import dataclass, field, replace
 from pathlib import PurePath
 
 from mjbench.counts.instructions import ModelCount
-from mjbench.counts.moved_cost import moved_cost
 from mjbench.counts.records import OTHER_CODE, CodeChange, CodeShare, FunctionDifference
 
 # The smallest cost whose move is reported, as a share of a step.
 MIN_MOVED = 0.001
+# What is left of a difference that moved may be at most this share of it. The rest of the change is
+# real: calls that are saved, or code that the compiler optimised better where it is inlined.
+MAX_REST = 0.25
+# A callee whose cost changed by a smaller share was neither inlined nor split off: both it and its
+# caller rather changed for reasons of their own.
+MIN_CALLEE_CHANGE = 0.25
+# A function that takes over less than this share of a difference has no part in the move.
+MIN_PART = 0.05
 # As many functions are named of those that account for a change.
 MAIN_FUNCTIONS = 3
 # Functions without a name in the symbol table: Callgrind writes their address instead.
@@ -130,12 +143,60 @@ def _mark_moved(
     functions: dict[str, FunctionDifference], calls: AbstractSet[tuple[str, str]], min_cost: float
 ) -> None:
     """Set `moved_with` of the functions between which cost moved."""
-    costs = {name: (f.old or 0.0, f.new or 0.0) for name, f in functions.items()}
-    changes = {name: function.code for name, function in functions.items() if function.code}
-    for group in moved_cost(costs, changes, calls, min_cost):
+    for group in moved_cost(functions, calls, min_cost):
         ordered = sorted(group, key=lambda name: -abs(functions[name].difference))
         for name in ordered:
             others = [
                 o for o in ordered if functions[o].difference * functions[name].difference < 0
             ]
             functions[name] = replace(functions[name], moved_with=others)
+
+
+def moved_cost(
+    functions: Mapping[str, FunctionDifference], calls: Iterable[tuple[str, str]], min_cost: float
+) -> list[AbstractSet[str]]:
+    """Return groups of functions between which cost moved, by name, the largest first.
+
+    Args:
+      calls: (caller, callee) in either release.
+      min_cost: smallest difference to account for, in instructions per step.
+    """
+    neighbours: dict[str, set[str]] = defaultdict(set)
+    for caller, callee in calls:
+        # other callers cannot have taken over, or given up, instructions of a callee
+        has_other_code = caller in functions and functions[caller].code in OTHER_CODE
+        if has_other_code and callee in functions and _changed_much(functions[callee]):
+            neighbours[caller].add(callee)
+            neighbours[callee].add(caller)
+    groups: list[AbstractSet[str]] = []
+    grouped: set[str] = set()
+    for function in sorted(functions.values(), key=_largest_first):
+        if function.name in grouped or abs(function.difference) < min_cost:
+            continue
+        others = [functions[name] for name in neighbours[function.name] - grouped]
+        partners = _partners(function.difference, others)
+        if partners:
+            groups.append({function.name, *partners})
+            grouped |= groups[-1]
+    return groups
+
+
+def _changed_much(callee: FunctionDifference) -> bool:
+    largest = max(callee.old or 0.0, callee.new or 0.0)
+    return abs(callee.difference) >= MIN_CALLEE_CHANGE * largest
+
+
+def _largest_first(function: FunctionDifference) -> tuple[float, str]:
+    return -abs(function.difference), function.name
+
+
+def _partners(total: float, neighbours: Iterable[FunctionDifference]) -> AbstractSet[str]:
+    """Return which neighbours took over a difference, or gave it up; empty if it did not move."""
+    rest, partners = total, set()
+    for other in sorted(neighbours, key=_largest_first):
+        part = other.difference
+        is_part = total * part < 0 and abs(part) >= MIN_PART * abs(total)
+        if is_part and abs(rest + part) < abs(rest):
+            partners.add(other.name)
+            rest += part
+    return partners if abs(rest) <= MAX_REST * abs(total) else set()

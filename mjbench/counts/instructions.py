@@ -30,7 +30,7 @@ from mjbench.counts.counted_program import (
     OperationRequest,
     TaskRequest,
 )
-from mjbench.counts.records import FunctionCount, InstructionsRecord
+from mjbench.counts.records import InstructionsRecord
 from mjbench.counts.stages import ENGINE, instructions_by_stage
 from mjbench.errors import Failure, MachineError, writing
 from mjbench.host import child, child_connection, platforms, scratch
@@ -132,41 +132,28 @@ class InstructionCounter:
         self._workload_files[source] = file
 
     def count(
-        self, release: installs.ReleaseSpec, sources: Sequence[ModelSource], limit_s: float = 600.0
-    ) -> list[ModelCount]:
-        """Count the instructions of models in one release.
-
-        Args:
-          limit_s: kill the process when it finishes no model for this long.
-
-        Returns:
-          One count per model, in their order; a model that failed says so in its status.
-
-        Raises:
-          InputError: the release does not exist.
-          MachineError: the release cannot be installed, or valgrind fails.
-        """
-        return _count(release, [self._request(source) for source in sources], limit_s)
-
-    def count_operations(
         self,
         release: installs.ReleaseSpec,
-        operations: Sequence[OperationRequest],
+        work: Sequence[ModelSource | OperationRequest],
         limit_s: float = 600.0,
     ) -> list[ModelCount]:
-        """Count the instructions of operations around the step in one release.
+        """Count the instructions of models' steps, and of operations around the step.
 
         Args:
-          limit_s: kill the process when it finishes no operation for this long.
+          limit_s: kill the process when it finishes nothing for this long.
 
         Returns:
-          One count per operation, in their order; what the release cannot do is unavailable.
+          One count for each, in their order; what failed, or the release cannot do, says so in its
+          status.
 
         Raises:
           InputError: the release does not exist.
           MachineError: the release cannot be installed, or valgrind fails.
         """
-        return _count(release, operations, limit_s)
+        requests = [
+            each if isinstance(each, OperationRequest) else self._request(each) for each in work
+        ]
+        return _count(release, requests, limit_s)
 
     def _request(self, source: ModelSource) -> ModelRequest:
         unused = self._folder / f"{len(self._workload_files)}.pickle"
@@ -303,70 +290,50 @@ def _task_count(
     if isinstance(answer, Failure):
         return _failed(task, release, answer)
     profile, repeated = (callgrind.parse(child.text(dump)) for dump in dumps)
-    if isinstance(task, OperationRequest):
-        assert isinstance(answer, CountedOperation), "the program answers what it was asked"
-        return _operation_count(release, task, answer, profile, repeated)
-    assert isinstance(answer, CountedWork), "the program answers what it was asked"
-    return _model_count(release, task, answer, profile, repeated)
+    empty = _empty_count(task, release)
+    if isinstance(answer, CountedOperation):
+        return _operation_count(empty, answer.repeats, profile, repeated)
+    return _model_count(empty, answer, profile, repeated)
 
 
 def _operation_count(
-    release: installs.ReleaseSpec,
-    task: OperationRequest,
-    counted: CountedOperation,
-    profile: CallgrindProfile,
-    repeated: CallgrindProfile,
+    empty: ModelCount, repeats: int, profile: CallgrindProfile, repeated: CallgrindProfile
 ) -> ModelCount:
     """Return the count of one operation: the mean of its two passes.
 
     Some work may move from one pass to the other. Once, it was 3 % of the instructions of a load,
     and the mean was right.
     """
-    both, repeats = profile + repeated, 2 * counted.repeats
-    executed = {cost.name: cost for cost in both.costs() if cost.self_cost}
-    return ModelCount(
-        model=task.source.name if task.source else "",
-        operation=task.operation,
-        release=release.version,
-        build=release.key,
-        instructions_per_step=both.total / repeats,
-        functions=[
-            FunctionCount(cost.name, cost.self_cost / repeats, cost.inclusive_cost / repeats)
-            for cost in executed.values()
-        ],
+    both = profile + repeated
+    executed = {name for name, cost in both.self_cost.items() if cost}
+    return replace(
+        empty,
+        instructions_per_step=both.total / (2 * repeats),
+        functions=both.counts(executed, 2 * repeats),
         repeats=abs(repeated.total / profile.total - 1),
         places={name: both.places[name] for name in executed},
-        calls={arc for arc in both.arcs if executed.keys() >= {*arc}},
+        calls={arc for arc in both.arcs if executed.issuperset(arc)},
     )
 
 
 def _model_count(
-    release: installs.ReleaseSpec,
-    task: ModelRequest,
-    counted: CountedWork,
-    profile: CallgrindProfile,
-    repeated: CallgrindProfile,
+    empty: ModelCount, counted: CountedWork, profile: CallgrindProfile, repeated: CallgrindProfile
 ) -> ModelCount:
     """Return the count of one model, from the profiles of its two passes."""
-    steps, engine = counted.steps, profile.inclusive(ENGINE)
+    steps, engine = counted.steps, profile.inclusive_cost[ENGINE]
     if engine == 0:
-        raise MachineError(f"Callgrind saw no {ENGINE} in MuJoCo {release.version}")
-    costs = profile.reachable_from(ENGINE)
-    executed = {cost.name for cost in costs if cost.self_cost}
-    return ModelCount(
-        model=task.source.name,
-        release=release.version,
-        build=release.key,
+        raise MachineError(f"Callgrind saw no {ENGINE} in MuJoCo {empty.release}")
+    of_engine = profile.reachable_from(ENGINE)
+    executed = {name for name in of_engine if profile.self_cost.get(name)}
+    return replace(
+        empty,
         instructions_per_step=engine / steps,
         outside_per_step=(profile.total - engine) / steps,
-        functions=[
-            FunctionCount(cost.name, cost.self_cost / steps, cost.inclusive_cost / steps)
-            for cost in costs
-        ],
+        functions=profile.counts(of_engine, steps),
         stages={stage: cost / steps for stage, cost in instructions_by_stage(profile).items()},
         steps=steps,
         work=counted.work,
-        repeats=abs(repeated.inclusive(ENGINE) / engine - 1),
+        repeats=abs(repeated.inclusive_cost[ENGINE] / engine - 1),
         diverged=counted.diverged,
         warnings=counted.warnings,
         starts=counted.starts,
@@ -378,11 +345,14 @@ def _model_count(
 
 
 def _failed(task: TaskRequest, release: installs.ReleaseSpec, failure: Failure) -> ModelCount:
+    return replace(_empty_count(task, release), status=failure.status, detail=failure.detail)
+
+
+def _empty_count(task: TaskRequest, release: installs.ReleaseSpec) -> ModelCount:
+    """Return the count of a task that says what was counted, and nothing else."""
     return ModelCount(
         model=task.source.name if task.source else "",
         operation=task.operation if isinstance(task, OperationRequest) else "",
         release=release.version,
         build=release.key,
-        status=failure.status,
-        detail=failure.detail,
     )

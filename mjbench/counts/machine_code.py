@@ -73,14 +73,6 @@ class Instruction:
         return not self.shape
 
 
-def _unnamed(address: int) -> str | None:
-    return None
-
-
-def _not_constant(address: int, size_bytes: int) -> bytes | None:
-    return None
-
-
 @dataclass(frozen=True)
 class Surroundings:
     """What a function's code refers to.
@@ -91,8 +83,8 @@ class Surroundings:
         or where they depend on the address at which the library is loaded.
     """
 
-    name_at: Callable[[int], str | None] = _unnamed
-    constant_at: Callable[[int, int], bytes | None] = _not_constant
+    name_at: Callable[[int], str | None] = lambda address: None
+    constant_at: Callable[[int, int], bytes | None] = lambda address, size_bytes: None
 
 
 def decode(code: bytes, address: int, surroundings: Surroundings) -> list[Instruction]:

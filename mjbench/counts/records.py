@@ -162,6 +162,12 @@ class ExplainRecord:
         """Which rows are of the same thing, in other releases; its name for people."""
         return self.operation or self.model
 
+    @property
+    def instruction_ratio(self) -> float | None:
+        """New over old instructions of a step; None where one was not counted."""
+        old, new = self.instructions_per_step.old, self.instructions_per_step.new
+        return new / old if old and new else None
+
 
 def finished(records: Sequence[object]) -> list[ExplainRecord]:
     """Return the records of a run file that need not be counted again when it is continued."""

@@ -5,7 +5,7 @@ ELF files for x86-64 with a symbol table only: those of MuJoCo's wheels for Linu
 
 import bisect
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,8 +17,9 @@ from elftools.elf.relocation import RelocationSection
 from elftools.elf.sections import Section as ElfSection
 from elftools.elf.sections import SymbolTableSection
 
+from mjbench.counts import machine_code
 from mjbench.counts.callgrind import source_name
-from mjbench.counts.machine_code import Surroundings
+from mjbench.counts.machine_code import Instruction, Surroundings
 from mjbench.errors import MachineError, describe
 
 # Sections of stubs, by which code calls functions of other libraries: 16 bytes each, `jmp [slot]`.
@@ -53,13 +54,6 @@ class Section:
     address: int
     content: bytes
 
-    def read(self, address: int, size_bytes: int) -> bytes | None:
-        """Return bytes at an address; None where they are not all in the section."""
-        begin = address - self.address
-        if begin < 0 or begin + size_bytes > len(self.content):
-            return None
-        return self.content[begin : begin + size_bytes]
-
 
 @dataclass(frozen=True)
 class SharedLibrary:
@@ -91,23 +85,26 @@ class SharedLibrary:
         """
         return self._by_name.get(name, [])
 
-    def code_of(self, symbol: Symbol) -> bytes:
-        """Return the code of a function."""
-        contents = (section.read(symbol.address, symbol.size_bytes) for section in self.code)
-        return next((code for code in contents if code is not None), b"")
+    def decoded(self, symbol: Symbol) -> list[Instruction]:
+        """Return the instructions of a function, which are decoded once."""
+        if symbol.address not in self._decoded:
+            code = _content(self.code, symbol.address, symbol.size_bytes) or b""
+            surroundings = Surroundings(self.name_at, self.constant_at)
+            self._decoded[symbol.address] = machine_code.decode(code, symbol.address, surroundings)
+        return self._decoded[symbol.address]
 
-    @cached_property
-    def surroundings(self) -> Surroundings:
-        """What code of this library refers to."""
-        return Surroundings(self._name_at, self._constant_at)
-
-    def _name_at(self, address: int) -> str | None:
+    def name_at(self, address: int) -> str | None:
+        """Return the name of the function at an address; see `Surroundings`."""
         symbols = self.at(address)
         return source_name(symbols[0].name) if symbols else self.imported.get(address)
 
-    def _constant_at(self, address: int, size_bytes: int) -> bytes | None:
-        contents = (section.read(address, size_bytes) for section in self.constants)
-        return next((content for content in contents if content is not None), None)
+    def constant_at(self, address: int, size_bytes: int) -> bytes | None:
+        """Return constant data at an address; see `Surroundings`."""
+        return _content(self.constants, address, size_bytes)
+
+    @cached_property
+    def _decoded(self) -> dict[int, list[Instruction]]:
+        return {}
 
     @cached_property
     def _addresses(self) -> list[int]:
@@ -119,6 +116,15 @@ class SharedLibrary:
         for symbol in self.symbols:
             by_name[source_name(symbol.name)].append(symbol)
         return by_name
+
+
+def _content(sections: Iterable[Section], address: int, size_bytes: int) -> bytes | None:
+    """Return bytes at an address; None where they are not all in one section."""
+    for section in sections:
+        begin = address - section.address
+        if begin >= 0 and begin + size_bytes <= len(section.content):
+            return section.content[begin : begin + size_bytes]
+    return None
 
 
 def read(file: Path) -> SharedLibrary:

@@ -50,7 +50,7 @@ def instructions_by_stage(profile: CallgrindProfile) -> dict[str, int]:
             stage = stage_of(callee)
             if stage is not None:
                 costs[stage] += cost
-    costs["other"] = profile.inclusive(ENGINE) - sum(costs.values())
+    costs["other"] = profile.inclusive_cost[ENGINE] - sum(costs.values())
     return costs
 
 

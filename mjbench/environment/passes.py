@@ -8,7 +8,7 @@ import random
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from mjbench.host.isolate import Channel
 from mjbench.measuring import timing
 from mjbench.measuring.timing import Contender
 
+_T = TypeVar("_T")
 # The fewest and most rounds; a 95 % interval needs six.
 LEAST_ROUNDS, MOST_ROUNDS = 7, 100
 # A child may be silent for this many times as long as its work should take.
@@ -49,6 +50,14 @@ def send_rounds(time_round: Callable[[], object], budget_s: float, channel: Chan
         channel.send(results.pop())
         longest_s = max(longest_s, seconds)
         channel.allow_silence(PATIENCE * longest_s)
+
+
+def in_random_order(turns: Sequence[Callable[[], _T]], rng: random.Random) -> list[_T]:
+    """Call each function once, in random order; return their results in the order given."""
+    order = list(range(len(turns)))
+    rng.shuffle(order)
+    results = {index: turns[index]() for index in order}
+    return [results[index] for index in range(len(turns))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,10 +103,7 @@ class EnvironmentPasses:
         Args:
           heartbeat: called after every step, untimed.
         """
-        replay = _Replay(self, self._begin_plain, heartbeat, Fingerprint())
-        while replay.run_episode():
-            pass
-        return replay.result()
+        return _Replay(self, self._begin_plain, heartbeat, Fingerprint()).run()
 
     def recorded(self, watch: EngineWatch, heartbeat: Callable[[], None]) -> Pass:
         """Return a pass that `watch` watches; its times include the watching."""
@@ -107,11 +113,8 @@ class EnvironmentPasses:
             watch.begin_episode()
             return self._timed(lambda action: watch.run(lambda: step(action)))
 
-        replay = _Replay(self, begin_episode, heartbeat, Fingerprint())
         with watch.watching():
-            while replay.run_episode():
-                pass
-        return replay.result()
+            return _Replay(self, begin_episode, heartbeat, Fingerprint()).run()
 
     def side_by_side(self, elsewhere: Sequence[Binding], rng: random.Random) -> tuple[Pass, Pass]:
         """Return a plain pass and a layered one, which take turns from episode to episode.
@@ -180,6 +183,12 @@ class _Replay:
         self._reset_ns: list[int] = []
         self._lengths: list[int] = []
         self._number = 0
+
+    def run(self) -> Pass:
+        """Run all episodes."""
+        while self.run_episode():
+            pass
+        return self.result()
 
     def run_episode(self) -> bool:
         """Reset, take the steps of the next episode, and return whether more follow."""

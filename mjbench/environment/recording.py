@@ -6,21 +6,24 @@ to the last bit. What is written to the state between calls is noted by field, a
 change of the model.
 """
 
+import collections
+import copy
 import functools
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from mjbench.environment import engine
-from mjbench.environment.model_changes import ModelChange, ModelVersions, Moment
 from mjbench.loop.engine_functions import STEPPING, EngineFunction
 from mjbench.simulation import agreement, compat
 from mjbench.simulation.agreement import Difference
+from mjbench.simulation.model_guard import ModelGuard
 from mjbench.simulation.state_reader import StateReader
 
 # `mj_step` does a whole step, `mj_step1` begins one, and `mj_step2` ends it.
@@ -30,6 +33,26 @@ _INTEGRATORS = ("mj_Euler", "mj_RungeKutta", "mj_implicit", "mj_implicitFast")
 _WATCHED = (_STEP, _BEGIN, _END, *_INTEGRATORS)
 # Callbacks of the engine that change what a step computes.
 _CALLBACKS = ("passive", "control", "contactfilter", "sensor", "act_dyn", "act_gain", "act_bias")
+
+
+class Moment(StrEnum):
+    """When an environment changes its model."""
+
+    RESET = "by a reset"
+    STEP = "between steps"
+
+
+@dataclass(frozen=True)
+class ModelChange:
+    """A change of the model that an environment makes.
+
+    Attributes:
+      field: the first one that differs, such as `opt.gravity`.
+    """
+
+    field: str
+    moment: Moment
+    count: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +65,8 @@ class StepTrace:
       control: (nstep, nu) of every step of the engine.
       calls: functions of the engine in their order, such as `mj_step2`, with the steps that each
         takes.
-      written: fields other than ctrl that were written between two calls.
+      entered: fields other than ctrl that were written before the first call that ends a step.
+      written: those that were written between later calls.
       follows: whether the step before was of the same episode and the same simulation.
       is_same_model: whether the model was the same at the end of the environment's step.
     """
@@ -87,14 +111,39 @@ class Recording:
     other_calls: bool
 
 
+@dataclass(frozen=True, eq=False)
+class _Call:
+    """A call of the engine: the steps that it ends, and the states before and after it."""
+
+    name: str
+    nstep: int
+    before: np.ndarray
+    after: np.ndarray
+
+
+@dataclass(eq=False)
+class _OpenStep:
+    """A step of the environment that is being taken.
+
+    Attributes:
+      model: of its first call, as `data` and `reader` are; None before it.
+    """
+
+    model: Any = None
+    data: Any = None
+    reader: StateReader | None = None
+    version: int = 0
+    calls: list[_Call] = field(default_factory=list)
+
+
 class EngineWatch:
     """Watches the engine's functions while an environment steps."""
 
     def __init__(self) -> None:
         self._thread = threading.get_ident()
-        self._versions = ModelVersions()
+        self._versions = _ModelVersions()
         self._traces: list[StepTrace | None] = []
-        self._current: _OpenTrace | None = None
+        self._current: _OpenStep | None = None
         self._last_data: Any = None
         self._last_row: np.ndarray | None = None
         self._plain_steps = _PlainSteps(mujoco.mj_step)
@@ -117,18 +166,43 @@ class EngineWatch:
 
     def run(self, step: Callable[[], Any]) -> Any:
         """Run one step of the environment, and return its result."""
-        self._current = _OpenTrace()
+        current = self._current = _OpenStep()
         try:
             outcome = step()
         finally:
-            trace, self._current = self._current, None
-        if trace.model is None or trace.start is None:
-            self._traces.append(None)
-            return outcome
-        self._versions.moment = Moment.STEP
-        is_same = self._versions.of(trace.model) == trace.version
-        self._traces.append(trace.closed(is_same))
+            self._current = None
+        self._traces.append(self._trace(current))
+        if current.calls:
+            self._last_data, self._last_row = current.data, current.calls[-1].after
         return outcome
+
+    def _trace(self, step: _OpenStep) -> StepTrace | None:
+        """Return the trace of a step that is over; None where it did not step the engine."""
+        ending = [i for i, call in enumerate(step.calls) if call.nstep]
+        if not ending:
+            return None
+        assert step.reader is not None, "it is that of the first call"
+        follows = step.data is self._last_data
+        afters = [self._last_row if follows else None, *(call.after for call in step.calls)]
+        written = [
+            set() if after is None else step.reader.differing(after, call.before)
+            for after, call in zip(afters, step.calls, strict=False)
+        ]
+        controls = step.reader.columns.get("ctrl", slice(0, 0))
+        self._versions.moment = Moment.STEP
+        return StepTrace(
+            version=step.version,
+            start=step.calls[ending[0]].before,
+            end=step.calls[ending[-1]].after,
+            control=np.array(
+                [call.before[controls] for call in step.calls for _ in range(call.nstep)]
+            ),
+            calls=tuple((call.name, call.nstep) for call in step.calls),
+            entered=frozenset().union(*written[: ending[0] + 1]),
+            written=frozenset().union(*written[ending[0] + 1 :]),
+            follows=follows,
+            is_same_model=self._versions.of(step.model) == step.version,
+        )
 
     def recording(self) -> Recording:
         """Return what was seen."""
@@ -139,14 +213,12 @@ class EngineWatch:
         ]
         if installed:
             self._obstacles.append(f"installs a callback of the engine, {installed[0]}")
-        version, model = self._versions.most_used()
         return Recording(
             tuple(self._traces),
             self._plain_steps.checked,
             self._plain_steps.difference,
             self._versions.changes(),
-            version,
-            model,
+            *self._versions.most_used,
             self._obstacles[0] if self._obstacles else "",
             self._other_calls,
         )
@@ -161,46 +233,38 @@ class EngineWatch:
             if threading.get_ident() != self._thread:
                 self._obstacles.append("steps the engine in threads of its own")
                 return function(*arguments, **keywords)
-            if self._current is None:  # a reset, or Python that runs between steps
-                return function(*arguments, **keywords)
             given = (*arguments, *keywords.values())
             model = next((a for a in given if isinstance(a, mujoco.MjModel)), None)
             data = next((a for a in given if isinstance(a, mujoco.MjData)), None)
-            if model is None or data is None:
+            # a reset, or Python that runs between steps, is no step
+            if self._current is None or not self._begin_call(self._current, name, model, data):
                 return function(*arguments, **keywords)
-            nstep = _nstep(name, arguments, keywords)
-            self._before(name, nstep, model, data)
+            reader, nstep = self._reader(model), _nstep(name, arguments, keywords)
+            before = reader.read(model, data)
             result = function(*arguments, **keywords)
-            self._after(nstep, model, data)
+            after = reader.read(model, data)
+            if nstep:
+                number = len(self._traces)
+                self._plain_steps.check(reader, model, before, after, nstep, number)
+            self._current.calls.append(_Call(name, nstep, before, after))
             return result
 
         return call
 
-    def _before(self, name: str, nstep: int, model: Any, data: Any) -> None:
-        """Note the state that a call begins with, and what was written since the call before."""
-        trace = self._current
-        assert trace is not None, "a step is being run"
-        reader = self._reader(model)
-        row = reader.read(model, data)
-        if trace.model is None:
-            trace.model, trace.version = model, self._versions.of(model)
-            trace.follows = data is self._last_data
+    def _begin_call(self, step: _OpenStep, name: str, model: Any, data: Any) -> bool:
+        """Return whether a call is recorded; note what no plain loop can do."""
+        if model is None or data is None:
+            return False
+        if step.model is None:
+            step.model, step.data, step.reader = model, data, self._reader(model)
+            step.version = self._versions.of(model)
             self._versions.count()
-        elif data is not self._last_data or model is not trace.model:
+        if data is not step.data or model is not step.model:
             self._obstacles.append("steps several simulations")
-        if data is self._last_data and self._last_row is not None:
-            # what was written before the first step of the engine is part of the start
-            written = trace.entered if trace.start is None else trace.written
-            written |= reader.differing(self._last_row, row)
+            return False
         if name in _INTEGRATORS:
             self._obstacles.append(f"integrates by {name} instead of mj_step")
-        if nstep:
-            if trace.start is None:
-                trace.start = row
-            controls = row[reader.columns.get("ctrl", slice(0, 0))]
-            trace.control.extend([controls] * nstep)
-        trace.calls.append((name, nstep))
-        self._last_row = row
+        return True
 
     def _reader(self, model: Any) -> StateReader:
         """Return what reads the states of a model; prepared once per model."""
@@ -208,48 +272,43 @@ class EngineWatch:
             self._reader_of = (model, StateReader(model))
         return self._reader_of[1]
 
-    def _after(self, nstep: int, model: Any, data: Any) -> None:
-        """Note the state that a call ended in; repeat the call, and compare."""
-        trace = self._current
-        assert trace is not None and self._last_row is not None, "a step is being run"
-        reader = self._reader(model)
-        row = reader.read(model, data)
-        if nstep:
-            number = len(self._traces)
-            self._plain_steps.check(reader, model, self._last_row, row, nstep, number)
-            trace.end = row
-        self._last_row, self._last_data = row, data
 
+class _ModelVersions:
+    """Numbers the contents that an environment's model has had.
 
-@dataclass(eq=False)
-class _OpenTrace:
-    """A step that is being taken; see `StepTrace`."""
+    Attributes:
+      moment: when the next change is made.
+      most_used: number of the content that most steps were taken with, and a copy of it.
+    """
 
-    model: Any = None
-    version: int = 0
-    start: np.ndarray | None = None
-    end: np.ndarray | None = None
-    control: list[np.ndarray] = field(default_factory=list)
-    calls: list[tuple[str, int]] = field(default_factory=list)
-    written: set[str] = field(default_factory=set)
-    entered: set[str] = field(default_factory=set)
-    follows: bool = False
+    def __init__(self) -> None:
+        self.moment = Moment.RESET
+        self.most_used: tuple[int, Any] = (0, None)
+        self._most_uses = self._uses = self._number = 0
+        self._guard: ModelGuard | None = None
+        self._copy: Any = None
+        self._changes: collections.Counter[tuple[str, Moment]] = collections.Counter()
 
-    def closed(self, is_same_model: bool) -> StepTrace | None:
-        """Return the trace of the step, now that it is over; None where its last call failed."""
-        if self.start is None or self.end is None:
-            return None
-        return StepTrace(
-            self.version,
-            self.start,
-            self.end,
-            np.array(self.control),
-            tuple(self.calls),
-            frozenset(self.written),
-            frozenset(self.entered),
-            self.follows,
-            is_same_model,
-        )
+    def of(self, model: Any) -> int:
+        """Return the number of a model's content; note a change."""
+        if self._guard is not None:
+            changed = self._guard.difference(model)
+            if changed is None:
+                return self._number
+            self._changes[changed, self.moment] += 1
+            self._number += 1
+        self._guard, self._copy, self._uses = ModelGuard(model), copy.copy(model), 0
+        return self._number
+
+    def count(self) -> None:
+        """Count a step with the current content."""
+        self._uses += 1
+        if self._uses > self._most_uses:
+            self._most_uses, self.most_used = self._uses, (self._number, self._copy)
+
+    def changes(self) -> list[ModelChange]:
+        """Return the changes so far, the most frequent first."""
+        return [ModelChange(*key, count) for key, count in self._changes.most_common()]
 
 
 class _PlainSteps:

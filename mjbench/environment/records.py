@@ -28,7 +28,7 @@ from mjbench.environment.layer_shares import (
     TimerEffect,
 )
 from mjbench.environment.layers import Layer
-from mjbench.environment.model_changes import ModelChange
+from mjbench.environment.recording import ModelChange
 from mjbench.environment.repetition import FieldDifference
 from mjbench.environment.timer import TimerCost
 from mjbench.errors import Failure
@@ -156,7 +156,7 @@ class VectorForm(StrEnum):
 )
 @dataclass(frozen=True)
 class VectorSamples:
-    """How long steps of several environments took together, in each round.
+    """How long steps of several environments took together, in each launch.
 
     Attributes:
       status: `ok`, or why it has no speed.
@@ -186,7 +186,7 @@ class VectorSamples:
 
     @cached_property
     def speedup(self) -> Estimate | None:
-        """Speed-up over one environment, resets included, round by round; None without a speed."""
+        """Speed-up over one environment, resets included, by launches; None without a speed."""
         return stats.speedup_in_common(self.single_ns, self.ns) if self.ns else None
 
     @property

@@ -5,6 +5,7 @@ same physics, and only then time: plain passes, layered passes and the paths, in
 order.
 """
 
+import functools
 import random
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -23,10 +24,14 @@ from mjbench.environment import (
     workload,
 )
 from mjbench.environment.adapters import EnvironmentAdapter
-from mjbench.environment.model_changes import ModelChange
-from mjbench.environment.passes import EnvironmentPasses, Pass, send_rounds
+from mjbench.environment.passes import (
+    EnvironmentPasses,
+    Pass,
+    in_random_order,
+    send_rounds,
+)
 from mjbench.environment.physics_comparison import PhysicsComparison
-from mjbench.environment.recording import EngineWatch, Recording, StepTrace
+from mjbench.environment.recording import EngineWatch, ModelChange, Recording, StepTrace
 from mjbench.environment.records import EnvironmentFacts, PhysicsCheck
 from mjbench.environment.repetition import FieldDifference, physics_differences
 from mjbench.environment.source import EnvironmentSource
@@ -305,30 +310,23 @@ class _Turns:
 
     def round(self) -> EnvironmentRound:
         """Time both passes and every path once, in random order."""
-        passes: list[tuple[Pass, Pass]] = []
-        path_ns: dict[int, float] = {}
-        cores: list[float] = []
-        turns: list[Callable[[], None]] = [
-            lambda: passes.append(self._both_passes()),
-            lambda: cores.append(self._cores()),
-        ]
         comparison = self._comparison
+        turns: list[Callable[[], Any]] = [self._both_passes, self._cores]
         if comparison is not None:
             comparison.reorder(self._rng)
-            turns += [self._path_turn(comparison, i, path_ns) for i in comparison.prepared]
-        self._random.shuffle(turns)
-        for turn in turns:
-            turn()
-        ((plain, layered),) = passes
+            turns += [functools.partial(self._path_ns, comparison, i) for i in comparison.prepared]
+        (plain, layered), cores, *path_ns = in_random_order(turns, self._random)
         return EnvironmentRound(
-            float(plain.step_ns.mean()),
-            float(plain.step_ns[comparison.physics.numbers].mean()) if comparison else None,
-            float(np.mean(plain.reset_ns)),
-            float(layered.step_ns.mean()),
-            float(np.median(layered.step_ns - plain.step_ns)),
-            tuple(layered.layers),
-            path_ns,
-            cores[0],
+            step_ns=float(plain.step_ns.mean()),
+            compared_ns=float(plain.step_ns[comparison.physics.numbers].mean())
+            if comparison
+            else None,
+            reset_ns=float(np.mean(plain.reset_ns)),
+            layered_ns=float(layered.step_ns.mean()),
+            timer_ns=float(np.median(layered.step_ns - plain.step_ns)),
+            layers=tuple(layered.layers),
+            path_ns=dict(zip(comparison.prepared, path_ns, strict=True)) if comparison else {},
+            cores=cores,
         )
 
     def _both_passes(self) -> tuple[Pass, Pass]:
@@ -344,13 +342,7 @@ class _Turns:
         )
         return self._calibration.cores(single_s, together_s)
 
-    def _path_turn(
-        self, comparison: PhysicsComparison, index: int, path_ns: dict[int, float]
-    ) -> Callable[[], None]:
-        """Return a function that times a path, and stores its time by its index."""
-
-        def turn() -> None:
-            self._channel.doing(f"timing {self._variants[index]}", index)
-            path_ns[index] = 1e9 * comparison.block_s(index) / len(comparison.physics.numbers)
-
-        return turn
+    def _path_ns(self, comparison: PhysicsComparison, index: int) -> float:
+        """Time a path once; return its nanoseconds per step of the environment."""
+        self._channel.doing(f"timing {self._variants[index]}", index)
+        return 1e9 * comparison.block_s(index) / len(comparison.physics.numbers)

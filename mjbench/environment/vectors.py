@@ -5,35 +5,40 @@ each i does the same, one after the other, and resets in the same steps. What th
 except info, must be equal to the last bit. All are new at first and run equally often, so that an
 environment may remember earlier episodes, as statistics of its observations do.
 
-They are measured in a child process. A form that ends it loses its own row; the child is started
-again without it.
+Each launch makes and compares them anew in a fresh process, and times them there. A form that is
+wrong, or ends a process, loses its own row.
 """
 
+import contextlib
 import dataclasses
 import functools
 import random
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from mjbench.comparison.messages import AgreementReport
 from mjbench.environment import adapters, construction
 from mjbench.environment.adapters import EnvironmentAdapter, GymnasiumAdapter
-from mjbench.environment.passes import PATIENCE, send_rounds
+from mjbench.environment.passes import PATIENCE
 from mjbench.environment.records import EnvironmentRecord, VectorForm, VectorSamples
 from mjbench.environment.repetition import Fingerprint
 from mjbench.environment.run import EnvironmentPlan
 from mjbench.environment.source import EnvironmentSource
-from mjbench.errors import InputError, describe
+from mjbench.errors import Failure, InputError, describe
 from mjbench.host import isolate, machine
 from mjbench.host.isolate import Channel
+from mjbench.paired.launches import StopRule, Targets, UnableError, launch
 from mjbench.status import Status
 
+# Launches at least and at most; a 95 % interval needs six.
+LEAST_LAUNCHES, MOST_LAUNCHES = 6, 50
+# Rounds of a launch: every second one runs in the opposite order.
+_ROUNDS = 2
 # Steps of a block: as many as take one environment this long, within these bounds.
-BLOCK_S, LEAST_NSTEP, MOST_NSTEP = 0.2, 20, 1000
+BLOCK_S, LEAST_NSTEP, MOST_NSTEP = 0.1, 20, 1000
 # What a step returns, without info.
 _FIELDS = ("observation", "reward", "terminated", "truncated")
 
@@ -44,29 +49,40 @@ class VectorRequest:
 
     Attributes:
       repeats: whether one environment did the same again.
-      exclude: forms not to touch, by their index: they ended a child before.
+      forms: which, by their positions in `forms`.
     """
 
     source: EnvironmentSource
     plan: EnvironmentPlan
     step_s: float
     repeats: bool
-    exclude: frozenset[int]
+    forms: Sequence[int]
 
 
 @dataclass(frozen=True)
-class NoForms:
-    """Why there are no vectorised forms of this environment, in one line."""
+class WrongForm:
+    """Why a form cannot be timed, and which, by its position."""
 
-    reason: str
+    position: int
+    status: Status
+    detail: str
 
 
 @dataclass(frozen=True)
-class VectorRound:
-    """One round: nanoseconds per step of one environment, by the index of the form."""
+class VectorLaunch:
+    """One launch: nanoseconds per step of one environment, by the position of the form.
+
+    Attributes:
+      single_ns: of the same steps in one environment after the other.
+    """
 
     ns: Mapping[int, float]
     single_ns: Mapping[int, float]
+
+
+def forms(plan: EnvironmentPlan) -> list[tuple[VectorForm, int]]:
+    """Return the forms with their numbers of environments."""
+    return [(form, nenv) for nenv in plan.nenv for form in VectorForm]
 
 
 def added(
@@ -75,117 +91,145 @@ def added(
     """Return a record with the vectorised forms of its environment, measured in child processes."""
     step_s = float(np.median(record.step_ns)) * 1e-9
     repeats = record.facts is not None and record.facts.repeats
-    fatal: dict[int, AgreementReport] = {}
-    while True:
-        messages: list[object] = [*fatal.values()]
-        request = VectorRequest(source, plan, step_s, repeats, frozenset(fatal))
-        try:
-            ended = isolate.run(
-                "mjbench.environment.vectors:measure_in_child",
-                request,
-                messages.append,
-                plan.limit_s,
-            )
-        except KeyboardInterrupt:
-            return dataclasses.replace(
-                record,
-                status=Status.INTERRUPTED,
-                detail="in vectorised forms",
-                vectors=_samples(plan, messages, Status.INTERRUPTED, "stopped before it was timed"),
-            )
-        culprit = ended.item
-        if ended.status == Status.OK or culprit is None or culprit in fatal:
-            break
-        fatal[culprit] = AgreementReport(culprit, ended.status, ended.detail)
-    no_forms = next((each.reason for each in messages if isinstance(each, NoForms)), "")
-    if no_forms or (ended.status == Status.INPUT and not messages):
-        return dataclasses.replace(record, no_vectors=no_forms or ended.detail)
-    samples = _samples(plan, messages, ended.status, ended.detail or "it was not timed")
-    return dataclasses.replace(record, vectors=samples)
+    rule = _VectorRule(plan)
+    targets = _VectorLaunches(VectorRequest(source, plan, step_s, repeats, ()))
+    *_, ending = launch(targets, rule)
+    assert ending is not None, "the last one says how it ended"
+    if ending.status == Status.INTERRUPTED:
+        detail = "in vectorised forms"
+        record = dataclasses.replace(record, status=ending.status, detail=detail)
+        ending = Failure(ending.status, "stopped before it was timed")
+    if ending.status == Status.INPUT and not rule.launches and not rule.wrong:
+        return dataclasses.replace(record, no_vectors=ending.detail)
+    return dataclasses.replace(record, vectors=rule.samples(ending))
 
 
-def _forms(plan: EnvironmentPlan) -> list[tuple[VectorForm, int]]:
-    """Return the forms with their numbers of environments."""
-    return [(form, nenv) for nenv in plan.nenv for form in VectorForm]
+class _VectorLaunches(Targets[VectorLaunch]):
+    """Launches forms in a child that makes, compares and times them."""
+
+    def __init__(self, request: VectorRequest):
+        self._request = request
+
+    def launch(self, positions: Sequence[int]) -> VectorLaunch:
+        """See `Targets.launch`."""
+        answers: list[object] = []
+        ended = isolate.run(
+            "mjbench.environment.vectors:measure_in_child",
+            dataclasses.replace(self._request, forms=positions),
+            answers.append,
+            self._request.plan.limit_s,
+        )
+        if ended.status != Status.OK and ended.item is not None:
+            raise UnableError(ended.item, ended.status, ended.detail)
+        ended.check()
+        (answer,) = answers
+        if isinstance(answer, WrongForm):
+            raise UnableError(answer.position, answer.status, answer.detail)
+        assert isinstance(answer, VectorLaunch), "a child sends nothing else"
+        return answer
 
 
-def _samples(
-    plan: EnvironmentPlan, messages: Sequence[object], status: Status, detail: str
-) -> list[VectorSamples]:
-    """Return the samples of every form; one without a report, or without times, ended as given."""
-    reports = {each.index: each for each in messages if isinstance(each, AgreementReport)}
-    rounds = [each for each in messages if isinstance(each, VectorRound)]
-    samples = []
-    for index, (form, nenv) in enumerate(_forms(plan)):
-        report = reports.get(index)
-        timed = [each for each in rounds if index in each.ns]
-        if report is not None and report.status != Status.OK:
-            samples.append(VectorSamples(form, nenv, report.status, report.detail))
-        elif report is None or not timed:
-            samples.append(VectorSamples(form, nenv, status, detail))
-        else:
-            ns = [each.ns[index] for each in timed]
-            single_ns = [each.single_ns[index] for each in timed]
-            ncore = 1 if form == VectorForm.SYNC else min(nenv, machine.usable_cores())
-            samples.append(VectorSamples(form, nenv, Status.OK, "", ns, single_ns, ncore))
-    return samples
+class _VectorRule(StopRule[VectorLaunch]):
+    """Launch all forms that are right until the budget is used."""
+
+    def __init__(self, plan: EnvironmentPlan, clock: Callable[[], float] = time.monotonic):
+        self.launches: list[VectorLaunch] = []
+        self.wrong: dict[int, UnableError] = {}
+        self._plan, self._clock, self._begin_s = plan, clock, clock()
+
+    def next_targets(self) -> Sequence[int]:
+        """See `StopRule.next_targets`."""
+        count, spent_s = len(self.launches), self._clock() - self._begin_s
+        expected_s = spent_s * (count + 1) / max(1, count)
+        is_over = expected_s > self._plan.budget_s or count == MOST_LAUNCHES
+        if count >= LEAST_LAUNCHES and is_over:
+            return ()
+        return [i for i in range(len(forms(self._plan))) if i not in self.wrong]
+
+    def add(self, launch: VectorLaunch) -> None:
+        """See `StopRule.add`."""
+        self.launches.append(launch)
+
+    def withdraw(self, error: UnableError) -> None:
+        """Go on without a form, and without what was measured of it."""
+        self.wrong[error.position] = error
+
+    def samples(self, ending: Failure) -> list[VectorSamples]:
+        """Return the samples of every form; one that was not timed ended as the launches did."""
+        samples = []
+        for position, (form, nenv) in enumerate(forms(self._plan)):
+            timed = [each for each in self.launches if position in each.ns]
+            if (error := self.wrong.get(position)) is not None:
+                samples.append(VectorSamples(form, nenv, error.status, error.detail))
+            elif not timed:
+                detail = ending.detail or "it was not timed"
+                samples.append(VectorSamples(form, nenv, ending.status, detail))
+            else:
+                ns = [each.ns[position] for each in timed]
+                single_ns = [each.single_ns[position] for each in timed]
+                ncore = 1 if form == VectorForm.SYNC else min(nenv, machine.usable_cores())
+                samples.append(VectorSamples(form, nenv, Status.OK, "", ns, single_ns, ncore))
+        return samples
 
 
 # -- in the child ---------------------------------------------------------------------------------
 
 
 def measure_in_child(request: VectorRequest, channel: Channel) -> None:
-    """Measure vectorised forms.
+    """Make vectorised forms, compare and time them; send a `VectorLaunch`, or a `WrongForm`.
 
-    Messages: `NoForms` where there are none; else an `AgreementReport` for each form, a
-    `VectorRound` for each round, and another `AgreementReport` for each form that was wrong in a
-    timed block.
+    Raises:
+      InputError: there are no such forms of this environment.
     """
     channel.doing("making the environment for its vectorised forms")
     adapter = adapters.adapt(construction.make(request.source))
-    reason = _no_forms(adapter)
-    if reason:
-        channel.send(NoForms(reason))
-        return
-    plan = request.plan
-    most = max(plan.nenv)
+    if reason := _no_forms(adapter):
+        raise InputError(reason)
+    kinds = {position: forms(request.plan)[position] for position in request.forms}
+    most = max(nenv for _, nenv in kinds.values())
     nstep = int(min(MOST_NSTEP, max(LEAST_NSTEP, BLOCK_S / most / max(request.step_s, 1e-9))))
+    singles = _singles(request, adapter, nstep, most, channel)
+    compared: dict[int, _Form] = {}
+    with contextlib.ExitStack() as closing:
+        for position, (kind, nenv) in kinds.items():
+            channel.doing(f"making {kind} of {nenv}", position)
+            channel.allow_silence(PATIENCE * request.step_s * nstep * nenv)
+            form = _compared(position, kind, request.source, singles[:nenv])
+            if isinstance(form, WrongForm):
+                channel.send(form)
+                return
+            closing.callback(form.close)
+            compared[position] = form
+        channel.allow_silence(PATIENCE * request.step_s * nstep * most * len(compared) * _ROUNDS)
+        channel.send(_Turns(compared, singles, channel).launch())
+
+
+def _singles(
+    request: VectorRequest, adapter: EnvironmentAdapter, nstep: int, count: int, channel: Channel
+) -> list["_Single"]:
+    """Return single environments that have run once.
+
+    Raises:
+      InputError: the environment cannot be made twice, or two of it differ.
+    """
+    seed, more = request.plan.seed, []
     try:
-        more = []
-        for _ in range(most):
+        for _ in range(count):
             channel.allow_silence(0.0)
             more.append(adapters.adapt(construction.make(request.source)))
     except InputError as error:
-        channel.send(NoForms(f"it cannot be made twice in a process: {error}"))
-        return
-    twin = _Single(more.pop(), plan.seed, nstep)
-    singles = [_Single(each, plan.seed + i, nstep) for i, each in enumerate([adapter, *more])]
+        raise InputError(f"it cannot be made twice in a process: {error}") from error
+    twin = _Single(more.pop(), seed, nstep)
+    singles = [_Single(each, seed + i, nstep) for i, each in enumerate([adapter, *more])]
     channel.doing("stepping the environment")
-    channel.allow_silence(PATIENCE * request.step_s * nstep * most)
+    channel.allow_silence(PATIENCE * request.step_s * nstep * count)
     for single in (twin, *singles):
         single.run()
         channel.allow_silence(0.0)
     if differences := twin.fingerprint().differences(singles[0].fingerprint()):
         named = f" ({', '.join(map(str, differences))})" if request.repeats else ""
-        channel.send(NoForms(f"two of it, reset and stepped alike, return other values{named}"))
-        return
-    forms: dict[int, _Form] = {}
-    for index, (kind, nenv) in enumerate(_forms(plan)):
-        if index in request.exclude:
-            continue
-        channel.doing(f"making {kind} of {nenv}", index)
-        channel.allow_silence(PATIENCE * request.step_s * nstep * nenv)
-        report, form = _verified(index, kind, request.source, singles[:nenv])
-        channel.send(report)
-        if form is not None:
-            forms[index] = form
-    if forms:
-        turns = _Turns(forms, singles, plan.seed, channel)
-        send_rounds(turns.round, plan.budget_s, channel)
-        for index, difference in turns.wrong.items():
-            channel.send(AgreementReport(index, Status.DISAGREES, difference))
-    for form in forms.values():
-        form.close()
+        raise InputError(f"two of it, reset and stepped alike, return other values{named}")
+    return singles
 
 
 def _no_forms(adapter: EnvironmentAdapter) -> str:
@@ -315,13 +359,10 @@ class _Form:
         self.environments.close()
 
 
-def _verified(
-    index: int, kind: VectorForm, source: EnvironmentSource, singles: Sequence[_Single]
-) -> tuple[AgreementReport, _Form | None]:
-    """Make a form and compare its observations; return the report, and the form if it may be timed.
-
-    Whatever it raises costs its own row.
-    """
+def _compared(
+    position: int, kind: VectorForm, source: EnvironmentSource, singles: Sequence[_Single]
+) -> "_Form | WrongForm":
+    """Make a form and compare what its steps return; whatever it raises costs its own row."""
     import gymnasium
 
     try:
@@ -330,50 +371,50 @@ def _verified(
         form = _Form(vector_class([factory] * len(singles)), singles)
         difference = form.difference()
     except Exception as error:
-        return AgreementReport(index, Status.FAILED, describe(error)), None
+        return WrongForm(position, Status.FAILED, describe(error))
     if difference:
         form.close()
-        return AgreementReport(index, Status.DISAGREES, difference), None
-    return AgreementReport(index, Status.OK), form
+        return WrongForm(position, Status.DISAGREES, difference)
+    return form
 
 
 class _Turns:
-    """Rounds in which vectorised forms and single environments take turns.
+    """Rounds in which vectorised forms, by their positions, and single environments take turns."""
 
-    Attributes:
-      wrong: the first difference of each form that was wrong in a timed block, by its index.
-    """
-
-    def __init__(
-        self, forms: Mapping[int, _Form], singles: Sequence[_Single], seed: int, channel: Channel
-    ):
-        self.wrong: dict[int, str] = {}
+    def __init__(self, forms: Mapping[int, _Form], singles: Sequence[_Single], channel: Channel):
         self._forms, self._singles, self._channel = forms, singles, channel
-        self._random = random.Random(seed)
 
-    def round(self) -> VectorRound:
-        """Time every form and every single environment once, in random order."""
-        form_s: dict[int, float] = {}
+    def launch(self) -> VectorLaunch | WrongForm:
+        """Time every form and every single environment in each round."""
+        form_s = dict.fromkeys(self._forms, 0.0)
         single_s = [0.0] * len(self._singles)
-        turns = [(index, True) for index in self._forms]
+        turns = [(position, True) for position in self._forms]
         turns += [(i, False) for i in range(len(self._singles))]
-        self._random.shuffle(turns)
-        for index, is_form in turns:
-            if is_form:
-                self._channel.doing("timing a vectorised form", index)
-                form_s[index] = self._forms[index].run()
-            else:
-                self._channel.doing("timing one environment")
-                single_s[index] = self._singles[index].run()
+        random.shuffle(turns)
+        for number in range(_ROUNDS):
+            for i, is_form in turns[:: -1 if number % 2 else 1]:
+                if not is_form:
+                    self._channel.doing("timing one environment")
+                    single_s[i] += self._singles[i].run()
+                    continue
+                self._channel.doing("timing a vectorised form", i)
+                form_s[i] += self._forms[i].run()
+            if (wrong := self._wrong()) is not None:
+                return wrong
         ns, single_ns = {}, {}
-        for index, form in self._forms.items():
-            if difference := form.difference_after(len(form.batched)):
-                self.wrong.setdefault(index, f"in a timed block, {difference}")
+        for position, form in self._forms.items():
             nenv = len(form.singles)
-            count = nenv * len(form.batched)
-            ns[index] = 1e9 * form_s[index] / count
-            single_ns[index] = 1e9 * sum(single_s[:nenv]) / count
-        return VectorRound(ns, single_ns)
+            count = _ROUNDS * nenv * len(form.batched)
+            ns[position] = 1e9 * form_s[position] / count
+            single_ns[position] = 1e9 * sum(single_s[:nenv]) / count
+        return VectorLaunch(ns, single_ns)
+
+    def _wrong(self) -> WrongForm | None:
+        """Return a form whose last step did not return what single environments do."""
+        for position, form in self._forms.items():
+            if difference := form.difference_after(len(form.batched)):
+                return WrongForm(position, Status.DISAGREES, f"in a timed block, {difference}")
+        return None
 
 
 def _resets_in_next_step() -> bool:

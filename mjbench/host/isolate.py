@@ -1,10 +1,9 @@
 """Run a function in a child process, so that a crash or a hang costs only its own rows.
 
-The parent calls `run`; the child calls `child_main`. The request and the messages
-that the child sends back are frozen dataclasses, pickled; both sides are the same code. The child
-works in an empty folder (MuJoCo writes log files into the current one), and it dies with the
-parent. Messages have a connection of their own: all that the child writes to its output goes to a
-log.
+The parent calls `run`, or `call` for a single answer; the child calls `child_main`. The request and
+the messages that the child sends back are pickled; both sides are the same code. The child works in
+an empty folder (MuJoCo writes log files into the current one), and it dies with the parent.
+Messages have a connection of their own: all that the child writes to its output goes to a log.
 """
 
 import contextlib
@@ -18,13 +17,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn, TypeVar, TypeVarTuple
 
-from mjbench.errors import InputError, MachineError, failure_of
+from mjbench.errors import InputError, MachineError, UnavailableError, failure_of
 from mjbench.host import child, child_connection, scratch
 from mjbench.host.child_connection import ChildConnection, ChildError
 from mjbench.status import Status
 
+_Answer = TypeVar("_Answer")
+_Arguments = TypeVarTuple("_Arguments")
+# Ends that are the user's to mend: what the child was doing then says nothing more.
+_REFUSALS = {Status.INPUT: InputError, Status.UNAVAILABLE: UnavailableError}
 _ACTIVITY = "activity.json"
 _LOG = "output.txt"
 # The child's program; its arguments are the task, the connection, and the parent.
@@ -36,7 +39,7 @@ class Ended:
     """How a child ended.
 
     Attributes:
-      status: `ok`, `input` (bad input), `failed`, `crashed` or `timeout`.
+      status: `ok`, `input`, `unavailable`, `failed`, `crashed` or `timeout`.
       detail: one line for people; empty when ok.
       item: number of the item that the child worked on when it crashed, failed or hung; None where
         it worked on none, or is unknown.
@@ -51,12 +54,11 @@ class Ended:
 
         Raises:
           InputError: the input was bad.
+          UnavailableError: this machine or this model cannot do it.
           MachineError: the child failed, crashed or hung.
         """
-        if self.status == Status.INPUT:
-            raise InputError(self.detail)
         if self.status != Status.OK:
-            raise MachineError(self.detail)
+            raise _REFUSALS.get(self.status, MachineError)(self.detail)
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,52 @@ def run(
             end = _converse(connection, request, on_message, limit_s, memory_bytes)
         finally:
             connection.end()
-        return end if end.status in (Status.OK, Status.INPUT) else _located(end, folder)
+        return end if end.status in (Status.OK, *_REFUSALS) else _located(end, folder)
+
+
+@dataclass(frozen=True)
+class _Call:
+    """Asks a child to call a function."""
+
+    function: Callable[..., object]
+    arguments: tuple[object, ...]
+
+
+def _refuse(ended: Ended) -> NoReturn:
+    ended.check()
+    raise AssertionError("a child that ends well has answered")
+
+
+def call(
+    function: Callable[[*_Arguments, Channel], _Answer],
+    *arguments: *_Arguments,
+    limit_s: float,
+    environment: Mapping[str, str | None] | None = None,
+    memory_bytes: int | None = None,
+    otherwise: Callable[[Ended], _Answer] = _refuse,
+) -> _Answer:
+    """Return what a function of a module returns in a child; its last argument is the channel.
+
+    Args:
+      limit_s, environment, memory_bytes: as of `run`.
+      otherwise: what to return where the child did not end well; raises as `Ended.check` does,
+        unless given.
+    """
+    answers: list[_Answer] = []
+    ended = run(
+        "mjbench.host.isolate:answer",
+        _Call(function, arguments),
+        answers.append,
+        limit_s,
+        environment=environment,
+        memory_bytes=memory_bytes,
+    )
+    return answers[0] if ended.status == Status.OK else otherwise(ended)
+
+
+def answer(request: _Call, channel: Channel) -> None:
+    """Call a function, and send what it returns; runs in the child."""
+    channel.send(request.function(*request.arguments, channel))
 
 
 def _converse(

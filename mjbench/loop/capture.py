@@ -12,17 +12,18 @@ import copy
 import os
 import sys
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
+from typing import BinaryIO
 
 import mujoco
 import numpy as np
 
-from mjbench.errors import InputError, MachineError, MjbenchError, one_line, shown, writing
+from mjbench.errors import InputError, MjbenchError, shown, writing
 from mjbench.loop import engine_functions
-from mjbench.loop.step_recorder import RecordedModel, StepRecorder, Window
+from mjbench.loop.step_recorder import ModelRecorder, StepRecorder, Window
 from mjbench.simulation import capture_header, state_file
 from mjbench.simulation.capture_header import CaptureHeader
 from mjbench.store import files
@@ -146,20 +147,23 @@ class Capture(contextlib.ContextDecorator):
         Raises:
           InputError: a number is too small, or a file ends in something else.
         """
-        self._file = _with_ending(file, ".npz", "a file of states")
-        self._model_file = (
-            None if save_model is None else _with_ending(save_model, ".mjb", "a compiled model")
-        )
+        # absolute now, because the program may change its folder
+        self._file = _absolute(file, ".npz", "a file of states")
+        self._model_file = None
+        if save_model is not None:
+            self._model_file = _absolute(save_model, ".mjb", "a compiled model")
         _check_at_least("max_states", max_states, 2)
         _check_at_least("nstep", nstep, 1)
         self._model, self._data, self._max_states, self._nstep = model, data, max_states, nstep
-        self._block: _Block | None = None
+        self._recorder: StepRecorder | None = None
+        self._replaced = contextlib.ExitStack()
+        self._pid = 0
         self.result: Captured | None = None
 
     def _recreate_cm(self) -> "Capture":
         """Return a new one, for each call of a decorated function."""
         new = copy.copy(self)
-        new._block = None
+        new._recorder, new._replaced = None, contextlib.ExitStack()
         return new
 
     def __enter__(self) -> "Capture":
@@ -169,12 +173,14 @@ class Capture(contextlib.ContextDecorator):
           InputError: this one captures already.
           MachineError: a file cannot be written.
         """
-        if self._block is not None:
+        if self._recorder is not None:
             raise InputError("this capture has begun already; make another one")
-        # absolute now, because the program may change its folder
-        model_file = None if self._model_file is None else _writable(self._model_file)
-        recorder = StepRecorder(self._max_states, self._nstep, self._model, self._data)
-        self._block = _Block(_writable(self._file), model_file, recorder)
+        for file in filter(None, (self._model_file, self._file)):
+            _check_writable(file)
+        with_mjb = self._model_file is not None
+        recorder = StepRecorder(self._max_states, self._nstep, self._model, self._data, with_mjb)
+        self._recorder, self._pid = recorder, os.getpid()
+        self._replaced.enter_context(engine_functions.replaced(recorder.wrappers()))
         self.result = None
         return self
 
@@ -184,16 +190,21 @@ class Capture(contextlib.ContextDecorator):
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Write what was captured.
+        """Put MuJoCo's functions back, and write what was captured.
+
+        A forked child that leaves the block writes nothing, and has no result.
 
         Raises:
           MachineError: it cannot be written, and no exception is on its way already; otherwise that
             is a RuntimeWarning.
         """
-        assert self._block is not None, "it was entered"
-        block, self._block = self._block, None
+        self._replaced.close()
+        recorder, self._recorder = self._recorder, None
+        assert recorder is not None, "it was entered"
+        if os.getpid() != self._pid:
+            return
         try:
-            self.result = block.end()
+            self.result = self._write(recorder)
         except MjbenchError as failure:
             if error is None:
                 raise
@@ -201,68 +212,21 @@ class Capture(contextlib.ContextDecorator):
         if self.result is not None and self.result.file is None and error is None:
             warnings.warn(f"mjbench.capture: {self.result}", RuntimeWarning, stacklevel=2)
 
-
-class _Block:
-    """What is captured from one entry to its end, while MuJoCo's functions pass a recorder."""
-
-    def __init__(self, file: Path, model_file: Path | None, recorder: StepRecorder):
-        self._file, self._model_file, self._recorder = file, model_file, recorder
-        self._pid = os.getpid()
-        self._saved: dict[RecordedModel, Path] = {}
-        self._failure: MachineError | None = None
-        if model_file is not None:
-            recorder.on_model = self._save_model_beside
-        self._replaced = contextlib.ExitStack()
-        self._replaced.enter_context(engine_functions.replaced(recorder.wrappers()))
-
-    def _save_model_beside(self, recorded: RecordedModel, model: mujoco.MjModel) -> None:
-        """Save a model beside its file; `end` keeps the one of the states.
-
-        A disk that is full is reported when the block ends, not to the program.
-        """
-        assert self._model_file is not None, "it was asked for"
-        try:
-            with writing(self._model_file):
-                self._saved[recorded] = files.create_beside(self._model_file)
-            _save_model(model, self._saved[recorded], self._model_file)
-        except MachineError as failure:
-            self._failure = failure
-
-    def end(self) -> Captured | None:
-        """Put MuJoCo's functions back, and write the files; return what is in them.
-
-        A forked child that leaves the block writes nothing, and returns None.
-        """
-        self._replaced.close()
-        if os.getpid() != self._pid:
-            return None
-        try:
-            return self._written()
-        finally:
-            for partial in self._saved.values():
-                partial.unlink(missing_ok=True)
-
-    def _written(self) -> Captured:
-        models, others = self._recorder.models(), self._recorder.other_nstep()
+    def _write(self, recorder: StepRecorder) -> Captured:
+        """Write the files; return what is in them."""
+        models, others = recorder.models(), recorder.other_nstep()
         unseen = tuple(_modules_with_own_functions())
         windows = models[0].windows() if models else []
-        segments = [segment for window in windows for segment in window.steps.segments()]
+        segments = [segment for window in windows for segment in window.segments()]
         if not segments:  # no step was seen, or each diverged or raised
             return Captured(None, others=_others(others, models), unseen=unseen)
         recorded, *rest = models
         header = _header(recorded, windows)
-        with (
-            writing(self._file),
-            files.replacing(self._file) as partial,
-            partial.open("wb") as stream,
-        ):
+        with _replacing(self._file) as stream:
             state_file.write(stream, header, recorded.reader.columns, segments)
-            stream.flush()
-        if self._failure is not None:
-            raise self._failure
-        if self._model_file is not None:
-            with writing(self._model_file):
-                files.put_in_place(self._saved[recorded], self._model_file)
+        if self._model_file is not None and recorded.mjb is not None:
+            with _replacing(self._model_file) as stream:
+                stream.write(recorded.mjb.data)
         return Captured(
             file=self._file,
             model=header.model,
@@ -279,8 +243,8 @@ class _Block:
         )
 
 
-def _header(recorded: RecordedModel, windows: Sequence[Window]) -> CaptureHeader:
-    changed = {field for window in windows for field in window.steps.changed_inputs}
+def _header(recorded: ModelRecorder, windows: Sequence[Window]) -> CaptureHeader:
+    changed = {field for window in windows for field in window.changed_inputs}
     return CaptureHeader(
         format=capture_header.FORMAT,
         model=recorded.name,
@@ -293,7 +257,7 @@ def _header(recorded: RecordedModel, windows: Sequence[Window]) -> CaptureHeader
     )
 
 
-def _others(nstep: dict[str, int], models: Iterable[RecordedModel]) -> tuple[OtherModel, ...]:
+def _others(nstep: dict[str, int], models: Iterable[ModelRecorder]) -> tuple[OtherModel, ...]:
     """Return the models that are left out: those that were only counted, and others."""
     others = [OtherModel(recorded.name, recorded.nstep) for recorded in models]
     return (*others, *(OtherModel(name, count) for name, count in nstep.items()))
@@ -312,32 +276,28 @@ def _modules_with_own_functions() -> list[str]:
     return sorted(set(modules))
 
 
-def _save_model(model: mujoco.MjModel, partial: Path, file: Path) -> None:
-    """Save a compiled model to `partial`, which is to become `file`."""
-    try:
-        mujoco.mj_saveModel(model, str(partial), None)
-    except Exception as error:  # MuJoCo raises ValueError, FatalError, and others by release
-        raise MachineError(f"cannot write {file}: {one_line(error)}") from error
-    if partial.stat().st_size < mujoco.mj_sizeModel(model):  # MuJoCo does not report this
-        raise MachineError(f"cannot write {file}: is the disk full?")
-
-
-def _with_ending(file: str | os.PathLike[str], ending: str, what: str) -> Path:
-    """Return a path; refuse one with another ending."""
+def _absolute(file: str | os.PathLike[str], ending: str, what: str) -> Path:
+    """Return the absolute path of a file; refuse one with another ending."""
     path = Path(file)
     if path.suffix != ending:
         raise InputError(f"{shown(str(path))}: {what} ends in {ending}")
-    return path
+    return Path(os.path.realpath(path))
 
 
-def _writable(file: Path) -> Path:
-    """Return the absolute path of a file; refuse one that cannot be written."""
-    file = Path(os.path.realpath(file))
+def _check_writable(file: Path) -> None:
+    """Raise a MachineError if a file cannot be written."""
     with writing(file):
         if file.exists():
             file.open("ab").close()  # a folder, or no permission
         files.create_beside(file).unlink()
-    return file
+
+
+@contextlib.contextmanager
+def _replacing(file: Path) -> Iterator[BinaryIO]:
+    """Yield a stream to what becomes a file when the block ends well."""
+    with writing(file), files.replacing(file) as partial, partial.open("wb") as stream:
+        yield stream
+        stream.flush()
 
 
 def _check_at_least(name: str, value: int, least: int) -> None:

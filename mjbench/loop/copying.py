@@ -13,8 +13,7 @@ A copy changes nothing but what a log shows if
 import ast
 
 from mjbench.loop.certain_names import DATA, CertainNames
-from mjbench.loop.script_syntax import dotted_name, is_call
-from mjbench.loop.script_syntax import names as names_of
+from mjbench.loop.script_syntax import dotted_name, is_call, name_nodes
 from mjbench.loop.stepping_script import Loop
 from mjbench.loop.stored_views import store_of, stored_views
 
@@ -118,7 +117,7 @@ class Copying:
         """Return where a log may be used for more than to store, or to read and copy."""
         scope = self._bindings.scope_of(loop)
         is_list_of_views = isinstance(self._parents[view], ast.Call)  # `log.append(data.qpos)`
-        for node in names_of(scope):
+        for node in name_nodes(scope):
             if node.id != log.id or isinstance(node.ctx, ast.Store):
                 continue
             if self._bindings.owner(log.id, node) is not scope:
@@ -168,7 +167,7 @@ class Copying:
         root = self._root(view)
         if root is None:
             return "its MjData is not a plain name"
-        names = [name.id for name in names_of(view)]
+        names = [name.id for name in name_nodes(view)]
         values: list[ast.AST | None] = []
         if not self._script.is_data(root):  # a name for a view, or for a part of an MjData
             values = self._script.assigned(root)

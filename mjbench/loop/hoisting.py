@@ -17,7 +17,8 @@ import ast
 import builtins
 import keyword
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from mjbench.loop.certain_names import DATA, MODEL, CertainNames
@@ -72,41 +73,38 @@ class Hoisting:
           calls: accesses in loops that step, such as `data.joint("hip")`, in the script's order.
         """
         refusals = []
-        movable, waiting = [], []
-        loops: dict[str, list[Loop]] = {}  # that calls can leave, by their syntax
+        alike: defaultdict[str, list[tuple[ast.Call, Loop]]] = defaultdict(list)
         for call in calls:
             loop = self._script.step_loop_around(call)
             reason = self._refusal(call, loop)
             if loop is None or reason:
                 refusals.append(Refusal(NAMED_ACCESS, call, reason))
-            elif self._always_runs(call, loop):
-                movable.append((call, self._widest_loop(call, loop)))
-                loops.setdefault(ast.dump(call), []).append(movable[-1][1])
             else:
-                waiting.append(call)  # the name is bound already, if another call needs it
-        hoisted: dict[str, dict[Loop, list[ast.Call]]] = {}
-        for call, loop in (*movable, *((call, None) for call in waiting)):
-            syntax = ast.dump(call)
-            outermost = self._outermost_around(loop or call, loops.get(syntax, ())) or loop
-            if outermost is None:
-                reason = "not every step reaches it, and a wrong name would raise"
-                refusals.append(Refusal(NAMED_ACCESS, call, reason))
-            else:
-                hoisted.setdefault(syntax, {}).setdefault(outermost, []).append(call)
-        return list(self._hoists(hoisted.values())), refusals
+                alike[ast.dump(call)].append((call, loop))
+        hoists: list[Hoist] = []
+        for accesses in alike.values():
+            by_loop: defaultdict[Loop, list[ast.Call]] = defaultdict(list)
+            moved_out_of = {
+                self._widest_loop(call, loop)
+                for call, loop in accesses
+                if self._always_runs(call, loop)
+            }
+            for call, loop in accesses:
+                around = [n for n in self._loops_up_from(loop) if n in moved_out_of]
+                if around:  # also of a call that not every step reaches: the name is bound already
+                    by_loop[around[-1]].append(call)
+                else:
+                    reason = "not every step reaches it, and a wrong name would raise"
+                    refusals.append(Refusal(NAMED_ACCESS, call, reason))
+            if by_loop:
+                name = self._new_name(*accesses[0])
+                hoists += [Hoist(name, loop, of_loop) for loop, of_loop in by_loop.items()]
+        return hoists, refusals
 
-    def _hoists(self, hoisted: Iterable[Mapping[Loop, Sequence[ast.Call]]]) -> Iterator[Hoist]:
-        for calls_of in hoisted:
-            (loop, (first, *_)), *_ = calls_of.items()
-            name = self._new_name(first, loop)
-            for loop, calls in calls_of.items():
-                yield Hoist(name, loop, calls)
-
-    def _outermost_around(self, node: ast.AST, loops: Sequence[Loop]) -> Loop | None:
-        """Return the outermost of some loops that are around a node, in its scope."""
-        scope = self._bindings.scope_of(node)
-        around = [n for n in self._script.above(node, scope) if isinstance(n, Loop) and n in loops]
-        return around[-1] if around else None
+    def _loops_up_from(self, loop: Loop) -> Iterator[Loop]:
+        """Yield a loop, and those around it in its scope, the innermost first."""
+        above = self._script.above(loop, self._bindings.scope_of(loop))
+        return (node for node in (loop, *above) if isinstance(node, Loop))
 
     def _refusal(self, call: ast.Call, loop: Loop | None) -> str:
         """Return why a call cannot be hoisted out of a loop; empty if it can."""

@@ -42,32 +42,32 @@ class DataUses:
     Attributes:
       fields: that it names, those of named parts by the name of the whole array.
       functions: of the engine that get it, and `copy` and `deepcopy`.
-      is_known: whether this is all that happens to it.
-      is_kept: whether a view of it is stored, named or returned, and so keeps its memory.
+      outlives: whether a view of it is stored, named or returned, and so keeps its memory.
     """
 
     fields: frozenset[str]
     functions: frozenset[str]
-    is_known: bool
-    is_kept: bool = False
+    outlives: bool
 
 
-def uses_of(script: SteppingScript, node: ast.Name, with_callers: bool = True) -> DataUses:
-    """Return what a script does with the MjData that a name stands for where it is used.
+def uses_of(script: SteppingScript, node: ast.Name, with_callers: bool = True) -> DataUses | None:
+    """Return what a script does with the MjData that a name stands for; None if more may happen.
 
     That includes what the callers of a function do with its argument, unless they are left out.
     """
     owner = script.bindings.owner(node.id, node)
-    if owner is None:
-        return DataUses(frozenset(), frozenset(), is_known=False)
-    return _Following(script, with_callers).follow(owner, node.id)
+    return _Following(script, with_callers).follow(owner, node.id) if owner is not None else None
 
 
 def uses_of_parameter(
     script: SteppingScript, function: ast.FunctionDef, parameter: str
-) -> DataUses:
-    """Return what a function does with the MjData that it gets."""
+) -> DataUses | None:
+    """Return what a function does with the MjData that it gets; None if more may happen to it."""
     return _Following(script, with_callers=False).follow(function, parameter)
+
+
+class _UnknownUseError(Exception):
+    """Anything may happen to the MjData."""
 
 
 class _Following:
@@ -78,29 +78,36 @@ class _Following:
         self._with_callers = with_callers
         self._fields: set[str] = set()
         self._functions: set[str] = set()
-        self._is_known = True
-        self._is_kept = False
+        self._outlives = False
 
-    def follow(self, scope: Scope, name: str) -> DataUses:
+    def follow(self, scope: Scope, name: str) -> DataUses | None:
         waiting, followed = [(scope, name)], set()
-        while waiting and self._is_known:
-            place = waiting.pop()
-            if place not in followed:
-                followed.add(place)
-                waiting += self._from(*place)
-        fields, functions = frozenset(self._fields), frozenset(self._functions)
-        return DataUses(fields, functions, self._is_known, self._is_kept)
+        try:
+            while waiting:
+                place = waiting.pop()
+                if place not in followed:
+                    followed.add(place)
+                    waiting += self._from(*place)
+        except _UnknownUseError:
+            return None
+        return DataUses(frozenset(self._fields), frozenset(self._functions), self._outlives)
 
     def _from(self, scope: Scope, name: str) -> Iterator[tuple[Scope, str]]:
         """Count the uses of a name, and yield the other names of the same MjData."""
         bindings = self._script.bindings
         if name in bindings.declared:
-            self._is_known = False
+            raise _UnknownUseError
         for binding in bindings.bindings(name, scope):
             yield from self._of_binding(binding, scope)
+        for node in self._reads(name, scope):
+            yield from self._of_use(node)
+
+    def _reads(self, name: str, scope: Scope | None) -> Iterator[ast.Name]:
+        """Yield where the name of a scope is read."""
         for node in self._script.names.get(name, []):
-            if isinstance(node.ctx, ast.Load) and bindings.owner(name, node) is scope:
-                yield from self._of_use(node)
+            is_read = isinstance(node.ctx, ast.Load)
+            if is_read and self._script.bindings.owner(name, node) is scope:
+                yield node
 
     def _of_binding(self, binding: ast.AST, scope: Scope) -> Iterator[tuple[Scope, str]]:
         value = self._script.values.get(binding)
@@ -111,7 +118,7 @@ class _Following:
             if self._with_callers:
                 yield from self._in_callers(scope, binding.arg)
         elif not is_fresh and not isinstance(getattr(binding, "ctx", None), ast.Del):
-            self._is_known = False
+            raise _UnknownUseError
 
     def _in_callers(self, function: ast.FunctionDef, parameter: str) -> Iterator[tuple[Scope, str]]:
         functions = self._script.functions
@@ -119,20 +126,19 @@ class _Following:
         named = self._script.names.get(function.name, [])
         references = [name for name in named if isinstance(name.ctx, ast.Load)]
         if not calls or len(references) != len(calls):  # also called from elsewhere
-            self._is_known = False
+            raise _UnknownUseError
         for call in calls:
             argument = (functions.arguments(call, function) or {}).get(parameter)
             if isinstance(argument, ast.Name):
                 yield from self._place(argument)
             elif not is_call(argument, *COPIES):
-                self._is_known = False
+                raise _UnknownUseError
 
     def _place(self, name: ast.Name) -> Iterator[tuple[Scope, str]]:
         owner = self._script.bindings.owner(name.id, name)
         if owner is None:
-            self._is_known = False
-        else:
-            yield owner, name.id
+            raise _UnknownUseError
+        yield owner, name.id
 
     def _of_use(self, node: ast.Name) -> Iterator[tuple[Scope, str]]:
         parents = self._script.parents
@@ -147,15 +153,9 @@ class _Following:
                 self._of_part(above, parent.attr)
             else:
                 self._fields.add(parent.attr)
-                self._is_kept |= _is_kept(self._script, parent, is_row=False)
-        elif isinstance(parent, ast.Assign) and len(parent.targets) == 1:
-            target = parent.targets[0]
-            if isinstance(target, ast.Name):
-                yield from self._place(target)
-            else:
-                self._is_known = False
+                self._outlives |= _outlives(self._script, parent, is_row=False)
         else:
-            self._is_known = False
+            yield from self._place(_only_target(parent))
 
     def _given(self, node: ast.Name, call: ast.Call) -> Iterator[tuple[Scope, str]]:
         name = last_name(call.func)
@@ -163,41 +163,39 @@ class _Following:
             self._functions.add(name)
             return
         receiving = list(self._script.functions.receiving(call, node))
-        self._is_known &= bool(receiving) and all(parameters for _, parameters in receiving)
+        if not receiving or not all(parameters for _, parameters in receiving):
+            raise _UnknownUseError
         for function, parameters in receiving:
             yield from ((function, parameter) for parameter in parameters)
 
     def _of_part(self, call: ast.Call, accessor: str) -> None:
         """Count what is read of `data.site("tip")` or the like."""
-        parent = self._script.parents.get(call)
         if accessor not in PART_PREFIXES:
-            self._is_known = False
-        elif isinstance(parent, ast.Attribute):
-            self._add_part_field(accessor, parent)
-        elif isinstance(parent, ast.Assign) and isinstance(parent.targets[0], ast.Name):
-            self._of_part_name(parent.targets[0], accessor)
-        else:
-            self._is_known = False
-
-    def _of_part_name(self, target: ast.Name, accessor: str) -> None:
-        owner = self._script.bindings.owner(target.id, target)
-        for node in self._script.names[target.id]:
-            is_same = self._script.bindings.owner(target.id, node) is owner
-            if isinstance(node.ctx, ast.Store) or not is_same:
-                continue
-            parent = self._script.parents[node]
-            if isinstance(parent, ast.Attribute):
-                self._add_part_field(accessor, parent)
-            else:
-                self._is_known = False
-
-    def _add_part_field(self, accessor: str, attribute: ast.Attribute) -> None:
-        if attribute.attr not in ("id", "name"):
-            self._fields.add(PART_PREFIXES[accessor] + attribute.attr)
-            self._is_kept |= _is_kept(self._script, attribute, is_row=True)
+            raise _UnknownUseError
+        parent = self._script.parents.get(call)
+        parts = [parent]
+        if not isinstance(parent, ast.Attribute):
+            target = _only_target(parent)
+            owner = self._script.bindings.owner(target.id, target)
+            parts = [self._script.parents[node] for node in self._reads(target.id, owner)]
+        for field in parts:
+            if not isinstance(field, ast.Attribute):
+                raise _UnknownUseError
+            if field.attr not in ("id", "name"):
+                self._fields.add(PART_PREFIXES[accessor] + field.attr)
+                self._outlives |= _outlives(self._script, field, is_row=True)
 
 
-def _is_kept(script: SteppingScript, field: ast.Attribute, is_row: bool) -> bool:
+def _only_target(statement: ast.AST | None) -> ast.Name:
+    """Return the one name to which a statement assigns; any other node is an unknown use."""
+    if isinstance(statement, ast.Assign) and len(statement.targets) == 1:
+        (target,) = statement.targets
+        if isinstance(target, ast.Name):
+            return target
+    raise _UnknownUseError
+
+
+def _outlives(script: SteppingScript, field: ast.Attribute, is_row: bool) -> bool:
     """Return whether a view that begins with a field, such as `data.xpos`, outlives its expression.
 
     A field of a named part is one row.

@@ -1,28 +1,50 @@
 """Change a script where `mjbench lint` finds what has one safe remedy.
 
 A view that goes into a log gets `.copy()`. A named access is bound to a name before its loop.
-Nothing else in the file changes: the changed file is parsed again, and its syntax must be that of
-the old one with just these changes.
+Every byte outside the changed expressions and the new lines stays. The changed file is parsed
+again, and its syntax must be that of the old one with just these changes.
 """
 
 import ast
+import copy
 import difflib
-from collections.abc import Collection, Iterable, Iterator, Sequence
+import re
+from bisect import bisect_right
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
+from typing import Any
 
 from mjbench.errors import one_line, printable, writing
 from mjbench.loop import lint
 from mjbench.loop.certain_names import CertainNames
 from mjbench.loop.copying import Copying
-from mjbench.loop.hoisting import Hoisting, Refusal
+from mjbench.loop.hoisting import Hoist, Hoisting, Refusal
 from mjbench.loop.lint_rules import NAMED_ACCESS, STORED_VIEW
 from mjbench.loop.lint_settings import ALL_CODES, ALL_RULES, RuleChoice
+from mjbench.loop.notebook import Part
 from mjbench.loop.python_source import Program, read_program
-from mjbench.loop.script_changes import Changes, changed, lines_of
 from mjbench.loop.script_files import UncheckedFile, each_checked
 from mjbench.loop.stepping_script import SteppingScript
 from mjbench.store import files as stored_files
+
+_LINE = re.compile(r".*?(?:\r\n|\r|\n|\Z)", re.DOTALL)
+_LINE_END = re.compile(rb"\r\n|\r|\n")
+_OF_IDENTIFIER = re.compile(rb"[\w\x80-\xff]")
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What to change in a script: expressions that get `.copy()`, and calls that become names."""
+
+    copied: Sequence[ast.expr]
+    hoists: Sequence[Hoist]
+
+    @property
+    def count(self) -> int:
+        """Number of expressions that change."""
+        return len(self.copied) + sum(len(hoist.calls) for hoist in self.hoists)
 
 
 @dataclass(frozen=True)
@@ -146,3 +168,137 @@ def _plan(program: Program, codes: Collection[str]) -> tuple[Changes, list[Refus
             calls.append(match.node)
     hoists, not_hoisted = Hoisting(names).plan(calls)
     return Changes(copied, hoists), [*refusals, *not_hoisted]
+
+
+@dataclass(frozen=True)
+class _Edit:
+    """Bytes of the text of a part that are replaced: from `start` to `end`, without `end`."""
+
+    start: int
+    end: int
+    text: bytes
+
+
+class _PartText:
+    """The text of a cell, or of a Python file, and the edits of nodes in it."""
+
+    def __init__(self, text: str, lines_before: int):
+        lines = [line.encode() for line in lines_of(text)]
+        self.data = b"".join(lines)
+        self._lines_before = lines_before
+        self._starts = [0, *accumulate(map(len, lines))]
+
+    def start(self, node: ast.expr | ast.stmt) -> int:
+        return self._starts[node.lineno - self._lines_before - 1] + node.col_offset
+
+    def end(self, node: ast.expr | ast.stmt) -> int:
+        assert node.end_lineno is not None  # the parser sets both
+        assert node.end_col_offset is not None
+        return self._starts[node.end_lineno - self._lines_before - 1] + node.end_col_offset
+
+    def replacing(self, call: ast.Call, name: str) -> _Edit:
+        start, end = self.start(call), self.end(call)
+        before, after = self.data[start - 1 : start], self.data[end : end + 1]
+        text = name.encode()
+        if _OF_IDENTIFIER.match(before):  # `return(data).joint("hip")`
+            text = b" " + text
+        if _OF_IDENTIFIER.match(after):
+            text += b" "
+        return _Edit(start, end, text)
+
+    def binding(self, hoist: Hoist) -> _Edit:
+        """Return the edit that binds a name on a line before the loop, which has its own lines."""
+        first = hoist.calls[0]
+        source = self.data[self.start(first) : self.end(first)]
+        if _LINE_END.search(source):
+            source = ast.unparse(first).encode()
+        loop = self.start(hoist.loop)
+        line = self._starts[bisect_right(self._starts, loop) - 1]
+        indent, before = self.data[line:loop], self.data[:line].rstrip(b"\r\n")
+        if indent.strip() or (line and before.endswith(b"\\")):
+            raise ValueError("the loop does not stand on lines of its own")
+        before_loop = self.data[max(line - 2, 0) : line]
+        end = _LINE_END.search(self.data, loop) or _LINE_END.search(before_loop)
+        line_end = end[0] if end else b"\n"
+        return _Edit(line, line, indent + hoist.name.encode() + b" = " + source + line_end)
+
+    def edited(self, edits: Sequence[_Edit]) -> str:
+        """Return the text after edits; those at the same place apply in their order."""
+        pieces, end = [], 0
+        for edit in sorted(edits, key=lambda edit: edit.start):
+            pieces += [self.data[end : edit.start], edit.text]
+            end = edit.end
+        return b"".join([*pieces, self.data[end:]]).decode()
+
+
+def lines_of(text: str) -> list[str]:
+    """Return the lines of a text, each with its end."""
+    return [line for line in _LINE.findall(text) if line]
+
+
+def changed(program: Program, changes: Changes) -> Program:
+    """Return a program after changes.
+
+    Raises:
+      SyntaxError, ValueError, LookupError: they cannot be applied, or would change anything else.
+    """
+    try:
+        expected = ast.dump(_expected(program.tree, changes))
+        texts = [_edited(program, number, changes) for number in range(len(program.parts))]
+        result = program.with_texts(texts)
+        actual = ast.dump(result.tree)
+    except (RecursionError, MemoryError) as error:
+        raise ValueError("it is nested too deeply, or too large") from error
+    if actual != expected:
+        raise ValueError("the changed script would be another program")
+    return result
+
+
+def _edited(program: Program, number: int, changes: Changes) -> str:
+    """Return the text of one part after those of the changes that are in it."""
+    part = program.parts[number]
+    following = program.parts[number + 1 :]
+    last_line = following[0].lines_before if following else len(program.lines)
+    text = _PartText(part.text, part.lines_before)
+    ends = [text.end(view) for view in changes.copied if _is_in(view, part, last_line)]
+    edits = [_Edit(end, end, b".copy()") for end in ends]
+    for hoist in changes.hoists:
+        if _is_in(hoist.loop, part, last_line):
+            edits.append(text.binding(hoist))
+            edits += [text.replacing(call, hoist.name) for call in hoist.calls]
+    return text.edited(edits)
+
+
+def _is_in(node: ast.expr | ast.stmt, part: Part, last_line: int) -> bool:
+    return part.lines_before < node.lineno <= last_line
+
+
+def _expected(tree: ast.Module, changes: Changes) -> ast.AST:
+    """Return what the changes make of a script's syntax, which itself stays as it is."""
+    copies: dict[int, Any] = {}
+    new = copy.deepcopy(tree, copies)
+    return _Transformer(changes, copies).visit(new)  # type: ignore[no-any-return]
+
+
+class _Transformer(ast.NodeTransformer):
+    """Makes changes in a tree, whose nodes are the copies of those that the changes name."""
+
+    def __init__(self, changes: Changes, copies: Mapping[int, Any]):
+        self._copied = {copies[id(view)] for view in changes.copied}
+        self._names = {copies[id(c)]: hoist.name for hoist in changes.hoists for c in hoist.calls}
+        self._hoists: dict[ast.AST, list[Hoist]] = {}
+        for hoist in changes.hoists:
+            self._hoists.setdefault(copies[id(hoist.loop)], []).append(hoist)
+
+    def visit(self, node: ast.AST) -> Any:
+        if node in self._names:
+            return ast.Name(self._names[node], ast.Load())
+        self.generic_visit(node)
+        if node in self._copied:
+            assert isinstance(node, ast.expr)
+            return ast.Call(ast.Attribute(node, "copy", ast.Load()), [], [])
+        bindings = [
+            ast.Assign([ast.Name(hoist.name, ast.Store())], hoist.calls[0])
+            for hoist in self._hoists.get(node, ())
+        ]
+        return [*bindings, node] if bindings else node

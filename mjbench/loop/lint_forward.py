@@ -108,10 +108,9 @@ def _is_step_of(statement: ast.stmt, call: ast.Call) -> bool:
     ]
 
 
-def _enough(uses: DataUses) -> tuple[str, ...] | None:
+def _enough(uses: DataUses | None) -> tuple[str, ...] | None:
     """Return the functions that compute all that is read; None where that is not known."""
-    other = uses.functions - _INDEPENDENT - _JACOBIANS - set(_RECOMPUTES)
-    if not uses.is_known or other:
+    if uses is None or uses.functions - _INDEPENDENT - _JACOBIANS - set(_RECOMPUTES):
         return None
     return enough_for(uses.fields - STATE, bool(uses.functions & _JACOBIANS))
 

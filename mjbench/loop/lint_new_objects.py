@@ -11,7 +11,7 @@ from mjbench.loop.script_syntax import (
     dotted_name,
     is_call,
     last_name,
-    names,
+    name_nodes,
     names_in,
     nodes_inside,
 )
@@ -245,8 +245,8 @@ def _is_dropped(script: SteppingScript, call: ast.Call) -> bool:
     return False
 
 
-def _drops(uses: DataUses) -> bool:
-    return uses.is_known and not uses.is_kept
+def _drops(uses: DataUses | None) -> bool:
+    return uses is not None and not uses.outlives
 
 
 def _is_stored(script: SteppingScript, call: ast.Call) -> bool:
@@ -318,7 +318,7 @@ def _if_constant(
         if body is None:
             return
         varying = _varying_inside(body, each.varying_names(script))
-        read = (n for n in names(body) if isinstance(n.ctx, ast.Load) and n.id in varying)
+        read = (n for n in name_nodes(body) if isinstance(n.ctx, ast.Load) and n.id in varying)
         if all(_is_number(script, name) for name in read):
             yield Match(node, callee="jit")
             return

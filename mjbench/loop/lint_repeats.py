@@ -24,7 +24,7 @@ from mjbench.loop.script_syntax import (
 )
 from mjbench.loop.stepping_script import SteppingScript
 
-Loop = ast.For | ast.While | COMPREHENSIONS
+Repetition = ast.For | ast.While | COMPREHENSIONS
 _CREATE_MODEL = (
     *("from_xml_path", "from_xml_string", "from_binary_path", "from_mjcf_model"),
     *("compile", "recompile", "load_model"),
@@ -40,7 +40,7 @@ class Iteration:
       functions: that the calls lead through, from the loop to the part.
     """
 
-    loop: Loop
+    loop: Repetition
     inside: ast.expr | ast.stmt
     functions: tuple[ast.FunctionDef, ...] = ()
 
@@ -99,7 +99,7 @@ def iterations(
     for parent in script.above(node):
         if isinstance(parent, ast.Lambda | ast.ClassDef):
             return
-        if isinstance(parent, Loop) and _is_repeated(child, parent):
+        if isinstance(parent, Repetition) and _is_repeated(child, parent):
             if _may_run_once(script, node, parent):
                 return
             yield Iteration(parent, node, functions)
@@ -113,7 +113,7 @@ def iterations(
         child = parent
 
 
-def _is_repeated(child: ast.AST, loop: Loop) -> bool:
+def _is_repeated(child: ast.AST, loop: Repetition) -> bool:
     """Return whether a part of a loop is evaluated in each of its iterations."""
     if isinstance(loop, COMPREHENSIONS):
         return child is not loop.generators[0] or not isinstance(child, ast.comprehension)
@@ -123,7 +123,7 @@ def _is_repeated(child: ast.AST, loop: Loop) -> bool:
 
 
 def _may_run_once(
-    script: SteppingScript, node: ast.expr | ast.stmt, limit: Loop | ast.FunctionDef
+    script: SteppingScript, node: ast.expr | ast.stmt, limit: Repetition | ast.FunctionDef
 ) -> bool:
     """Return whether a node may run in one iteration of a loop, or one call, only."""
     child: ast.AST = node
@@ -161,7 +161,7 @@ def _expects_error(node: ast.With) -> bool:
     return any("raises" in last_name(function).lower() for function in calls)
 
 
-def _is_regular(branch: ast.AST, limit: Loop | ast.FunctionDef) -> bool:
+def _is_regular(branch: ast.AST, limit: Repetition | ast.FunctionDef) -> bool:
     """Return whether a condition holds in each nth iteration, or in all of them or in none."""
     assert isinstance(branch, ast.If | ast.IfExp)
     parts = list(ast.walk(branch.test))
@@ -205,7 +205,7 @@ def creates_model(node: ast.AST, by_any_call: bool = False) -> bool:
     return any(by_any_call or is_call(call, *_CREATE_MODEL) for call in calls)
 
 
-def _new_models(scope: Loop | ast.FunctionDef) -> set[str]:
+def _new_models(scope: Repetition | ast.FunctionDef) -> set[str]:
     """Return the names to which a loop or a function assigns a new model."""
     return {
         name

@@ -1,6 +1,7 @@
-"""The rules of `mjbench lint`: what each one looks for in a stepping script.
+"""The rules of `mjbench lint`: those about what runs in each step or episode, and all of them.
 
-A new rule is a function that yields matches, with its explanation, and a line of `RULES`.
+A new rule is a function with its explanation, here or in a module `lint_…` with its like, and a
+line of `RULES`.
 """
 
 import ast
@@ -15,10 +16,9 @@ from mjbench.loop.lint_new_objects import (
     new_renderers,
     new_rollout_pools,
 )
-from mjbench.loop.lint_repeats import Loop, step_loop_of_helper
+from mjbench.loop.lint_repeats import Repetition, step_loop_of_helper
 from mjbench.loop.lint_rule import Match, rule
-from mjbench.loop.lint_written_views import written_views
-from mjbench.loop.lint_wrong_results import halves_of_runge_kutta, shared_data
+from mjbench.loop.lint_wrong_results import halves_of_runge_kutta, shared_data, written_views
 from mjbench.loop.script_syntax import (
     dotted_name,
     is_call,
@@ -30,8 +30,9 @@ from mjbench.loop.script_syntax import (
 from mjbench.loop.stepping_script import SteppingBody, SteppingScript
 from mjbench.loop.stored_views import stored_views
 
-# The codes of the rules on views that outlive their step, and on names looked up in every step.
-STORED_VIEW, NAMED_ACCESS = "MJB001", "MJB002"
+# The codes of the rules on views that outlive their step, on names looked up in every step, and on
+# arrays created in every step.
+STORED_VIEW, NAMED_ACCESS, NEW_ARRAY = "MJB001", "MJB002", "MJB003"
 # About how many ns a habit of mjbench/loop/habits.py adds to a step of the cart-pole, as stored in
 # results/overhead.json; on another machine, only the order of magnitude is the same.
 COSTS_NS = {
@@ -107,7 +108,7 @@ def named_access(script: SteppingScript) -> Iterator[Match]:
 
 
 @rule(
-    "MJB003",
+    NEW_ARRAY,
     "a new array in every step; create one before the loop and write into its slices (x[:n] =)",
 )
 def allocations(script: SteppingScript) -> Iterator[Match]:
@@ -138,7 +139,7 @@ def allocations(script: SteppingScript) -> Iterator[Match]:
 
 def _in_steps(
     script: SteppingScript, calls: Sequence[ast.Call], loops: Sequence[SteppingBody]
-) -> Iterator[tuple[ast.Call, Loop | None]]:
+) -> Iterator[tuple[ast.Call, Repetition | None]]:
     """Yield calls that run in every step of one of some loops.
 
     With a call in a function comes the loop that calls the function; None with those of the loop.

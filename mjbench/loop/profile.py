@@ -66,44 +66,25 @@ class StepTimes:
     starts: Starts | None = None
     run_nstep: int | None = None
 
-
-@dataclass(frozen=True)
-class StepProfile:
-    """Where a step's time goes, and what a frame costs, by backend."""
-
-    model: str
-    steps: StepTimes
-    frames: Sequence[FrameTime]
-
     @property
     def python_ns(self) -> float:
-        """What the Python loop adds to a step, in ns."""
-        return self.steps.loop_ns - self.steps.engine_ns
-
-    def simulated_second(self) -> dict[str, float]:
-        """Return seconds of physics, Python and rendering for each second of simulated time."""
-        nstep = 1 / self.steps.timestep
-        parts = {
-            "physics": self.steps.engine_ns * 1e-9 * nstep,
-            "Python": self.python_ns * 1e-9 * nstep,
-        }
-        for frame in self.frames:
-            if frame.seconds is not None:
-                parts[f"rendering ({frame.backend})"] = frame.seconds * FRAMES_PER_S
-        return parts
+        """What the Python loop adds to a step."""
+        return self.loop_ns - self.engine_ns
 
 
 @dataclass(frozen=True)
 class ProfileRow:
     """What the run file and `mjbench profile --json` hold for one model.
 
-    The attributes from `timestep` on are those of `StepTimes` and `StepProfile`, and None where
-    the measurement failed.
+    The attributes from `timestep` on are None where the measurement failed; `StepTimes` explains
+    most of them.
 
     Attributes:
       model: its name.
       status: `ok`, `input` or `failed`.
       detail: why it failed, in one line; empty when ok.
+      frames: what rendering a frame costs, by backend.
+      simulated_second: seconds for each second of simulated time, by what takes them.
     """
 
     record_type: ClassVar[str] = "profile"
@@ -128,28 +109,38 @@ class ProfileRow:
         names = ("timestep", "loop_ns", "engine_ns", "work", "stages", "warnings", "frames")
         check_measured(self, *names)
 
-    @classmethod
-    def measured(cls, profile: StepProfile) -> "ProfileRow":
-        """Return the row of a model that was profiled."""
-        return cls(
-            profile.model,
-            python_ns=profile.python_ns,
-            frames=profile.frames,
-            simulated_second=profile.simulated_second(),
-            **vars(profile.steps),
-        )
-
-    def profile(self) -> StepProfile | None:
-        """Return the profile; None where it could not be measured."""
-        if self.status != Status.OK or self.frames is None:
+    @property
+    def steps(self) -> StepTimes | None:
+        """Where a step's time goes; None where that could not be measured."""
+        if self.status != Status.OK:
             return None
-        steps = StepTimes(**{field.name: getattr(self, field.name) for field in fields(StepTimes)})
-        return StepProfile(self.model, steps, self.frames)
+        return StepTimes(**{field.name: getattr(self, field.name) for field in fields(StepTimes)})
+
+
+def row(model: str, steps: StepTimes, frames: Sequence[FrameTime]) -> ProfileRow:
+    """Return what was measured of a model, and what follows from it."""
+    nstep = 1 / steps.timestep
+    simulated_second = {
+        "physics": steps.engine_ns * 1e-9 * nstep,
+        "Python": steps.python_ns * 1e-9 * nstep,
+        **{
+            f"rendering ({frame.backend})": frame.seconds * FRAMES_PER_S
+            for frame in frames
+            if frame.seconds is not None
+        },
+    }
+    return ProfileRow(
+        model,
+        python_ns=steps.python_ns,
+        frames=frames,
+        simulated_second=simulated_second,
+        **vars(steps),
+    )
 
 
 def measure(
     source: ModelSource, limit_s: float = TIME_LIMIT_S, starts: StartPlan = DEFAULT_STARTS
-) -> StepProfile:
+) -> ProfileRow:
     """Return the profile of a model; a child that is silent for `limit_s` seconds is killed.
 
     Raises:
@@ -160,7 +151,7 @@ def measure(
     request = LoopRequest(source, starts)
     isolate.run("mjbench.loop.profile:step", request, messages.append, limit_s).check()
     frames = [rendering.measure(source, backend, limit_s) for backend in rendering.BACKENDS]
-    return StepProfile(source.name, messages[0], frames)
+    return row(source.name, messages[0], frames)
 
 
 @dataclass(frozen=True)

@@ -39,19 +39,19 @@ def is_step(node: ast.AST) -> TypeGuard[ast.Call]:
     return is_call(node, "mj_step", "mj_step1", "mj_step2")
 
 
-def names(node: ast.AST) -> Iterator[ast.Name]:
+def name_nodes(node: ast.AST) -> Iterator[ast.Name]:
     """Yield the names that stand in a node, or that it is."""
     return (n for n in ast.walk(node) if isinstance(n, ast.Name))
 
 
 def names_in(node: ast.AST) -> set[str]:
     """Return how the names in a node are spelled."""
-    return {name.id for name in names(node)}
+    return {name.id for name in name_nodes(node)}
 
 
 def bound_in(node: ast.AST) -> set[str]:
     """Return the names to which a node assigns, or that it deletes."""
-    return {name.id for name in names(node) if not isinstance(name.ctx, ast.Load)}
+    return {name.id for name in name_nodes(node) if not isinstance(name.ctx, ast.Load)}
 
 
 def peeled(node: ast.AST) -> ast.AST:

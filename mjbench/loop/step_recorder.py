@@ -11,7 +11,6 @@ import random
 import threading
 import weakref
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 import mujoco
@@ -39,19 +38,23 @@ _TIME_SHARE = 0.5
 _Window = TypeVar("_Window")
 
 
-class FollowedSteps:
-    """The states of one MjData over some of its steps.
+class Window:
+    """A piece of a program's run: the states of one MjData over some of its steps.
 
     A *segment* is a state and those after each further step. A replay from one of these states,
     with the controls of those that follow, repeats the program to the last bit, as long as the
     program sets only controls between its steps. If it changes the state itself, as by a reset, a
     new segment begins. If it sets another input, such as a force, the segment goes on, and
     `changed_inputs` names the MjData field.
+
+    Attributes:
+      digest: of the model when the window began.
     """
 
     def __init__(
         self, reader: StateReader, model: mujoco.MjModel, data: mujoco.MjData, most_states: int
     ):
+        self.digest = model_digest(model)
         self._reader = reader
         self._get_state = mujoco.mj_getState
         self._timestep = float(model.opt.timestep)
@@ -169,23 +172,22 @@ class WindowSample(Generic[_Window]):
         self._by_stratum = merged
 
 
-@dataclass(frozen=True)
-class Window:
-    """A piece of the run of a program, and the digest of the model when it began."""
-
-    steps: FollowedSteps
-    digest: str
-
-
-class RecordedModel:
-    """The steps of one model, and states of some of them.
+class ModelRecorder:
+    """Takes the steps of one model, and stores states of some of them.
 
     Attributes:
+      mjb: the model before its first step, as `mj_saveModel` writes it; None unless it is wanted.
       timestep_s: of the model, as it was first.
       nstep: that the program took, of what is to be captured.
     """
 
-    def __init__(self, model: mujoco.MjModel, max_states: int, window_nstep: int):
+    def __init__(
+        self, model: mujoco.MjModel, max_states: int, window_nstep: int, with_mjb: bool = False
+    ):
+        self.mjb: np.ndarray | None = None
+        if with_mjb:
+            self.mjb = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+            mujoco.mj_saveModel(model, None, self.mjb)
         self.name, self.layout = model_name(model), ModelLayout.of(model)
         self.timestep_s = float(model.opt.timestep)
         self.reader = StateReader(model)
@@ -211,10 +213,10 @@ class RecordedModel:
         """Have `mj_step`, or `mj_step2`, take steps, one by one while a window follows them."""
         while nstep > 0:
             window = self._window
-            if window is None or not window.steps.follows(data):
+            if window is None or not window.follows(data):
                 window = self._window_of(model, data)
             if window is not None:
-                taken = window.steps.step(function, model, data, nstep)
+                taken = window.step(function, model, data, nstep)
                 self.nstep += taken
                 self._followed_at = self.nstep
                 nstep -= taken
@@ -242,8 +244,7 @@ class RecordedModel:
                 self._end_window()
             if self.nstep < self._sample.due:
                 return None
-            steps = FollowedSteps(self.reader, model, data, self._window_states)
-            self._window = Window(steps, model_digest(model))
+            self._window = Window(self.reader, model, data, self._window_states)
             self._followed_at = self.nstep
             return self._window
         finally:
@@ -251,8 +252,7 @@ class RecordedModel:
 
     def _is_over(self, window: Window, data: mujoco.MjData) -> bool:
         """Return whether a window that does not follow `data` is over: full, or of no use."""
-        followed = window.steps.data
-        if followed is None or followed is data:  # that is gone, or has no room for this step
+        if window.data in (None, data):  # that is gone, or has no room for this step
             return True
         return self.nstep - self._followed_at >= _PATIENCE_NSTEP
 
@@ -263,11 +263,7 @@ class RecordedModel:
 
 
 class StepRecorder:
-    """The replacements of MuJoCo's stepping functions, and what they have seen.
-
-    Attributes:
-      on_model: called when a model is first seen, before its first step; None for nothing.
-    """
+    """The replacements of MuJoCo's stepping functions, and what they have seen."""
 
     def __init__(
         self,
@@ -275,6 +271,7 @@ class StepRecorder:
         window_nstep: int,
         model: mujoco.MjModel | None = None,
         data: mujoco.MjData | None = None,
+        with_mjb: bool = False,
     ):
         """Prepare to record.
 
@@ -283,21 +280,21 @@ class StepRecorder:
           window_nstep: steps of a window.
           model: only this one is captured, and those with the same digest; None for all.
           data: only this one is captured; None for all.
+          with_mjb: whether the compiled models are wanted as well.
         """
         self._max_states, self._window_nstep = max_states, window_nstep
         self._digest = None if model is None else model_digest(model)
-        self._data = data
-        self.on_model: Callable[[RecordedModel, mujoco.MjModel], None] | None = None
-        self._by_layout: dict[tuple[str, ModelLayout, int], RecordedModel] = {}
+        self._data, self._with_mjb = data, with_mjb
+        self._by_layout: dict[tuple[str, ModelLayout, int], ModelRecorder] = {}
         # by the identity of the MjModel, as long as that lives; None for one that is not captured
-        self._by_identity: dict[int, RecordedModel | None] = {}
+        self._by_identity: dict[int, ModelRecorder | None] = {}
         self._references: dict[int, weakref.ref[mujoco.MjModel]] = {}
         self._other_nstep: collections.Counter[str] = collections.Counter()
 
-    def models(self) -> list[RecordedModel]:
+    def models(self) -> list[ModelRecorder]:
         """Return the models that were captured, the one that took most steps first."""
-        seen = [recorded for recorded in self._by_layout.values() if recorded.nstep]
-        return sorted(seen, key=lambda recorded: -recorded.nstep)
+        seen = [recorder for recorder in self._by_layout.values() if recorder.nstep]
+        return sorted(seen, key=lambda recorder: -recorder.nstep)
 
     def other_nstep(self) -> dict[str, int]:
         """Return the steps that were not captured, by the name of their model."""
@@ -327,43 +324,41 @@ class StepRecorder:
                     return function(*args, **keywords)
                 model, data, nstep = arguments
             try:
-                recorded = by_identity[id(model)]
+                recorder = by_identity[id(model)]
             except KeyError:
-                recorded = self._recorded(model)
-            if recorded is None or (only_data is not None and data is not only_data):
+                recorder = self._recorder_of(model)
+            if recorder is None or (only_data is not None and data is not only_data):
                 result = function(*args, **keywords)
                 self._other_nstep[model_name(model)] += nstep
                 return result
-            if recorded.is_unseen(nstep):
+            if recorder.is_unseen(nstep):
                 result = function(*args, **keywords)
-                recorded.nstep += nstep
+                recorder.nstep += nstep
                 return result
             if not isinstance(data, mujoco.MjData):
                 return function(*args, **keywords)
-            return recorded.take(function, model, data, nstep)
+            return recorder.take(function, model, data, nstep)
 
         return call
 
-    def _recorded(self, model: mujoco.MjModel) -> RecordedModel | None:
+    def _recorder_of(self, model: mujoco.MjModel) -> ModelRecorder | None:
         """Return where the steps of a model that is not known yet are recorded, if they are."""
         if not isinstance(model, mujoco.MjModel):
             return None
-        recorded = None
+        recorder = None
         if model.nv and self._digest in (None, model_digest(model)):
-            recorded = self._of_layout(model)
+            recorder = self._of_layout(model)
         identity = id(model)
         self._references[identity] = weakref.ref(model, lambda _: self._forget(identity))
-        return self._by_identity.setdefault(identity, recorded)
+        return self._by_identity.setdefault(identity, recorder)
 
-    def _of_layout(self, model: mujoco.MjModel) -> RecordedModel | None:
+    def _of_layout(self, model: mujoco.MjModel) -> ModelRecorder | None:
         nstate = compat.state_size(model)
         key = model_name(model), ModelLayout.of(model), nstate
         if key not in self._by_layout and len(self._by_layout) < MAX_MODELS:
-            recorded = RecordedModel(model, self._max_states, self._window_nstep)
+            recorder = ModelRecorder(model, self._max_states, self._window_nstep, self._with_mjb)
             # without a lock, which a forked child could wait for: another thread may be first
-            is_first = self._by_layout.setdefault(key, recorded) is recorded
-            if is_first and self.on_model is not None:
-                self.on_model(recorded, model)
+            self._by_layout.setdefault(key, recorder)
         return self._by_layout.get(key)
 
     def _forget(self, identity: int) -> None:

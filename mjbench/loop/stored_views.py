@@ -34,7 +34,7 @@ from mjbench.loop.script_syntax import (
     is_input,
     is_step,
     last_name,
-    names,
+    name_nodes,
     nodes_inside,
     peeled,
 )
@@ -222,7 +222,7 @@ class StoredViews:
             if again.intersection(map(dotted_name, ast.walk(data))):
                 return False
             varying = _renewed(inner)
-            if any(n.id in varying and not self._is_resolved(n) for n in names(expression)):
+            if any(n.id in varying and not self._is_resolved(n) for n in name_nodes(expression)):
                 return False
         return True
 
@@ -306,7 +306,7 @@ class StoredViews:
         return any(
             bindings.owner(name.id, name) is function
             and not all(isinstance(b, ast.arg) for b in bindings.bindings(name.id, function))
-            for name in names(view)
+            for name in name_nodes(view)
         )
 
     def _uses(self, function: ast.FunctionDef) -> Iterator[ast.expr]:
@@ -380,7 +380,7 @@ def _bound(inner: Sequence[ast.AST]) -> set[str]:
 def _renewed(inner: Sequence[ast.AST]) -> set[str]:
     """Return what nodes bind, without the names of their loops, which repeat their values."""
     loops = (node for node in inner if isinstance(node, ast.For))
-    return _bound(inner) - {name.id for loop in loops for name in names(loop.target)}
+    return _bound(inner) - {name.id for loop in loops for name in name_nodes(loop.target)}
 
 
 def _source_of_iteration(iterable: ast.expr, index: int | None) -> Source | None:

@@ -5,6 +5,7 @@ has a colour of its own has a contrast of at least 3 on both.
 """
 
 import html
+import itertools
 from collections.abc import Iterator, Sequence
 
 from mjbench.errors import printable
@@ -66,12 +67,9 @@ def _table(heading: str, table: DataTable) -> Iterator[str]:
     yield "<thead><tr>"
     yield from (_cell("th", column, column.title) for column in table.columns)
     yield "</tr></thead><tbody>"
-    for row in table.rows:
+    for row in table.texts:
         yield "<tr>"
-        yield from (
-            _cell("td", column, column.shown(cell))
-            for column, cell in zip(table.columns, row, strict=True)
-        )
+        yield from map(_cell, itertools.repeat("td"), table.columns, row)
         yield "</tr>"
     yield "</tbody></table>"
 

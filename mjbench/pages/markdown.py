@@ -1,11 +1,16 @@
-"""A report as GitHub's Markdown: for a job's summary, or a comment on a pull request."""
+"""Reports and pages in GitHub's Markdown: for a job's summary, a comment, or a document.
+
+Names, messages and commands in run files are somebody else's: each goes through `escaped` or `code`
+before it is part of a page, and then is no markup, no HTML and no role of MyST.
+"""
 
 import html
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Collection, Iterable, Iterator, Sequence
 
-from mjbench.report import markdown
-from mjbench.report.content import DataTable, Report, Tone
-from mjbench.report.markdown import code, code_block, escaped
+from mjbench.errors import printable
+from mjbench.report import history_plots
+from mjbench.report.content import DataTable, Report, Section, Tone
 
 _MARKS = {
     Tone.CAUTION: "⚠️ ",
@@ -14,6 +19,8 @@ _MARKS = {
     Tone.UNSURE: "❔ ",
     Tone.NEUTRAL: "",
 }
+# Characters that mean something in Markdown, MyST or HTML; `_` does not inside a word.
+_SPECIAL = re.compile(r"[\\`*{}\[\]<>#&~]|(?<![^\W_])_|_(?![^\W_])")
 
 
 def render(report: Report) -> Iterator[str]:
@@ -27,17 +34,7 @@ def render(report: Report) -> Iterator[str]:
         yield ""
         yield from _conclusions((each.sentence, each.tone) for each in section.conclusions)
         yield from (f"- {escaped(fact)}" for fact in section.facts)
-        for table in section.shown_tables:
-            yield ""
-            if len(section.shown_tables) > 1:
-                yield f"{escaped(table.title)}:"
-                yield ""
-            yield from _table(table)
-        for snippet in section.snippets if section.shows_code else ():
-            yield ""
-            yield f"{escaped(snippet.title)}:"
-            yield ""
-            yield from code_block(snippet.code)
+        yield from _tables(section)
         yield ""
         yield from (f"- {escaped(note)}" for note in section.notes)
         yield ""
@@ -53,6 +50,46 @@ def render(report: Report) -> Iterator[str]:
         yield "</details>"
 
 
+def document(sections: Iterable[Section], plots: str = "") -> Iterator[str]:
+    """Yield the lines of a document of sections; the first one has its title.
+
+    Args:
+      plots: folder of the sections' figures, as the page is to link it.
+    """
+    for number, section in enumerate(sections):
+        if number:
+            yield ""
+        yield f"{'##' if number else '#'} {escaped(section.heading)}"
+        for text in (*(each.text for each in section.conclusions), *section.facts):
+            yield ""
+            yield escaped(text)
+        for figure in section.figures:
+            yield ""
+            yield f"![{escaped(figure.title)}]({plots}/{history_plots.file_name(figure.title)})"
+        if not section.figures:
+            yield from _tables(section)
+        for note in section.notes:
+            yield ""
+            yield escaped(note)
+        yield ""
+        yield f"Measured by {code(section.command)}"
+
+
+def _tables(section: Section) -> Iterator[str]:
+    """Yield the tables of a section, and the code that is part of what it says."""
+    for table in section.shown_tables:
+        yield ""
+        if len(section.shown_tables) > 1:
+            yield f"{escaped(table.title)}:"
+            yield ""
+        yield from _table(table)
+    for snippet in section.snippets if section.shows_code else ():
+        yield ""
+        yield f"{escaped(snippet.title)}:"
+        yield ""
+        yield from code_block(snippet.code)
+
+
 def _conclusions(conclusions: Iterable[tuple[str, Tone]]) -> Iterator[str]:
     for text, tone in conclusions:
         yield f"- {_MARKS[tone]}{escaped(text)}"
@@ -62,8 +99,50 @@ def _table(table: DataTable) -> Iterator[str]:
     table = table.filled_columns(with_bars=False)
     headings = [escaped(column.title) or " " for column in table.columns]
     right = {escaped(column.title) for column in table.columns if column.is_number}
-    rows = (
-        [escaped(c.shown(cell)) for c, cell in zip(table.columns, row, strict=True)]
-        for row in table.rows
-    )
-    yield from markdown.table(headings, rows, right)
+    rows = ([escaped(text) for text in row] for row in table.texts)
+    yield from table_lines(headings, rows, right)
+
+
+def escaped(text: str) -> str:
+    """Return a text as one line in which nothing is markup."""
+    # a backslash before a pipe has a meaning in tables alone
+    return _SPECIAL.sub(r"\\\g<0>", _line(text)).replace("|", "&#124;")
+
+
+def code(text: str) -> str:
+    """Return a text as one line of code, whatever backticks it has; nothing for nothing."""
+    line = _line(text)
+    if not line:
+        return ""
+    fence = "`" * (1 + max(map(len, re.findall("`+", line)), default=0))
+    padding = " " if "`" in (line[0], line[-1]) else ""
+    return f"{fence}{padding}{line}{padding}{fence}"
+
+
+def code_block(text: str) -> Iterator[str]:
+    """Yield lines of code as a block, whatever backticks they have."""
+    fence = "`" * max(3, 1 + max(map(len, re.findall("`+", text)), default=0))
+    yield fence
+    yield from map(printable, text.split("\n"))
+    yield fence
+
+
+def _line(text: str) -> str:
+    return printable(" ".join(text.split()))
+
+
+def table_lines(
+    headings: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    right_aligned: Collection[str] = (),
+) -> Iterator[str]:
+    """Yield the lines of a table.
+
+    Args:
+      rows: cells of each row, in which only code may have pipes.
+      right_aligned: headings of columns that are right-aligned.
+    """
+    yield f"| {' | '.join(headings)} |"
+    yield "|" + "|".join("---:" if h in right_aligned else "---" for h in headings) + "|"
+    for row in rows:
+        yield f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |"

@@ -10,7 +10,7 @@ from mjbench.host.machine import Machine
 from mjbench.releases import bundle
 from mjbench.releases.release_ratios import RatioRecord
 from mjbench.report import across_machines as across
-from mjbench.report import formats, histories, history_files, kinds
+from mjbench.report import formats, history_across, history_files, kinds
 from mjbench.report.content import Column, Conclusion, DataTable, Report, Section, Tone
 from mjbench.store import run_set
 from mjbench.store.machine_identity import MachineIdentity
@@ -132,16 +132,17 @@ def _left_out(count: int, total: int) -> Conclusion:
 
 
 def _with_fewer_figures(sections: Sequence[Section]) -> Iterator[Section]:
-    """Yield sections, without figures once there are enough; a section says that it lacks them."""
-    drawn = 0
+    """Yield sections, without figures once there are enough; a section says that it lacks some."""
+    room = _MOST_FIGURES
     for section in sections:
-        drawn += len(section.figures)
-        if not section.figures or drawn <= _MOST_FIGURES:
+        drawn, others = section.figures[:room], section.figures[room:]
+        room -= len(drawn)
+        if not others:
             yield section
             continue
         note = f"Not drawn: a report has {_MOST_FIGURES} charts at most. Report fewer runs."
-        tables = section.tables or [figure.data for figure in section.figures]
-        yield replace(section, figures=(), tables=tables, notes=[*section.notes, note])
+        tables = section.tables or [figure.data for figure in others]
+        yield replace(section, figures=drawn, tables=tables, notes=[*section.notes, note])
 
 
 def _history_parts(named_runs: Sequence[NamedRun]) -> list[_Part]:
@@ -153,7 +154,7 @@ def _history_parts(named_runs: Sequence[NamedRun]) -> list[_Part]:
     each = history_files.of_runs(
         [named.run for named in named_runs], causes if causes.exists() else None
     )
-    sections = histories.of_machines(each)
+    sections = history_across.sections(each)
     command = timed[0].command
     return [_Part(replace(section, command=command), section.conclusions) for section in sections]
 

@@ -4,7 +4,7 @@ The pages keep the places that they have in the project, so that links between d
 link to a file that is not on the site becomes plain text.
 
 Whoever writes the documents is trusted: they may have any markup of MyST. Run files are not: their
-texts are no markup (see `report.markdown`), and pages that have any of them have no roles. What is
+texts are no markup (see `markdown`), and pages that have any of them have no roles. What is
 read or copied is the project's own: no symbolic link that leaves it is followed.
 """
 
@@ -23,13 +23,13 @@ from pathlib import Path
 from mjbench import extras
 from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError, MachineError, one_line, writing
-from mjbench.pages import html, reports
+from mjbench.pages import html, markdown, reports
+from mjbench.pages.markdown import code, escaped
 from mjbench.pages.reports import NamedRun
-from mjbench.report import formats, history_plots, markdown, release_page, speed_page
+from mjbench.report import formats, history, history_plots
 from mjbench.report.advice import advise
 from mjbench.report.comparison import mark
 from mjbench.report.content import Tone
-from mjbench.report.markdown import code, escaped
 from mjbench.report.results import derive_all
 from mjbench.report.speed_history import SpeedHistory
 
@@ -43,8 +43,6 @@ _FOLDERS_BESIDE = ("models", "results")
 # Copied as they are, and not rendered.
 _COPIED = "copied"
 _LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s#]+)(#[^)\s]*)?\)")
-# A link of the page of the history, where no text of a run file can be one: those have no bare `[`.
-_METHOD_LINK = re.compile(r"\[([^\[\]`\\]+)\]\((method/[\w-]+\.md)(#[\w-]+)?\)")
 # At the head of pages that have texts of run files.
 _NO_ROLES = """\
 ---
@@ -241,34 +239,32 @@ def left_out(file: Path, project: Path) -> str:
     return f"left out: {file.relative_to(project)}: {why}"
 
 
-def _write_history(history: SpeedHistory, source: Path) -> None:
+def _write_history(measured: SpeedHistory, source: Path) -> None:
     """Write the page of all releases with its plots, and a page for each release."""
     docs = source / "docs"
-    plots = docs / "history"
-    history_plots.draw(history, plots)
-    page = [_NO_ROLES, speed_page.TITLE, "", *speed_page.lines(history, "history")]
-
-    def live(match: re.Match[str]) -> str:
-        return match[0] if (docs / match[2]).is_file() else match[1]
-
-    _write_page(docs / "history.md", [_METHOD_LINK.sub(live, line) for line in page])
-    releases = history.releases()[1:]
+    history_plots.draw(measured, docs / "history")
+    page = markdown.document(history.sections(measured), "history")
+    _write_page(docs / "history.md", [_NO_ROLES, *page])
+    releases = measured.releases()[1:]
     for release in releases:
-        page = [_NO_ROLES, *release_page.lines(history, release)]
-        _write_page(source / "releases" / f"{release}.md", page)
+        page = markdown.document(history.release_sections(measured, release))
+        _write_page(source / "releases" / f"{release}.md", [_NO_ROLES, *page])
     if releases:
-        _write_page(source / "releases.md", [_NO_ROLES, *_releases_page(history, releases)])
+        _write_page(source / "releases.md", [_NO_ROLES, *_releases_page(measured, releases)])
 
 
-def _releases_page(history: SpeedHistory, releases: Sequence[str]) -> Iterator[str]:
+def _releases_page(measured: SpeedHistory, releases: Sequence[str]) -> Iterator[str]:
     """Yield a page that links that of each release, the newest first."""
     yield "# Releases\n"
     yield "What each release of MuJoCo changed, beside the release before it.\n"
     rows = [
-        (f"[{release}](releases/{release}.md)", release_page.conclusion(history, release))
+        (
+            f"[{release}](releases/{release}.md)",
+            escaped(history.release_conclusion(measured, release)),
+        )
         for release in reversed(releases)
     ]
-    yield from markdown.table(["release", "time of a step"], rows)
+    yield from markdown.table_lines(["release", "time of a step"], rows)
     yield from _toctree("", [f"releases/{release}" for release in reversed(releases)])
 
 
@@ -285,7 +281,7 @@ def _reports_page(runs: Sequence[NamedRun]) -> Iterator[str]:
         )
         for named, *others in reversed(_by_file(runs).values())
     ]
-    yield from markdown.table(["report", "command", "processor", "began"], rows)
+    yield from markdown.table_lines(["report", "command", "processor", "began"], rows)
 
 
 def _by_file(runs: Sequence[NamedRun]) -> dict[Path, list[NamedRun]]:
@@ -307,11 +303,11 @@ def _index(project: Project, source: Path) -> Iterator[str]:
     yield "# How fast is MuJoCo from Python?\n"
     if project.history is not None:
         yield "## From release to release\n"
-        yield from speed_page.conclusion(project.history)
+        yield from map(escaped, history.conclusions(project.history))
         *earlier, newest = project.history.releases()
         links = ["[All changes](docs/history.md)"]
         if earlier:
-            change = release_page.conclusion(project.history, newest)
+            change = escaped(history.release_conclusion(project.history, newest))
             yield f"\nThe newest release, {newest}: {change}"
             links.append("[release by release](releases.md)")
         yield f"\n{' · '.join(links)}\n"
@@ -377,7 +373,7 @@ def _summary(runs: Sequence[NamedRun]) -> Iterator[str]:
         for row in advice
     ]
     headings = ["model", "loop", "advised", "over the plain loop", "95 % interval"]
-    yield from markdown.table(headings, rows, right_aligned=headings[3:4])
+    yield from markdown.table_lines(headings, rows, right_aligned=headings[3:4])
 
 
 def _toctree(caption: str, names: Sequence[str]) -> Iterator[str]:

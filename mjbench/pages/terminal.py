@@ -101,10 +101,7 @@ def rich_table(table: DataTable, width: int) -> Table:
     table = table.filled_columns()
     has_wrapped = any(column.wraps for column in table.columns)
     printed = Table(box=None, pad_edge=False, header_style="bold")
-    rows = [
-        [column.shown(cell) for column, cell in zip(table.columns, row, strict=True)]
-        for row in table.rows
-    ]
+    rows = table.texts
     least_width = _GAP * (len(table.columns) - 1)
     for i, column in enumerate(table.columns):
         is_wrapped = column.wraps or (not has_wrapped and i == len(table.columns) - 1)

@@ -1,133 +1,97 @@
-"""Launch two targets until a stop rule has enough, or time is up.
+"""Launch targets until a stop rule has enough: the loop of all that is timed in fresh processes.
 
-Verdicts and placement spreads are stop rules on this loop.
+A launch is a fresh process, or one for each of two sides, which measures some of the targets once.
+`pair_rule` launches a baseline and a candidate, `race` ways of stepping, `release_ratio` what the
+history measures, and `environment.vectors` vectorised forms.
 """
 
-import time
+import contextlib
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import ClassVar
+from collections.abc import Iterator, Sequence
+from typing import Generic, TypeVar
 
 from mjbench.errors import Failure
-from mjbench.paired.preparation import WorkCheck
-from mjbench.paired.protocol import TargetPair
-from mjbench.paired.records import LaunchRow
-from mjbench.paired.run_sizes import Sizes
-from mjbench.paired.targets import Target
-from mjbench.paired.time_limit import ENDING_ERRORS, TimeLimit, ending_of
-from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases.placement import PlacementPair
+from mjbench.paired.time_limit import ENDING_ERRORS, ending_of
 from mjbench.status import Status
 
+LaunchT = TypeVar("LaunchT")
 
-@dataclass(frozen=True)
-class Sufficiency:
-    """What a stop rule says of the launches so far.
+
+class UnableError(Exception):
+    """A target cannot go on: it cannot run, ended its process, or returned something wrong.
 
     Attributes:
-      is_enough: whether no more are needed.
-      has_answer: whether they are not for nothing if time is up.
+      position: of the target.
     """
 
-    is_enough: bool
-    has_answer: bool
+    def __init__(self, position: int, status: Status, detail: str):
+        super().__init__(detail)
+        self.position, self.status, self.detail = position, status, detail
 
 
-class StopRule(ABC):
-    """When launches are enough.
+class Targets(ABC, Generic[LaunchT]):
+    """What is launched; each target has a position."""
 
-    Class attributes:
-      purpose: what they are for, such as `a verdict`.
-    """
-
-    purpose: ClassVar[str]
+    def prepare(self) -> None:
+        """Do what comes before the first launch; see `launch` for what this may raise."""
 
     @abstractmethod
-    def placements(self, pool: WorkerPool) -> Iterator[PlacementPair]:
-        """Return the placements of the targets' libraries, launch by launch.
+    def launch(self, positions: Sequence[int]) -> LaunchT:
+        """Measure the targets at these positions once, in fresh processes.
 
         Raises:
-          InputError: a release does not exist.
-          MachineError: a release cannot be installed, or moved.
+          UnableError: one of them cannot go on, but others can.
+          InputError: none can.
+          MachineError: a process crashed, hung or failed.
+          OutOfTimeError: the time limit does not allow it.
+        """
+
+    def close(self) -> None:
+        """End processes and remove files that are left."""
+
+
+class StopRule(ABC, Generic[LaunchT]):
+    """Which targets are launched next; it keeps what launches gave."""
+
+    @abstractmethod
+    def next_targets(self) -> Sequence[int]:
+        """Return the positions of the targets of the next launch; none to end.
+
+        Raises:
+          OutOfTimeError: the time limit allows none, and there is no answer yet.
         """
 
     @abstractmethod
-    def min_launches(self) -> int:
-        """Return how many launches an answer needs; called after `placements`."""
+    def add(self, launch: LaunchT) -> None:
+        """Take a launch into account."""
 
-    @abstractmethod
-    def look(self, launches: Sequence[LaunchRow], work_check: WorkCheck) -> Sufficiency:
-        """Return whether launches are enough; called after each."""
+    def withdraw(self, error: UnableError) -> None:
+        """Go on without a target.
+
+        Raises:
+          UnableError: nothing can be measured without it.
+        """
+        raise error
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Launched:
-    """What launches of two targets gave, and how they ended.
+def launch(targets: Targets[LaunchT], rule: StopRule[LaunchT]) -> Iterator[Failure | None]:
+    """Launch targets until a rule ends it, something fails, time is up, or Ctrl-C is pressed.
 
-    Attributes:
-      status: how they ended; `OK` also where time ran out.
-      detail: one line; empty when ok, unless time ran out before there were enough launches.
-      is_enough: whether the stop rule ended them.
-      seconds: from start to end, the workers' start included.
-      work_check: whether both did the same work; None where it ended before that.
-      workload_file: the baseline's `PortableWorkload`, which lasts as long as the pool; None
-        likewise.
+    Yields:
+      None after each launch; last how it ended, `OK` with an empty line where the rule ended it.
     """
-
-    status: Status
-    detail: str = ""
-    launches: Sequence[LaunchRow] = ()
-    is_enough: bool = False
-    seconds: float = 0.0
-    work_check: WorkCheck | None = None
-    workload_file: Path | None = None
-
-
-def launch(
-    pool: WorkerPool,
-    targets: tuple[Target, Target],
-    sizes: Sizes,
-    rule: StopRule,
-    time_limit_s: float,
-    clock: Callable[[], float] = time.monotonic,
-) -> Launched:
-    """Launch baseline and candidate until a rule has enough, or time is up.
-
-    Where a target crashes, hangs or fails, or Ctrl-C is pressed, the result says so, and holds what
-    was measured until then.
-
-    Args:
-      time_limit_s: seconds from when the models are loaded, after which no launch begins.
-    """
-    begin_s = clock()
-    launches: list[LaunchRow] = []
-    pair: TargetPair | None = None
-    is_enough, ending = False, Failure(Status.OK, "")
+    ending = Failure(Status.OK, "")
     try:
-        placements = rule.placements(pool)
-        time_limit = TimeLimit(time_limit_s, rule.min_launches(), clock, rule.purpose)
-        pair = TargetPair(pool, *targets, sizes, time_limit, placements)
-        before_s, can_go_on = time_limit.spent_s(), True
-        while not is_enough and can_go_on:
-            launches.append(pair.launch())
-            sufficiency = rule.look(launches, pair.work_check)
-            is_enough = sufficiency.is_enough
-            can_go_on = is_enough or time_limit.allows_another(
-                len(launches), before_s, sufficiency.has_answer
-            )
+        with contextlib.closing(targets):
+            targets.prepare()
+            while positions := rule.next_targets():
+                try:
+                    rule.add(targets.launch(positions))
+                except UnableError as error:
+                    rule.withdraw(error)
+                yield None
+    except UnableError as error:
+        ending = Failure(error.status, error.detail)
     except ENDING_ERRORS as error:
         ending = ending_of(error)
-    finally:
-        if pair is not None:
-            pair.close()
-    return Launched(
-        status=ending.status,
-        detail=ending.detail,
-        launches=launches,
-        is_enough=is_enough,
-        seconds=clock() - begin_s,
-        work_check=pair.work_check if pair else None,
-        workload_file=pair.baseline_workload if pair else None,
-    )
+    yield ending

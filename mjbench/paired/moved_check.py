@@ -18,7 +18,7 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases import movable, placement
 from mjbench.releases.installs import ReleaseSpec
-from mjbench.releases.moved_image import ImmovableError
+from mjbench.releases.moved_install import ImmovableError
 from mjbench.releases.placement import AS_SHIPPED, RESIDUES, Placement, PlacementPair
 from mjbench.simulation import models
 from mjbench.simulation.sampling import SampleRequest

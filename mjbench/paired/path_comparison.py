@@ -196,7 +196,7 @@ class _PathComparison:
         racing = f"racing {len(variants)} paths, about {left_s:.0f} s"
         phase = racing if len(variants) > 1 else "timing the plain loop"
         self._on_phase(f"{self._name}: {phase}")
-        for record in race(entered, launches.launch, budget):
+        for record in race(entered, launches, budget):
             self._race = self._with_disturbance(record)
             for unable in record.unable:
                 index = agreeing[unable.variant]

@@ -17,16 +17,15 @@ from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt, Versio
 from mjbench.errors import MachineError
 from mjbench.measuring import anytime
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired import launches, moved_check
-from mjbench.paired.launches import StopRule, Sufficiency
+from mjbench.paired import moved_check
+from mjbench.paired.pair_rule import PairRule, Sufficiency
 from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import CONFIDENCE
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases.installs import ReleaseSpec
-from mjbench.releases.moved_image import ImmovableError
+from mjbench.releases.moved_install import ImmovableError
 from mjbench.releases.placement import RESIDUES, Placement, PlacementPair
 from mjbench.status import FINISHED, Status
 from mjbench.store.json_form import in_json
@@ -155,13 +154,21 @@ def spread_of(residues: Sequence[ResidueRow]) -> Spread | None:
     return Spread(estimate, max(0.0, max(lows) / min(highs) - 1), max(highs) / min(lows) - 1)
 
 
-class _SpreadRule(StopRule):
+class _SpreadRule(PairRule):
     """Launch until every residue has its launches."""
 
     purpose = "a spread"
 
-    def __init__(self, plan: SpreadPlan, release: ReleaseSpec, on_launch: Callable[[int], None]):
-        self._plan, self._release, self._on_launch = plan, release, on_launch
+    def __init__(
+        self,
+        pool: WorkerPool,
+        target: Target,
+        plan: SpreadPlan,
+        on_launch: Callable[[int], None],
+        clock: Callable[[], float],
+    ):
+        super().__init__(pool, (target, target), plan.sizes, plan.time_limit_s, clock)
+        self._plan, self._release, self._on_launch = plan, target.release, on_launch
 
     def placements(self, pool: WorkerPool) -> Iterator[PlacementPair]:
         try:
@@ -192,8 +199,7 @@ def measure(
     Args:
       on_launch: called after each launch, with their number so far.
     """
-    rule = _SpreadRule(plan, target.release, on_launch)
-    launched = launches.launch(pool, (target, target), plan.sizes, rule, plan.time_limit_s, clock)
+    launched = _SpreadRule(pool, target, plan, on_launch, clock).run()
     samples, check, detail = launched.launches, launched.work_check, launched.detail
     if launched.status == Status.OK and not detail and not launched.is_enough:
         detail = f"time ran out after {len(samples)} of {plan.most_launches} launches"

@@ -9,9 +9,11 @@ are the samples that `verdict` judges, as many as the verdict needs. While one l
 the programs of the next start on the other cores.
 """
 
+import contextlib
+import itertools
 import math
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +22,8 @@ import numpy as np
 from mjbench.measuring import timing
 from mjbench.paired import cores, preparation
 from mjbench.paired.calibrator import Calibrator
+from mjbench.paired.launches import Targets
+from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
@@ -34,7 +38,10 @@ from mjbench.paired.time_limit import (
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
-from mjbench.releases.placement import PlacementPair
+from mjbench.releases.placement import AS_SHIPPED, PlacementPair
+
+# The positions of a baseline and its candidate.
+BOTH = (0, 1)
 
 
 class StepWork:
@@ -96,13 +103,18 @@ class StepWork:
             file.unlink(missing_ok=True)
 
 
-class TargetPair:
-    """Two targets, ready to be launched as often as it takes.
+class TargetPair(Targets[LaunchRow]):
+    """Two targets, which can be launched as often as it takes once they are prepared.
 
     Attributes:
+      is_prepared: whether both can do the same work.
+      work_check: how their work compares.
       baseline_workload: file of the baseline's `PortableWorkload`, final states included; it lasts
         as long as the pool.
     """
+
+    work_check: WorkCheck
+    baseline_workload: Path
 
     def __init__(
         self,
@@ -111,45 +123,54 @@ class TargetPair:
         candidate: Target,
         sizes: Sizes | None = None,
         time_limit: TimeLimit | None = None,
-        placements: Iterator[PlacementPair] | None = None,
+        placements: Callable[[], Iterator[PlacementPair]] = lambda: itertools.repeat(AS_SHIPPED),
     ):
-        """Load the models, and make sure that both targets can do the same work.
+        """Start nothing yet.
 
         Args:
           sizes: of a run; None for the usual ones.
           time_limit: starts when the models are loaded; None for no limit.
-          placements: of the targets' libraries, launch by launch, as `placement.schedule` yields
-            them; None for as shipped.
+          placements: returns those of the targets' libraries, launch by launch, as
+            `placement.schedule` yields them.
+        """
+        self._pool, self._targets = pool, (baseline, candidate)
+        self._sizes, self._placements = sizes or Sizes(), placements
+        self._time_limit, self._has_timed = time_limit or TimeLimit(), False
+        self._nthread = max(baseline.nthread, candidate.nthread)
+        self.is_prepared = False
+        self._closing = contextlib.ExitStack()
+
+    def prepare(self) -> None:
+        """Load the models, and make sure that both targets can do the same work.
 
         Raises:
           InputError: a target cannot do it.
           ChildError: a target crashed, hung or failed.
           OutOfTimeError: the limit does not allow a launch.
         """
-        targets = baseline, candidate
-        self._nthread = max(baseline.nthread, candidate.nthread)
+        pool, (baseline, candidate) = self._pool, self._targets
+        placements, names = self._placements(), preparation.describe(self._targets)
         self._calibrator = Calibrator(pool, baseline.release, self._nthread)
-        self._time_limit, self._has_timed = time_limit or TimeLimit(), False
-        names = preparation.describe(targets)
+        self._closing.callback(self._calibrator.close)
         # those of the first launch import MuJoCo while the work is prepared
         self._pairs = ProcessPairs(pool, (baseline.release, candidate.release), names, placements)
-        try:
-            self._work = StepWork(pool, targets, sizes or Sizes(), self._time_limit)
-        except BaseException:
-            self._pairs.close()
-            raise
+        self._closing.callback(self._pairs.close)
+        self._work = StepWork(pool, self._targets, self._sizes, self._time_limit)
+        self._closing.callback(self._work.close)
         self._pairs.equip(self._work.equip)
         self.work_check = self._work.work_check
-        self.baseline_workload: Path = self._work.workloads[0]
+        self.baseline_workload = self._work.workloads[0]
+        self.is_prepared = True
 
-    def launch(self) -> LaunchRow:
-        """Measure once, in fresh processes, on a free core.
+    def launch(self, positions: Sequence[int] = BOTH) -> LaunchRow:
+        """Measure both once, in fresh processes, on a free core.
 
         Raises:
           InputError: a target cannot run its path.
           ChildError: a target crashed, hung or failed.
           OutOfTimeError: this is the first launch, and the time limit does not allow it.
         """
+        assert tuple(positions) == BOTH, "a pair is launched together"
         self._pairs.wait()
         # targets with threads get all cores, so nothing may start on one of them meanwhile
         threaded = self._nthread > 1
@@ -181,9 +202,7 @@ class TargetPair:
 
     def close(self) -> None:
         """End the processes that were started ahead; remove all files but the baseline workload."""
-        self._pairs.close()
-        self._calibrator.close()
-        self._work.close()
+        self._closing.close()
 
 
 def draw_least(times_drawn: list[int], count: int) -> list[int]:

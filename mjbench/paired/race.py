@@ -12,22 +12,14 @@ import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from mjbench.errors import InputError
+from mjbench.paired.launches import StopRule, Targets, UnableError, launch
 from mjbench.paired.race_record import MIN_FINAL_LAUNCHES, RaceLaunch, RaceRecord, UnableVariant
-from mjbench.paired.time_limit import ENDING_ERRORS, ending_of
+from mjbench.status import Status
 
 # Launches in all at most before the race is over, and after it.
 MAX_LAUNCHES, FINAL_LAUNCHES = 100, 8
 # A launch of a few paths takes at least this share of the time of one of all: it starts a process.
 _SHARE_OF_START = 0.25
-
-
-class UnableError(InputError):
-    """A variant cannot go on; `unable` says which, and why."""
-
-    def __init__(self, unable: UnableVariant):
-        super().__init__(unable.detail)
-        self.unable = unable
 
 
 @dataclass(frozen=True)
@@ -47,53 +39,50 @@ class RaceBudget:
 
 
 def race(
-    entered: RaceRecord,
-    launch: Callable[[Sequence[int], bool], RaceLaunch],
-    budget: RaceBudget,
+    entered: RaceRecord, variants: Targets[RaceLaunch], budget: RaceBudget
 ) -> Iterator[RaceRecord]:
     """Run a race, and the launches after it; yield what is known after each, and how it ended.
 
     Args:
       entered: what takes part, without a launch.
-      launch: times variants in a fresh process; the flag says whether the race is over.
+      variants: what is launched; their positions are those in `entered`.
       budget: of time.
     """
-    course = _Course(entered, launch, budget)
-    try:
-        while course.go_on():
-            yield course.record
-    except ENDING_ERRORS as error:
-        ending = ending_of(error)
-        course.record = replace(
-            course.record, status=ending.status, detail=ending.detail, is_cut_short=True
-        )
-    yield course.record
+    rule = _RaceRule(entered, budget)
+    for ending in launch(variants, rule):
+        if ending is not None and ending.status != Status.OK:
+            status, detail = ending.status, ending.detail
+            rule.record = replace(rule.record, status=status, detail=detail, is_cut_short=True)
+        yield rule.record
 
 
-class _Course:
-    """The course of one race; `record` is what is known."""
+class _RaceRule(StopRule[RaceLaunch]):
+    """Which variants are launched, for the race and after it; `record` is what is known."""
 
-    def __init__(
-        self,
-        entered: RaceRecord,
-        launch: Callable[[Sequence[int], bool], RaceLaunch],
-        budget: RaceBudget,
-    ):
-        self.record, self._launch, self._budget = entered, launch, budget
-        self._launch_s = 0.0
+    def __init__(self, entered: RaceRecord, budget: RaceBudget):
+        self.record, self._budget = entered, budget
+        self._begin_s = self._launch_s = 0.0
+        self._is_final = False
 
-    def go_on(self) -> bool:
-        """Launch once, for the race or after it; return False where all launches were made.
+    def next_targets(self) -> Sequence[int]:
+        """See `StopRule.next_targets`."""
+        racing = self._next_of_race()
+        self._is_final = not racing
+        self._begin_s = self._budget.clock()
+        return racing or self._next_final() or self._next_slow()
 
-        A variant that is unable is noted instead, and is not in the next launch.
-        """
-        if racing := self._next_of_race():
-            self._launch_once(racing, is_final=False)
-        elif final := self._next_final() or self._next_slow():
-            self._launch_once(final, is_final=True)
-        else:
-            return False
-        return True
+    def add(self, launch: RaceLaunch) -> None:
+        """See `StopRule.add`."""
+        self._launch_s = self._budget.clock() - self._begin_s
+        launches = [*self.record.launches, replace(launch, is_final=self._is_final)]
+        self.record = replace(self.record, launches=launches)
+
+    def withdraw(self, error: UnableError) -> None:
+        """Note that a variant is unable; it is not in the next launch."""
+        if error.position == 0:
+            raise error
+        unable = UnableVariant(error.position, error.status, error.detail)
+        self.record = replace(self.record, unable=[*self.record.unable, unable])
 
     def _next_of_race(self) -> list[int]:
         """Return the variants of the next launch of the race; none where it is over."""
@@ -133,18 +122,6 @@ class _Course:
         """Return how many launches after the race timed all of these variants."""
         after = [launch for launch in self.record.launches if launch.is_final]
         return sum(set(positions) <= set(launch.variants) for launch in after)
-
-    def _launch_once(self, positions: Sequence[int], is_final: bool) -> None:
-        begin_s = self._budget.clock()
-        try:
-            launched = self._launch(positions, is_final)
-        except UnableError as error:
-            if error.unable.variant == 0:
-                raise
-            self.record = replace(self.record, unable=[*self.record.unable, error.unable])
-            return
-        self._launch_s = self._budget.clock() - begin_s
-        self.record = replace(self.record, launches=[*self.record.launches, launched])
 
     def _expected_s(self, positions: Collection[int]) -> float:
         """Return about how long a launch of these variants takes."""

@@ -1,8 +1,8 @@
 """The launches of a race: a fresh process each, in which paths are timed in turns (see `race`)."""
 
+import contextlib
 import random
-from collections.abc import Sequence
-from typing import ParamSpec, TypeVar
+from collections.abc import Iterator, Sequence
 
 from mjbench.comparison.compare import ModelChildren
 from mjbench.comparison.plan import Variant
@@ -10,22 +10,20 @@ from mjbench.errors import InputError
 from mjbench.host.child_connection import ChildError
 from mjbench.paired import cores, launch_seeds
 from mjbench.paired.calibrator import countable
-from mjbench.paired.race import UnableError
-from mjbench.paired.race_record import RaceLaunch, UnableVariant
+from mjbench.paired.launches import Targets, UnableError
+from mjbench.paired.race_record import RaceLaunch
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import Task, WorkerProcess
+from mjbench.paired.worker_process import WorkerProcess
 from mjbench.paths.parallelism import nthread
 from mjbench.releases import installs
 from mjbench.status import Status
 
-_P = ParamSpec("_P")
-_T = TypeVar("_T")
 # Rounds of a launch: an even number, because every second one runs in the opposite order.
 ROUNDS = 4
 
 
-class RaceLaunches:
+class RaceLaunches(Targets[RaceLaunch]):
     """Makes the launches of a race, one after the other."""
 
     def __init__(self, pool: WorkerPool, verified: ModelChildren, variants: Sequence[Variant]):
@@ -34,12 +32,8 @@ class RaceLaunches:
         self._release = installs.parse_release(installs.INSTALLED)
         self._seeds = launch_seeds.schedule(random.Random(), launch_seeds.launches_of_a_program())
 
-    def launch(self, positions: Sequence[int], is_final: bool) -> RaceLaunch:
+    def launch(self, positions: Sequence[int]) -> RaceLaunch:
         """Time the variants at these positions in a fresh process.
-
-        Args:
-          positions: of the variants.
-          is_final: whether the race is over.
 
         Raises:
           UnableError: a variant cannot run, ended the process, or returns something else than the
@@ -65,13 +59,14 @@ class RaceLaunches:
             prepared = random.sample(list(positions), len(positions))
             for position in prepared:
                 path, options = self._variants[position].path, self._variants[position].options
-                _ask(process, position, "preparing", Worker.prepare_entrant, path, dict(options))
+                with _attributed(process, position, "preparing"):
+                    process.call(Worker.prepare_entrant, path, dict(options))
             rows = [self._time_round(process, prepared, o) for o in _orders(len(prepared))]
         finally:
             self._pool.end([process])
         columns = [prepared.index(position) for position in positions]
         ns = [[row[column] for column in columns] for row in rows]
-        return RaceLaunch(had, list(positions), ns, is_final)
+        return RaceLaunch(had, list(positions), ns)
 
     def _time_round(
         self, process: WorkerProcess, prepared: Sequence[int], order: Sequence[int]
@@ -80,38 +75,32 @@ class RaceLaunches:
         row = [0] * len(order)
         for place, number in enumerate(order):
             position = prepared[number]
-            timed = _ask(
-                process, position, "timing", Worker.time_entrant, number, reorders=place == 0
-            )
+            with _attributed(process, position, "timing"):
+                timed = process.call(Worker.time_entrant, number, reorders=place == 0)
             if timed.difference:
-                raise UnableError(UnableVariant(position, Status.DISAGREES, timed.difference))
+                raise UnableError(position, Status.DISAGREES, timed.difference)
             row[number] = timed.ns
         return row
 
 
-def _ask(
-    process: WorkerProcess,
-    position: int,
-    activity: str,
-    task: Task[_P, _T],
-    *args: _P.args,
-    **kwargs: _P.kwargs,
-) -> _T:
-    """Return the answer to a task of one variant.
+@contextlib.contextmanager
+def _attributed(process: WorkerProcess, position: int, activity: str) -> Iterator[None]:
+    """Raise an UnableError for what a task of a variant raises.
 
     Raises:
       UnableError: the variant cannot run, or ended the process.
       ChildError: it is the plain loop that ended the process.
     """
     try:
-        return process.call(task, *args, **kwargs)
+        yield
+        return
     except InputError as error:
         status, cause = Status.FAILED, str(error).removeprefix(f"{process.name}: ")
     except ChildError as error:
         if position == 0:
             raise
         status, cause = error.ending, error.cause
-    raise UnableError(UnableVariant(position, status, f"{cause} while {activity}"))
+    raise UnableError(position, status, f"{cause} while {activity}")
 
 
 def _orders(count: int) -> list[list[int]]:

@@ -15,15 +15,17 @@ import numpy as np
 from mjbench.errors import Failure, InputError, MachineError, failure_of
 from mjbench.measuring import stats
 from mjbench.paired import cores, moved_check
+from mjbench.paired.launches import StopRule, Targets, launch
 from mjbench.paired.moved_check import Averaging
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.protocol import time_quads
 from mjbench.paired.records import section_numbers
 from mjbench.paired.release_tasks import ReleaseTask
-from mjbench.paired.time_limit import ENDING_ERRORS, ending_of, quad_count
+from mjbench.paired.time_limit import ending_of, quad_count
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import release_ratios
 from mjbench.releases.release_ratios import LaunchRatio, RatioRecord
+from mjbench.status import Status
 
 # How often a launch lays out the memory of a task anew, and seconds of blocks in each layout: less
 # than in a verdict. Many short launches are better than a few long ones: the time of some models
@@ -89,7 +91,7 @@ def _measure_in_turns(group: Sequence["_Measurement"]) -> Iterator[list[RatioRec
                 each.take_turn(launches)
                 if each.is_complete:
                     remaining.remove(each)
-                    each.close()
+                    each.remove_files()
                     yield each.records()
                 if each.is_interrupted:
                     for other in remaining:
@@ -100,11 +102,11 @@ def _measure_in_turns(group: Sequence["_Measurement"]) -> Iterator[list[RatioRec
                     return
     finally:
         for each in group:
-            each.close()
+            each.remove_files()
 
 
-class _Measurement:
-    """One release, which is measured in one turn or several."""
+class _Measurement(Targets[None]):
+    """One release, which is measured in one turn or several; its tasks keep what launches give."""
 
     def __init__(
         self,
@@ -113,30 +115,36 @@ class _Measurement:
         on_launch: Callable[[float], None],
         clock: Callable[[], float],
     ):
-        self._pool, self._tasks, self._on_launch, self._clock = pool, tasks, on_launch, clock
+        self.tasks, self.on_launch, self.clock = tasks, on_launch, clock
+        self._pool = pool
         self._averaging: Averaging | None = None
+        self._pairs: ProcessPairs | None = None
         # launches so far; seconds that they took, and the turns with all that belongs to them
-        self._count, self._launches_s, self._turns_s = 0, 0.0, 0.0
+        self.count, self.launches_s, self._turns_s = 0, 0.0, 0.0
         self.is_interrupted = False
 
     @property
     def is_complete(self) -> bool:
         """Whether no task needs more launches, or can have any."""
-        return not self._remaining()
+        return not self.remaining()
 
-    def _remaining(self) -> list[ReleaseTask]:
-        return [task for task in self._tasks if not task.is_complete and task.failure is None]
+    def remaining(self) -> list[int]:
+        """Return the positions of the tasks that need more launches, and can have them."""
+        return [
+            position
+            for position, task in enumerate(self.tasks)
+            if not task.is_complete and task.failure is None
+        ]
 
     def take_turn(self, launches: int | None) -> None:
         """Launch until all tasks are known well enough; `launches` times at most, if given."""
-        begin_s = self._clock()
-        try:
-            self._launch(launches)
-        except KeyboardInterrupt:
-            self.is_interrupted = True  # and so are the others
-        except ENDING_ERRORS as error:
-            self._fail(ending_of(error))
-        self._turns_s += self._clock() - begin_s
+        begin_s = self.clock()
+        *_, ending = launch(self, _Turn(self, launches))
+        assert ending is not None, "the last one says how it ended"
+        self.is_interrupted = ending.status == Status.INTERRUPTED  # and so are the others
+        if ending.status not in (Status.OK, Status.INTERRUPTED):
+            self._fail(ending)
+        self._turns_s += self.clock() - begin_s
 
     def interrupt(self) -> None:
         """Note that Ctrl-C was pressed."""
@@ -145,52 +153,76 @@ class _Measurement:
     def records(self) -> list[RatioRecord]:
         """Return what was measured, one record for each task."""
         problem = self._averaging.problem if self._averaging else ""
-        seconds = self._turns_s / len(self._tasks)
-        return [task.record(problem, seconds) for task in self._tasks]
+        seconds = self._turns_s / len(self.tasks)
+        return [task.record(problem, seconds) for task in self.tasks]
 
-    def close(self) -> None:
-        """Remove what the tasks stored."""
-        for task in self._tasks:
-            task.close()
-
-    def _fail(self, failure: Failure) -> None:
-        for task in self._remaining():
-            task.failure = failure
-
-    def _launch(self, launches: int | None) -> None:
-        reference, release = self._tasks[0].releases
+    def prepare(self) -> None:
+        """Begin a turn; in the first, prepare all tasks."""
+        reference, release = self.tasks[0].releases
         is_first = self._averaging is None
         if self._averaging is None:
             self._averaging = moved_check.averaging(self._pool, reference, release)
         names = f"reference (MuJoCo {reference.version})", f"release (MuJoCo {release.version})"
         placements = self._averaging.placements()
-        pairs = ProcessPairs(self._pool, (reference, release), names, placements)
-        try:
-            if is_first:
-                self._prepare()
-            begin_s, before_s = self._clock(), self._launches_s
-            last = None if launches is None else self._count + launches
-            while (remaining := self._remaining()) and self._count != last:
-                _launch_once(remaining, pairs)
-                self._count += 1
-                self._launches_s = before_s + self._clock() - begin_s
-                for task in remaining:
-                    task.is_complete = release_ratios.are_enough(task.launches, self._launches_s)
-                share = release_ratios.completed_share(self._count, self._launches_s)
-                self._on_launch(1.0 if self.is_complete else share)
-        finally:
-            pairs.close()
+        self._pairs = ProcessPairs(self._pool, (reference, release), names, placements)
+        if is_first:
+            self._prepare_tasks()
 
-    def _prepare(self) -> None:
-        for task in self._tasks:
+    def launch(self, positions: Sequence[int]) -> None:
+        """Time tasks once; one that fails says how, and ends the launch if its process may have."""
+        assert self._pairs is not None, "it was prepared"
+        _launch_once([self.tasks[position] for position in positions], self._pairs)
+
+    def close(self) -> None:
+        """End a turn."""
+        if self._pairs is not None:
+            self._pairs.close()
+
+    def remove_files(self) -> None:
+        """Remove what the tasks stored."""
+        for task in self.tasks:
+            task.close()
+
+    def _fail(self, failure: Failure) -> None:
+        for position in self.remaining():
+            self.tasks[position].failure = failure
+
+    def _prepare_tasks(self) -> None:
+        for task in self.tasks:
             try:
                 task.prepare(self._pool)
             except (InputError, MachineError) as error:
                 task.failure = failure_of(error)
 
 
+class _Turn(StopRule[None]):
+    """A turn of a release: until its tasks are known well enough, or others have their turn."""
+
+    def __init__(self, release: _Measurement, launches: int | None):
+        """Have no launches yet; `launches` at most, if given."""
+        self._release = release
+        self._last = None if launches is None else release.count + launches
+        self._before_s, self._begin_s = release.launches_s, math.nan
+
+    def next_targets(self) -> Sequence[int]:
+        """See `StopRule.next_targets`."""
+        if math.isnan(self._begin_s):
+            self._begin_s = self._release.clock()
+        return () if self._release.count == self._last else self._release.remaining()
+
+    def add(self, launch: None) -> None:
+        """See `StopRule.add`."""
+        release = self._release
+        release.count += 1
+        release.launches_s = self._before_s + release.clock() - self._begin_s
+        for position in release.remaining():
+            task = release.tasks[position]
+            task.is_complete = release_ratios.are_enough(task.launches, release.launches_s)
+        share = release_ratios.completed_share(release.count, release.launches_s)
+        release.on_launch(1.0 if release.is_complete else share)
+
+
 def _launch_once(tasks: Sequence[ReleaseTask], pairs: ProcessPairs) -> None:
-    """Time all tasks once; one that fails says how, and ends the launch if its process may have."""
     pairs.wait()
     is_enough = pairs.is_next_ready if len(tasks) == 1 else lambda: True
     with pairs.launch(cores.freest_core()) as pair:

@@ -8,7 +8,7 @@ from mjbench.paired.outcomes import Arm
 from mjbench.paired.selfcheck_records import CaseRow, TrialRecord
 from mjbench.paired.targets import Target
 from mjbench.releases import installs
-from mjbench.releases.no_change_pairs import NoChangePair
+from mjbench.releases.release import NoChangePair
 from mjbench.simulation.models import ModelSource
 
 

@@ -77,7 +77,11 @@ def launch_s(all_blocks_s: float, nsection: int = 1) -> float:
 
 
 class TimeLimit:
-    """How long one verdict may take."""
+    """How long one verdict may take.
+
+    Attributes:
+      min_launches: how many launches it needs.
+    """
 
     def __init__(
         self,
@@ -86,9 +90,9 @@ class TimeLimit:
         clock: Callable[[], float] = time.monotonic,
         purpose: str = "a verdict",
     ):
-        """Set the limit of what needs `min_launches`; it begins to count with `start`."""
-        self._purpose = purpose
-        self._seconds, self._min_launches, self._clock = seconds, min_launches, clock
+        """Set the limit; it begins to count with `start`."""
+        self._purpose, self._seconds, self._clock = purpose, seconds, clock
+        self.min_launches = min_launches
         self._begin_s: float | None = None
 
     def start(self) -> None:
@@ -134,10 +138,10 @@ class TimeLimit:
         return False
 
     def _sentence(self, launch_s: float, before_s: float) -> str:
-        enough_s = _MARGIN * (before_s + self._min_launches * launch_s)
+        enough_s = _MARGIN * (before_s + self.min_launches * launch_s)
         return (
             f"a launch takes about {_two_digits(launch_s)} s, and {self._purpose} needs at least"
-            f" {self._min_launches} launches: give --time-limit {_rounded_up(enough_s)}s or more"
+            f" {self.min_launches} launches: give --time-limit {_rounded_up(enough_s)}s or more"
         )
 
 

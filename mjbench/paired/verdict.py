@@ -10,11 +10,11 @@ from dataclasses import asdict, dataclass, field, replace
 from mjbench.measuring import anytime
 from mjbench.measuring.anytime import Evidence
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired import launches, outcomes
+from mjbench.paired import outcomes
 from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, conclude, judge
-from mjbench.paired.launches import Launched, StopRule, Sufficiency
 from mjbench.paired.moved_check import Averaging, averaging
 from mjbench.paired.outcomes import Cause, Metric, Verdict
+from mjbench.paired.pair_rule import Launched, PairRule, Sufficiency
 from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.records import (
     MAX_E_VALUE,
@@ -28,7 +28,6 @@ from mjbench.paired.records import (
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.placement import PlacementPair
 from mjbench.status import Status
 from mjbench.units import percent_change
@@ -180,18 +179,22 @@ def _quotient(numerator: Ratio, denominator: Ratio) -> Ratio:
     return Ratio(numerator.estimate / denominator.estimate, low, high)
 
 
-class _VerdictRule(StopRule):
+class _VerdictRule(PairRule):
     """Launch until the verdict is certain; `averaging` is None until it is known."""
 
     purpose = "a verdict"
 
     def __init__(
         self,
+        pool: WorkerPool,
+        targets: tuple[Target, Target],
         plan: VerdictPlan,
-        releases: tuple[ReleaseSpec, ReleaseSpec],
         on_launch: Callable[[Judgement], None],
+        clock: Callable[[], float],
     ):
-        self._plan, self._releases, self._on_launch = plan, releases, on_launch
+        super().__init__(pool, targets, plan.sizes, plan.time_limit_s, clock)
+        self._plan, self._on_launch = plan, on_launch
+        self._releases = targets[0].release, targets[1].release
         self.averaging: Averaging | None = None
 
     def placements(self, pool: WorkerPool) -> Iterator[PlacementPair]:
@@ -218,14 +221,13 @@ def decide(
     on_launch: Callable[[Judgement], None] = lambda judgement: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> PairedResult:
-    """Compare two targets until the verdict is certain, or time is up (see `launches.launch`).
+    """Compare two targets until the verdict is certain, or time is up (see `PairRule.run`).
 
     Args:
       on_launch: called after each launch, with what all launches say so far.
     """
-    targets = baseline, candidate
-    rule = _VerdictRule(plan, (baseline.release, candidate.release), on_launch)
-    launched = launches.launch(pool, targets, plan.sizes, rule, plan.time_limit_s, clock)
+    rule = _VerdictRule(pool, (baseline, candidate), plan, on_launch, clock)
+    launched = rule.run()
     log_scale = _log_scale(launched.work_check, plan)
     has_moved = rule.averaging is not None and rule.averaging.is_on
     return PairedResult(

@@ -157,13 +157,9 @@ class Worker:
     @activity("saving the model")
     def save_model(self, file: Path) -> None:
         """Save the loaded model, so that launches need not compile it again."""
-        import mujoco
+        from mjbench.simulation import models
 
-        mujoco.mj_saveModel(self.model, str(file), None)
-        # mj_saveModel does not report a disk that is full
-        size = file.stat().st_size if file.exists() else 0
-        if size < mujoco.mj_sizeModel(self.model):
-            raise MachineError(f"cannot write {file}: is the disk full?")
+        models.save(self.model, file)
 
     @activity("measuring a step")
     def measure_step_cost(self, plan: "StartPlan", nstart: int, hold: int) -> StepCost:

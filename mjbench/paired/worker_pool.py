@@ -27,8 +27,7 @@ from mjbench.paired.worker_answers import Move
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases import installs, movable
 from mjbench.releases.installs import ReleaseSpec
-from mjbench.releases.moved_image import ImmovableError
-from mjbench.releases.moved_install import MovableInstall
+from mjbench.releases.moved_install import ImmovableError, MovableInstall
 from mjbench.releases.placement import Placement
 
 # Programs that wait for requests, at most: those of two sides, for the releases used last; and

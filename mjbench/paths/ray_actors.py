@@ -2,15 +2,14 @@
 
 A run sends each actor the start states and controls of its share, and copies what comes back to
 arrays. Both travel by Ray's object store where they are large, and with the call where they are
-small. An actor keeps nothing but the model, and memory to step in.
+small.
 
 Ray is started on this machine (see `local_ray`), also where RAY_ADDRESS names a cluster.
 """
 
 import textwrap
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -18,22 +17,10 @@ import numpy as np
 from mjbench import extras
 from mjbench.errors import MachineError, describe, one_line
 from mjbench.paths import local_ray, snippets
-from mjbench.paths.base import (
-    Option,
-    Options,
-    Prepared,
-    Resources,
-    States,
-    SteppingPath,
-    make_simulate,
-)
-from mjbench.paths.rollout_inputs import (
-    RolloutInputs,
-    changed_inputs,
-    inputs_snippet,
-    shared_inputs,
-    whole_final_states,
-)
+from mjbench.paths.base import Option, Options, Prepared, Resources, States, SteppingPath
+from mjbench.paths.python_loop import PythonLoopHold
+from mjbench.paths.rollout import Rollout
+from mjbench.paths.rollout_inputs import changed_inputs, inputs_snippet
 from mjbench.paths.threads import shares
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Product, StepOutputs, Workload
@@ -69,7 +56,14 @@ class Ray(SteppingPath):
             ("actors", count), lambda: _ActorPool(workload, count, resources)
         )
         resources.at_close(pool.close)
-        return pool.prepared()
+        is_final = workload.returns == Product.FINAL
+        return Prepared(
+            pool.run,
+            pool.clear,
+            pool.final_states,
+            pool.verify,
+            step_outputs=None if is_final else lambda: pool.outputs,
+        )
 
     def snippet(self, workload: Workload, options: Options) -> str:
         names = ", ".join(("final_state", *snippets.output_names(workload)))
@@ -98,177 +92,109 @@ class Ray(SteppingPath):
         )
 
 
-class _Actor(ABC):
-    """What the process of an actor holds, and what it does.
+class _Actor:
+    """What an actor's process holds: its share of a workload, and a prepared run of it."""
 
-    Class attributes:
-      returns_all: whether `step` returns every entry of the final states.
-    """
-
-    returns_all: ClassVar[bool]
-
-    def __init__(self, model: mujoco.MjModel, nstep: int, hold: int, returns: Product):
-        self.model, self.nstep, self.hold, self.returns = model, nstep, hold, returns
-        self.data = mujoco.MjData(model)
+    def __init__(
+        self,
+        path: SteppingPath,
+        model: mujoco.MjModel,
+        initial_state: np.ndarray,
+        control: np.ndarray,
+        hold: int,
+        returns: Product,
+    ):
+        # copies, because the arrays that Ray sends are read-only
+        start, controls = initial_state.copy(), control.copy()
+        self._workload = Workload(model, start, controls, hold, seed=0, returns=returns)
+        self._resources = Resources(self._workload)
+        self._prepared = path.prepare(self._workload, path.complete({}), self._resources)
 
     def engine(self) -> tuple[str, str]:
         """Return the release of MuJoCo, and the file that it was imported from."""
         return _engine()
 
-    @staticmethod
-    @abstractmethod
-    def inputs(workload: Workload, resources: Resources, rows: slice) -> Any:
-        """Return what `step` takes for some simulations; it follows the workload's changes."""
+    def step(self, initial_state: np.ndarray, control: np.ndarray) -> tuple[States, StepOutputs]:
+        """Step from these states; return the final ones, and what is recorded of every step."""
+        self._load(initial_state, control)
+        self._prepared.run()
+        return self._prepared.final_states(), self._resources.step_outputs()
 
-    @abstractmethod
-    def step(self, inputs: Any) -> tuple[np.ndarray, ...]:
-        """Step simulations; return their final states, and what a run returns of every step.
+    def verify(self, initial_state: np.ndarray, control: np.ndarray) -> np.ndarray:
+        """Step from these states; return (n, nstate) final states in full."""
+        self._load(initial_state, control)
+        return self._prepared.verified_states().values
 
-        Each array has a row for each simulation. Final states are of mjSTATE_INTEGRATION where
-        `returns_all`, otherwise of mjSTATE_FULLPHYSICS.
-        """
-
-    def whole_final_states(self, inputs: Any) -> np.ndarray:
-        """Step simulations; return (n, nstate) final states in full."""
-        return self.step(inputs)[0]
-
-
-class _RolloutActor(_Actor):
-    """Steps by one call of `mujoco.rollout`, on one thread."""
-
-    returns_all = False
-
-    @staticmethod
-    def inputs(workload: Workload, resources: Resources, rows: slice) -> RolloutInputs:
-        return shared_inputs(workload, resources).part(rows)
-
-    def step(self, inputs: RolloutInputs) -> tuple[np.ndarray, ...]:
-        from mujoco import rollout
-
-        n, nphysics = inputs.start.shape
-        has_threads, has_sensors = compat.rollout_threads(), self.returns == Product.SENSORS
-        state = np.empty((n, self.nstep, nphysics))
-        sensordata = np.empty((n, self.nstep, self.model.nsensordata)) if has_sensors else None
-        rollout.rollout(
-            [self.model] * n if has_threads else self.model,
-            [self.data] if has_threads else self.data,
-            inputs.start,
-            inputs.control,
-            control_spec=inputs.control_spec,
-            nstep=self.nstep,
-            initial_warmstart=inputs.warmstart,
-            state=state,
-            sensordata=sensordata,
-            skip_checks=not has_sensors,
-        )
-        outputs = StepOutputs(None if self.returns == Product.FINAL else state, sensordata)
-        return (state[:, -1], *outputs.arrays)
-
-    def whole_final_states(self, inputs: RolloutInputs) -> np.ndarray:
-        return whole_final_states(self.model, self.data, inputs, self.nstep)
-
-
-class _LoopActor(_Actor):
-    """Steps by a Python loop."""
-
-    returns_all = True
-
-    def __init__(self, model: mujoco.MjModel, nstep: int, hold: int, returns: Product):
-        super().__init__(model, nstep, hold, returns)
-        self._simulate = make_simulate(model, hold, returns)
-
-    @staticmethod
-    def inputs(workload: Workload, resources: Resources, rows: slice) -> Any:
-        return workload.initial_state[rows], workload.control[rows]
-
-    def step(self, inputs: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, ...]:
-        initial_state, control = inputs
-        final_state = np.empty_like(initial_state)
-        own = Workload(self.model, initial_state, control, self.hold, 0, self.returns)
-        outputs = StepOutputs.empty(own)
-        self._simulate(self.data, initial_state, control, final_state, outputs)
-        return (final_state, *outputs.arrays)
+    def _load(self, initial_state: np.ndarray, control: np.ndarray) -> None:
+        self._workload.initial_state[...] = initial_state
+        self._workload.control[...] = control
+        self._resources.changed()
 
 
 class _ActorPool:
-    """Started actors, what they are sent, and the arrays that what they return is copied to."""
+    """Started actors, and the arrays that what they return is copied to."""
 
     def __init__(self, workload: Workload, count: int, resources: Resources):
-        kind = _LoopActor if compat.rollout_unavailable() else _RolloutActor
-        self._workload, self._returns_all = workload, kind.returns_all
+        self.outputs = resources.step_outputs()
+        self._workload, self._final_state = workload, resources.final_state()
+        self._mask = np.zeros(self._final_state.shape, dtype=bool)
         self._rows = shares(workload.nbatch, count)
-        self._inputs = [kind.inputs(workload, resources, rows) for rows in self._rows]
-        self._outputs, self._final_state = resources.step_outputs(), resources.final_state()
-        self._entries = compat.physics_entries(workload.model)
-        if kind.returns_all:
-            self._entries = np.arange(self._final_state.shape[1])
-        self._returned_final = np.empty((workload.nbatch, len(self._entries)))
-        self._returned = (self._returned_final, *self._outputs.arrays)
-        sizes = (workload.initial_state, workload.step_control, *self._returned)
+        sizes = (workload.initial_state, workload.control, self._final_state, *self.outputs.arrays)
         local_ray.acquire(_STORE_MARGIN * sum(array.nbytes for array in sizes))
         self._actors: list[Any] = []
         self._is_closed = False
-        import ray
-
         try:
-            model = ray.put(workload.model)
-            arguments = (model, workload.nstep, workload.hold, workload.returns)
-            create = ray.remote(num_cpus=0)(kind)
-            self._actors += [create.remote(*arguments) for _ in self._rows]
-            engines = _answers([actor.engine.remote() for actor in self._actors], _START_LIMIT_S)
-            for engine in engines:
-                if engine != _engine():
-                    raise MachineError(
-                        f"an actor imports MuJoCo {engine}, this process {_engine()}"
-                    )
+            self._start()
         except BaseException:
             self.close()
             raise
 
-    def prepared(self) -> Prepared:
-        """Return the run."""
-        is_final = self._workload.returns == Product.FINAL
-        return Prepared(
-            self.run,
-            self.clear,
-            self.final_states,
-            None if self._returns_all else self.verify,
-            step_outputs=None if is_final else lambda: self._outputs,
-        )
+    def _start(self) -> None:
+        import ray
+
+        own, create = self._workload, ray.remote(num_cpus=0)(_Actor)
+        path = PythonLoopHold() if compat.rollout_unavailable() else Rollout()
+        model = ray.put(own.model)
+        for rows in self._rows:
+            arrays = own.initial_state[rows], own.control[rows]
+            self._actors.append(create.remote(path, model, *arrays, own.hold, own.returns))
+        for engine in _answers([actor.engine.remote() for actor in self._actors], _START_LIMIT_S):
+            if engine != _engine():
+                raise MachineError(f"an actor imports MuJoCo {engine}, this process {_engine()}")
 
     def run(self) -> None:
         """Let every actor step its share, and copy what it returns."""
-        calls = [
-            actor.step.remote(inputs)
-            for actor, inputs in zip(self._actors, self._inputs, strict=True)
+        calls = self._calls("step")
+        for rows, (states, outputs) in zip(self._rows, _answers(calls), strict=True):
+            self._final_state[rows] = states.values
+            self._mask[rows] = True if states.mask is None else states.mask
+            own = self.outputs.part(rows)
+            for array, returned in zip(own.arrays, outputs.arrays, strict=True):
+                array[...] = returned
+
+    def _calls(self, method: str) -> list[Any]:
+        """Call a method of every actor with the start states and controls of its share."""
+        workload = self._workload
+        return [
+            getattr(actor, method).remote(workload.initial_state[rows], workload.control[rows])
+            for actor, rows in zip(self._actors, self._rows, strict=True)
         ]
-        for rows, arrays in zip(self._rows, _answers(calls), strict=True):
-            for own, part in zip(self._returned, arrays, strict=True):
-                own[rows] = part
 
     def clear(self) -> None:
         """Invalidate what an earlier run returned."""
-        for array in self._returned:
-            array.fill(np.nan)
+        self._final_state.fill(np.nan)
+        self.outputs.clear()
 
     def final_states(self) -> States:
         """Return the returned entries of the final states."""
-        values, mask = self._final_state, np.zeros(self._final_state.shape, dtype=bool)
-        values[:, self._entries] = self._returned_final
-        mask[:, self._entries] = True
-        return States(values, None if self._returns_all else mask)
+        return States(self._final_state, self._mask)
 
     def verify(self) -> States:
-        """Run, and have each simulation stepped alone for the entries that no run returns."""
+        """Run, and have actors verify the entries that no run returns."""
+        alone = np.concatenate(_answers(self._calls("verify")))
         self.clear()
         self.run()
-        timed = self.final_states()
-        calls = [
-            actor.whole_final_states.remote(inputs)
-            for actor, inputs in zip(self._actors, self._inputs, strict=True)
-        ]
-        alone = np.concatenate(_answers(calls))
-        return States(np.where(np.asarray(timed.mask), timed.values, alone))
+        return States(np.where(self._mask, self._final_state, alone))
 
     def close(self) -> None:
         """End the actors, and Ray where nobody else in this process uses it."""

@@ -78,6 +78,11 @@ class Place:
     function: str
     text: str = ""
 
+    @property
+    def position(self) -> tuple[str, int]:
+        """The file and the line: a comprehension is a function of its own, on the same line."""
+        return self.file, self.line
+
     def __str__(self) -> str:
         return f"{self.file}:{self.line}"
 
@@ -136,6 +141,7 @@ CALL_CLOCK = "program/hook/call_clock.py"
 # What a line of Python does that calls libraries, where their stacks were not read.
 _LINES = (
     (re.compile(r"\bmj_(step[12]?|forward\w*|inverse\w*|rnePostConstraint)\("), Activity.PHYSICS),
+    (re.compile(r"\bmj[uvdr]?_\w+\(|\.contact\b"), Activity.BINDINGS),
     (re.compile(r"\bsleep\("), Activity.SLEEPING),
     (re.compile(r"\.acquire\(|\bwith [\w.]*lock\b"), Activity.THREADS),
     (re.compile(r"\bprint\(|\.(write|flush|savez?|tofile)\("), Activity.LOGGING),
@@ -329,6 +335,12 @@ def is_own(frame: Frame) -> bool:
     """Return whether a frame is a line of the user's own code."""
     is_source = frame.is_python and not frame.file.startswith("<")
     return is_source and not package_of(frame.file) and "/program/hook/" not in frame.file
+
+
+def place_of(frame: Frame) -> Place:
+    """Return the line of a frame, as results name it."""
+    text = source_line(frame.file, frame.line)
+    return Place(shown_path(frame.file), frame.line, frame.function, text)
 
 
 def imports(frame: Frame) -> bool:

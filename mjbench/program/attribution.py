@@ -17,7 +17,7 @@ from mjbench.program.loop_time import (
     shares_of,
 )
 from mjbench.program.samples import Frame, Thread, ThreadSamples
-from mjbench.program.source_loops import SourceLoop, outermost_loop, source_line
+from mjbench.program.source_loops import SourceLoop, outermost_loop
 
 # Loops with a smaller share of the time of all loops that step are left out.
 LEAST_LOOP_SHARE = 0.05
@@ -71,7 +71,7 @@ def loop_times(
                 by_loop[loop].append(_Sample(thread, stack, position, activity))
     loading = _loading_lines(calls)
     sampled = [_loop_time(loop, samples, main_pid, loading) for loop, samples in by_loop.items()]
-    timed = {(call.place.file, call.place.line) for call in calls}
+    timed = {call.place.position for call in calls}
     stretches = {loop: _stretch(samples, timed) for loop, samples in by_loop.items()}
     times = [
         timed_loops.with_collections(
@@ -216,7 +216,7 @@ def _loading_lines(calls: Sequence[CallTime]) -> set[tuple[str, int]]:
     counts: dict[tuple[str, int], float] = defaultdict(float)
     for call in calls:
         if call.activity == Activity.LOADING:
-            counts[call.place.file, call.place.line] += call.calls
+            counts[call.place.position] += call.calls
     return {line for line, count in counts.items() if count >= LEAST_REPEATS}
 
 
@@ -301,19 +301,22 @@ def _innermost_python(sample: _Sample) -> Frame:
 def _own_lines(resolved: Sequence[tuple[_Sample, Activity]]) -> list[LineTime]:
     """Return the lines of the user's code, each with the package that it calls most."""
     total_s = sum(sample.seconds for sample, _ in resolved)
-    seconds: dict[Place, list[tuple[Activity, float]]] = defaultdict(list)
-    packages: dict[Place, Counter[str]] = defaultdict(Counter)
+    places: dict[tuple[str, int], Place] = {}
+    seconds: dict[tuple[str, int], list[tuple[Activity, float]]] = defaultdict(list)
+    packages: dict[tuple[str, int], Counter[str]] = defaultdict(Counter)
     for sample, activity in resolved:
         frame = _own_frame(sample)
-        place = _shown_place(frame.file, frame.line, frame.function)
-        seconds[place].append((activity, sample.seconds))
+        place = activities.place_of(frame)
+        if place.position not in places or not place.function.startswith("<"):
+            places[place.position] = place
+        seconds[place.position].append((activity, sample.seconds))
         if activity != Activity.PHYSICS:
-            packages[place][_called_package(sample, frame)] += 1
+            packages[place.position][_called_package(sample, frame)] += 1
     times = []
-    for place, parts in seconds.items():
+    for position, parts in seconds.items():
         shares = shares_of(parts, total_s)
-        package = packages[place].most_common(1)[0][0] if packages[place] else ""
-        times.append(LineTime(place, sum(shares.values()), shares, package))
+        package = packages[position].most_common(1)[0][0] if packages[position] else ""
+        times.append(LineTime(places[position], sum(shares.values()), shares, package))
     return large(times)
 
 
@@ -377,7 +380,7 @@ def _own_places(sample: _Sample) -> list[Place]:
 def _shown_places(stack: Sequence[Frame]) -> list[Place]:
     """Return the lines of the user's code on a stack, outermost first, each once."""
     own = [frame for frame in stack if is_own(frame)]
-    return list(dict.fromkeys(_shown_place(each.file, each.line, each.function) for each in own))
+    return list(dict.fromkeys(map(activities.place_of, own)))
 
 
 def _called_package(sample: _Sample, own: Frame) -> str:
@@ -410,10 +413,6 @@ def _inner_functions(resolved: Sequence[tuple[_Sample, Activity]]) -> list[LineT
 def _inner(sample: _Sample) -> Sequence[Frame]:
     """Return the frames of a sample from the loop inward."""
     return sample.stack[sample.loop_frame :]
-
-
-def _shown_place(file: str, line: int, function: str) -> Place:
-    return Place(activities.shown_path(file), line, function, source_line(file, line))
 
 
 def _own_frame(sample: _Sample) -> Frame:

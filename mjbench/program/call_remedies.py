@@ -1,7 +1,6 @@
 """What to do about calls of MuJoCo and JAX in a loop, and what that saves.
 
-A remedy belongs to a call in a context, such as an MjData that is created in a loop.
-`CALL_REMEDIES` declares them. What a call takes was timed in this very program, and what mjbench
+`remedy_table` declares the remedies. What a call takes was timed in this very program. What mjbench
 suggests in its place is timed on the program's own model (`replacements`). Where a call moves out
 of the loop, its time is the gain.
 """
@@ -12,155 +11,33 @@ from dataclasses import dataclass, replace
 
 from mjbench.host import machine
 from mjbench.loop.lint import Finding
-from mjbench.loop.lint_rules import NAMED_ACCESS
 from mjbench.program.activities import Activity, Place
 from mjbench.program.calls import CallTime, Incident
 from mjbench.program.hook import call_clock
 from mjbench.program.loop_time import FEW_SAMPLES, LEAST_REPEATS, LoopTime
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
-from mjbench.program.replacements import Measured, Question, Trial
+from mjbench.program.remedy_table import CALL_REMEDIES, CallRemedy
+from mjbench.program.replacements import Measured
+from mjbench.program.trials import Question, Trial
 from mjbench.simulation import package_timer
 
 # The most that a pair stands for; steps after a new MjData that tell what its memory costs them.
 _MOST_GAIN, _MOST_STEPS = 0.99, 50
 
 
-@dataclass(frozen=True)
-class CallRemedy:
-    """What to do about calls of some functions in a loop.
-
-    Attributes:
-      callees: the functions, as the call clock names them.
-      text: what to do; `{count}` stands for the number of calls.
-      trial: that measures what replaces the call; None where nothing does.
-      codes: of lint's rules for the same; a finding's own message is shown instead of `text`.
-      needs_finding: whether only lint's finding shows the context, such as what is read afterwards.
-      is_bound: whether the same has to be computed elsewhere, so that less is saved.
-      overlaps: whether the rest of the loop could run meanwhile: no more than that rest is saved.
-      is_of_loop: whether it is about all these calls in a loop together.
-    """
-
-    callees: tuple[str, ...]
-    text: str
-    effect: str = "nothing"
-    trial: Trial | None = None
-    codes: tuple[str, ...] = ()
-    needs_finding: bool = False
-    keeps_first: bool = False
-    is_bound: bool = False
-    overlaps: bool = False
-    is_of_loop: bool = False
-
-
-# What to do about a call in a loop. A call that stands in none of them is what the program is for.
-CALL_REMEDIES = (
-    CallRemedy(
-        callees=("mj_step",),
-        text="nothing happens between these steps: call mj_step(model, data, nstep) once",
-        trial=Trial.ONE_CALL,
-        codes=("MJB017",),
-        needs_finding=True,
-    ),
-    CallRemedy(
-        callees=("mj_forward",),
-        text="mj_forward computes what the next mj_step computes again",
-        effect="nothing since MuJoCo 3.10.0; in 3.3.1 and before, later states within the solver's"
-        " tolerance",
-        trial=Trial.FUNCTIONS,
-        codes=("MJB007",),
-        needs_finding=True,
-    ),
-    CallRemedy(
-        callees=("MjData", *call_clock.COPIES_OF_DATA),
-        text="create one MjData before the loop, and use mj_copyData or mj_setState in it",
-        trial=Trial.NEW_DATA_OR_COPY,
-        codes=("MJB005", "MJB010"),
-    ),
-    CallRemedy(
-        callees=(
-            "from_xml_path",
-            "from_xml_string",
-            "from_binary_path",
-            "from_file",
-            "from_string",
-            "compile",
-            "copy of MjModel",
-        ),
-        text="compile the model once before the loop: change the compiled model, or keep a pool of"
-        " bodies and move those that are not needed away",
-        effect="nothing, if the model is the same",
-        codes=("MJB011",),
-        keeps_first=True,
-        is_of_loop=True,
-    ),
-    CallRemedy(
-        callees=("Renderer",),
-        text="create one Renderer before the loop; each creates a graphics context",
-        trial=Trial.RENDERER,
-        codes=("MJB012",),
-        keeps_first=True,
-    ),
-    CallRemedy(
-        callees=(call_clock.COMPILE, call_clock.TRACE),
-        text="JAX compiles {count} times here: call jax.jit once, before the loop, and give what"
-        " varies as an argument",
-        effect="nothing but rounding",
-        codes=("MJB013",),
-        keeps_first=True,
-    ),
-    CallRemedy(
-        callees=(call_clock.DISPATCH,),
-        text="{count} calls of a compiled function: compile the loop itself, by jax.lax.scan over"
-        " steps that follow each other, or jax.vmap over independent ones",
-        effect="nothing but rounding",
-        is_bound=True,
-    ),
-    CallRemedy(
-        callees=(call_clock.DEVICE_WAIT,),
-        text="{count} waits for JAX: keep arrays on the device, and wait for or convert results"
-        " once after the loop (jax.block_until_ready, np.asarray, float)",
-        is_bound=True,
-        overlaps=True,
-    ),
-    CallRemedy(
-        callees=(call_clock.TRANSFER,),
-        text="{count} transfers to the device: create the arrays there, or transfer them once"
-        " before the loop",
-        is_bound=True,
-    ),
-    CallRemedy(
-        callees=(call_clock.THREADED_ROLLOUT,),
-        text="rollout starts threads for each call: keep a pool, rollout.Rollout(nthread=n), and"
-        " give it initial_warmstart where one call continues another",
-        trial=Trial.POOL,
-        codes=("MJB014",),
-    ),
-    CallRemedy(
-        callees=(call_clock.PROCESS_START,),
-        text="processes are started {count} times here: start them once, before the loop, and send"
-        " them work; threads (mujoco.rollout) need no start",
-    ),
-    CallRemedy(
-        callees=tuple(f"{call_clock.CALLBACK} {name}" for name in call_clock.CALLBACKS),
-        text="MuJoCo calls this Python function in each step, and simulations on threads wait for"
-        " each other there: where it sets controls, write data.ctrl before mj_step",
-        effect="nothing where it reads only the state before the step; with Runge-Kutta, MuJoCo"
-        " calls it four times a step",
-        is_bound=True,
-    ),
-    CallRemedy(
-        callees=(call_clock.EAGER_MJX,),
-        text="{count} steps of MJX outside a compiled function: jax.jit one function that steps by"
-        " jax.lax.scan, with jax.vmap over simulations",
-        effect="nothing but rounding",
-    ),
+# Trials of all that a call does.
+_OF_WHOLE_CALLS = (
+    Trial.UNCENTERED,
+    Trial.MORE_THREADS,
+    Trial.NO_ROLLOUT,
+    Trial.BATCH_OR_ROLLOUT,
 )
 _CLOCK_ADVICE = f"turn off {package_timer.NAME}: {package_timer.OFF_CODE}, after creating MjData"
+_BEFORE_CALLBACKS = " and before setting callbacks of your own, which it removes"
 _TRIALS_OF_COPIES = {
     call_clock.COPY_OF_DATA: Trial.COPY_OR_COPY,
     call_clock.DEEP_COPY_OF_DATA: Trial.DEEP_COPY_OR_COPY,
 }
-ACCESS_BY_NAME = Question(Trial.NAMED_ACCESS)
 
 
 def questions(
@@ -171,8 +48,6 @@ def questions(
     for incident in incidents:
         if incident.name == call_clock.IN_TURN:
             asked[_batch(incident)] = None
-    if any(finding.code == NAMED_ACCESS for finding in findings):
-        asked[ACCESS_BY_NAME] = None
     for loop in loops:
         if _steps_s(loop) > LEAST_GAIN * loop.seconds:
             asked[_no_timer(loop)] = None
@@ -208,7 +83,7 @@ def _contexts(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[_Context]
             place = max(by_place, key=lambda each: sum(call.seconds for call in by_place[each]))
             by_place = {place: [call for calls in by_place.values() for call in calls]}
         for place, calls in by_place.items():
-            if _are_of_new_models(loop, calls):
+            if _are_of_new_models(loop, calls) or not remedy.applies(calls, loop.calls):
                 continue
             finding = _finding_of(remedy, place, loop, findings)
             repeats = sum(call.calls for call in calls) >= LEAST_REPEATS
@@ -248,14 +123,21 @@ def of_calls(loop: LoopTime, findings: Sequence[Finding], measured: Measured) ->
         remedy, calls, finding = context.remedy, context.calls, context.finding
         count, share = sum(call.calls for call in calls), _share(loop, calls)
         gain, basis = share, Basis.BOUND if remedy.is_bound else Basis.TIMED
-        if remedy.trial == Trial.FUNCTIONS:
+        if remedy.trial in (Trial.FUNCTIONS, Trial.INVERSE):
             gain, basis = _gain_of_functions(loop, calls, _question(context), measured)
+            if remedy.trial == Trial.INVERSE and basis != Basis.PAIRED:
+                continue  # the halves of a step do not integrate as this model asks
         elif remedy.trial == Trial.POOL:
             # what threads cost to start is the same in any state, unlike the steps
             saved_s = measured.saved_s(_question(context))
             if saved_s is None:
                 continue  # most of the call is its steps
             gain, basis = min(share, saved_s * count / loop.seconds), Basis.PAIRED
+        elif remedy.trial in _OF_WHOLE_CALLS:
+            saved = measured.saved(_question(context))
+            if saved is None:
+                continue  # most of the call is its steps
+            gain, basis = saved * _share_with_python(loop, calls), Basis.PAIRED
         elif remedy.trial == Trial.ONE_CALL:
             saved = measured.saved(_question(context))
             if saved is None:
@@ -292,9 +174,9 @@ def _question(context: _Context) -> Question:
     assert remedy.trial is not None, "only calls that are replaced have a question"
     if remedy.trial == Trial.FUNCTIONS:
         return Question(remedy.trial, () if finding is None else tuple(finding.instead))
-    if remedy.trial == Trial.ONE_CALL:
+    if remedy.trial in (Trial.ONE_CALL, Trial.INVERSE, Trial.UNCENTERED):
         return Question(remedy.trial)
-    if remedy.trial == Trial.POOL:
+    if remedy.trial in (Trial.POOL, *_OF_WHOLE_CALLS):
         count, steps = sum(call.calls for call in calls), sum(call.steps for call in calls)
         all_steps = sum(call.all_steps for call in calls)
         return Question(
@@ -342,17 +224,17 @@ def _stands_for(loop: LoopTime, calls: Sequence[CallTime]) -> float:
     """Return the share of a loop that calls stand for: all that is not seen on other lines."""
     if not calls:
         return 0.0
-    own = {(call.place.file, call.place.line) for call in calls}
+    own = {call.place.position for call in calls}
     timed = _share(loop, calls)
     elsewhere = sum(
         part
         for line in loop.lines
         for activity, part in line.activities.items()
         if not loop.is_timed(activity)
-        and (activity != Activity.BINDINGS or (line.place.file, line.place.line) not in own)
+        and (activity != Activity.BINDINGS or line.place.position not in own)
     )
     elsewhere += loop.activities.get(Activity.COLLECTION, 0.0)
-    others = [call for call in loop.calls if (call.place.file, call.place.line) not in own]
+    others = [call for call in loop.calls if call.place.position not in own]
     return min(_MOST_GAIN, max(timed, 1 - elsewhere - _share(loop, others)))
 
 
@@ -388,6 +270,7 @@ def _no_timer(loop: LoopTime) -> Question:
 
 def of_steps(loop: LoopTime, measured: Measured) -> Iterator[Remedy]:
     """Yield what to do about the steps themselves."""
+    has_callbacks = any(call.is_callback for call in loop.calls)
     share = _share_with_python(loop, steps_of(loop))
     saved = measured.saved(_no_timer(loop)) if share else None
     gain = loop.engine_clock if saved is None else saved * share
@@ -396,7 +279,7 @@ def of_steps(loop: LoopTime, measured: Measured) -> Iterator[Remedy]:
             RemedyKind.CLOCK,
             Activity.PHYSICS,
             None,
-            _CLOCK_ADVICE,
+            _CLOCK_ADVICE + (_BEFORE_CALLBACKS if has_callbacks else ""),
             gain,
             None if saved is not None else loop.error(gain),
             basis=Basis.BOUND if saved is None else Basis.PAIRED,
@@ -408,7 +291,7 @@ def of_steps(loop: LoopTime, measured: Measured) -> Iterator[Remedy]:
 def of_turns(loop: LoopTime, measured: Measured, incidents: Sequence[Incident]) -> Iterator[Remedy]:
     """Yield what to do about several simulations that are stepped in turn."""
     for incident in incidents:
-        calls = [call for call in steps_of(loop) if call.place == incident.place]
+        calls = [call for call in steps_of(loop) if call.place.position == incident.place.position]
         if incident.name != call_clock.IN_TURN or not calls:
             continue
         share, saved = _share(loop, calls), measured.saved(_batch(incident))

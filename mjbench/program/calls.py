@@ -14,7 +14,8 @@ from pathlib import Path
 from mjbench.program import activities
 from mjbench.program.activities import Activity, Place
 from mjbench.program.hook import call_clock
-from mjbench.program.source_loops import SourceLoop, outermost_loop, source_line
+from mjbench.program.samples import Frame
+from mjbench.program.source_loops import SourceLoop, outermost_loop
 from mjbench.program.step_times import Header
 
 # What callees do, but for functions of the engine: those are physics.
@@ -224,7 +225,7 @@ def _own_place(stack: Sequence[tuple[str, int, str]]) -> Place:
     """Return the innermost line of the user's code; the innermost line where none is."""
     own = [frame for frame in stack if not activities.package_of(frame[0])]
     file, line, function = (own or stack)[0]
-    return Place(activities.shown_path(file), line, function, source_line(file, line))
+    return activities.place_of(Frame(function, file, line))
 
 
 def _loop(stack: Sequence[tuple[str, int, str]]) -> SourceLoop | None:
@@ -240,7 +241,12 @@ def _estimated(
     calls: Sequence[CallTime], slots: Sequence[_Slot], header: Header | None
 ) -> list[CallTime]:
     """Return the calls with those between bursts, which take no longer than there was time."""
-    fast = [slot for call, slot in zip(calls, slots, strict=True) if _is_fast(call.callee)]
+    slots = _with_callbacks_between_bursts(calls, slots)
+    fast = [  # callbacks are parts of steps
+        slot
+        for call, slot in zip(calls, slots, strict=True)
+        if _is_fast(call.callee) and not call.is_callback
+    ]
     timed_calls = sum(slot.timed_calls for slot in fast)
     if header is None or not timed_calls:
         return list(calls)
@@ -264,6 +270,28 @@ def _estimated(
         )
         if _is_fast(call.callee)
         else call
+        for call, slot in zip(calls, slots, strict=True)
+    ]
+
+
+def _with_callbacks_between_bursts(
+    calls: Sequence[CallTime], slots: Sequence[_Slot]
+) -> list[_Slot]:
+    """Return the slots, where callbacks were called in steps between bursts as in those timed."""
+    steps = [
+        slot for call, slot in zip(calls, slots, strict=True) if call.callee in call_clock.STEPS
+    ]
+    passed = sum(slot.passed_calls for slot in steps) / max(
+        1, sum(slot.timed_calls for slot in steps)
+    )
+    return [
+        replace(
+            slot,
+            passed_calls=round(passed * slot.timed_calls),
+            passed_ns=round(passed * slot.timed_ns),
+        )
+        if call.is_callback
+        else slot
         for call, slot in zip(calls, slots, strict=True)
     ]
 

@@ -12,7 +12,6 @@ from mjbench.bounds import Share
 from mjbench.program import activities
 from mjbench.program.activities import Activity, Place, is_own
 from mjbench.program.samples import Frame, ThreadSamples
-from mjbench.program.source_loops import source_line
 from mjbench.program.thread_times import ThreadTime
 
 # A smaller share of a thread's time is not worth a line; fewer samples of the holders tell little.
@@ -118,7 +117,5 @@ def _waiting_share(thread: ThreadSamples) -> float:
 def _place(stacks: Sequence[Sequence[Frame]]) -> Place | None:
     """Return the user's line that most stacks are at; None where none has one."""
     own = (next((frame for frame in reversed(stack) if is_own(frame)), None) for stack in stacks)
-    lines = Counter((each.file, each.line, each.function) for each in own if each is not None)
-    for (file, line, function), _ in lines.most_common(1):
-        return Place(activities.shown_path(file), line, function, source_line(file, line))
-    return None
+    lines = Counter(each for each in own if each is not None)
+    return next((activities.place_of(frame) for frame, _ in lines.most_common(1)), None)

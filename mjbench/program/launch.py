@@ -30,8 +30,7 @@ from mjbench.program.profiling import (
     Sampling,
 )
 from mjbench.program.recorded_models import RecordedModel
-from mjbench.program.samples import ThreadSamples
-from mjbench.program.source_loops import source_line
+from mjbench.program.samples import Frame, ThreadSamples
 from mjbench.program.step_times import StepTimes
 
 # Seconds between looks at the program: each also sees whether the profiler has stopped it.
@@ -227,10 +226,10 @@ def _crash(folder: Path) -> Place | None:
     """Return the innermost line of the user's code on the stack that `faulthandler` has written."""
     for file in sorted(folder.glob("*.fault")):
         frames = _FAULT_LINE.findall(file.read_text(encoding="utf-8", errors="replace"))
-        own = [frame for frame in frames if not activities.package_of(frame[0])]
-        for path, line, function in (own or frames)[:1]:
-            text = source_line(path, int(line))
-            return Place(activities.shown_path(path), int(line), function, text)
+        stack = [Frame(function, path, int(line)) for path, line, function in frames]
+        own = [frame for frame in stack if activities.is_own(frame)]
+        for frame in (own or stack)[:1]:
+            return activities.place_of(frame)
     return None
 
 

@@ -117,8 +117,11 @@ class ProgramRow:
         )
         files = _own_files(times, observation)
         findings = remedies.findings_of(files)
-        asked = call_remedies.questions(times, findings, observation.calls.incidents)
-        measured = replacements.measure(observation.models, asked)
+        asked = [
+            *call_remedies.questions(times, findings, observation.calls.incidents),
+            *remedies.questions_of_lines(times, findings),
+        ]
+        measured = replacements.measure(observation.models, list(dict.fromkeys(asked)))
         runs_jax = any(call.is_of_jax for call in observation.calls.calls)
         return cls(
             program=name,

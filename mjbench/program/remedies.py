@@ -12,15 +12,17 @@ from dataclasses import replace
 from mjbench.errors import InputError
 from mjbench.loop import lint
 from mjbench.loop.lint import Finding
-from mjbench.loop.lint_rules import NAMED_ACCESS
 from mjbench.program import call_remedies
 from mjbench.program.activities import STANDARD_LIBRARY, Activity, Place
 from mjbench.program.calls import Incident
 from mjbench.program.hook import call_clock
 from mjbench.program.loop_time import FEW_SAMPLES, LineTime, LoopTime
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
+from mjbench.program.remedy_table import LINE_REMEDIES, LineRemedy
 from mjbench.program.replacements import Measured
+from mjbench.program.source_loops import runs_within_step
 from mjbench.program.step_times import StepTimes
+from mjbench.program.trials import Question
 
 # What to do about an activity, where nothing more is known.
 _ADVICE: Mapping[Activity, str] = {
@@ -32,8 +34,10 @@ _ADVICE: Mapping[Activity, str] = {
     Activity.RENDERING: "render fewer frames, or smaller ones; EGL on a GPU is fastest",
     Activity.LOGGING: "write less often, and more at a time",
     Activity.PROCESSES: "give each process more work for a message, or use threads (rollout)",
-    Activity.THREADS: "the loop waits for another thread of the program",
-    Activity.SLEEPING: "the program sleeps: leave it out where nobody watches",
+    Activity.THREADS: "the loop waits for another thread of the program; mujoco.batch.Batch and"
+    " rollout step many simulations on threads of their own, without the GIL",
+    Activity.SLEEPING: "the program sleeps: leave it out where nobody watches; to keep real time,"
+    " sleep until begin + i × timestep, so that no delay adds up",
     Activity.COLLECTION: "call gc.freeze() after set-up, or gc.disable() in the loop",
     Activity.IMPORT: "import before the loop",
     Activity.LOADING: "load or compile models before the loop",
@@ -44,9 +48,6 @@ _BUILDING_ADVICE = (
 )
 # A line that is a call of the engine.
 _ENGINE_CALL = re.compile(r"(mujoco\.)?mj_\w+\([\w\s.,=]*\)$")
-# The rule about arrays that a loop creates, and lines that compute more than that takes.
-_NEW_ARRAY = "MJB003"
-_COMPUTES = re.compile(r"\blinalg\.|\bscipy\.|\bpinv\(|\beinsum\(| @ ")
 # A line that looks up names, or takes views of the engine's arrays.
 _READS_VIEWS = re.compile(
     r"\b(data|d)\.(q|x|c|act|sensor|site|geom|body|joint|ten|subtree|mocap)\w*|\.(joint|body|geom|site)\("
@@ -148,12 +149,23 @@ def _savings(loop: LoopTime, findings: Sequence[Finding], measured: Measured) ->
             yield _remedy(loop, RemedyKind.ACTIVITY, activity, None, _ADVICE[activity], share)
 
 
+def questions_of_lines(loops: Sequence[LoopTime], findings: Sequence[Finding]) -> list[Question]:
+    """Return what to measure for lines that samples show."""
+    lines = [line for loop in loops for line in loop.lines if _avoidable(line) >= LEAST_GAIN]
+    return [
+        Question(remedy.trial)
+        for line in lines
+        for remedy, _ in _line_remedies(line.place, _findings_at(line.place, findings))
+        if remedy.trial is not None
+    ]
+
+
 def _findings_at(place: Place, findings: Sequence[Finding]) -> list[Finding]:
     """Return the findings of a line that are about time."""
     return [
         each
         for each in findings
-        if (each.file, each.line) == (place.file, place.line) and each.ns_per_step is not None
+        if (each.file, each.line) == place.position and each.ns_per_step is not None
     ]
 
 
@@ -172,7 +184,7 @@ def _has_building(loop: LoopTime) -> bool:
     if loop.building is None or loop.samples < FEW_SAMPLES:
         return False
     loading = [call for call in loop.calls if call.activity == Activity.LOADING]
-    is_call = any(call.place == loop.building.place for call in loading)
+    is_call = any(call.place.position == loop.building.place.position for call in loading)
     return not is_call or loop.building.activities.get(Activity.BUILDING, 0.0) >= LEAST_GAIN
 
 
@@ -231,23 +243,23 @@ def _of_line(
 ) -> Iterator[Remedy]:
     """Yield what to do about a line: what lint says of it, and about what that leaves."""
     activity, share = _main_cost([line]), _avoidable(line)
-    of_line = [call for call in loop.calls if call.place == line.place]
+    of_line = [call for call in loop.calls if call.place.position == line.place.position]
     is_engine_call = bool(of_line) and _ENGINE_CALL.match(line.place.text)
     if is_engine_call or any(call.activity == Activity.COPYING for call in of_line):
         return  # what samples saw beside the call makes it, or frees its result
-    is_computed = _COMPUTES.search(line.place.text) is not None
-    if findings and not (is_computed and findings[0].code == _NEW_ARRAY):
-        finding = findings[0]
-        of_names = [each for each in findings if each.code == NAMED_ACCESS]
-        remedy = _remedy(loop, RemedyKind.LINE, activity, line.place, finding.message, share)
-        remedy = replace(remedy, code=finding.code, effect="nothing")
-        ratio = measured.ratios.get(call_remedies.ACCESS_BY_NAME)
-        nstep = sum(call.calls for call in call_remedies.steps_of(loop))
-        if finding.code != NAMED_ACCESS or ratio is None or not nstep:
-            yield remedy
-            return
-        gain = min(share, max(0.0, len(of_names) * ratio.saved_s * nstep / loop.seconds))
-        yield replace(remedy, gain=gain, gain_error=None, basis=Basis.PAIRED, share=share)
+    for line_remedy, found in _line_remedies(line.place, findings):
+        gain, basis = _gain_of_line(loop, line, line_remedy, len(found), share, measured)
+        text = found[0].message if found else line_remedy.text
+        remedy = _remedy(loop, RemedyKind.LINE, activity, line.place, text, gain)
+        error = None if basis == Basis.PAIRED else remedy.gain_error
+        yield replace(
+            remedy,
+            gain_error=error,
+            code=line_remedy.code,
+            effect=line_remedy.effect,
+            basis=basis,
+            share=share,
+        )
         share -= gain
     text = _ADVICE[activity]
     if line.package and line.package != STANDARD_LIBRARY:
@@ -257,6 +269,42 @@ def _of_line(
     elif activity == Activity.BINDINGS and not _READS_VIEWS.search(line.place.text):
         text = "the calls of the engine themselves: make fewer of them, each for more"
     yield _remedy(loop, RemedyKind.LINE, activity, line.place, text, share)
+
+
+def _line_remedies(
+    place: Place, findings: Sequence[Finding]
+) -> Iterator[tuple[LineRemedy, Sequence[Finding]]]:
+    """Yield what the table says of a line, each with lint's findings that it is about."""
+    codes = set[str]()
+    for remedy in LINE_REMEDIES:
+        found = [each for each in findings if each.code == remedy.code]
+        is_found = bool(found) if remedy.code else not codes
+        if is_found and remedy.code not in codes and remedy.line.search(place.text):
+            codes.add(remedy.code)
+            yield remedy, found
+
+
+def _gain_of_line(
+    loop: LoopTime,
+    line: LineTime,
+    remedy: LineRemedy,
+    count: int,
+    share: float,
+    measured: Measured,
+) -> tuple[float, Basis]:
+    """Return what a line saves: that of its findings in each step, or its share at most.
+
+    Where a loop within a step runs the line, only its samples say how often it runs.
+    """
+    ratio = None if remedy.trial is None else measured.ratios.get(Question(remedy.trial))
+    nstep = sum(call.calls for call in call_remedies.steps_of(loop))
+    if ratio is None:
+        return share, Basis.BOUND
+    steps = [(call.place.file, call.place.line) for call in loop.calls if call.is_step]
+    if not count or not nstep or runs_within_step(line.place.position, steps):
+        return share * ratio.saved, Basis.PAIRED
+    saved_s = ratio.saved_s if ratio.saved else 0.0
+    return min(share, count * saved_s * nstep / loop.seconds), Basis.PAIRED
 
 
 def _of_function(loop: LoopTime, lines: Sequence[LineTime]) -> Remedy:

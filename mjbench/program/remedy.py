@@ -28,6 +28,10 @@ class RemedyKind(enum.StrEnum):
     """How many copies of the program run at once; not listed before it is measured."""
 
 
+# Kinds of which only a share is known, and half of it is likely to be saved.
+_OF_SAMPLES = (RemedyKind.LINE, RemedyKind.ACTIVITY)
+
+
 class Basis(enum.StrEnum):
     """Where a gain comes from."""
 
@@ -85,7 +89,8 @@ class Remedy:
         if self.kind == RemedyKind.COPIES:  # it makes no copy faster
             return 3, 0.0
         if self.confirmed is None:
-            return 1, -self.gain
+            is_vague = self.basis == Basis.BOUND and self.kind in _OF_SAMPLES
+            return 1, -self.gain / 2 if is_vague else -self.gain
         return (1, -self.confirmed.gain) if self.confirmed.is_certain else (2, -self.gain)
 
 

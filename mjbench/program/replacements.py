@@ -3,23 +3,21 @@
 Both are timed in turns, in a child process: a model that crashes MuJoCo costs only its ratio.
 """
 
-import copy
-import enum
 import itertools
 import statistics
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
-import numpy as np
 
-from mjbench.errors import InputError, MjbenchError
-from mjbench.host import isolate, machine
+from mjbench.errors import MjbenchError
+from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.measuring import stats, timing
+from mjbench.program import trials
 from mjbench.program.recorded_models import RecordedModel, loadable
+from mjbench.program.trials import Question, Way
 from mjbench.simulation import compat
 from mjbench.simulation.engine_clock import engine_clock
 
@@ -27,52 +25,6 @@ from mjbench.simulation.engine_clock import engine_clock
 BUDGET_S, LIMIT_S = 0.5, 30.0
 # Rounds: the interval of a median needs six at least. Seconds of a block, and calls of one at most.
 LEAST_ROUNDS, MOST_ROUNDS, BLOCK_S, MOST_CALLS = 15, 200, 0.002, 1000
-
-
-class Trial(enum.StrEnum):
-    """Two ways of doing something; the second is what mjbench suggests."""
-
-    FUNCTIONS = "other functions of the engine"
-    """`mj_step` with `mj_forward`, and with the functions that are enough."""
-    NEW_DATA_OR_RESET = "mj_resetData"
-    """`MjData(model)` with steps, which new memory costs, too, and `mj_resetData` with steps."""
-    NEW_DATA_OR_COPY = "mj_copyData"
-    """Likewise, with the state of another MjData."""
-    COPY_OR_COPY = "mj_copyData in place of copy"
-    """`copy.copy(data)` with steps, and `mj_copyData` with steps."""
-    DEEP_COPY_OR_COPY = "mj_copyData in place of deepcopy"
-    """Likewise, with `copy.deepcopy(data)`, which copies the model, too."""
-    ONE_CALL = "nstep"
-    """Ten calls of `mj_step`, and one with `nstep=10`."""
-    NO_TIMER = "no timer"
-    """`mj_step` with the timer of MuJoCo's Python package, and without."""
-    NAMED_ACCESS = "hoisted accessor"
-    """An element looked up by its name, and an attribute of one that was looked up before."""
-    POOL = "pool of threads"
-    """`mujoco.rollout.rollout`, and `Rollout`, which keeps its threads."""
-    BATCH = "Batch"
-    """`mj_step` of several simulations in turn, and `mujoco.batch.Batch`."""
-    RENDERER = "one Renderer"
-    """A frame by a `Renderer` of its own, and by one that stays."""
-
-
-@dataclass(frozen=True)
-class Question:
-    """What to measure.
-
-    Attributes:
-      steps: of each simulation, for `Trial.POOL`; after each new MjData; of each call, for
-        `Trial.NO_TIMER`.
-      frame: height and width in pixels, for `Trial.RENDERER`.
-      backend: `MUJOCO_GL` of the program, for `Trial.RENDERER`.
-    """
-
-    trial: Trial
-    functions: tuple[str, ...] = ()
-    simulations: int = 1
-    steps: int = 1
-    frame: tuple[int, int] = (240, 320)
-    backend: str = ""
 
 
 @dataclass(frozen=True)
@@ -187,35 +139,19 @@ def answer(request: _Request, channel: Channel) -> None:
     for number, question in enumerate(request.questions):
         try:
             ratio = _ratio(model, request.model, question)
-        except (MjbenchError, mujoco.FatalError, *_LACKING):
+        except (MjbenchError, mujoco.FatalError, *trials.LACKING):
             continue  # this release, this model, or this machine lacks something
         channel.send(_Answer(number, ratio))
 
 
-@dataclass(frozen=True)
-class _Way:
-    """One way of doing something.
-
-    Attributes:
-      create: creates an object for `use`, which together do what `run` does; None if it needs none.
-      use: does the rest with the object, which the caller frees.
-      has_timer: whether steps read the timer of MuJoCo's Python package.
-    """
-
-    run: Callable[[mujoco.MjData], object]
-    create: Callable[[mujoco.MjData], Any] | None = None
-    use: Callable[[Any, mujoco.MjData], None] = lambda *_: None
-    has_timer: bool = True
-
-
 def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -> TimeRatio:
     """Return the ratio of the times, over all states in turn."""
-    present, suggested = _ways(model, question)
-    is_of_copies = question.trial in _COPIERS and len(recorded.copied) > 0
+    present, suggested = trials.ways(model, question)
+    is_of_copies = question.trial in trials.COPIERS and len(recorded.copied) > 0
     states = recorded.copied if is_of_copies else recorded.states
     data = mujoco.MjData(model)
 
-    def contender(way: _Way, calls: int) -> timing.Contender:
+    def contender(way: Way, calls: int) -> timing.Contender:
         turn = itertools.count()
 
         def before() -> None:
@@ -231,7 +167,7 @@ def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -
         return timing.Contender(block, before)
 
     # other processes on the same core lengthen the wall time alone
-    clock = time.perf_counter if question.trial in _BY_WALL_TIME else time.thread_time
+    clock = time.perf_counter if question.trial in trials.BY_WALL_TIME else time.thread_time
     one_s = min(timing.block_s(contender(present, 1), clock) for _ in range(3))
     calls = max(1, min(MOST_CALLS, round(BLOCK_S / max(one_s, 1e-9))))
     contenders = [contender(present, calls), contender(suggested, calls)]
@@ -251,7 +187,7 @@ def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -
     )
 
 
-def _created_share(way: _Way, data: mujoco.MjData, clock: timing.Clock) -> float:
+def _created_share(way: Way, data: mujoco.MjData, clock: timing.Clock) -> float:
     """Return the share of the time of a way in which it creates its object."""
     if way.create is None:
         return 1.0
@@ -261,154 +197,3 @@ def _created_share(way: _Way, data: mujoco.MjData, clock: timing.Clock) -> float
     way.use(created, data)
     del created
     return (middle_s - begin_s) / max(1e-9, clock() - begin_s)
-
-
-def _creating(
-    create: Callable[[mujoco.MjData], Any], use: Callable[[Any, mujoco.MjData], None]
-) -> _Way:
-    """Return a way that creates an object each time."""
-    return _Way(lambda data: use(create(data), data), create, use)
-
-
-def _named_access(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
-    """Return the access to an element by its name, and that to one looked up before."""
-    body = model.body(model.nbody - 1).name
-    hoisted: dict[int, Any] = {}
-
-    def before_the_loop(data: mujoco.MjData) -> Any:
-        if id(data) not in hoisted:
-            hoisted[id(data)] = data.body(body)
-        return hoisted[id(data)].xpos
-
-    if not body:
-        raise InputError("the model has no name to look up")
-    return _Way(lambda data: data.body(body).xpos), _Way(before_the_loop)
-
-
-def _pool(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
-    """Return rollout with threads of its own, and with a pool that stays."""
-    from mujoco import rollout
-
-    threads = machine.usable_cores()
-    datas = [mujoco.MjData(model) for _ in range(threads)]
-    spec = compat.FULLPHYSICS
-    start = np.empty((1, mujoco.mj_stateSize(model, spec)))
-    mujoco.mj_getState(model, datas[0], start[0], spec)
-    starts = np.repeat(start, question.simulations, axis=0)
-    pool = rollout.Rollout(nthread=threads)
-    return (
-        _Way(lambda data: rollout.rollout(model, datas, starts, nstep=question.steps)),
-        _Way(lambda data: pool.rollout(model, datas, starts, nstep=question.steps)),
-    )
-
-
-def _batch(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
-    """Return simulations in turn, and as a batch, from the model's own start."""
-    from mujoco.batch import Batch
-
-    datas = [mujoco.MjData(model) for _ in range(question.simulations)]
-    batch = Batch(model, question.simulations)
-
-    def in_turn(data: mujoco.MjData) -> None:
-        for each in datas:
-            mujoco.mj_step(model, each)
-
-    return _Way(in_turn), _Way(lambda data: batch.step())
-
-
-def _new_data(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
-    """Return steps of a new MjData, and of one that stays."""
-    scratch = mujoco.MjData(model)
-    is_copy = question.trial != Trial.NEW_DATA_OR_RESET
-
-    def create(data: mujoco.MjData) -> mujoco.MjData:
-        copier = _COPIERS.get(question.trial)
-        return mujoco.MjData(model) if copier is None else copier(data)
-
-    def use(fresh: mujoco.MjData, data: mujoco.MjData) -> None:
-        if question.trial == Trial.NEW_DATA_OR_COPY:
-            compat.copied_data(model, fresh, data)
-        step(fresh)
-
-    def step(stepped: mujoco.MjData) -> None:
-        for _ in range(question.steps):
-            mujoco.mj_step(model, stepped)
-
-    def again(data: mujoco.MjData) -> None:
-        if is_copy:
-            compat.copied_data(model, scratch, data)
-        else:
-            mujoco.mj_resetData(model, scratch)
-        step(scratch)
-
-    return _creating(create, use), _Way(again)
-
-
-def _renderer(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
-    """Return a frame by a renderer of its own, and by one that stays."""
-    height, width = question.frame
-    model.vis.global_.offheight = max(height, model.vis.global_.offheight)
-    model.vis.global_.offwidth = max(width, model.vis.global_.offwidth)
-    permanent = mujoco.Renderer(model, height, width)
-
-    def draw(renderer: mujoco.Renderer, data: mujoco.MjData) -> None:
-        renderer.update_scene(data)
-        renderer.render()
-
-    def create(data: mujoco.MjData) -> mujoco.Renderer:
-        return mujoco.Renderer(model, height, width)
-
-    return _creating(create, draw), _Way(lambda data: draw(permanent, data))
-
-
-_COPIERS: Mapping[Trial, Callable[[mujoco.MjData], mujoco.MjData]] = {
-    Trial.COPY_OR_COPY: copy.copy,
-    Trial.DEEP_COPY_OR_COPY: copy.deepcopy,
-}
-# Trials of which other threads compute a part, or whose seconds are compared with wall time.
-_BY_WALL_TIME = {Trial.POOL, Trial.BATCH, Trial.RENDERER, Trial.NAMED_ACCESS}
-# What is raised where a release, a model or a machine lacks something; OpenGL raises its own kinds.
-_LACKING = (AttributeError, ImportError, ValueError, RuntimeError)
-_BUILDERS: Mapping[Trial, Callable[[mujoco.MjModel, Question], tuple[_Way, _Way]]] = {
-    Trial.NAMED_ACCESS: _named_access,
-    Trial.NEW_DATA_OR_RESET: _new_data,
-    Trial.NEW_DATA_OR_COPY: _new_data,
-    Trial.COPY_OR_COPY: _new_data,
-    Trial.DEEP_COPY_OR_COPY: _new_data,
-    Trial.RENDERER: _renderer,
-    Trial.POOL: _pool,
-    Trial.BATCH: _batch,
-}
-
-
-def _ways(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
-    """Return what the program does, and what mjbench suggests."""
-    if question.trial in _BUILDERS:
-        return _BUILDERS[question.trial](model, question)
-
-    def then(names: Sequence[str]) -> Callable[[mujoco.MjData], None]:
-        functions = [getattr(mujoco, name) for name in ("mj_step", *names)]
-
-        def run(data: mujoco.MjData) -> None:
-            for function in functions:
-                function(model, data)
-
-        return run
-
-    def ten_steps(data: mujoco.MjData) -> None:
-        for _ in range(10):
-            mujoco.mj_step(model, data)
-
-    def as_now(data: mujoco.MjData) -> None:
-        for _ in range(10):
-            mujoco.mj_step(model, data, question.steps)
-
-    def one_call(data: mujoco.MjData) -> None:
-        mujoco.mj_step(model, data, 10)
-
-    ways: dict[Trial, tuple[_Way, _Way]] = {
-        Trial.FUNCTIONS: (_Way(then(["mj_forward"])), _Way(then(question.functions))),
-        Trial.ONE_CALL: (_Way(ten_steps), _Way(one_call)),
-        Trial.NO_TIMER: (_Way(as_now), _Way(as_now, has_timer=False)),
-    }
-    return ways[question.trial]

@@ -2,6 +2,7 @@
 
 import ast
 import tokenize
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cache
 
@@ -42,6 +43,18 @@ def outermost_loop(file: str, line: int) -> SourceLoop | None:
     """
     holding = [loop for loop in _loops(file) if loop.first <= line <= loop.last]
     return min(holding, key=lambda loop: (loop.first, -loop.last)) if holding else None
+
+
+def runs_within_step(position: tuple[str, int], steps: Collection[tuple[str, int]]) -> bool:
+    """Return whether a loop runs a line, and none of the lines that step."""
+    file, line = position
+    lines = {step_line for step_file, step_line in steps if step_file == file}
+    spans = (
+        range(node.lineno, (node.end_lineno or node.lineno) + 1)
+        for node in ast.walk(_tree(file))
+        if isinstance(node, _LOOPS)
+    )
+    return any(line in span and lines.isdisjoint(span) for span in spans)
 
 
 @cache

@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
-from mjbench.program.activities import Activity, Place
+from mjbench.program.activities import Activity
 from mjbench.program.calls import CallTime
 from mjbench.program.hook.call_clock import COMPILE, DISPATCH
 from mjbench.program.loop_time import FEW_SAMPLES, LineTime, LoopTime, large, shares_of
@@ -116,21 +116,21 @@ def _timed(time: LoopTime, calls: Sequence[CallTime], stretch: float | None = 1.
     slow: dict[tuple[str, int], float] = defaultdict(float)
     for call in calls:
         if call.activity != Activity.PHYSICS:
-            slow[_place_key(call.place)] += call.seconds / seconds
+            slow[call.place.position] += call.seconds / seconds
     rest = {
-        _place_key(line.place): _beside_slow(time, line, slow[_place_key(line.place)], exact)
-        if _place_key(line.place) in slow
+        line.place.position: _beside_slow(time, line, slow[line.place.position], exact)
+        if line.place.position in slow
         else {each: part for each, part in line.activities.items() if each not in exact}
         for line in time.lines
     }
-    on_slow_lines = [line for line in time.lines if _place_key(line.place) in slow]
+    on_slow_lines = [line for line in time.lines if line.place.position in slow]
     rest_by_activity = {
         activity: max(0.0, part - sum(line.activities.get(activity, 0.0) for line in on_slow_lines))
         for activity, part in time.activities.items()
         if activity not in exact
     }
     for line in on_slow_lines:
-        for activity, part in rest[_place_key(line.place)].items():
+        for activity, part in rest[line.place.position].items():
             rest_by_activity[activity] = rest_by_activity.get(activity, 0.0) + part
     total_rest = sum(rest_by_activity.values())
     rest_is = Activity.BINDINGS if has_samples else Activity.REST
@@ -140,11 +140,13 @@ def _timed(time: LoopTime, calls: Sequence[CallTime], stretch: float | None = 1.
     else:
         # samples that are all on the lines of these calls saw the calls themselves
         factor, others = 0.0, {rest_is: 1 - share}
-    loading = {_place_key(call.place) for call in calls if call.activity == Activity.LOADING}
+    loading = {call.place.position for call in calls if call.activity == Activity.LOADING}
     beside_loading = (
         factor * sum(rest[key].get(Activity.BINDINGS, 0.0) for key in loading & rest.keys())
         if factor
-        else others[rest_is] * exact.get(Activity.LOADING, 0.0) / max(1e-9, sum(slow.values()))
+        else others.get(rest_is, 0.0)
+        * exact.get(Activity.LOADING, 0.0)
+        / max(1e-9, sum(slow.values()))
     )
     parts = {**exact, **{activity: part for activity, part in others.items() if part > 1e-6}}
     return replace(
@@ -193,11 +195,10 @@ def _beside_slow(
     time: LoopTime, line: LineTime, share: float, exact: Collection[Activity]
 ) -> Mapping[Activity, float]:
     """Return what samples saw on the line of a slow call beside the call, such as what frees it."""
-    others = {
-        activity: part
-        for activity, part in line.activities.items()
-        if activity not in {*_TOLD_BY_LINE, *exact}
-    }
+    told = {*_TOLD_BY_LINE, *exact}
+    if Activity.DISPATCH in exact:
+        told.add(Activity.POLICY)  # JAX itself, where it is called
+    others = {activity: part for activity, part in line.activities.items() if activity not in told}
     beside = line.share - share - sum(others.values())
     is_certain = beside > 2 * time.error(line.share)
     return {**others, Activity.BINDINGS: beside} if is_certain else others
@@ -211,12 +212,12 @@ def _timed_lines(
     factor: float,
 ) -> list[LineTime]:
     """Return the lines of a loop: their timed calls, and what samples saw of them beside those."""
-    places = {_place_key(line.place): line.place for line in time.lines}
-    packages = {_place_key(line.place): line.package for line in time.lines}
+    places = {line.place.position: line.place for line in time.lines}
+    packages = {line.place.position: line.package for line in time.lines}
     parts: dict[tuple[str, int], list[tuple[Activity, float]]] = defaultdict(list)
     for call in calls:
-        places.setdefault(_place_key(call.place), call.place)
-        parts[_place_key(call.place)].append((call.activity, call.seconds / seconds))
+        places.setdefault(call.place.position, call.place)
+        parts[call.place.position].append((call.activity, call.seconds / seconds))
     for key, activities_of_line in rest.items():
         parts[key] += [(each, part * factor) for each, part in activities_of_line.items()]
     lines = []
@@ -226,7 +227,3 @@ def _timed_lines(
             share = min(1.0, sum(shares.values()))
             lines.append(LineTime(places[key], share, shares, packages.get(key, "")))
     return large(lines)
-
-
-def _place_key(place: Place) -> tuple[str, int]:
-    return place.file, place.line

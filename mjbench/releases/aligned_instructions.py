@@ -7,7 +7,7 @@ Source: the Intel manual, volume 2 (the encoding of VEX instructions).
 
 from collections.abc import Iterator, Sequence
 
-from mjbench.releases.moved_image import ImmovableError
+from mjbench.releases.moved_install import ImmovableError
 
 # The second byte of an instruction that needs an aligned address, and of its twin that does not:
 # vmovaps and vmovapd (load, store), and vmovntps and vmovntpd, whose twin stores through the cache.

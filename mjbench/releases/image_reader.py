@@ -1,4 +1,4 @@
-"""Read what has to change in a shared library when its image is moved (see `moved_image`).
+"""Read what has to change in a shared library when its image is moved (see `moved_install`).
 
 Sources: the System V ABI, generic and AMD64 supplement (headers, dynamic tags, relocations).
 """
@@ -12,7 +12,7 @@ import numpy as np
 
 from mjbench.errors import describe
 from mjbench.releases import aligned_instructions
-from mjbench.releases.moved_image import ImmovableError, MovableImage
+from mjbench.releases.moved_install import ImmovableError, MovableImage
 from mjbench.releases.placement import PAGE_BYTES
 
 # Tags of the dynamic section whose value is an address.

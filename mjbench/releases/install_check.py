@@ -10,7 +10,7 @@ import csv
 import hashlib
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -55,13 +55,7 @@ def changed_file() -> str | None:
 
     None if all are, or if their installer recorded none.
     """
-    for distribution in _distributions():
-        record = distribution.read_text("RECORD") or ""
-        own = "\n".join(row for row in record.splitlines() if row.startswith(_FOLDER))
-        problem = _damaged_file(own, Path(str(distribution.locate_file(""))))
-        if problem:
-            return problem
-    return None
+    return _changed_file(_distributions(), compare_hashes=True)
 
 
 def imported_problem(expected: str | None = None) -> str | None:
@@ -90,8 +84,11 @@ def imported_problem(expected: str | None = None) -> str | None:
     folders |= {Path(str(d.locate_file("mujoco"))).resolve() for d in distributions}
     if folders != {folder}:
         return f"MuJoCo {expected} is mixed from {', '.join(sorted(map(str, folders)))}"
-    package = Path(mujoco.__file__).parent
-    return _stray_module(package) or _broken_file(distributions)
+    stray = _stray_module(Path(mujoco.__file__).parent)
+    if stray:
+        return stray
+    changed = _changed_file(distributions, compare_hashes=False)
+    return f"MuJoCo {expected}: {changed}" if changed else None
 
 
 def engine_problem(expected: str) -> str | None:
@@ -175,28 +172,27 @@ def _recorded_files(record: str) -> list[_RecordedFile]:
         raise ValueError(str(error)) from error
 
 
-def _broken_file(distributions: Sequence[metadata.Distribution]) -> str | None:
-    """Return which of MuJoCo's files is missing, or has another size; None if all are there."""
+def _changed_file(
+    distributions: Iterable[metadata.Distribution], compare_hashes: bool
+) -> str | None:
+    """Return which of MuJoCo's files is not as it was installed; None if all are."""
     for distribution in distributions:
         # Read directly: `distribution.files` of newer Pythons leaves out missing files.
-        for recorded in _recorded_files(distribution.read_text("RECORD") or ""):
-            if not recorded.name.startswith(_FOLDER):
-                continue
-            try:
-                size = Path(str(distribution.locate_file(recorded.name))).stat().st_size
-            except OSError:
-                return f"{recorded.name} of MuJoCo {distribution.version} is missing"
-            if size != recorded.size:
-                return f"{recorded.name} of MuJoCo {distribution.version} has been changed"
+        record = distribution.read_text("RECORD") or ""
+        own = "\n".join(row for row in record.splitlines() if row.startswith(_FOLDER))
+        problem = _damaged_file(own, Path(str(distribution.locate_file(""))), compare_hashes)
+        if problem:
+            return problem
     return None
 
 
-def _damaged_file(record: str, folder: Path) -> str | None:
+def _damaged_file(record: str, folder: Path, compare_hashes: bool = True) -> str | None:
     """Return which file of a RECORD is not as it was installed; None if all are.
 
     Args:
       record: its text, a line of name, hash and size for each file.
       folder: that names are relative to.
+      compare_hashes: of MuJoCo's files and shared libraries, beside the sizes of all.
     """
     try:
         recorded_files = _recorded_files(record)
@@ -206,7 +202,8 @@ def _damaged_file(record: str, folder: Path) -> str | None:
         name, file = recorded.name, folder / recorded.name
         try:
             changed = file.stat().st_size != recorded.size or (
-                (name.startswith(_FOLDER) or ".so" in file.suffixes)
+                compare_hashes
+                and (name.startswith(_FOLDER) or ".so" in file.suffixes)
                 and _hash(file, recorded.hash) != recorded.hash
             )
         except FileNotFoundError:

@@ -7,7 +7,6 @@ each install stops two processes from building it at once, and from removing it 
 """
 
 import contextlib
-import enum
 import functools
 import hashlib
 import logging
@@ -208,7 +207,7 @@ def use(release: ReleaseSpec) -> Iterator[Path | None]:
         return
     folder = cache_folder() / release.key
     while True:
-        with _locked(release.key, _Lock.SHARED):
+        with _locked(release.key, shared=True):
             if _is_complete(folder):
                 _check_files(folder)
                 with contextlib.suppress(OSError):  # a cache that may only be read
@@ -226,7 +225,7 @@ def install(release: ReleaseSpec) -> Path:
       MachineError: it cannot be installed, or a file of its install has been damaged.
     """
     folder = cache_folder() / release.key
-    with _locked(release.key, _Lock.EXCLUSIVE):
+    with _locked(release.key):
         if _is_complete(folder):
             _check_files(folder)
             return folder
@@ -256,7 +255,7 @@ def remove(name: str) -> None:
     if name not in names:
         raise InputError(f"no install {name!r}; there are {', '.join(names) or 'none'}")
     folder = cache_folder() / name
-    with _locked(name, _Lock.EXCLUSIVE_OR_FAIL):
+    with _locked(name, wait=False):
         renamed = folder.with_name(f".{name}.removed")
         try:
             if renamed.exists():  # an earlier removal was killed
@@ -285,20 +284,11 @@ def _check_files(folder: Path) -> None:
         )
 
 
-class _Lock(enum.Enum):
-    """How an install is locked."""
-
-    SHARED = "shared"
-    """Held by every process that uses the install."""
-    EXCLUSIVE = "exclusive"
-    """Held by the process that makes it."""
-    EXCLUSIVE_OR_FAIL = "exclusive or fail"
-    """Held by the process that removes it; not waited for."""
-
-
 @contextlib.contextmanager
-def _locked(name: str, lock: _Lock) -> Iterator[None]:
+def _locked(name: str, shared: bool = False, wait: bool = True) -> Iterator[None]:
     """Hold the lock of an install while the block runs; the kernel frees it if the process dies.
+
+    Processes that use the install share the lock; one that makes or removes it holds it alone.
 
     This is flock itself, because filelock's FileLock cannot be shared, and its ReadWriteLock waits
     inside SQLite, where neither Ctrl-C nor SIGTERM ends the wait, and does not support NFS, where
@@ -315,11 +305,7 @@ def _locked(name: str, lock: _Lock) -> Iterator[None]:
         ) from error
     try:
         try:
-            platforms.lock_file(
-                descriptor,
-                shared=lock is _Lock.SHARED,
-                wait=lock is not _Lock.EXCLUSIVE_OR_FAIL,
-            )
+            platforms.lock_file(descriptor, shared=shared, wait=wait)
         except BlockingIOError:
             raise MachineError(f"{name} is in use by another process") from None
         except OSError as error:

@@ -14,8 +14,7 @@ import numpy as np
 
 from mjbench.errors import MachineError
 from mjbench.releases import image_reader, installs, moved_install
-from mjbench.releases.moved_image import ImmovableError, MovableImage
-from mjbench.releases.moved_install import MovableInstall
+from mjbench.releases.moved_install import ImmovableError, MovableImage, MovableInstall
 from mjbench.store import files
 
 # Part of the names of cached files: another when what they hold changes.
@@ -52,7 +51,7 @@ def read(site: Path) -> MovableInstall:
         raise ImmovableError("only libraries for Linux on x86-64 can be moved")
     try:
         libraries = [file for file in (site / "mujoco").iterdir() if moved_install.moves(file.name)]
-        versions = {file.name: moved_install.FileVersion.of(file) for file in libraries}
+        versions = {file.name: moved_install.file_version(file) for file in libraries}
         contents = {file.name: file.read_bytes() for file in sorted(libraries)}
     except OSError as error:
         raise ImmovableError(f"its libraries cannot be read: {error.strerror}") from error

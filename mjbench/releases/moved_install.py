@@ -1,7 +1,13 @@
 """An installed release whose libraries are moved: as the original, but for where its code lies.
 
+Where a loop lies within its cache lines decides percents of its speed. The system loads a library
+at whole pages, so that position is fixed when the library is built. Here bytes are inserted behind
+the program headers, and every number that is an address or a place in the file grows by as many.
+Code and data move together, so that distances between them stay right.
+
 Moved libraries are not stored: every process of a launch creates its own before it imports MuJoCo,
-which takes about 15 ms. So this module needs NumPy alone; `movable` finds what moves.
+which takes about 15 ms. So this module needs NumPy alone; `movable` and `image_reader` find what
+moves.
 """
 
 import hashlib
@@ -12,8 +18,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from mjbench.releases.install_check import DISTRIBUTIONS
-from mjbench.releases.moved_image import ImmovableError, MovableImage
 from mjbench.releases.placement import Placement
 
 # What the names of libraries begin with that a step runs through.
@@ -22,20 +29,61 @@ _EXTENSIONS = ("_functions.", "_structs.", "_rollout.", "_batch.")
 _PACKAGE = "mujoco"
 # The file in which an installer recorded the files of a distribution.
 _RECORD = "RECORD"
+# Instructions on vectors of 32 bytes in memory exist in two forms of equal length: one faults
+# unless the address is a multiple of 32, the other works at any address.
+_VECTOR_BYTES = 32
 
 
-@dataclass(frozen=True)
-class FileVersion:
-    """What tells whether a file was replaced; reading it again would take longer."""
+class ImmovableError(Exception):
+    """A library cannot be moved; the message says why."""
 
-    size: int
-    modified_ns: int
 
-    @classmethod
-    def of(cls, file: Path) -> "FileVersion":
-        """Return the version of a file."""
-        status = file.stat()
-        return cls(status.st_size, status.st_mtime_ns)
+@dataclass(frozen=True, eq=False)
+class MovableImage:
+    """What changes in a shared library when it is moved.
+
+    Attributes:
+      insert_at: place in the file where bytes are inserted; whatever lies before it stays.
+      addresses: (n,) places in the file of 8-byte numbers that grow by the shift; multiples of 8.
+      permissions: (n, 2) places of bytes that say what a segment may be used for, and what each
+        becomes, because the segment may come to share a page with the one before it.
+      unaligned: (n, 2) places of bytes in instructions on vectors, and what each becomes where
+        vectors lose their alignment.
+    """
+
+    insert_at: int
+    addresses: np.ndarray
+    permissions: np.ndarray
+    unaligned: np.ndarray
+
+    def write(self, source: Path, target: Path, shift: int) -> int:
+        """Write the library's file, moved, to another one; return its size in bytes.
+
+        The inserted bytes are a hole in the file, which takes up no space and reads as zeros.
+
+        Args:
+          source: as installed.
+          shift: bytes to move by, as a `Placement` holds them.
+
+        Raises:
+          OSError: the one cannot be read, or the other not written.
+        """
+        content = np.fromfile(source, np.uint8)
+        if shift:
+            self._change(content, shift)
+        with target.open("xb") as file:
+            file.write(content[: self.insert_at].data)
+            file.seek(shift, os.SEEK_CUR)
+            file.write(content[self.insert_at :].data)
+        return len(content) + shift
+
+    def _change(self, content: np.ndarray, shift: int) -> None:
+        """Change in the library's bytes what changes when it is moved."""
+        numbers = content[: len(content) // 8 * 8].view("<u8")
+        numbers[self.addresses // 8] += np.uint64(shift)
+        content[self.permissions[:, 0]] = self.permissions[:, 1]
+        if shift % _VECTOR_BYTES:
+            content[self.unaligned[:, 0]] = self.unaligned[:, 1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,13 +93,13 @@ class MovableInstall:
     Attributes:
       site: the folder that holds the package and its metadata, as installed.
       images: what changes in each library that moves, by the name of its file.
-      versions: of the files that were read, by name.
+      versions: of the files that were read, by name (see `file_version`).
       digest: a short name for the content of all libraries that move.
     """
 
     site: Path
     images: Mapping[str, MovableImage]
-    versions: Mapping[str, "FileVersion"]
+    versions: Mapping[str, tuple[int, int]]
     digest: str
 
     def link_others(self, folder: Path) -> None:
@@ -107,12 +155,18 @@ class MovableInstall:
                 continue
             is_engine = entry.name.startswith(ENGINE)
             shift = placement.engine_bytes if is_engine else placement.extension_bytes
-            if FileVersion.of(entry) != self.versions[entry.name]:
+            if file_version(entry) != self.versions[entry.name]:
                 raise ImmovableError(f"{entry.name} was changed while it was being measured")
             size = image.write(entry, package / entry.name, shift)
             sizes[f"{_PACKAGE}/{entry.name}"] = size
         for metadata in _metadata_folders(self.site):
             _link_metadata(metadata, folder / metadata.name, sizes)
+
+
+def file_version(file: Path) -> tuple[int, int]:
+    """Return the size of a file and when it was modified, in ns: others if it was replaced."""
+    status = file.stat()
+    return status.st_size, status.st_mtime_ns
 
 
 def moves(name: str) -> bool:

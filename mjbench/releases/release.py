@@ -1,4 +1,4 @@
-"""A release of MuJoCo, and the order of versions.
+"""A release of MuJoCo, the order of versions, and releases whose steps execute the same.
 
 Only the standard library is imported: benchmarks/stored.py uses this module in every process that
 asv starts inside the environment of an old release. What a user may name as a release is parsed
@@ -37,3 +37,27 @@ def version_key(version: str) -> tuple[int, ...]:
     That is (3, 2, 0) for `3.2.0`, `3.2.0rc1` and `3.2.0.post1` alike.
     """
     return tuple(int(number) for number in re.findall(r"\d+", version)[:3])
+
+
+@dataclass(frozen=True)
+class NoChangePair:
+    """Two releases, one uploaded after the other, whose steps execute equally many instructions.
+
+    A verdict between them must be `same`: they are the negative controls for whatever claims to
+    tell a change of code from a change of its placement in memory.
+    """
+
+    old: str
+    new: str
+
+
+# The releases of each pair execute equally many instructions per step on every shipped model, as
+# counted by `mjbench instructions`. Their libraries differ nevertheless: code lies elsewhere, and
+# instructions hold other displacements where a struct grew. In the last pair five functions that
+# the cloth executes use other registers, too (`mjbench explain 3.3.1 3.3.2 cloth`).
+NO_CHANGE_PAIRS = (
+    NoChangePair("3.1.2", "3.1.3"),
+    NoChangePair("3.2.0", "3.2.1"),
+    NoChangePair("3.2.1", "3.2.2"),
+    NoChangePair("3.3.1", "3.3.2"),
+)

@@ -11,6 +11,7 @@ from mjbench.releases.change_points import Changes
 from mjbench.releases.release import version_key
 from mjbench.releases.release_ratios import LogEstimate, RatioRecord, StepRatioRecord
 from mjbench.simulation import agreement
+from mjbench.simulation.work import Work
 from mjbench.status import Status
 
 
@@ -21,6 +22,11 @@ class Measured:
     release: str
     ratio: LogEstimate
     record: RatioRecord
+
+    @property
+    def step_work(self) -> Work | None:
+        """What a step did; None where that is not known, and of an operation."""
+        return self.record.work if isinstance(self.record, StepRatioRecord) else None
 
 
 @dataclass(frozen=True)

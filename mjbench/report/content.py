@@ -1,14 +1,16 @@
 """What results come to, whatever shows it: conclusions, tables, figures and notes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
+from typing import Any, TypeVar
 
+from mjbench.releases.release_ratios import LogEstimate
 from mjbench.report.formats import Form, Interval
 
-# What a cell can hold: a text, a number, an interval, or nothing.
-Cell = str | float | int | Interval | None
+# What a cell can hold: a text, a number, an estimate or interval, or nothing.
+Cell = str | float | int | LogEstimate | Interval | None
+_T = TypeVar("_T")
 
 
 class Tone(StrEnum):
@@ -63,9 +65,14 @@ class Column:
 
     def number(self, cell: Cell) -> float | None:
         """Return what a cell is sorted by: its number, or the lower end of its interval."""
-        if cell is None or isinstance(cell, str):
-            return None
-        return cell if isinstance(cell, int | float) else cell.low
+        match cell:
+            case None | str():
+                return None
+            case int() | float():
+                return cell
+            case LogEstimate():
+                return cell.log_ratio
+        return cell.low
 
     def shown(self, cell: Cell) -> str:
         """Return a cell as people read it."""
@@ -81,6 +88,22 @@ class DataTable:
     title: str
     columns: Sequence[Column]
     rows: Sequence[Sequence[Cell]]
+
+    @classmethod
+    def of(
+        cls, title: str, items: Iterable[_T], *columns: tuple[Column, Callable[[_T], Cell]]
+    ) -> "DataTable":
+        """Return a table with a row for each item; each column comes with the cell of an item."""
+        rows = [[cell(item) for _, cell in columns] for item in items]
+        return cls(title, [column for column, _ in columns], rows)
+
+    @property
+    def texts(self) -> list[list[str]]:
+        """Its rows as people read them."""
+        return [
+            [column.shown(cell) for column, cell in zip(self.columns, row, strict=True)]
+            for row in self.rows
+        ]
 
     def filled_columns(self, with_bars: bool = True) -> "DataTable":
         """Return the table without the columns in which every cell is empty."""

@@ -20,30 +20,18 @@ def difference_cautions(rows: Sequence[RunDifference]) -> list[str]:
 
 def differences_table(rows: Sequence[RunDifference]) -> DataTable:
     """Return the table of `mjbench diff`; of sets, with a column for the machine."""
-    columns = (
-        Column("machine"),
-        Column("model"),
-        Column("path"),
-        Column("options"),
-        Column("simulations", formats.count),
-        Column("new / old", _three_digits),
-        Column("95 %", formats.ends_in(_three_digits)),
-        Column("detail"),
+    return DataTable.of(
+        "Differences",
+        rows,
+        (Column("machine"), lambda row: row.machine),
+        (Column("model"), lambda row: row.model),
+        (Column("path"), lambda row: row.path),
+        (Column("options"), lambda row: describe_options(row.options)),
+        (Column("simulations", formats.count), lambda row: row.nbatch),
+        (Column("new / old", _three_digits), lambda row: row.ratio.estimate if row.ratio else None),
+        (Column("95 %", formats.ends_in(_three_digits)), lambda row: row.ratio),
+        (Column("detail"), lambda row: row.detail),
     )
-    cells = [
-        (
-            row.machine,
-            row.model,
-            row.path,
-            describe_options(row.options),
-            row.nbatch,
-            row.ratio.estimate if row.ratio else None,
-            row.ratio,
-            row.detail,
-        )
-        for row in rows
-    ]
-    return DataTable("Differences", columns, cells)
 
 
 def _three_digits(ratio: float) -> str:

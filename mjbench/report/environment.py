@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from mjbench.comparison.plan import Variant, describe_options
 from mjbench.environment.layer_shares import LayerShare
 from mjbench.environment.layers import Layer
-from mjbench.environment.model_changes import Moment
+from mjbench.environment.recording import Moment
 from mjbench.environment.records import (
     EnvironmentFacts,
     EnvironmentRecord,

@@ -1,8 +1,10 @@
 """How cells of tables are written: numbers in the digits that mean something, and intervals."""
 
+import math
 from collections.abc import Callable, Iterable
 from typing import Any, Protocol
 
+from mjbench.releases.release_ratios import LogEstimate
 from mjbench.units import plain
 
 # Writes a cell that is not a text.
@@ -55,6 +57,30 @@ def percent(share: float) -> str:
 def change(ratio: float) -> str:
     """Return the change that a ratio stands for, in percent, with its sign."""
     return f"{100 * (ratio - 1):+.2f} %"
+
+
+def change_to_tenth(ratio: float) -> str:
+    """Return the change that a ratio stands for as `change` does, to a tenth of a percent."""
+    return f"{100 * (ratio - 1):+.1f} %"
+
+
+def log_change(log_ratio: float) -> str:
+    """Return a log ratio as a change in percent, or as a factor where it is at least twofold."""
+    ratio = math.exp(log_ratio)
+    return f"×{ratio:.2f}" if _is_factor(ratio) else change_to_tenth(ratio)
+
+
+def change_with_error(estimate: LogEstimate) -> str:
+    """Return an estimate as `log_change` does, with its standard error, such as `+1.2 ±0.3 %`."""
+    ratio = estimate.ratio
+    error = ratio * estimate.deviation
+    if _is_factor(ratio):
+        return f"×{ratio:.2f} ±{error:.2f}"
+    return f"{100 * (ratio - 1):+.1f} ±{100 * error:.1f} %"
+
+
+def _is_factor(ratio: float) -> bool:
+    return ratio >= 2 or ratio <= 0.5
 
 
 def ends(interval: Interval | None, form: Form = factor) -> str:

@@ -12,16 +12,17 @@ from typing import Any
 
 from mjbench.errors import writing
 from mjbench.releases import release_ratios
-from mjbench.releases.release_ratios import StepRatioRecord
 from mjbench.releases.speed_history import Measured, SpeedSeries
-from mjbench.report import charts
+from mjbench.report import charts, formats
 from mjbench.report.charts import BLUE, GREEN, GREY, ORANGE, Spec
+from mjbench.report.content import Column, DataTable, Figure
 from mjbench.report.speed_history import SpeedHistory
-from mjbench.report.speed_tables import DEVIATIONS
 
 _WIDTH, _HEIGHT, _TIME_HEIGHT = 720, 80, 170
 # An error bar reaches as many standard errors to either side.
 _BAR_DEVIATIONS = 2.0
+# A change without a test of its own counts if it is as many standard errors.
+DEVIATIONS = 4.0
 # Smaller drifts are rounding, or none; they are drawn here.
 _LEAST_DRIFT = 1e-17
 # What is plotted of the work of a step; the sizes of the model do not change with releases.
@@ -40,9 +41,34 @@ def draw(history: SpeedHistory, folder: Path) -> None:
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     for series, svg in zip(history.models, svgs, strict=True):
-        file = folder / file_name(series)
+        file = folder / file_name(series.name)
         with writing(file):
             file.write_text(svg, encoding="utf-8")
+
+
+def figure(history: SpeedHistory, series: SpeedSeries) -> Figure:
+    """Return the plot of a model for a page, titled by its name."""
+    data = DataTable.of(
+        series.name,
+        series.measured,
+        (Column("release"), lambda each: each.release),
+        (Column("ratio", formats.digits(4)), lambda each: each.ratio.ratio),
+        (Column("standard error", formats.digits(2)), lambda each: each.ratio.deviation),
+        (
+            Column("contacts", formats.digits(4)),
+            lambda each: each.step_work.contacts if each.step_work else None,
+        ),
+        (Column("drift of one step", formats.digits(2)), lambda each: each.record.drift),
+    )
+    first, last = series.measured[0], series.measured[-1]
+    return Figure(
+        title=series.name,
+        alternative=f"A step took {first.ratio.ratio:.2f} times as long in {first.release} as in"
+        f" the reference, and {last.ratio.ratio:.2f} times as long in {last.release}. Diamonds are"
+        " change points.",
+        specification={**specification(history, series), **charts.page_colours()},
+        data=data,
+    )
 
 
 # Names that Windows keeps for devices.
@@ -55,11 +81,11 @@ _DEVICES = {
 }
 
 
-def file_name(series: SpeedSeries) -> str:
+def file_name(model: str) -> str:
     """Return the name of a model's plot; a name of one's own may hold any characters."""
-    name = re.sub(r"[^\w.-]+", "-", series.name)[:80]
-    if name != series.name or name.upper() in _DEVICES:
-        digest = hashlib.blake2b(series.name.encode(errors="replace"), digest_size=4)
+    name = re.sub(r"[^\w.-]+", "-", model)[:80]
+    if name != model or name.upper() in _DEVICES:
+        digest = hashlib.blake2b(model.encode(errors="replace"), digest_size=4)
         name = f"{name}-{digest.hexdigest()}"
     return f"{name}.svg"
 
@@ -163,12 +189,9 @@ def _instructions(history: SpeedHistory, series: SpeedSeries) -> Iterator[Row]:
 
 def _work(history: SpeedHistory, series: SpeedSeries) -> Iterator[Row]:
     for each in series.measured:
-        record = each.record
-        if not isinstance(record, StepRatioRecord) or record.work is None:
-            continue
-        if history.lists(each.release):
+        if each.step_work is not None and history.lists(each.release):
             for name in _COUNTERS:
-                counter, count = name.replace("_", " "), getattr(record.work, name)
+                counter, count = name.replace("_", " "), getattr(each.step_work, name)
                 yield {"release": each.release, "counter": counter, "value": count}
 
 

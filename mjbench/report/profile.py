@@ -1,8 +1,8 @@
 """What `mjbench profile` comes to: where a step's time goes."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
-from mjbench.loop.profile import FRAMES_PER_S, ProfileRow, StepProfile, StepTimes
+from mjbench.loop.profile import FRAMES_PER_S, ProfileRow, StepTimes
 from mjbench.loop.rendering import FrameTime
 from mjbench.report import charts, content, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
@@ -14,37 +14,30 @@ from mjbench.units import duration, plain
 def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
     """Yield a section for each model that was profiled, or was to be."""
     for row in rows:
-        profile = row.profile()
-        if profile is None:
+        steps = row.steps
+        if steps is None:
             yield content.failure(row.model, row.status, row.detail)
-        else:
-            yield _section(profile)
+            continue
+        stages = _stages(steps)
+        yield Section(
+            heading=f"{row.model}: where a step's time goes",
+            conclusions=[*_conclusions(row.model, steps)],
+            facts=_facts(steps),
+            figures=[_figure(row.model, stages)],
+            tables=[stages, _simulated_second(row.simulated_second or {})],
+            notes=[_frame_line(frame, steps.loop_ns) for frame in row.frames or ()],
+        )
 
 
-def _section(profile: StepProfile) -> Section:
-    """Return where the time of a model's step goes."""
-    steps = profile.steps
-    stages = _stages(steps)
-    return Section(
-        heading=f"{profile.model}: where a step's time goes",
-        conclusions=[*_conclusions(profile)],
-        facts=_facts(steps),
-        figures=[_figure(profile.model, stages)],
-        tables=[stages, _simulated_second(profile)],
-        notes=[_frame_line(frame, steps.loop_ns) for frame in profile.frames],
-    )
-
-
-def _conclusions(profile: StepProfile) -> Iterator[Conclusion]:
-    steps = profile.steps
+def _conclusions(model: str, steps: StepTimes) -> Iterator[Conclusion]:
     yield Conclusion(
-        f"{profile.model}: a step of a Python loop takes {duration(steps.loop_ns)}: engine"
+        f"{model}: a step of a Python loop takes {duration(steps.loop_ns)}: engine"
         f" {duration(steps.engine_ns)} ({100 * steps.engine_ns / steps.loop_ns:.0f} %), Python"
-        f" {duration(profile.python_ns)}"
+        f" {duration(steps.python_ns)}"
     )
     if steps.clock_ns and steps.clock_ns >= package_timer.MIN_GAIN * steps.loop_ns:
         yield Conclusion(
-            f"{profile.model}: {package_timer.NAME} takes"
+            f"{model}: {package_timer.NAME} takes"
             f" {100 * steps.clock_ns / steps.loop_ns:.0f} % of it ({duration(steps.clock_ns)});"
             f" {package_timer.OFF_CODE} turns it off. {package_timer.OFF_NOTE}",
             Tone.UNSURE,
@@ -89,9 +82,8 @@ def _frame_line(frame: FrameTime, loop_ns: float) -> str:
     )
 
 
-def _simulated_second(profile: StepProfile) -> DataTable:
-    parts = profile.simulated_second()
-    longest = max(parts.values())
+def _simulated_second(parts: Mapping[str, float]) -> DataTable:
+    longest = max(parts.values(), default=1.0)
     return DataTable(
         f"A second of simulated time, with {FRAMES_PER_S} frames",
         (Column("part"), Column("takes", duration), Column("", is_bar=True)),

@@ -4,10 +4,9 @@ import itertools
 from collections.abc import Sequence
 
 from mjbench.releases import release_ratios, speed_history
-from mjbench.releases.release_ratios import LogEstimate, RatioRecord, StepRatioRecord
+from mjbench.releases.release_ratios import RatioRecord, StepRatioRecord
 from mjbench.report import formats
 from mjbench.report.content import Cell, Column, DataTable, Section
-from mjbench.report.markdown import change_with_error
 from mjbench.simulation import agreement
 
 
@@ -16,8 +15,8 @@ def section(records: Sequence[RatioRecord]) -> Section:
     columns = (
         Column("model or operation"),
         Column("release"),
-        Column("time"),
-        Column("as shipped"),
+        Column("time", formats.change_with_error),
+        Column("as shipped", formats.change_with_error),
         Column("launches", formats.count),
         Column("seconds", formats.tenths),
         Column("work"),
@@ -28,7 +27,7 @@ def section(records: Sequence[RatioRecord]) -> Section:
         of_release = list(each)
         if _failed_alike(of_release):
             first = of_release[0]
-            rows.append(("all", first.release, "", "", 0, None, first.detail))
+            rows.append(("all", first.release, None, None, 0, None, first.detail))
         else:
             rows += map(_cells, of_release)
     references = sorted({record.reference for record in records})
@@ -49,8 +48,8 @@ def _cells(record: RatioRecord) -> Sequence[Cell]:
     return (
         record.series,
         record.release,
-        _change(release_ratios.averaged(record.launches)),
-        _change(release_ratios.as_shipped(record.launches)),
+        release_ratios.averaged(record.launches),
+        release_ratios.as_shipped(record.launches),
         len(record.launches),
         record.seconds,
         record.detail or _work(record),
@@ -62,13 +61,6 @@ def _failed_alike(records: Sequence[RatioRecord]) -> bool:
     details = {record.detail for record in records}
     is_timed = any(record.launches for record in records)
     return len(records) > 1 and not is_timed and len(details) == 1 and "" not in details
-
-
-def _change(ratio: LogEstimate | None) -> str:
-    """Return a ratio as a change with its standard error; empty where it is not known."""
-    if ratio is None:
-        return ""
-    return change_with_error(ratio.ratio, ratio.deviation)
 
 
 def _work(record: RatioRecord) -> str:

@@ -16,7 +16,6 @@ from mjbench.releases.change_points import ChangePoint
 from mjbench.releases.known_causes import KnownCause
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord
 from mjbench.releases.speed_history import Measured, SpeedSeries, order
-from mjbench.report import markdown
 from mjbench.status import Status
 
 # How a measurement ends that a release crashed, hung or failed in.
@@ -73,10 +72,14 @@ class SpeedHistory:
                 counts[new] = per_step.new
         return counts
 
+    @property
+    def all_series(self) -> Sequence[SpeedSeries]:
+        """The models, then the operations."""
+        return [*self.models, *self.operations]
+
     def releases(self) -> list[str]:
         """Return the releases that anything was measured in, in their order."""
-        releases = {each.release for series in self.models for each in series.measured}
-        releases |= {each.release for series in self.operations for each in series.measured}
+        releases = {each.release for series in self.all_series for each in series.measured}
         return speed_history.in_order(releases)
 
 
@@ -118,10 +121,10 @@ def from_records(
 
 
 def title(record: RatioRecord) -> str:
-    """Return the name of the model or the operation of a record, in Markdown."""
+    """Return the name of the model or the operation of a record for people."""
     if not isinstance(record, OperationRatioRecord):
-        return markdown.code(record.model)
-    return ", ".join(filter(None, (markdown.escaped(record.title), markdown.code(record.model))))
+        return record.model
+    return ", ".join(filter(None, (record.title, record.model)))
 
 
 @dataclass(frozen=True)
@@ -142,6 +145,11 @@ class Listed:
     after: Measured
     counts: ExplainRecord | None
     causes: Sequence[KnownCause] = ()
+
+    @property
+    def title(self) -> str:
+        """What changed, for people."""
+        return title(self.after.record)
 
     @property
     def work_changes(self) -> list[str]:
@@ -172,12 +180,15 @@ class Listed:
         return unknown is None or unknown.share <= REPEATABILITY
 
 
-def listed_changes(history: SpeedHistory, all_series: Sequence[SpeedSeries]) -> list[Listed]:
+def listed_changes(
+    history: SpeedHistory, all_series: Sequence[SpeedSeries], only: str | None = None
+) -> list[Listed]:
     """Return change points: by release, and of one release the largest first.
 
     Args:
       history: that the series are of.
       all_series: models or operations.
+      only: the release that they came with; None for all.
     """
     background = history.background
     listed = [
@@ -192,6 +203,6 @@ def listed_changes(history: SpeedHistory, all_series: Sequence[SpeedSeries]) -> 
         for series in all_series
         for point in series.changes.change_points
         for before, after in [series.pair(point.index, point.before)]
-        if history.lists(after.release)
+        if history.lists(after.release) and only in (None, after.release)
     ]
     return sorted(listed, key=lambda c: (order(c.after.release), -abs(c.point.change)))

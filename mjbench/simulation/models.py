@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjbench.errors import InputError, one_line, shown, suggestion
+from mjbench.errors import InputError, MachineError, one_line, shown, suggestion
 from mjbench.simulation import carried_models
 
 if TYPE_CHECKING:
@@ -128,6 +128,19 @@ def load(source: ModelSource) -> "mujoco.MjModel":
             f"{source.name}: its timestep is {timestep_s:g} s; it must be above 0 and finite"
         )
     return model
+
+
+def save(model: "mujoco.MjModel", file: Path) -> None:
+    """Save a compiled model.
+
+    Raises:
+      MachineError: the disk is full, which MuJoCo does not report.
+    """
+    import mujoco
+
+    mujoco.mj_saveModel(model, str(file), None)
+    if not file.exists() or file.stat().st_size < mujoco.mj_sizeModel(model):
+        raise MachineError(f"cannot write {file}: is the disk full?")
 
 
 # -- paths --------------------------------------------------------------------------------------

@@ -32,7 +32,6 @@ class Command:
       together: what cells must have in common to be measured by one command line.
       most: more are not measured at once.
       least: as many are measured at once where there are as many, also if nodes are idle.
-      switches: options without a value: `true` is `--name`.
     """
 
     options: tuple[str, ...]
@@ -42,7 +41,6 @@ class Command:
     line: Callable[[Sequence[Cell]], CommandLine]
     needs_quiet: bool = True
     least: int = 1
-    switches: tuple[str, ...] = ()
 
 
 def _version_argument(cell: Cell, version: str) -> str:
@@ -90,6 +88,8 @@ def _history(cells: Sequence[Cell]) -> CommandLine:
     )
 
 
+# Options without a value: `true` is `--name`.
+SWITCHES = frozenset({"as-shipped"})
 _SIZES = ("nbatch", "nstep", "hold", "seed", "settle")
 COMMANDS: Mapping[Kind, Command] = {
     Kind.VERSIONS: Command(
@@ -98,7 +98,6 @@ COMMANDS: Mapping[Kind, Command] = {
         together=lambda c: (c.baseline, c.release, c.path, c.metric or ""),
         most=10,
         line=_versions,
-        switches=("as-shipped",),
     ),
     Kind.COMPARE: Command(
         options=(

@@ -54,13 +54,9 @@ def carry(source: ModelSource, limit_s: float = TIME_LIMIT_S) -> CarriedModel:
     Raises:
       InputError: MuJoCo does not load it, also not from a copy elsewhere, or it is too large.
     """
-    listed: list[_FileList] = []
     # without `..`, as the files that it refers to are listed
     source = ModelSource(source.name, Path(os.path.normpath(source.path.absolute())))
-    isolate.run("mjbench.sweep.model_files:list_files", source, listed.append, limit_s).check()
-    if not listed:
-        raise MachineError(f"{source.name}: the files that it refers to are not known")
-    paths = [Path(path) for path in listed[0].files]
+    paths = isolate.call(list_files, source, limit_s=limit_s)
     root = _root(source.name, paths)
     main, files = _relative(source.path, root), _contents(source.name, paths, root)
     return CarriedModel(source.name, main, files, _digest(main, files))
@@ -86,15 +82,8 @@ def unpack(carried: Sequence[CarriedModel], folder: Path) -> Path:
 # -- in a child ----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _FileList:
-    """From the child: the files of a model, absolute."""
-
-    files: tuple[str, ...]
-
-
-def list_files(source: ModelSource, channel: Channel) -> None:
-    """Send the files that a model refers to; runs in a child, in an empty folder."""
+def list_files(source: ModelSource, channel: Channel) -> list[Path]:
+    """Return the files that a model refers to, absolute; runs in an empty folder."""
     channel.doing(f"loading {source.name}")
     models.load(source)
     named = _dependencies(source.path)
@@ -116,7 +105,7 @@ def list_files(source: ModelSource, channel: Channel) -> None:
             f"{source.name} refers to {shown(str(outside[0]))} by an absolute path, which other"
             " machines do not have"
         )
-    channel.send(_FileList(tuple(str(file) for file in files)))
+    return files
 
 
 def _dependencies(file: Path) -> list[Path] | None:

@@ -51,14 +51,12 @@ class Request:
 
     Attributes:
       cells: in the order in which the command measures them.
-      record_types: the class of each record of a run file by its `type`.
       rules: None where the node need not be quiet.
       program: what runs the command line; empty for this version of mjbench.
     """
 
     cells: tuple[Cell, ...]
     line: CommandLine
-    record_types: Mapping[str, type]
     software: Software
     rules: NodeRules | None = None
     program: tuple[str, ...] = ()
@@ -168,7 +166,7 @@ def _run(
             cwd=work,
             env=environment(os.environ, label, index),
         )
-    collector = Collector(request.cells, request.record_types)
+    collector = Collector(request.cells)
     try:
         with contextlib.closing(_Tail(work / _RESULTS)) as tail:
             code = None

@@ -3,24 +3,26 @@
 docs/guides/cluster.md shows a plan with all its keys.
 """
 
+import itertools
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from mjbench.comparison import selection
-from mjbench.errors import InputError, shown, suggestion
+from mjbench.errors import InputError, MachineError, shown, suggestion
 from mjbench.limits import MAX_SECONDS
 from mjbench.paired import targets
 from mjbench.paired.outcomes import Metric
 from mjbench.paths import BASE
-from mjbench.releases.installs import ReleaseSpec
+from mjbench.releases import bundle, install_check, installs, package_index
+from mjbench.releases.installs import INSTALLED, NEWEST, PREVIOUS, ReleaseSpec
+from mjbench.releases.release import OLDEST, version_key
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
-from mjbench.sweep import plan_releases
 from mjbench.sweep.calibration import Limits, NodeRules
 from mjbench.sweep.cells import Kind
-from mjbench.sweep.commands import COMMANDS
+from mjbench.sweep.commands import COMMANDS, SWITCHES
 from mjbench.sweep.plan_file import PlanFile
 
 # Parses a command line of mjbench without running it; raises InputError where it is wrong.
@@ -31,6 +33,9 @@ _NODES = ("tries", "patience", "min-cores", "max-busy", "max-stolen")
 # Kinds that measure releases, and how many they need.
 _RELEASES_NEEDED = {Kind.VERSIONS: 2, Kind.INSTRUCTIONS: 1, Kind.HISTORY: 1}
 _MOST_TRIES = 100
+# The key that says which release others are compared with, and its values for the first of the plan
+# and for the one before.
+_AGAINST, _FIRST, _BEFORE = "against", "first", "previous"
 
 
 @dataclass(frozen=True)
@@ -55,10 +60,23 @@ class Plan:
     rules: NodeRules
 
 
+def known_versions() -> frozenset[str]:
+    """Return the releases of MuJoCo that there are, as far as it is known here; else none.
+
+    The package index is asked where the history that comes with mjbench is missing.
+    """
+    try:
+        history = bundle.default_path()
+        known = bundle.read(history) if history.exists() else package_index.releases()
+    except MachineError:
+        return frozenset()
+    return frozenset(release.version for release in known)
+
+
 def load(
     path: Path,
     check: CheckCommand,
-    known: Callable[[], Collection[str]] = plan_releases.known_versions,
+    known: Callable[[], Collection[str]] = known_versions,
 ) -> Plan:
     """Read a plan.
 
@@ -72,7 +90,7 @@ def load(
     file = PlanFile(path)
     file.check_keys(_known_keys())
     kinds = [kind for kind in Kind if kind in file.values] or [Kind.VERSIONS]
-    releases = plan_releases.releases(file, known)
+    releases = _releases(file, known)
     for kind in kinds:
         needed = _RELEASES_NEEDED.get(kind, 0)
         if len(releases) < needed:
@@ -88,7 +106,7 @@ def load(
     return Plan(
         models=_models(file),
         releases=releases,
-        pairs=plan_releases.pairs(file, releases) if Kind.VERSIONS in kinds else (),
+        pairs=_pairs(file, releases) if Kind.VERSIONS in kinds else (),
         paths=paths,
         metrics=metrics,
         machines=_machines(file),
@@ -99,7 +117,7 @@ def load(
 
 def _known_keys() -> Mapping[str, Sequence[str]]:
     tables = {kind.value: COMMANDS[kind].options for kind in Kind}
-    tables[Kind.VERSIONS] = (plan_releases.AGAINST, *tables[Kind.VERSIONS])
+    tables[Kind.VERSIONS] = (_AGAINST, *tables[Kind.VERSIONS])
     return {"": _TOP, **tables, "nodes": _NODES}
 
 
@@ -160,6 +178,77 @@ def _machines(file: PlanFile) -> tuple[str, ...]:
     return tuple(labels)
 
 
+# -- releases -----------------------------------------------------------------------------------
+
+
+def _releases(file: PlanFile, known: Callable[[], Collection[str]]) -> tuple[ReleaseSpec, ...]:
+    """Return the releases in the order of the plan, `A..B` as all that were published between."""
+    specs: dict[str, ReleaseSpec] = {}
+    versions: Collection[str] | None = None
+    for name in file.texts("releases"):
+        with file.at("", "releases", name):
+            if name not in (INSTALLED, NEWEST, PREVIOUS) and versions is None:
+                versions = known()
+            for spec in _range(name, versions or ()) if ".." in name else [_release(name)]:
+                _check_exists(spec, versions or ())
+                if spec.version in specs:
+                    raise InputError(f"{shown(name)}: MuJoCo {spec.version} is given twice")
+                specs[spec.version] = spec
+    return tuple(specs.values())
+
+
+def _release(name: str) -> ReleaseSpec:
+    """Return a release that nodes can install; raises InputError if it is none, or a wheel."""
+    spec = installs.parse_release(name)
+    if spec.wheels:
+        raise InputError(f"{shown(name)}: nodes install releases from the package index; give one")
+    if spec.name == INSTALLED:
+        return spec
+    return ReleaseSpec(spec.version, spec.version)
+
+
+def _range(text: str, versions: Collection[str]) -> list[ReleaseSpec]:
+    """Return the releases that `A..B` stands for, both included; either may be left out."""
+    first, _, last = text.partition("..")
+    low = version_key(_release(first).version) if first else OLDEST
+    high = version_key(_release(last).version) if last else None
+    if not versions:
+        raise InputError(f"{shown(text)}: which releases there are is not known here; name each")
+    within = sorted(
+        (version for version in versions if version_key(version) >= low), key=version_key
+    )
+    within = [version for version in within if high is None or version_key(version) <= high]
+    if not within:
+        raise InputError(f"{shown(text)}: there is no release between them")
+    return [ReleaseSpec(version, version) for version in within]
+
+
+def _check_exists(spec: ReleaseSpec, versions: Collection[str]) -> None:
+    """Refuse a release that is neither published nor installed here."""
+    apart = {name.partition("-")[0] for name in installs.install_names()}
+    here = {install_check.installed_version(), *apart}
+    if versions and spec.version not in versions and spec.version not in here:
+        hint = suggestion(spec.version, versions)
+        raise InputError(f"there is no MuJoCo {shown(spec.version)}{hint}")
+
+
+def _pairs(
+    file: PlanFile, specs: Sequence[ReleaseSpec]
+) -> tuple[tuple[ReleaseSpec, ReleaseSpec], ...]:
+    """Return baseline and candidate of each comparison."""
+    against = file.get(Kind.VERSIONS, _AGAINST, _FIRST)
+    if against == _BEFORE:
+        return tuple(itertools.pairwise(specs))
+    named = {name: spec for spec in specs for name in (spec.name, spec.version)}
+    named[_FIRST] = specs[0]
+    if not isinstance(against, str) or against not in named:
+        hint = suggestion(str(against), [_FIRST, _BEFORE, *named])
+        text = f'give "{_FIRST}", "{_BEFORE}" or one of the releases{hint}'
+        raise file.error(text, Kind.VERSIONS, _AGAINST)
+    baseline = named[against]
+    return tuple((baseline, spec) for spec in specs if spec is not baseline)
+
+
 # -- tables --------------------------------------------------------------------------------------
 
 
@@ -172,7 +261,7 @@ def _options(file: PlanFile, kind: Kind, check: CheckCommand) -> tuple[str, ...]
         if value is None:
             continue
         with file.at(kind, name):
-            own = _arguments(name, value, name in command.switches)
+            own = _arguments(name, value, name in SWITCHES)
             check([*command.name, *own])
             if kind == Kind.COMPARE and name == "paths":
                 _refuse_own(own[1].split(","))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from mjbench.comparison import records as comparison_records
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.counts.records import InstructionsRecord
 from mjbench.errors import Failure
@@ -46,6 +47,16 @@ _Ended = (
     | MeasurementRecord
     | RaceRecord
 )
+
+
+# The records of the commands that a sweep runs, by their `type`.
+_RECORD_TYPES: Mapping[str, type] = {
+    **comparison_records.RECORD_TYPES,
+    **{
+        record.record_type: record
+        for record in (RaceRecord, VerdictRecord, StepRatioRecord, InstructionsRecord)
+    },
+}
 
 
 @dataclass(frozen=True)
@@ -96,9 +107,8 @@ class Collector:
       missing: the cells that it has not given yet.
     """
 
-    def __init__(self, cells: Sequence[Cell], record_types: Mapping[str, type]):
+    def __init__(self, cells: Sequence[Cell]):
         self.missing = list(cells)
-        self._types = record_types
         self._lines: list[bytes] = []
         self._complete: dict[Cell, CellResult] = {}
 
@@ -140,7 +150,7 @@ class Collector:
         return taken
 
     def _section(self, *lines: bytes) -> RunSection:
-        run = runs.parse(_SOURCE, lines, self._types, may_be_torn=False)
+        run = runs.parse(_SOURCE, lines, _RECORD_TYPES, may_be_torn=False)
         return RunSection("", run, lines)
 
 

@@ -55,7 +55,6 @@ class Sweep:
         done: Sequence[Cell],
         cluster: RayCluster,
         store: Callable[[CellResult], None],
-        record_types: Mapping[str, type],
         *,
         on_result: Callable[[int, Cell, str], None] = lambda done, cell, node: None,
         clock: Callable[[], float] = time.monotonic,
@@ -73,7 +72,7 @@ class Sweep:
           MachineError: there is no node that can measure.
         """
         self._matrix, self._cluster, self._store = matrix, cluster, store
-        self._types, self._on_result, self._program = record_types, on_result, program
+        self._on_result, self._program = on_result, program
         self._clock, self._patience_s = clock, matrix.plan.rules.patience_s
         self._active_s = clock()
         earlier = set(done)
@@ -125,7 +124,6 @@ class Sweep:
             request = Request(
                 cells,
                 self._matrix.command_line(cells),
-                self._types,
                 here,
                 rules if is_timed else None,
                 self._program,

@@ -50,7 +50,7 @@ class EngineCase:
     """An engine and a model.
 
     Attributes:
-      file: of C's runs, which the child of `EngineBaselineRequest` writes.
+      file: of C's runs, an `EngineBaseline`.
       limit_s: seconds of silence after which a child is killed; its compiler gets more.
     """
 
@@ -59,21 +59,6 @@ class EngineCase:
     nbatch: int
     file: Path
     limit_s: float
-
-
-@dataclass(frozen=True)
-class EngineBaselineRequest:
-    """Asks a child what settings of an engine are to be measured by."""
-
-    case: EngineCase
-    plan: TrialPlan
-
-
-@dataclass(frozen=True)
-class Unsuited:
-    """From the child: the engine does not run this model here, for a reason in one line."""
-
-    reason: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,19 +86,19 @@ class LaunchRequest:
 
     case: EngineCase
     settings: tuple[Settings, ...]
-    first: int
     has_errors: bool
     stop_after_s: float
 
 
-class EngineOnThisMachine:
-    """Measures an engine on one model here; its files last as long as the pool."""
+class EngineMeasurements:
+    """Measures an engine on one model on this machine; its files last as long as the pool."""
 
     def __init__(
         self, pool: WorkerPool, source: ModelSource, engine: str, nbatch: int, limit_s: float
     ):
         resolved = ModelSource(source.name, source.path.resolve())
         self._case = EngineCase(resolved, engine, nbatch, pool.new_file(".pickle"), limit_s)
+        self._environment = accelerated_path(engine).environment()
 
     def baseline(self, plan: TrialPlan) -> BatchFacts:
         """Draw trials and run C; launches use them from then on.
@@ -122,9 +107,14 @@ class EngineOnThisMachine:
           InputError: the model cannot be loaded, diverges, or is not for this engine.
           MachineError: its process crashed or hung.
         """
-        messages: list[BatchFacts] = []
-        self._run("run_baseline", EngineBaselineRequest(self._case, plan), messages.append).check()
-        return messages[0]
+        return isolate.call(
+            run_baseline,
+            self._case,
+            plan,
+            limit_s=self._case.limit_s,
+            environment=self._environment,
+            memory_bytes=_memory_bytes(),
+        )
 
     def launch(
         self,
@@ -153,57 +143,48 @@ class EngineOnThisMachine:
                 on_attempt(message)
 
         end_s = time.monotonic() + (float("inf") if stop_after_s is None else stop_after_s)
-        first = 0
-        while True:
-            left_s = end_s - time.monotonic()
-            request = LaunchRequest(self._case, tuple(settings), first, has_errors, left_s)
-            ended = self._run("run_launch", request, receive)
+        left = tuple(settings)
+        while left or not programs:
+            ended = isolate.run(
+                "mjbench.tuning.accelerated_attempts:run_launch",
+                LaunchRequest(self._case, left, has_errors, end_s - time.monotonic()),
+                receive,
+                self._case.limit_s,
+                environment=self._environment,
+                memory_bytes=_memory_bytes(),
+            )
             if ended.status == Status.OK:
-                return programs[0]
+                break
             if ended.item is None:
                 ended.check()
-                raise AssertionError("an end that is not ok raises")
-            first = ended.item + 1
-            on_attempt(Attempt(settings[first - 1], ended.status, ended.detail))
-            if first == len(settings):
-                return programs[0]
+            else:
+                on_attempt(Attempt(left[ended.item], ended.status, ended.detail))
+                left = left[ended.item + 1 :]
+        return programs[0]
 
-    def _run(self, task: str, request: object, on_message: Callable[..., None]) -> isolate.Ended:
-        """Run a task of `accelerated_attempts` in a child, within limits of time and memory."""
 
-        def receive(message: object) -> None:
-            if isinstance(message, Unsuited):
-                raise UnavailableError(message.reason)
-            on_message(message)
-
-        return isolate.run(
-            f"mjbench.tuning.accelerated_attempts:{task}",
-            request,
-            receive,
-            self._case.limit_s,
-            environment=accelerated_path(self._case.engine).environment(),
-            memory_bytes=int(CHILD_MEMORY_SHARE * machine.available_memory_bytes()),
-        )
+def _memory_bytes() -> int:
+    """Return how much memory a child may take now."""
+    return int(CHILD_MEMORY_SHARE * machine.available_memory_bytes())
 
 
 # -- in the child --------------------------------------------------------------------------------
 
 
-def run_baseline(request: EngineBaselineRequest, channel: Channel) -> None:
-    """Run C; runs in a child. Sends `BatchFacts`, or `Unsuited`."""
-    path = accelerated_path(request.case.engine)
-    channel.doing(f"loading {request.case.source.name}")
-    model = models.load(request.case.source)
-    channel.doing(f"running {request.case.source.name} with its present settings")
-    full = reference.baseline(model, request.plan)
+def run_baseline(case: EngineCase, plan: TrialPlan, channel: Channel) -> BatchFacts:
+    """Run C, and write its runs to the file of the case."""
+    path = accelerated_path(case.engine)
+    channel.doing(f"loading {case.source.name}")
+    model = models.load(case.source)
+    channel.doing(f"running {case.source.name} with its present settings")
+    full = reference.baseline(model, plan)
     rounded = trajectories.run(model, _rounded(full.trials, path))
     ncontrol = _horizon(model, full, rounded)
     trials, runs = full.trials.first(ncontrol), full.present.first(ncontrol)
     repeated = _batch(model, trials, trials.nrun, trials.ncontrol)
     reason = path.unavailable() or path.unsuited(repeated, {})
     if reason:
-        channel.send(Unsuited(reason))
-        return
+        raise UnavailableError(reason)
     starts_qpos = workload.fields(model, trials.initial_state)["qpos"]
     sizes = path.default_buffer_sizes(model)
     baseline = EngineBaseline(
@@ -213,26 +194,26 @@ def run_baseline(request: EngineBaselineRequest, channel: Channel) -> None:
         work.observe(repeated).peaks,
         sizes,
     )
-    request.case.file.write_bytes(pickle.dumps(baseline))
-    channel.send(
-        BatchFacts(
-            path.device_kind(),
-            path.precision,
-            trials.nrun,
-            ncontrol * trials.control_s,
-            ncontrol,
-            full.facts.starts,
-            _error(model, baseline, rounded.first(ncontrol)),
-            knob_values.of_batched_step(model, baseline.peaks, sizes),
-        )
+    case.file.write_bytes(pickle.dumps(baseline))
+    return BatchFacts(
+        path.device_kind(),
+        path.precision,
+        trials.nrun,
+        ncontrol * trials.control_s,
+        ncontrol,
+        full.facts.starts,
+        _error(model, baseline, rounded.first(ncontrol)),
+        knob_values.of_batched_step(model, baseline.peaks, sizes),
     )
 
 
 def run_launch(request: LaunchRequest, channel: Channel) -> None:
     """Try settings; runs in a child.
 
-    Sends the `Program` of the present settings, then an `Attempt` for each setting; or
-    `Unsuited`.
+    Sends the `Program` of the present settings, then an `Attempt` for each setting.
+
+    Raises:
+      UnavailableError: the engine does not take the model.
     """
     begin = time.perf_counter()
     model = models.load(request.case.source)
@@ -243,13 +224,11 @@ def run_launch(request: LaunchRequest, channel: Channel) -> None:
         present = case.present()
     except (NotImplementedError, TypeError, ValueError) as error:  # engines trace, then reject
         reason = f"{case.path.engine} does not take this model: {describe(error)}"
-        channel.send(Unsuited(reason))
-        return
+        raise UnavailableError(reason) from error
     channel.send(present.program)
-    for index in range(request.first, len(request.settings)):
+    for index, settings in enumerate(request.settings):
         if time.perf_counter() - begin > request.stop_after_s:
             break
-        settings = request.settings[index]
         channel.doing(f"trying {label(settings)}", index)
         try:
             attempt = case.attempt(settings, present)

@@ -14,7 +14,7 @@ import numpy as np
 from mjbench.measuring import stats
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.records import LaunchRow
-from mjbench.tuning.accelerated_attempts import EngineOnThisMachine, Settings
+from mjbench.tuning.accelerated_attempts import EngineMeasurements, Settings
 from mjbench.tuning.fronts import error_of, time_ratio_of
 from mjbench.tuning.measurements import CONFIDENCE, saves_time
 from mjbench.tuning.records import (
@@ -35,7 +35,7 @@ ALONE_SHARE, TOGETHER_SHARE = 0.5, 0.65
 FINALISTS, LEAST_PROCESSES, PROCESSES = 2, 4, 8
 
 
-class EngineSearch(Search[EngineOnThisMachine]):
+class EngineSearch(Search[EngineMeasurements]):
     """A search for settings of MJX or Warp; all effects are allowed."""
 
     _facts: BatchFacts

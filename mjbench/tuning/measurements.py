@@ -1,9 +1,17 @@
-"""What a search asks for: what there is to try, attempts, and comparisons in fresh processes."""
+"""What a search in C asks for: what there is to try, attempts, and comparisons in fresh processes.
+
+A setting may crash MuJoCo or never return, so each attempt has a process of its own. Its time is
+measured within that process, which is good for choosing what to look at again, and for no more.
+"""
 
 import contextlib
+import pickle
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
+
+import mujoco
+import numpy as np
 
 from mjbench import paths
 from mjbench.errors import InputError, MachineError
@@ -11,6 +19,7 @@ from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.loop import profile
 from mjbench.loop.loop_starts import LoopRequest
+from mjbench.measuring import stats, timing
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import verdict
 from mjbench.paired.records import VerdictRecord
@@ -19,18 +28,36 @@ from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs
+from mjbench.simulation import models, work
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
+from mjbench.simulation.workload import Workload
 from mjbench.status import Status
-from mjbench.tuning import attempts, knobs, mesh_notes, observed
-from mjbench.tuning.attempts import AttemptRequest, BaselineRequest
+from mjbench.tuning import distance, knobs, mesh_notes, observed, reference, trajectories, variants
 from mjbench.tuning.mesh_notes import MeshNote
-from mjbench.tuning.records import Attempt
-from mjbench.tuning.reference import HOLD, Present, TrialPlan
-from mjbench.tuning.settings import Setting, label, loop_change
+from mjbench.tuning.physics import physics
+from mjbench.tuning.records import Accuracy, Attempt, Effect
+from mjbench.tuning.reference import HOLD, Baseline, Present, TrialPlan
+from mjbench.tuning.settings import (
+    NO_CHANGE,
+    LoopChange,
+    Setting,
+    edits_of,
+    label,
+    loop_change,
+)
+from mjbench.tuning.trajectories import Trajectories, Trials
 
 # Smallest gain that counts, and the confidence of a comparison.
 MIN_EFFECT, CONFIDENCE = 0.01, 0.95
+# Seconds of a block that an attempt times, and quads of such blocks.
+BLOCK_S, QUADS = 0.002, 25
+# Controls of each run in such a block.
+BLOCK_NCONTROL = 2
+# Seconds of silence after which a child is killed.
+SILENCE_S = 120.0
+# Seconds that the reference may take: it has many steps.
+BASELINE_SILENCE_S = 600.0
 
 
 def saves_time(ratio: Ratio) -> bool:
@@ -39,30 +66,15 @@ def saves_time(ratio: Ratio) -> bool:
 
 
 @dataclass(frozen=True)
-class SurveyRequest:
-    """Asks a child what there is to try."""
-
-    source: ModelSource
-    seed: int
-    starts: StartPlan
-    hold: int
-
-
-@dataclass(frozen=True)
 class Survey:
-    """What there is to try on a model.
-
-    Attributes:
-      stages: share of a step by stage; None where it cannot be measured.
-    """
+    """What there is to try on a model."""
 
     settings: Sequence[Setting]
     meshes: Sequence[MeshNote]
-    stages: Mapping[str, float] | None = None
 
 
-class OnThisMachine:
-    """Measures a model here.
+class CMeasurements:
+    """Measures a model in C on this machine.
 
     Files of models and trials last as long as the pool. A model that cannot be loaded, or diverges,
     is an InputError; a process that crashes or hangs, but in an attempt, is a MachineError.
@@ -74,7 +86,7 @@ class OnThisMachine:
         source: ModelSource,
         starts: StartPlan,
         hold: int = HOLD,
-        limit_s: float = attempts.SILENCE_S,
+        limit_s: float = SILENCE_S,
     ):
         """Measure nothing yet."""
         self._pool, self._source, self._starts = pool, source, starts
@@ -84,33 +96,52 @@ class OnThisMachine:
 
     def survey(self, seed: int) -> Survey:
         """Return what there is to try on the model."""
-        messages: list[Survey] = []
-        request = SurveyRequest(self._source, seed, self._starts, self._hold)
-        task = "mjbench.tuning.measurements:look"
-        isolate.run(task, request, messages.append, self._limit_s).check()
-        profiles: list[profile.StepTimes] = []
-        loop = LoopRequest(self._source, self._starts)
+        arguments = self._source, seed, self._starts, self._hold
+        return isolate.call(look, *arguments, limit_s=self._limit_s)
+
+    def stages(self) -> Mapping[str, float] | None:
+        """Return the share of a step by stage; None where it cannot be measured."""
+        times: list[profile.StepTimes] = []
+        request = LoopRequest(self._source, self._starts)
         with contextlib.suppress(InputError, MachineError):
-            isolate.run("mjbench.loop.profile:step", loop, profiles.append, self._limit_s)
-        return replace(messages[0], stages=profiles[0].stages if profiles else None)
+            isolate.run("mjbench.loop.profile:step", request, times.append, self._limit_s)
+        return times[0].stages if times else None
 
     def baseline(self, plan: TrialPlan) -> Present:
         """Draw trials, and return what the present settings do; attempts use them from then on."""
-        request = BaselineRequest(self._source, plan, self._baseline_file, self._model_file)
-        return attempts.measure_baseline(request, self._limit_s)
+        return isolate.call(
+            run_baseline,
+            self._source,
+            plan,
+            self._baseline_file,
+            self._model_file,
+            limit_s=max(BASELINE_SILENCE_S, self._limit_s),
+        )
 
     def attempt(
-        self, settings: tuple[Setting, ...], nrun: int | None = None, quads: int = attempts.QUADS
+        self, settings: tuple[Setting, ...], nrun: int | None = None, quads: int = QUADS
     ) -> Attempt:
-        """Return how settings do on the first of the trials; on all, by default."""
+        """Return how settings do; a crash, a hang or a divergence is a status.
+
+        Args:
+          nrun: runs of the trials to do, the first ones; None for all.
+          quads: blocks to time, as quads; 0 to measure no time.
+        """
         file = None
         if nrun is None:  # it may be compared
             file = self._changed.get(label(settings)) or self._pool.new_file(".mjb")
-        request = AttemptRequest(self._source, self._baseline_file, settings, file, nrun, quads)
-        done = attempts.attempt(request, self._limit_s)
-        if file is not None:
             self._changed[label(settings)] = file
-        return done
+        return isolate.call(
+            run_attempt,
+            self._source,
+            self._baseline_file,
+            settings,
+            file,
+            nrun,
+            quads,
+            limit_s=self._limit_s,
+            otherwise=lambda ended: Attempt(settings, ended.status, ended.detail),
+        )
 
     def compare(
         self, settings: tuple[Setting, ...], seed: int, time_limit_s: float
@@ -141,9 +172,125 @@ class OnThisMachine:
         return result.record()
 
 
-def look(request: SurveyRequest, channel: Channel) -> None:
-    """Step the model, and see what there is to try; runs in a child."""
-    channel.doing(f"stepping {request.source.name}")
-    seen = observed.observe(request.source, request.seed, request.starts, request.hold)
+# -- in a child ----------------------------------------------------------------------------------
+
+
+def look(source: ModelSource, seed: int, starts: StartPlan, hold: int, channel: Channel) -> Survey:
+    """Step the model, and return what there is to try."""
+    channel.doing(f"stepping {source.name}")
+    seen = observed.observe(source, seed, starts, hold)
     settings = [setting for of_knob in knobs.settings(seen).values() for setting in of_knob]
-    channel.send(Survey(settings, mesh_notes.mesh_notes(seen.model)))
+    return Survey(settings, mesh_notes.mesh_notes(seen.model))
+
+
+def run_baseline(
+    source: ModelSource, plan: TrialPlan, file: Path, model_file: Path, channel: Channel
+) -> Present:
+    """Run the present settings and the reference; write them, and the model, to files."""
+    channel.doing(f"running {source.name} with its present settings")
+    model = variants.compiled(source, ())
+    baseline = reference.baseline(model, plan)
+    file.write_bytes(pickle.dumps(baseline))
+    models.save(model, model_file)
+    return baseline.facts
+
+
+def run_attempt(
+    source: ModelSource,
+    baseline_file: Path,
+    settings: tuple[Setting, ...],
+    model_file: Path | None,
+    nrun: int | None,
+    quads: int,
+    channel: Channel,
+) -> Attempt:
+    """Try settings; save the changed model to a file, unless it is None."""
+    channel.doing("applying the settings")
+    baseline: Baseline = pickle.loads(baseline_file.read_bytes())
+    if nrun is not None:
+        baseline = baseline.only(nrun)
+    model = variants.compiled(source, ())
+    changed = variants.compiled(source, edits_of(settings))
+    channel.doing("running the model")
+    runs = trajectories.run(changed, baseline.trials)
+    if runs.diverged.any():
+        raise InputError(f"diverges in {int(runs.diverged.sum())} of {len(runs.diverged)} runs")
+    accuracy = judged(model, baseline, runs)
+    if model_file is not None:
+        models.save(changed, model_file)
+    loop = loop_change(settings)
+    if loop != NO_CHANGE and len(settings) == 1:  # known to change nothing with others
+        _check_loop(changed, loop, baseline.trials, runs)
+    channel.doing("timing the model")
+    ratio = _time_ratio(model, changed, loop, baseline.trials, quads) if quads else None
+    return Attempt(settings, Status.OK, "", accuracy, ratio)
+
+
+def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Accuracy:
+    """Return what settings do to the motion."""
+    ncontrol, scale = baseline.facts.horizon_ncontrol, baseline.motion
+    within, present = runs.first(ncontrol), baseline.present.first(ncontrol)
+    apart = distance.distance(model, scale, within, present)
+    if runs.is_identical(baseline.present):
+        effect = Effect.FREE
+    else:
+        over_time = distance.bounds_over_time(model, scale, within, present)
+        is_near = bool(np.all(over_time <= baseline.unavoidable))
+        is_near = is_near and apart.share <= baseline.facts.error.share
+        effect = Effect.EQUIVALENT if is_near else Effect.APPROXIMATE
+    return Accuracy(
+        effect,
+        distance.distance(model, scale, within, baseline.reference),
+        apart,
+        physics(model, baseline.trials.initial_state, runs.points),
+        distance.shares(model, scale, within, baseline.reference).tolist(),
+    )
+
+
+def _time_ratio(
+    model: mujoco.MjModel, changed: mujoco.MjModel, loop: LoopChange, trials: Trials, quads: int
+) -> float:
+    """Return the time of a simulated second with other settings over that with present ones.
+
+    Both do the same number of steps from the same states under the same controls.
+    """
+    path = paths.find(loop.path)
+    ncontrol = min(BLOCK_NCONTROL, trials.ncontrol)
+    hold = trajectories.steps_per_control(model, trials.control_s)
+    run_s = ncontrol * hold * work.step_s(model, trials.initial_state[0])
+    nrun = int(np.clip(BLOCK_S / run_s, 1, trials.nrun))
+    rows = np.linspace(0, trials.nrun - 1, nrun).astype(int)
+    drawn = trials.only(rows).first(ncontrol)
+    present = _prepared(model, drawn, hold, path, {})
+    other = _prepared(changed, drawn, hold, path, loop.options)
+    for each in (present, other):
+        each.run()
+    orders = timing.draw_orders(quads)
+    seconds = np.array(timing.block_times(present.run, other.run, orders))
+    of_steps = float(np.exp(stats.paired_log_ratio(orders, seconds)))
+    return of_steps * float(model.opt.timestep) / float(changed.opt.timestep)
+
+
+def _check_loop(
+    model: mujoco.MjModel, loop: LoopChange, trials: Trials, runs: Trajectories
+) -> None:
+    """Refuse a change of the loop with which it reaches other states."""
+    hold = trajectories.steps_per_control(model, trials.control_s)
+    prepared = _prepared(model, trials, hold, paths.find(loop.path), loop.options)
+    if not np.array_equal(prepared.verified_states().values, runs.points[:, -1]):
+        raise InputError("the loop reaches other final states with it")
+
+
+def _prepared(
+    model: mujoco.MjModel,
+    trials: Trials,
+    hold: int,
+    path: paths.SteppingPath,
+    options: Mapping[str, str | int],
+) -> paths.Prepared:
+    """Return what does the trials by a path."""
+    drawn = Workload(model, trials.initial_state.copy(), trials.control.copy(), hold, 0)
+    reason = path.unavailable() or path.unsuited(drawn, options)
+    if reason:
+        raise InputError(reason)
+    return path.prepare(drawn, path.complete(options), paths.Resources(drawn))

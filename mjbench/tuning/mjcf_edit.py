@@ -45,7 +45,7 @@ def edited(text: bytes, edits: Sequence[Edit]) -> bytes:
         elif edit.part != Part.EXCLUDE:
             document = _with_setting(document, edit.part.value, edit.name, edit.value)
     pairs = [(edit.name, edit.value) for edit in edits if edit.part == Part.EXCLUDE]
-    return _excluding(document, pairs).encoded()
+    return _excluding(document, pairs).text
 
 
 def _check_root(root: Element) -> None:

@@ -1,8 +1,8 @@
 """Where the sections of an MJCF file lie in its bytes, and how its lines are indented.
 
-The standard library's expat says where elements start and end. MuJoCo reads comments more leniently
-than expat, so what a comment holds is hidden from it. A file in another encoding is read, and
-edited, as UTF-8; positions are bytes of that.
+The standard library's expat says where elements start and end. MuJoCo reads more leniently: any
+comment will do, and bytes that are no UTF-8; so they are hidden from expat. MuJoCo reads every file
+as UTF-8, whatever encoding it declares, and so does this module.
 """
 
 import codecs
@@ -18,22 +18,13 @@ from mjbench.errors import InputError, one_line
 _SECTIONS = frozenset({"option", "compiler", "contact"})
 # Elements whose attribute `file` names another file of MJCF.
 _REFERRING = frozenset({"include", "model"})
-# What a file starts with whose encoding needs no declaration, and its codec.
-_STARTS = (
-    (codecs.BOM_UTF8, "utf-8"),
-    (codecs.BOM_UTF16_LE, "utf-16-le"),
-    (codecs.BOM_UTF16_BE, "utf-16-be"),
-    (b"<\0", "utf-16-le"),
-    (b"\0<", "utf-16-be"),
-)
 _COMMENT = re.compile(rb"<!--.*?-->|<!\[CDATA\[.*?\]\]>", re.DOTALL)
 _NOT_LINE_END = re.compile(rb"[^\r\n]")
-_DECLARATION = re.compile(rb"""<\?xml[^>]*\sencoding\s*=\s*["']([^"']*)["']""")
 _TAG = re.compile(rb"""(<[^\s/>]+)(?:[^"'>]|"[^"]*"|'[^']*')*>""")
 _ATTRIBUTE = re.compile(rb"""([^\s=]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
 _LINE_END = re.compile(rb"\r\n|\n|\r")
-# The codec of what is edited, and how bytes that are no text, as in comments, are read and written.
-_UTF8, _ERRORS = "utf-8", "surrogateescape"
+# What stands for a byte that is no UTF-8 after decoding with `surrogateescape`.
+_NO_TEXT = re.compile("[\udc80-\udcff]")
 
 
 @dataclass(frozen=True)
@@ -91,15 +82,12 @@ class Document:
     """A file of XML.
 
     Attributes:
-      text: it as UTF-8.
-      visible: the same bytes, with spaces for what comments hold.
-      codec: Python's name of its own encoding.
+      visible: as many bytes as the text, with spaces for what comments hold.
       files: values of `file` of its `<include>` and `<model>` elements.
     """
 
     text: bytes
     visible: bytes
-    codec: str
     root: Element
     files: tuple[str, ...]
 
@@ -107,12 +95,6 @@ class Document:
     def newline(self) -> str:
         """The file's first line end; nothing where it has only one line."""
         return _first_newline(self.visible)
-
-    def encoded(self) -> bytes:
-        """Return the file in its own encoding."""
-        if self.codec == _UTF8:
-            return self.text
-        return self.text.decode(errors=_ERRORS).encode(self.codec, _ERRORS)
 
     def tag(self, element: Element) -> StartTag:
         """Return where the parts of an element's start tag lie."""
@@ -127,8 +109,7 @@ class Document:
 
     def spliced(self, start: int, end: int, text: str) -> "Document":
         """Return the file with a text instead of the bytes from `start` to `end`, without `end`."""
-        new = text.encode(self.codec, "xmlcharrefreplace").decode(self.codec).encode()
-        return _document(self.text[:start] + new + self.text[end:], self.codec)
+        return _document(self.text[:start] + text.encode() + self.text[end:])
 
     def indentation(self, position: int) -> str | None:
         """Return the spaces and tabs before a position; None unless they begin a line."""
@@ -153,31 +134,18 @@ def parse(text: bytes) -> Document:
     Raises:
       InputError: it is no well-formed XML, or refers to entities outside it.
     """
-    if b"\0" in text[:64] and not text.startswith(tuple(start for start, _ in _STARTS)):
+    if b"\0" in text[:64]:
         raise InputError("it is binary, not XML: give the MJCF file that it was compiled from")
     try:
-        codec = _codec(text)
-        utf8 = text if codec == _UTF8 else text.decode(codec, _ERRORS).encode(errors=_ERRORS)
-        return _document(utf8, codec)
-    except (expat.ExpatError, LookupError, ValueError) as error:
+        return _document(text)
+    except expat.ExpatError as error:
         raise InputError(f"it is not well-formed XML: {one_line(error)}") from error
 
 
-def _codec(text: bytes) -> str:
-    """Return Python's name of the encoding of a file; of those declared, expat has these alone."""
-    for start, codec in _STARTS:
-        if text.startswith(start):
-            return codec
-    declaration = _DECLARATION.match(text)
-    codec = codecs.lookup(declaration[1].decode()).name if declaration else _UTF8
-    if codec != _UTF8 and len(bytes(range(256)).decode(codec, "replace")) != 256:
-        raise ValueError("multi-byte encodings are not supported")
-    return codec
-
-
-def _document(text: bytes, codec: str) -> Document:
-    reader = _Reader(_COMMENT.sub(_hidden, text))
-    return Document(text, reader.visible, codec, reader.root, tuple(reader.files))
+def _document(text: bytes) -> Document:
+    characters = _COMMENT.sub(_hidden, text).decode(errors="surrogateescape")
+    reader = _Reader(_NO_TEXT.sub("?", characters).encode())
+    return Document(text, reader.visible, reader.root, tuple(reader.files))
 
 
 def _hidden(match: re.Match[bytes]) -> bytes:
@@ -212,7 +180,7 @@ class _Reader:
         self.files: list[str] = []
         self._depth = 0
         self._open: list[_Open] = []
-        self._parser = expat.ParserCreate(_UTF8)
+        self._parser = expat.ParserCreate("utf-8")
         self._parser.specified_attributes = True
         self._parser.StartDoctypeDeclHandler = self._doctype
         self._parser.EntityDeclHandler = self._entity

@@ -25,9 +25,8 @@ from mjbench.paired.records import LaunchRow, VerdictRecord
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
 from mjbench.tuning import fronts
-from mjbench.tuning.attempts import QUADS
 from mjbench.tuning.fronts import FRONT, effect_of, error_of, is_allowed
-from mjbench.tuning.measurements import OnThisMachine, saves_time
+from mjbench.tuning.measurements import QUADS, CMeasurements, saves_time
 from mjbench.tuning.records import (
     Attempt,
     Effect,
@@ -184,7 +183,7 @@ class Search(abc.ABC, Generic[Measurements]):
         self._set(withdrawn=[*self._record.withdrawn, Withdrawal(settings, reason)])
 
 
-class CSearch(Search[OnThisMachine]):
+class CSearch(Search[CMeasurements]):
     """A search for settings of C."""
 
     _settings: Sequence[Setting] = ()
@@ -193,7 +192,7 @@ class CSearch(Search[OnThisMachine]):
         plan = self._plan
         self._advance(0, "what there is to try", 0.0)
         survey = self._measure.survey(plan.seed)
-        self._set(meshes=survey.meshes, stages=survey.stages)
+        self._set(meshes=survey.meshes, stages=self._measure.stages())
         self._settings = [each for each in survey.settings if each.knob not in plan.skip]
         self._begin_s = self._clock()  # the budget is of the search
         self._advance(0, "the present settings, and a reference", 0.0)

@@ -2,10 +2,9 @@
 
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation.models import ModelSource
-from mjbench.tuning.accelerated_attempts import EngineOnThisMachine
+from mjbench.tuning.accelerated_attempts import EngineMeasurements
 from mjbench.tuning.accelerated_search import EngineSearch
-from mjbench.tuning.attempts import SILENCE_S
-from mjbench.tuning.measurements import OnThisMachine
+from mjbench.tuning.measurements import SILENCE_S, CMeasurements
 from mjbench.tuning.records import Batch, TuneRecord
 from mjbench.tuning.search import Advance, CSearch, SearchPlan
 
@@ -25,8 +24,8 @@ def tune(
       limit_s: seconds of silence after which a process is killed; compilers get more.
     """
     if plan.engine == "c":
-        in_c = OnThisMachine(pool, source, plan.starts, plan.hold, limit_s)
+        in_c = CMeasurements(pool, source, plan.starts, plan.hold, limit_s)
         return CSearch(TuneRecord(model=source.name), plan, in_c, advance).result()
     record = TuneRecord(model=source.name, engine=plan.engine, batch=Batch(plan.nbatch))
-    batched = EngineOnThisMachine(pool, source, plan.engine, plan.nbatch, limit_s)
+    batched = EngineMeasurements(pool, source, plan.engine, plan.nbatch, limit_s)
     return EngineSearch(record, plan, batched, advance).result()

@@ -6,7 +6,6 @@ All but `check_source` and `copy_in_child` loads the model, so it runs in a chil
 import os
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,15 +25,6 @@ _COMPILED = ".mjb"
 _KEYWORDS = {"true": 1, "false": 0}
 
 
-@dataclass(frozen=True)
-class CopyRequest:
-    """Asks a child for a copy with edits; None only to see whether one could be written."""
-
-    source: ModelSource
-    edits: Sequence[Edit] | None
-    target: Path
-
-
 def check_source(source: ModelSource) -> None:
     """Refuse a model of which no copy can be written, as far as its name tells."""
     if source.path.suffix.lower() != ".xml":
@@ -50,17 +40,17 @@ def copy_in_child(
       InputError: as `write`.
       MachineError: the file cannot be written, or the process crashed or hung.
     """
-    request = CopyRequest(source, edits and tuple(edits), target.absolute())
-    isolate.run("mjbench.tuning.variants:run_copy", request, lambda _: None, limit_s).check()
+    isolate.call(_copy, source, edits, target.absolute(), limit_s=limit_s)
 
 
-def run_copy(request: CopyRequest, channel: Channel) -> None:
-    """Write a copy, or see whether one could be written; runs in a child."""
-    channel.doing(f"writing {request.target}")
-    if request.edits is None:
-        check_target(request.source, request.target)
+def _copy(
+    source: ModelSource, edits: Sequence[Edit] | None, target: Path, channel: Channel
+) -> None:
+    channel.doing(f"writing {target}")
+    if edits is None:
+        check_target(source, target)
     else:
-        write(request.source, request.edits, request.target)
+        write(source, edits, target)
 
 
 def compiled(source: ModelSource, edits: Sequence[Edit]) -> mujoco.MjModel:

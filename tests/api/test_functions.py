@@ -73,7 +73,7 @@ def test_a_step_is_profiled(model: Any) -> None:
     profiled = mjbench.profile(model)
     assert profiled.steps.loop_ns > 0
     assert sum(profiled.stages.values()) == pytest.approx(1.0)
-    assert profiled.row.python_ns == profiled.step_profile.python_ns
+    assert profiled.row.python_ns == profiled.steps.python_ns
     assert profiled.machine.usable_cores >= 1
 
 

@@ -17,7 +17,6 @@ from mjbench.api.compare import Comparison
 from mjbench.api.profile import Profile
 from mjbench.api.versions import ReleaseComparison
 from mjbench.host import machine
-from mjbench.loop.profile import ProfileRow
 from mjbench.measuring.ratio import Ratio
 from mjbench.pages import fragment
 from mjbench.paired.outcomes import Verdict
@@ -65,7 +64,7 @@ def release_comparison(model: str = "humanoid", *notes: str) -> ReleaseCompariso
 
 
 def profile() -> Profile:
-    return Profile(run("profile", ProfileRow.measured(step_profile())))
+    return Profile(run("profile", step_profile()))
 
 
 EXAMPLES = {"compare": comparison, "versions": release_comparison, "profile": profile}

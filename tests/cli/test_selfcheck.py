@@ -20,7 +20,7 @@ from mjbench.paired.selfcheck_cases import Case
 from mjbench.paired.selfcheck_records import CaseRow, TrialRecord
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS
+from mjbench.releases.release import NO_CHANGE_PAIRS
 from mjbench.simulation import models
 
 

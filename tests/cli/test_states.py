@@ -127,7 +127,7 @@ def test_profile_is_given_the_file_and_stores_its_digest(
 ) -> None:
     given: list[Any] = []
 
-    def measure(*arguments: Any) -> profile.StepProfile:
+    def measure(*arguments: Any) -> profile.ProfileRow:
         given.append(arguments[-1])
         return step_profile()
 

@@ -20,8 +20,8 @@ def test_a_dump_is_read_with_compressed_names_and_relative_positions() -> None:
         "mj_solNewton": 300,
     }
     assert profile.total == 1005
-    assert profile.inclusive("mj_step") == 1000
-    assert profile.inclusive("mj_collision") == 500
+    assert profile.inclusive_cost["mj_step"] == 1000
+    assert profile.inclusive_cost["mj_collision"] == 500
 
 
 def test_a_dump_with_addresses_says_where_functions_lie() -> None:
@@ -45,12 +45,13 @@ def test_the_sum_of_two_dumps_has_the_costs_of_both_and_each_place_once() -> Non
 
 
 def test_functions_of_the_engine_are_those_that_mj_step_reaches() -> None:
-    costs = callgrind.parse(DUMP).reachable_from("mj_step")
-    assert [(cost.name, cost.self_cost, cost.inclusive_cost) for cost in costs] == [
-        ("mj_collision", 500, 500),
-        ("mj_solNewton", 300, 300),
-        ("mj_step", 150, 1000),
-        ("mj_forward", 50, 850),
+    profile = callgrind.parse(DUMP)
+    counts = profile.counts(profile.reachable_from("mj_step"), repeats=10)
+    assert [(count.name, count.self, count.inclusive) for count in counts] == [
+        ("mj_collision", 50, 50),
+        ("mj_solNewton", 30, 30),
+        ("mj_step", 15, 100),
+        ("mj_forward", 5, 85),
     ]
 
 
@@ -58,13 +59,13 @@ def test_recursion_is_not_counted_twice() -> None:
     text = DUMP + "fn=(6) mju_sort'2\n60 7\ncfn=(7) mju_sort\ncalls=1 60\n61 3\n"
     profile = callgrind.parse(text)
     assert profile.self_cost["mju_sort"] == 7
-    assert profile.inclusive("mju_sort") == 7
+    assert profile.inclusive_cost["mju_sort"] == 7
 
 
 def test_functions_that_call_each_other_are_listed_once() -> None:
     calls_back = "fn=(5)\ncfn=(3)\ncalls=1 30\n51 20\n"
-    costs = callgrind.parse(DUMP + calls_back).reachable_from("mj_forward")
-    assert sorted(cost.name for cost in costs) == ["mj_collision", "mj_forward", "mj_solNewton"]
+    names = callgrind.parse(DUMP + calls_back).reachable_from("mj_forward")
+    assert names == {"mj_collision", "mj_forward", "mj_solNewton"}
 
 
 @pytest.mark.parametrize(

@@ -116,7 +116,7 @@ def test_operations_are_counted_whole_and_by_function(counter: InstructionCounte
         OperationRequest("load cartpole", models.resolve("cartpole")),
         OperationRequest("copy pile", models.resolve("pile")),
     ]
-    load, copy = counter.count_operations(INSTALLED, requests)
+    load, copy = counter.count(INSTALLED, requests)
     for count, request in ((load, requests[0]), (copy, requests[1])):
         assert (count.status, count.operation) == (Status.OK, request.operation)
         assert count.repeats is not None

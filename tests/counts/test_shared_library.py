@@ -5,7 +5,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from mjbench.counts import machine_code, shared_library
+from mjbench.counts import shared_library
 from mjbench.counts.shared_library import SharedLibrary
 from mjbench.errors import MachineError
 
@@ -31,19 +31,18 @@ def test_a_function_is_found_by_its_name_and_by_each_of_its_addresses(
 @needs_mujoco_of_linux
 def test_calls_are_known_by_the_names_of_callees(engine: SharedLibrary) -> None:
     (step,) = engine.named("mj_step")
-    code = machine_code.decode(engine.code_of(step), step.address, engine.surroundings)
-    assert "mj_checkVel" in {instruction.callee for instruction in code}
+    assert "mj_checkVel" in {instruction.callee for instruction in engine.decoded(step)}
     stubs = set(engine.imported.values())
     assert {"memcpy", "abort"} <= stubs
-    assert all(engine.surroundings.name_at(address) for address in engine.imported)
+    assert all(engine.name_at(address) for address in engine.imported)
 
 
 @needs_mujoco_of_linux
 def test_constants_are_of_sections_that_do_not_change(engine: SharedLibrary) -> None:
     section = engine.constants[0]
     end = section.address + len(section.content)
-    assert engine.surroundings.constant_at(section.address, 8) == section.content[:8]
-    assert engine.surroundings.constant_at(end - 4, 8) is None
+    assert engine.constant_at(section.address, 8) == section.content[:8]
+    assert engine.constant_at(end - 4, 8) is None
 
 
 def test_a_file_that_is_no_library_with_symbols_says_so(tmp_path: Path) -> None:

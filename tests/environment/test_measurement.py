@@ -10,7 +10,7 @@ from example_environment_records import record as invented_record
 
 from mjbench.environment import measurement
 from mjbench.environment.layers import Layer
-from mjbench.environment.model_changes import Moment
+from mjbench.environment.recording import Moment
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.environment.run import EnvironmentPlan
 from mjbench.environment.source import resolve

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from mjbench.environment.adapters import adapt
-from mjbench.environment.model_changes import Moment
 from mjbench.environment.passes import EnvironmentPasses
-from mjbench.environment.recording import EngineWatch, Recording
+from mjbench.environment.recording import EngineWatch, Moment, Recording
 
 NSTEP = 40
 

@@ -1,5 +1,6 @@
 """Vectorised forms: those of Gymnasium, where it is installed."""
 
+import dataclasses
 import importlib.util
 import sys
 from pathlib import Path
@@ -9,12 +10,13 @@ import pytest
 from commands import PYTHONPATH
 from example_environment_records import record
 
-from mjbench.comparison.messages import AgreementReport
 from mjbench.environment import vectors
 from mjbench.environment.records import EnvironmentRecord, VectorForm
 from mjbench.environment.run import EnvironmentPlan
 from mjbench.environment.source import resolve
-from mjbench.environment.vectors import VectorRound
+from mjbench.environment.vectors import LEAST_LAUNCHES, VectorLaunch, WrongForm
+from mjbench.errors import Failure
+from mjbench.paired.launches import UnableError
 from mjbench.status import Status
 
 PLAN = EnvironmentPlan(nstep=None, seed=0, threads=(), nenv=(1, 2), budget_s=0.0, limit_s=60.0)
@@ -116,7 +118,7 @@ def test_both_forms_do_what_one_environment_does_and_are_timed(tmp_path: Path) -
     ]
     for vector in measured:
         assert (vector.status, vector.detail) == (Status.OK, "")
-        assert len(vector.ns) == len(vector.single_ns) >= 7
+        assert len(vector.ns) == len(vector.single_ns) == LEAST_LAUNCHES
     assert [vector.ncore for vector in measured[:3]] == [1, 1, 1]
 
 
@@ -166,7 +168,7 @@ def test_a_form_that_observes_something_else_gets_no_speed(tmp_path: Path) -> No
 def test_a_form_that_crashes_costs_its_own_row(tmp_path: Path) -> None:
     by_form = {(v.form, v.nenv): v for v in added(tmp_path, "Fragile").vectors}
     assert by_form[VectorForm.SYNC, 2].status == Status.OK
-    assert len(by_form[VectorForm.SYNC, 2].ns) >= 7
+    assert len(by_form[VectorForm.SYNC, 2].ns) == LEAST_LAUNCHES
     for nenv in (1, 2):
         failed = by_form[VectorForm.ASYNC, nenv]
         assert failed.status in (Status.FAILED, Status.CRASHED, Status.TIMEOUT)
@@ -197,22 +199,61 @@ def test_without_gymnasium_there_are_none(monkeypatch: pytest.MonkeyPatch) -> No
     assert "not installed" in vectors._no_forms(adapt(examples.make()))
 
 
-def test_a_form_that_ended_the_child_keeps_its_reason_and_the_others_their_figures() -> None:
-    fatal = AgreementReport(1, Status.TIMEOUT, "no answer")
-    rounds = [VectorRound({0: 1.0, 2: 2.0}, {0: 1.5, 2: 2.5})] * 7
-    messages = [fatal, AgreementReport(0, Status.OK), AgreementReport(2, Status.OK), *rounds]
-    samples = vectors._samples(PLAN, messages, Status.FAILED, "it ended early")
-    first, second, third, fourth = samples
-    assert (first.status, len(first.ns), first.single_ns[0]) == (Status.OK, 7, 1.5)
+def test_a_form_that_was_wrong_in_any_launch_has_its_reason_and_the_others_their_figures() -> None:
+    rule = vectors._VectorRule(PLAN)
+    rule.add(VectorLaunch({0: 1.0, 1: 3.0, 2: 2.0}, {0: 1.5, 1: 1.5, 2: 2.5}))
+    rule.withdraw(UnableError(1, Status.TIMEOUT, "no answer"))
+    assert rule.next_targets() == [0, 2, 3]
+    rule.add(VectorLaunch({0: 1.0, 2: 2.0}, {0: 1.5, 2: 2.5}))
+    first, second, third, fourth = rule.samples(Failure(Status.FAILED, "it ended early"))
+    assert (first.status, len(first.ns), first.single_ns[0]) == (Status.OK, 2, 1.5)
     assert (second.status, second.detail, second.ns) == (Status.TIMEOUT, "no answer", ())
     assert third.ns[0] == 2.0
     assert (fourth.status, fourth.detail) == (Status.FAILED, "it ended early")
 
 
-def test_what_was_wrong_in_a_timed_block_has_no_figures() -> None:
-    wrong = AgreementReport(0, Status.DISAGREES, "in a timed block")
-    messages = [AgreementReport(0, Status.OK), VectorRound({0: 1.0}, {0: 1.0}), wrong]
-    assert vectors._samples(PLAN, messages, Status.OK, "")[0].ns == ()
+@pytest.mark.parametrize(("budget_s", "launches"), [(0.0, 6), (20.0, 10), (1000.0, 50)])
+def test_launches_end_with_the_budget_but_for_the_six_of_an_interval(
+    budget_s: float, launches: int
+) -> None:
+    now_s = 0.0
+    rule = vectors._VectorRule(dataclasses.replace(PLAN, budget_s=budget_s), lambda: now_s)
+    while rule.next_targets():
+        now_s += 2.0
+        rule.add(VectorLaunch({}, {}))
+    assert len(rule.launches) == launches
+
+
+def test_without_any_form_left_nothing_is_launched() -> None:
+    rule = vectors._VectorRule(PLAN)
+    for position in range(4):
+        rule.withdraw(UnableError(position, Status.FAILED, "no"))
+    assert rule.next_targets() == []
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_what_was_wrong_in_a_timed_block_is_no_launch(number: int) -> None:
+    class Form:
+        singles, batched = [object()], [0] * 20
+        ran = 0
+
+        def run(self) -> float:
+            self.ran += 1
+            return 1.0
+
+        def difference_after(self, step: int) -> str:
+            return "another reward" if self.ran > number else ""
+
+    class Single:
+        def run(self) -> float:
+            return 1.0
+
+    class Channel:
+        def doing(self, text: str, index: int | None = None) -> None: ...
+
+    turns = vectors._Turns({3: Form()}, [Single()], Channel())  # type: ignore[dict-item, list-item, arg-type]
+    expected = WrongForm(3, Status.DISAGREES, "in a timed block, another reward")
+    assert turns.launch() == expected
 
 
 def test_observations_are_compared_bit_by_bit_in_the_types_of_the_form() -> None:

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 from commands import TESTS
-from isolated_tasks import Blob, BlobsRequest, Process, Text, WaitRequest
+from isolated_tasks import Blob, BlobsRequest, Process, Text, WaitRequest, add
 from process_tree import ends
 
-from mjbench.errors import InputError, MachineError
+from mjbench.errors import InputError, MachineError, UnavailableError
 from mjbench.host import child_connection, isolate
 from mjbench.host.child_connection import ChildConnection
 from mjbench.host.isolate import Ended
@@ -33,6 +33,25 @@ def test_a_task_receives_its_request_and_answers_with_messages() -> None:
     ended, messages = run("echo", Text("1, 2.5"))
     assert ended == Ended(Status.OK)
     assert messages == [Text("1, 2.5")]
+
+
+def test_a_call_returns_what_its_function_returns_in_a_child(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(TESTS))
+    total, pid = isolate.call(add, 1, 2.5, limit_s=60.0)
+    assert total == 3.5
+    assert pid != os.getpid()
+
+
+def test_a_call_that_fails_raises_or_returns_what_stands_for_its_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(TESTS))
+    with pytest.raises(InputError, match="1 is not to be added to 1"):
+        isolate.call(add, 1, 1.0, limit_s=60.0)
+    ended = isolate.call(add, 1, 1.0, limit_s=60.0, otherwise=lambda ended: (0.0, ended))
+    assert ended == (0.0, Ended(Status.INPUT, "1 is not to be added to 1"))
 
 
 # messages
@@ -94,15 +113,17 @@ def test_bad_input_and_failure_are_distinguished() -> None:
     assert failed.detail == "RuntimeError: two lines while work that fails"
 
 
-@pytest.mark.parametrize("status", [s for s in Status if s not in (Status.OK, Status.INPUT)])
+@pytest.mark.parametrize("status", [Status.FAILED, Status.CRASHED, Status.TIMEOUT])
 def test_an_end_that_is_not_ok_is_an_error_of_the_machine(status: Status) -> None:
     with pytest.raises(MachineError, match="why"):
         Ended(status, "why").check()
 
 
-def test_bad_input_is_an_error_of_the_input_and_ok_is_none() -> None:
+def test_a_refusal_is_an_error_of_the_input_and_ok_is_none() -> None:
     with pytest.raises(InputError, match="why"):
         Ended(Status.INPUT, "why").check()
+    with pytest.raises(UnavailableError, match="why"):
+        Ended(Status.UNAVAILABLE, "why").check()
     Ended(Status.OK).check()
 
 

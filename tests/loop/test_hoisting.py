@@ -244,7 +244,7 @@ def test_one_access_in_every_step_serves_those_in_some(file: Path) -> None:
     changed = fixed_text(file, text)
     assert changed.count("data.joint") == 1
     assert "print(a_joint.qpos)" in changed
-    assert "    a_joint = data.joint( 'a' )\n" in changed
+    assert "    a_joint = data.joint('a')\n" in changed  # as the first is spelled
 
 
 def test_an_access_leaves_all_loops_that_step_but_no_function(file: Path) -> None:

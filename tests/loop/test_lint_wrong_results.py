@@ -1,4 +1,4 @@
-"""What lint says of Runge-Kutta in halves, and of an MjData that threads share."""
+"""What lint says of Runge-Kutta in halves, of a shared MjData, and of views that callers write."""
 
 from pathlib import Path
 
@@ -118,3 +118,133 @@ def test_an_mjdata_of_its_own_or_one_thread_at_a_time_is_no_finding(
     tmp_path: Path, line: str
 ) -> None:
     assert findings(tmp_path, THREADS.format(line=line), "MJB009") == []
+
+
+GETTERS = """
+class Env:
+    def __init__(self): self.data = mujoco.MjData(model)
+    def state(self): return {result}
+    @property
+    def now(self): return {result}
+    def step(self, action):
+        mujoco.mj_step(model, self.data)
+        {method}
+env = Env()
+data = mujoco.MjData(model)
+def look(data): return {plain}
+def pair(): return data.time, {plain}
+for i in range(9):
+    env.step(0)
+    {lines}
+"""
+
+
+def messages(
+    tmp_path: Path, *lines: str, result: str = "self.data.qpos", method: str = "pass"
+) -> list[str]:
+    text = GETTERS.format(
+        result=result,
+        plain=result.replace("self.", ""),
+        method=method,
+        lines="\n    ".join(lines),
+    )
+    return [finding.message for finding in findings(tmp_path, text, "MJB016")]
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        "obs[0] = 0",
+        "obs[2:5] *= 0.1",
+        "obs += 0.1",
+        "np.clip(obs, -1, 1, out=obs)",
+        "np.add(obs, 1, out=obs[:2])",
+        "obs[:] = (obs - mean) / deviation",
+        "obs.sort()",
+        "np.copyto(obs, 0)",
+        "np.put_along_axis(obs, indices, 0, axis=0)",
+        "operator.setitem(obs, 0, 1)",
+        "rng.shuffle(obs)",
+    ],
+)
+@pytest.mark.parametrize(
+    "read", ["obs = env.state()", "obs = env.now", "obs = look(data)", "time, obs = pair()"]
+)
+def test_a_write_into_what_a_getter_returns_is_a_wrong_result(
+    tmp_path: Path, read: str, write: str
+) -> None:
+    (message,) = messages(tmp_path, read, write)
+    assert "data.qpos of the simulation" in message
+    assert messages(tmp_path, read, write, result="self.data.qpos.copy()") == []
+    assert messages(tmp_path, read, write, result="np.array(self.data.qpos)") == []
+    assert messages(tmp_path, read, write, result="self.data.ctrl") == [], "an input is written"
+
+
+@pytest.mark.parametrize("result", ["self.data.qpos[2:]", "self.data.sensordata", "self.data.xpos"])
+def test_any_view_of_what_a_step_changes_counts(tmp_path: Path, result: str) -> None:
+    assert len(messages(tmp_path, "obs = env.state()", "obs[0] = 0", result=result)) == 1
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ("obs = env.state().copy()", "obs[0] = 0"),
+        ("obs = env.state() - mean", "obs += 1"),
+        ("obs = env.state()", "x = obs[0] + 1"),
+        ("obs = env.state()", "np.clip(obs, -1, 1, out=clipped)"),
+        ("obs = env.state()", "obs = obs - mean"),
+        ("obs = env.state()", "obs = obs.copy()", "obs[0] = 0"),
+        ("obs = env.state()", "obs[:] = start"),
+        ("obs = env.state()", "obs[0] = 0", "mujoco.mj_forward(model, data)"),
+        ("obs = env.state()", "obs[0] = 0", "env.set_state(obs)"),
+        ("time, obs = pair()", "time += 1"),
+        ("obs = unknown.state()", "obs[0] = 0"),
+        ("obs = env.qpos()", "obs[0] = 0"),
+        ("obs = sorted(env.state())", "obs.sort()"),
+    ],
+)
+def test_copies_reads_and_a_state_that_is_set_are_no_finding(
+    tmp_path: Path, lines: tuple[str, ...]
+) -> None:
+    assert messages(tmp_path, *lines) == []
+
+
+@pytest.mark.parametrize("name", ["qpos", "state_view", "view"])
+def test_a_getter_that_is_named_as_a_view_promises_one(tmp_path: Path, name: str) -> None:
+    text = f"""
+    class Robot:
+        def {name}(self): return self.data.qpos
+    robot = Robot()
+    q = robot.{name}()
+    q[0] = 1
+    """
+    assert findings(tmp_path, text, "MJB016") == []
+
+
+def test_a_method_of_the_same_class_is_a_caller_too(tmp_path: Path) -> None:
+    (message,) = messages(tmp_path, "pass", method="obs = self.state(); obs[0] = 0")
+    assert message.startswith("this writes into self.data.qpos of the simulation, which state()")
+    text = "class Env:\n    def state(self): return self.data.qpos\n    def reset(self):\n"
+    text += "        q = self.state()\n        q[0] = 0\n"
+    assert findings(tmp_path, text, "MJB016") == []
+
+
+def test_an_mjdata_of_one_call_is_not_the_simulation(tmp_path: Path) -> None:
+    text = """
+    def start():
+        data = mujoco.MjData(model)
+        return data.qpos
+    q = start()
+    q[0] = 1
+    """
+    assert findings(tmp_path, text, "MJB016") == []
+
+
+def test_a_property_that_is_stored_is_a_stored_view(tmp_path: Path) -> None:
+    text = GETTERS.format(
+        result="self.data.qpos", plain="data.qpos", method="pass", lines="log.append({})"
+    )
+    (finding,) = findings(tmp_path, text.format("env.now"), "MJB001")
+    assert finding.line == 9
+    assert findings(tmp_path, text.format("env.now.copy()"), "MJB001") == []
+    assert findings(tmp_path, text.format("env.now); env.now.fill(0"), "MJB001") == []

@@ -11,15 +11,16 @@ from mjbench.simulation import engine_clock, models, workload
 
 
 def test_a_second_of_simulated_time_is_physics_python_and_frames() -> None:
-    assert step_profile().simulated_second() == pytest.approx(
+    assert step_profile().simulated_second == pytest.approx(
         {"physics": 500 * 2e-6, "Python": 500 * 1e-6, "rendering (egl)": 60 * 0.01}
     )
 
 
 def test_a_row_holds_what_was_measured_and_what_follows_from_it() -> None:
-    row = profile.ProfileRow.measured(step_profile())
+    row = step_profile()
     assert (row.status, row.loop_ns, row.python_ns, row.clock_ns) == ("ok", 3000.0, 1000.0, 500.0)
-    assert row.simulated_second == step_profile().simulated_second()
+    assert row.steps is not None
+    assert row == profile.row("pole", row.steps, row.frames or ())
 
 
 def test_stages_are_shares_of_a_step(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import movable
 from mjbench.releases.installs import ReleaseSpec
-from mjbench.releases.moved_image import ImmovableError
+from mjbench.releases.moved_install import ImmovableError
 from mjbench.releases.placement import AS_SHIPPED, RESIDUES, Placement
 from mjbench.status import Status
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from paired_examples import CARTPOLE
 
-from mjbench.paired import launches as launch_loop
-from mjbench.paired import moved_check, placement_spread
+from mjbench.paired import moved_check, pair_rule, placement_spread
+from mjbench.paired.launches import Targets
 from mjbench.paired.placement_spread import MIN_LAUNCHES, SpreadPlan, SpreadRecord
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.time_limit import TimeLimit
-from mjbench.releases.moved_image import ImmovableError
+from mjbench.releases.moved_install import ImmovableError
 from mjbench.releases.placement import RESIDUES, Placement, PlacementPair
 from mjbench.status import Status
 from mjbench.store.json_form import json_form
@@ -115,20 +115,22 @@ class Clock:
         return self.now
 
 
-class Pair:
+class Pair(Targets[LaunchRow]):
     """Stands for targets that are launched without a process."""
 
     work_check = baseline_workload = None
+    is_prepared = True
 
-    def __init__(self, clock: Clock, time_limit: TimeLimit):
-        self._clock = clock
-        time_limit.start()
+    def __init__(self, clock: Clock, time_limit: TimeLimit, placements: Callable[[], object]):
+        self._clock, self._time_limit, self._placements = clock, time_limit, placements
 
-    def launch(self) -> LaunchRow:
+    def prepare(self) -> None:
+        self._placements()
+        self._time_limit.start()
+
+    def launch(self, positions: Sequence[int]) -> LaunchRow:
         self._clock.now += 1.0
         return launch(PlacementPair(None, Placement(0, 0)), 0.0)
-
-    def close(self) -> None: ...
 
 
 @pytest.fixture
@@ -136,9 +138,9 @@ def launched(monkeypatch: pytest.MonkeyPatch) -> Callable[[SpreadPlan], tuple[in
     """Return what says how many launches a plan makes, and what is said of it."""
     clock = Clock()
     monkeypatch.setattr(
-        launch_loop,
+        pair_rule,
         "TargetPair",
-        lambda pool, old, new, sizes, time_limit, placements: Pair(clock, time_limit),
+        lambda pool, old, new, sizes, time_limit, placements: Pair(clock, time_limit, placements),
     )
     monkeypatch.setattr(moved_check, "check", lambda pool, release: None)
 

@@ -35,6 +35,7 @@ def test_models_of_different_size_do_as_many_simulations_each(
     )
     other = Target(INSTALLED, models.resolve(str(file)))
     pair = TargetPair(pool, CARTPOLE, other, Sizes(nbatch=3))
+    pair.prepare()
     launch = pair.launch()
     pair.close()
     assert pair.work_check.nbatch == 3
@@ -47,6 +48,7 @@ def test_simulations_that_diverge_in_one_target_only_are_changed_work(
 ) -> None:
     candidate = replace(stiff, model_options={"timestep": "0.0025"})
     pair = TargetPair(pool, stiff, candidate, Sizes(8, 13, starts=KEYFRAME_STARTS))
+    pair.prepare()
     launch = pair.launch()
     pair.close()
     assert pair.work_check.diverged[0] == 0
@@ -166,6 +168,7 @@ def test_what_sleeps_in_its_own_run_sleeps_where_it_is_timed(
     awake = _boxes(tmp_path, "awake.xml", ">")
     asleep = _boxes(tmp_path, "asleep.xml", "><flag sleep='enable'/>")
     pair = TargetPair(pool, awake, asleep)
+    pair.prepare()
     launch = pair.launch()
     pair.close()
     window = pair.work_check.candidate_starts.window  # type: ignore[union-attr]

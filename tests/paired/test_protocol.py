@@ -59,6 +59,7 @@ def spied(pool: WorkerPool) -> Iterator[Spied]:
         patch.setattr(protocol, "time_quads", spying)
         patch.setattr(protocol, "MAX_LAYOUTS", time_limit.LAYOUTS)
         pair = TargetPair(pool, CARTPOLE, CARTPOLE)
+        pair.prepare()
         for _ in range(LAUNCHES):
             spied.launches.append(pair.launch())
         pair.close()
@@ -99,6 +100,7 @@ def test_a_launch_goes_on_while_the_next_processes_start(
     monkeypatch.setattr(ProcessPairs, "is_next_ready", lambda pairs: next(answers))
     monkeypatch.setattr(protocol, "quad_count", lambda all_blocks_s, nsection: nsection)
     pair = TargetPair(pool, CARTPOLE, CARTPOLE)
+    pair.prepare()
     launch = pair.launch()
     pair.close()
     assert launch.layouts == [launch.nsection] * (time_limit.LAYOUTS + 2)
@@ -114,6 +116,7 @@ def test_an_interrupt_ends_what_is_measured(
     monkeypatch.setattr(protocol, "time_quads", interrupt)
     before, allowed = list(pool._processes), platforms.affinity()
     pair = TargetPair(pool, CARTPOLE, CARTPOLE)
+    pair.prepare()
     with pytest.raises(KeyboardInterrupt):
         pair.launch()
     pair.close()
@@ -128,6 +131,7 @@ def test_a_process_that_fails_while_it_starts_does_not_end_the_launch_before(
     if machine.usable_cores() < 2:
         pytest.skip("one core: nothing starts ahead")
     pair = TargetPair(pool, CARTPOLE, CARTPOLE)
+    pair.prepare()
     time_quads = protocol.time_quads
 
     def kill_next(baseline: Any, candidate: Any, count: int) -> Any:
@@ -231,6 +235,7 @@ def test_where_one_process_of_a_launch_cannot_start_the_other_ends(
 def test_targets_with_threads_are_not_pinned_and_their_cores_are_counted(pool: WorkerPool) -> None:
     threaded = replace(CARTPOLE, path="rollout", options={"threads": 2})
     pair = TargetPair(pool, threaded, threaded)
+    pair.prepare()
     launch = pair.launch()
     pair.close()
     assert launch.core is None

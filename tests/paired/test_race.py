@@ -9,7 +9,8 @@ import pytest
 from mjbench.comparison.plan import Variant
 from mjbench.errors import MachineError
 from mjbench.paired import race, race_record
-from mjbench.paired.race import FINAL_LAUNCHES, RaceBudget, UnableError
+from mjbench.paired.launches import Targets, UnableError
+from mjbench.paired.race import FINAL_LAUNCHES, RaceBudget
 from mjbench.paired.race_record import (
     MIN_FINAL_LAUNCHES,
     MIN_LAUNCHES,
@@ -25,7 +26,7 @@ BASE_NS = 10_000_000
 
 
 @dataclass
-class Track:
+class Track(Targets[RaceLaunch]):
     """Launches variants whose speeds are known; each launch takes a fifth of a second and
     as much for each variant.
 
@@ -39,22 +40,22 @@ class Track:
     spread: float = 0.01
     before: Callable[[int, Sequence[int]], None] = lambda number, positions: None
     now_s: float = 0.0
-    launched: list[tuple[list[int], bool]] = field(default_factory=list)
+    launched: list[list[int]] = field(default_factory=list)
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
 
     def clock(self) -> float:
         return self.now_s
 
-    def launch(self, positions: Sequence[int], is_final: bool) -> RaceLaunch:
+    def launch(self, positions: Sequence[int]) -> RaceLaunch:
         self.before(len(self.launched), positions)
         self.now_s += 0.2 + 0.2 * len(positions)
-        self.launched.append((list(positions), is_final))
+        self.launched.append(list(positions))
         noise = np.exp(self.rng.normal(0, self.spread, len(self.speeds)))
         ns = [round(BASE_NS / self.speeds[i] * noise[i]) for i in positions]
-        return RaceLaunch(None, list(positions), [ns, ns], is_final)
+        return RaceLaunch(None, list(positions), [ns, ns])
 
     def run(self, record: RaceRecord, budget_s: float = 60.0) -> list[RaceRecord]:
-        return list(race.race(record, self.launch, RaceBudget(budget_s, self.clock)))
+        return list(race.race(record, self, RaceBudget(budget_s, self.clock)))
 
 
 def entered(count: int, **fields: object) -> RaceRecord:
@@ -80,8 +81,9 @@ def test_paths_that_are_certainly_slower_leave_and_the_fastest_wins() -> None:
     assert (standing.fastest, standing.chosen, standing.contenders) == (3, 3, [3])
     assert standing.is_decided
     assert not record.is_cut_short
-    assert track.launched[0] == ([0, 1, 2, 3], False)
-    assert [0, 3] in [positions for positions, _ in track.launched]
+    assert track.launched[0] == [0, 1, 2, 3]
+    assert not record.launches[0].is_final
+    assert [0, 3] in track.launched
 
 
 def test_the_figures_of_winners_and_the_plain_loop_are_of_launches_after_the_race() -> None:
@@ -118,9 +120,9 @@ def test_a_race_that_has_no_time_is_cut_short_and_says_so() -> None:
 
 def test_the_budget_bounds_the_launches_after_the_race_too() -> None:
     track = Track([1.0, 1.001, 1.002, 1.003], spread=0.1)
-    track.run(entered(4), budget_s=20.0)
+    record = track.run(entered(4), budget_s=20.0)[-1]
     assert track.now_s <= 20.0
-    assert sum(is_final for _, is_final in track.launched) >= MIN_FINAL_LAUNCHES
+    assert sum(each.is_final for each in record.launches) >= MIN_FINAL_LAUNCHES
 
 
 def test_one_launch_is_made_whatever_the_budget() -> None:
@@ -142,7 +144,7 @@ def test_what_is_known_is_yielded_after_every_launch() -> None:
 def test_a_variant_in_no_group_is_in_every_launch_and_never_wins() -> None:
     track = Track([1.0, 3.0, 2.0])
     record = track.run(entered(3, groups=[[0, 2], [0]]))[-1]
-    assert all(1 in positions for positions, _ in track.launched)
+    assert all(1 in positions for positions in track.launched)
     standing = ended(record)
     assert standing.chosen == 2
 
@@ -151,7 +153,8 @@ def test_a_slow_variant_is_timed_last_beside_the_plain_loop() -> None:
     track = Track([1.0, 2.0, 1.5])
     record = track.run(entered(3, groups=[[0, 1], [0]], slow=[2]))[-1]
     last = track.launched[-MIN_FINAL_LAUNCHES:]
-    assert last == [([0, 2], True)] * MIN_FINAL_LAUNCHES
+    assert last == [[0, 2]] * MIN_FINAL_LAUNCHES
+    assert all(each.is_final for each in record.launches[-MIN_FINAL_LAUNCHES:])
     speedup = record.speedup(record.variants[2])
     assert speedup is not None
     assert speedup.estimate == pytest.approx(1.5, rel=0.05)
@@ -165,7 +168,7 @@ def test_launches_of_slow_variants_give_no_figures_of_others() -> None:
 
     track.before = before
     record = track.run(entered(3, groups=[[0, 1], [0]], slow=[2]), budget_s=0.5)[-1]
-    assert [is_final for _, is_final in track.launched] == [False] + [True] * MIN_FINAL_LAUNCHES
+    assert [each.is_final for each in record.launches] == [False] + [True] * MIN_FINAL_LAUNCHES
     assert record.base_step_ns == pytest.approx(BASE_NS / 1000)
     figures = [record.has_final_figures(variant) for variant in record.variants]
     assert figures == [False, False, True]
@@ -175,18 +178,18 @@ def test_launches_of_slow_variants_give_no_figures_of_others() -> None:
 def test_the_plain_loop_is_not_launched_alone_because_slow_variants_failed() -> None:
     def before(number: int, positions: Sequence[int]) -> None:
         if 2 in positions:
-            raise UnableError(UnableVariant(2, Status.FAILED, "no cluster"))
+            raise UnableError(2, Status.FAILED, "no cluster")
 
     track = Track([1.0, 2.0, 1.5], before=before)
     record = track.run(entered(3, groups=[[0, 1], [0]], slow=[2]))[-1]
     assert [each.variant for each in record.unable] == [2]
-    assert [0] not in [positions for positions, _ in track.launched]
+    assert [0] not in track.launched
 
 
 def test_a_variant_that_cannot_go_on_leaves_and_the_others_go_on() -> None:
     def before(number: int, positions: Sequence[int]) -> None:
         if number == 1 and 1 in positions:
-            raise UnableError(UnableVariant(1, Status.DISAGREES, "in a timed block: qpos[0]"))
+            raise UnableError(1, Status.DISAGREES, "in a timed block: qpos[0]")
 
     record = Track([1.0, 2.0, 1.8], before=before).run(entered(3))[-1]
     assert [each.variant for each in record.unable] == [1]
@@ -197,10 +200,10 @@ def test_a_variant_that_cannot_go_on_leaves_and_the_others_go_on() -> None:
 
 def test_a_race_without_its_plain_loop_ends() -> None:
     def before(number: int, positions: Sequence[int]) -> None:
-        raise UnableError(UnableVariant(0, Status.CRASHED, "killed by SIGSEGV"))
+        raise UnableError(0, Status.CRASHED, "killed by SIGSEGV")
 
     record = Track([1.0, 2.0], before=before).run(entered(2))[-1]
-    assert record.status == Status.INPUT
+    assert (record.status, record.detail) == (Status.CRASHED, "killed by SIGSEGV")
     assert record.launches == ()
     assert record.standings == {}
 
@@ -262,7 +265,7 @@ def test_a_path_that_computes_something_else_in_any_launch_is_never_advised(laun
 
     def before(number: int, positions: Sequence[int]) -> None:
         if number >= launches and 1 in positions:
-            raise UnableError(UnableVariant(1, Status.DISAGREES, "in a timed block: qpos[0]"))
+            raise UnableError(1, Status.DISAGREES, "in a timed block: qpos[0]")
 
     track.before = before
     *_, record = track.run(entered(4))
@@ -289,7 +292,7 @@ def test_the_next_best_is_known_where_there_is_no_time_to_reopen_the_race() -> N
 
 def test_a_simpler_path_that_is_certainly_slower_leaves_by_however_little() -> None:
     track = Track([1.0, 1.99, 2.0], spread=0.0005)
-    record = entered(3, launches=[track.launch(range(3), False) for _ in range(12)])
+    record = entered(3, launches=[track.launch(range(3)) for _ in range(12)])
     standing = ended(record)
     assert (standing.chosen, standing.contenders) == (2, [2])
     assert race.remaining(record) == [0, 2]

@@ -21,8 +21,8 @@ from mjbench.paired.selfcheck_cases import Case
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.paired.verdict import PairedResult, VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases.no_change_pairs import NoChangePair
 from mjbench.releases.placement import AS_SHIPPED, Placement, PlacementPair
+from mjbench.releases.release import NoChangePair
 from mjbench.status import Status
 
 MOVED = PlacementPair(Placement(16, 32), Placement(48, 0))

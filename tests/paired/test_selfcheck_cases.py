@@ -7,7 +7,7 @@ from mjbench.paired import selfcheck_cases
 from mjbench.paired.outcomes import Arm, Verdict
 from mjbench.paired.selfcheck_cases import Case
 from mjbench.paired.selfcheck_records import CaseRow, TrialRecord
-from mjbench.releases.no_change_pairs import NoChangePair
+from mjbench.releases.release import NoChangePair
 
 MODEL = CARTPOLE.model
 VERSION = INSTALLED.version

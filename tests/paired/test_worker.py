@@ -21,7 +21,7 @@ from mjbench.paired.loop_sections import Section
 from mjbench.paired.protocol import TargetPair
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases.moved_image import ImmovableError
+from mjbench.releases.moved_install import ImmovableError
 from mjbench.releases.placement import Placement
 from mjbench.simulation import models, work, workload
 from mjbench.simulation.engine_clock import engine_clock, has_clock
@@ -42,6 +42,7 @@ def test_a_path_that_computes_something_else_is_refused(monkeypatch: pytest.Monk
     monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"))
     with WorkerPool(limit_s=30.0) as pool:
         pair = TargetPair(pool, target, target)
+        pair.prepare()
         with pytest.raises(ChildError, match="does not reach the final states"):
             pair.launch()
 

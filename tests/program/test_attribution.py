@@ -289,6 +289,22 @@ def test_garbage_collections_are_an_activity_of_their_own(file):
     )
 
 
+def test_a_comprehension_is_a_part_of_its_line(file):
+    inner = [Frame("main", file, 9), Frame("<listcomp>", file, 9)]
+    seen = [inner] * 2 + [inner[:1]] + [stacks(file)["step"]] * 7
+    _, observe = attribution.loop_times([samples(seen)], 1)[0].lines
+    assert (observe.place.function, observe.share) == ("main", pytest.approx(0.3))
+
+
+def test_timed_calls_may_leave_nothing_to_samples(file):
+    of = stacks(file)
+    timed = [call("mj_step", 8, 4.0, 0, 4, **STEP)]
+    (time,) = attribution.loop_times(
+        [samples([of["step"]] * 30 + [of["observe"]] * 10)], 1, (), timed
+    )
+    assert time.activities == pytest.approx({Activity.PHYSICS: 1.0})
+
+
 def _connection():
     import multiprocessing.connection
 

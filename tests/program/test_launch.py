@@ -1,5 +1,7 @@
 """Programs run again for a change, and end when their seconds are over, whatever they ignore."""
 
+from pathlib import Path
+
 import pytest
 
 from mjbench.errors import InputError, MachineError
@@ -78,3 +80,16 @@ def test_what_cannot_be_run_is_refused(tmp_path, monkeypatch, arguments, message
     (tmp_path / "notes.ipynb").write_text("{}")
     with pytest.raises(InputError, match=message):
         launch.check(Program(arguments))
+
+
+def test_a_crash_is_at_the_users_own_line(tmp_path):
+    clock = f"{Path(launch.__file__).parent}/hook/step_clock.py"
+    stack = [
+        (clock, 176, "call"),
+        ("/home/me/train.py", 7, "work"),
+        ("/home/me/train.py", 9, "main"),
+    ]
+    lines = [f'  File "{file}", line {line} in {function}' for file, line, function in stack]
+    (tmp_path / "1.fault").write_text("\n".join(["Fatal Python error: Segmentation fault", *lines]))
+    place = launch._crash(tmp_path)
+    assert (str(place), place.function) == ("/home/me/train.py:7", "work")

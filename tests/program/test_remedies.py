@@ -12,9 +12,10 @@ from mjbench.program.hook import call_clock
 from mjbench.program.launch import Program
 from mjbench.program.loop_time import LineTime, LoopTime
 from mjbench.program.remedy import Basis, Confirmed, Remedy, RemedyKind
-from mjbench.program.replacements import Measured, Question, TimeRatio, Trial
+from mjbench.program.replacements import Measured, TimeRatio
 from mjbench.program.source_loops import SourceLoop
 from mjbench.program.step_times import Durations, StepTimes
+from mjbench.program.trials import Question, Trial
 
 PHYSICS, PYTHON, NUMPY = Activity.PHYSICS, Activity.PYTHON, Activity.NUMPY
 BINDINGS = Activity.BINDINGS
@@ -63,16 +64,17 @@ def steps(**values):
     )
 
 
-def call(callee, number=15, calls=100, seconds=2.0, **more):
+def call(callee, number=15, calls=100, seconds=2.0, text="text", **more):
     """Return calls from a line of the loop, which takes 10 seconds."""
     values = {"steps": 0.0, "all_steps": 0.0, **more}
-    place = Place("train.py", number, "main", "text")
+    place = Place("train.py", number, "main", text)
     whole = SourceLoop("train.py", 10, 20)
     return CallTime(callee, 1, 1, place, whole, calls, seconds, 0, 10**10, **values)
 
 
 def step(seconds=5.0, calls=1000, **more):
-    return call("mj_step", 12, calls, seconds, steps=calls, all_steps=calls, **more)
+    text = "mj_step(m, d)"
+    return call("mj_step", 12, calls, seconds, text, steps=calls, all_steps=calls, **more)
 
 
 def loop_of(*calls):
@@ -132,11 +134,24 @@ def test_lines_that_neither_look_up_names_nor_take_views_are_not_told_to():
     assert "before the loop" not in texts[13]
 
 
+# What calls must be like to need a remedy, by callee and by trial.
+CONTEXTS = {
+    "mj_inverse": {"calls": 1000, "text": "mj_inverse(m, d)"},
+    "mjd_transitionFD": {"text": "mjd_transitionFD(m, d, 1e-6, True, A, B, None, None)"},
+}
+TRIAL_CONTEXTS = {
+    Trial.MORE_THREADS: {"steps": 100, "all_steps": 800},
+    Trial.NO_ROLLOUT: {"steps": 100, "all_steps": 100},
+    Trial.BATCH_OR_ROLLOUT: {"steps": 100, "all_steps": 800},
+}
+
+
 @pytest.mark.parametrize("remedy", call_remedies.CALL_REMEDIES, ids=lambda each: each.callees[0])
 def test_each_call_in_a_loop_has_its_remedy(remedy):
     codes = [finding(remedy.codes[0])] if remedy.needs_finding else []
     for callee in remedy.callees:
-        time = loop_of(step(), call(callee))
+        context = {**CONTEXTS.get(callee, {}), **TRIAL_CONTEXTS.get(remedy.trial, {})}
+        time = loop_of(step(), call(callee, **context))
         question = call_remedies.questions([time], codes)
         measured = Measured({each: ratio(0.5) for each in question})
         (listed,) = [r for r in remedies.remedies(time, codes, measured) if r.kind == "call"]
@@ -293,6 +308,71 @@ def test_named_access_saves_what_was_measured_not_the_share_of_its_line():
     by_code = {remedy.code: remedy for remedy in remedies.remedies(time, [found], measured)}
     assert by_code["MJB002"].gain == pytest.approx(0.1)
     assert by_code[""].gain == pytest.approx(0.4), "the rest of the line"
+
+
+def test_what_runs_many_times_a_step_saves_a_share_of_its_line(tmp_path):
+    file = tmp_path / "train.py"
+    file.write_text("for _ in range(9):\n    step()\n    x = [data.body(n) for n in names]\n")
+    place = Place(str(file), 3, "main", "x = [data.body(n) for n in names]")
+    named = LineTime(place, 0.4, {BINDINGS: 0.4})
+    stepping = replace(step(calls=1000), place=Place(str(file), 2, "main"))
+    time = replace(loop(line(12, {PHYSICS: 0.6}), named), calls=[stepping])
+    found = Finding(str(file), 3, 1, "MJB002", "hoist it", 900.0, None)
+    assert remedies.questions_of_lines([time], [found]) == [Question(Trial.NAMED_ACCESS)]
+    measured = Measured({Question(Trial.NAMED_ACCESS): ratio(0.25, saved_s=1e-6)})
+    first = remedies.remedies(time, [found], measured)[0]
+    assert (first.code, first.basis, first.gain) == ("MJB002", Basis.PAIRED, pytest.approx(0.3))
+
+
+@pytest.mark.parametrize(
+    ("text", "trial", "says"),
+    [
+        ("d.append(mujoco.mj_ray(m, d, a, b, None, 1, -1, g))", Trial.RAYS, "mj_multiRay"),
+        ("contact = data.contact[i]", Trial.CONTACTS, "arrays of all contacts"),
+        ("for contact in data.contact:", Trial.CONTACTS, "arrays of all contacts"),
+        ("mujoco.mj_contactForce(m, d, i, force)", None, "choose contacts"),
+        ("log.append(data.qpos.tolist())", None, "log[i] = data.qpos"),
+    ],
+)
+def test_a_line_has_the_remedy_of_what_it_calls(text, trial, says):
+    called = LineTime(Place("train.py", 15, "main", text), 0.4, {PYTHON: 0.4})
+    time = loop(line(12, {PHYSICS: 0.6}), called)
+    asked = remedies.questions_of_lines([time], [])
+    assert asked == ([] if trial is None else [Question(trial)])
+    measured = Measured({each: ratio(0.25) for each in asked})
+    first = remedies.remedies(time, [], measured)[0]
+    assert says in first.text
+    assert (first.basis, first.gain) == (
+        (Basis.BOUND, pytest.approx(0.4)) if trial is None else (Basis.PAIRED, pytest.approx(0.3))
+    )
+
+
+def test_half_of_what_only_samples_show_is_expected_to_be_saved():
+    time = replace(
+        loop(line(12, {PHYSICS: 0.7}), line(13, {NUMPY: 0.3})), calls=[step(seconds=7.0)]
+    )
+    measured = Measured({Question(Trial.NO_TIMER): ratio(0.75)})
+    timer, numpy = remedies.remedies(time, [], measured)
+    assert (timer.kind, numpy.kind) == (RemedyKind.CLOCK, RemedyKind.LINE)
+    assert timer.gain < numpy.gain
+
+
+def test_the_timer_is_turned_off_before_callbacks_are_set():
+    time = loop_of(step(), call(f"{call_clock.CALLBACK} mjcb_control"))
+    measured = Measured({Question(Trial.NO_TIMER): ratio(0.5)})
+    timer = next(r for r in remedies.remedies(time, [], measured) if r.kind == RemedyKind.CLOCK)
+    assert "callbacks of your own" in timer.text
+
+
+@pytest.mark.parametrize("text", ["mj_inverse(m, other)", "mj_inverse(m, d)"])
+def test_inverse_dynamics_is_computed_in_the_step_of_the_same_data(text):
+    same = text == "mj_inverse(m, d)"
+    time = loop_of(step(), call("mj_inverse", calls=1000, text=text))
+    question = Question(Trial.INVERSE)
+    assert (question in call_remedies.questions([time], [])) == same
+    listed = remedies.remedies(time, [], Measured({question: ratio(0.7)}))
+    assert bool(listed) == same
+    assert remedies.remedies(time) == [], "with Runge-Kutta, nothing is measured"
 
 
 def test_the_timer_of_the_python_package_is_measured_on_the_model():

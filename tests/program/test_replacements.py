@@ -8,7 +8,7 @@ import pytest
 
 from mjbench.program import replacements
 from mjbench.program.recorded_models import RecordedModel
-from mjbench.program.replacements import Question, Trial
+from mjbench.program.trials import Question, Trial
 
 MODEL = mujoco.MjModel.from_xml_string(
     "<mujoco><worldbody><body name='arm'><joint axis='0 1 0'/><geom size='.1' pos='.3 0 0'/></body>"

@@ -3,7 +3,7 @@
 import pytest
 
 from mjbench.releases import aligned_instructions
-from mjbench.releases.moved_image import ImmovableError
+from mjbench.releases.moved_install import ImmovableError
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,7 @@ from elftools.elf.elffile import ELFFile
 from moved_bytes import moved
 
 from mjbench.releases import aligned_instructions, image_reader
-from mjbench.releases.moved_image import ImmovableError, MovableImage
-from mjbench.releases.moved_install import ENGINE, MovableInstall
+from mjbench.releases.moved_install import ENGINE, ImmovableError, MovableImage, MovableInstall
 
 TWINS = {
     "vmovaps": "vmovups",

@@ -8,7 +8,7 @@ import pytest
 
 from mjbench.errors import MachineError
 from mjbench.releases import image_reader, installs, movable
-from mjbench.releases.moved_image import ImmovableError, MovableImage
+from mjbench.releases.moved_install import ImmovableError, MovableImage
 
 NOWHERE = np.empty((0, 2), np.int64)
 

@@ -6,11 +6,12 @@ import statistics
 import pytest
 from commands import ROOT
 
+from mjbench.pages import markdown
 from mjbench.paired.outcomes import Cause
 from mjbench.releases import bundle, speed_history
-from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS
-from mjbench.releases.release import OLDEST, version_key
-from mjbench.report import history_files, speed_page
+from mjbench.releases.release import NO_CHANGE_PAIRS, OLDEST, version_key
+from mjbench.report import history as of_history
+from mjbench.report import history_files
 from mjbench.report.speed_history import Listed, SpeedHistory, listed_changes
 
 WRITE = "mjbench history --plots docs/history -o docs/history.md"
@@ -85,8 +86,7 @@ def test_releases_that_execute_the_same_instructions_hardly_differ(
 
 
 def test_the_page_is_what_the_command_writes(history: SpeedHistory) -> None:
-    text = "\n".join(speed_page.lines(history, plots="history"))
-    committed = (ROOT / "docs/history.md").read_text()
-    assert committed == f"{speed_page.TITLE}\n\n{text}\n", WRITE
+    text = "\n".join(markdown.document(of_history.sections(history), plots="history"))
+    assert (ROOT / "docs/history.md").read_text() == f"{text}\n", WRITE
     for series in history.models:
         assert (ROOT / "docs/history" / f"{series.name}.svg").is_file()

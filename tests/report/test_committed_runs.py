@@ -18,9 +18,9 @@ from mjbench.paired.outcomes import Verdict
 from mjbench.paired.race_record import Loop
 from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.paths import BASE
-from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS
+from mjbench.releases.release import NO_CHANGE_PAIRS
 from mjbench.releases.release_ratios import RatioRecord
-from mjbench.report import history_files, speed_page
+from mjbench.report import history, history_files
 from mjbench.report.advice import advise
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.report.results import derive_all
@@ -194,8 +194,8 @@ def test_docs_say_how_far_changes_of_the_second_history_differ(
 
 
 def test_a_pass_in_turns_is_as_exact_as_the_page_says_and_takes_two_minutes_a_release() -> None:
-    history = history_files.read([NO_CHANGE], ROOT / "benchmarks/causes.toml")
-    (line,) = speed_page.no_change_line(history)
+    measured = history_files.read([NO_CHANGE], ROOT / "benchmarks/causes.toml")
+    (line,) = history.no_change_line(measured)
     figures = re.search(r"is ([0-9.]+ %), where their standard errors predict ([0-9.]+ %)", line)
     assert figures is not None
     assert float(figures[1].split()[0]) < 0.5

@@ -9,7 +9,7 @@ from example_environment_records import facts, record, steady
 from mjbench.environment.construction import ReleaseMismatch
 from mjbench.environment.layer_shares import LayerSamples
 from mjbench.environment.layers import Layer
-from mjbench.environment.model_changes import ModelChange, Moment
+from mjbench.environment.recording import ModelChange, Moment
 from mjbench.environment.records import (
     EnvironmentRecord,
     PathSamples,

@@ -9,9 +9,10 @@ from example_records import WORK
 from mjbench.comparison.planner import Algorithm
 from mjbench.comparison.planning_run import PlanningRow
 from mjbench.loop import latency
+from mjbench.loop import profile as loop_profile
 from mjbench.loop.latency import Pace, StepSamples
 from mjbench.loop.overhead import HabitCost, OverheadRow
-from mjbench.loop.profile import ProfileRow, StepProfile, StepTimes
+from mjbench.loop.profile import StepTimes
 from mjbench.report import charts, overhead, planning, profile
 from mjbench.report import latency as report
 from mjbench.report.content import Section, Tone
@@ -46,8 +47,7 @@ def test_a_loops_waste_begins_where_the_bare_loop_ends() -> None:
 def test_a_profile_has_a_bar_for_each_stage_that_takes_time() -> None:
     stages = {"collision": 0.6, "velocity": 0.4, "sleep": 0.0}
     steps = StepTimes(0.002, 2000.0, 1500.0, 400.0, WORK, stages, {})
-    rows = [ProfileRow.measured(StepProfile("m", steps, ()))]
-    (section,) = profile.sections(rows)
+    (section,) = profile.sections([loop_profile.row("m", steps, ())])
     (figure,) = section.figures
     assert [row[0] for row in figure.data.rows] == ["collision", "velocity"]
     assert figure.alternative == "Bars of 2 stages; the longest is collision, 60.0 %."

@@ -2,13 +2,13 @@
 
 from step_profiles import step_profile
 
-from mjbench.loop.profile import ProfileRow, StepProfile
+from mjbench.loop.profile import ProfileRow
 from mjbench.pages import terminal
 from mjbench.report import profile
 
 
-def text(of: StepProfile) -> str:
-    return terminal.text_of(profile.sections([ProfileRow.measured(of)]))
+def text(of: ProfileRow) -> str:
+    return terminal.text_of(profile.sections([of]))
 
 
 def test_step_stages_and_rendering_are_printed() -> None:

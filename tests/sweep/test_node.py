@@ -14,7 +14,6 @@ from example_models import CONTACT_XML
 from sweep_examples import MACHINE, count_cell
 
 from mjbench.errors import Failure
-from mjbench.report.kinds import RECORD_TYPES
 from mjbench.simulation import carried_models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
@@ -45,7 +44,7 @@ def request(
     line: CommandLine = LINE,
     rules: NodeRules | None = None,
 ) -> Request:
-    return Request(cells, line, RECORD_TYPES, software.installed(), rules, program)
+    return Request(cells, line, software.installed(), rules, program)
 
 
 def python(code: str, rules: NodeRules | None = None) -> Request:

@@ -105,7 +105,7 @@ def test_a_sweep_ends_where_no_node_can_measure_what_is_left(
 def request(machine: str = "") -> Request:
     line = CommandLine(("versions",), ("pile",))
     cells = (verdict_cell("pile", machine=machine),)
-    return Request(cells, line, RECORD_TYPES, software.installed())
+    return Request(cells, line, software.installed())
 
 
 @needs_ray

@@ -24,7 +24,7 @@ COMPARE = Cell(Kind.COMPARE, "m")
 
 
 def test_each_record_completes_its_cell_with_the_header_of_its_run() -> None:
-    collector = Collector(CELLS, RECORD_TYPES)
+    collector = Collector(CELLS)
     assert collector.add([header()]) == []
     first, second = (line(verdict(cell)) for cell in CELLS)
     (result,) = collector.add([first])
@@ -37,7 +37,7 @@ def test_each_record_completes_its_cell_with_the_header_of_its_run() -> None:
 
 def test_a_section_can_be_read_back(tmp_path: Path) -> None:
     path = tmp_path / "set.jsonl"
-    (result,) = Collector(CELLS, RECORD_TYPES).add([header(), line(verdict(CELLS[0]))])
+    (result,) = Collector(CELLS).add([header(), line(verdict(CELLS[0]))])
     file = RunSetFile.create(path)
     file.append(result.section)
     file.close()
@@ -57,7 +57,7 @@ def test_a_section_can_be_read_back(tmp_path: Path) -> None:
     ],
 )
 def test_what_was_not_asked_for_or_interrupted_completes_nothing(record: runs.Record) -> None:
-    assert Collector(CELLS, RECORD_TYPES).add([header(), line(record)]) == []
+    assert Collector(CELLS).add([header(), line(record)]) == []
 
 
 def test_counts_and_ratios_complete_the_cell_of_their_model_and_release() -> None:
@@ -68,13 +68,13 @@ def test_counts_and_ratios_complete_the_cell_of_their_model_and_release() -> Non
         model="pile", release="3.5.0", build="b", reference="4.0.0", status=Status.OK
     )
     for cell, record in ((counted, count), (timed, ratio)):
-        (result,) = Collector([cell], RECORD_TYPES).add([header(), line(record)])
+        (result,) = Collector([cell]).add([header(), line(record)])
         assert result.cell == cell
 
 
 def test_a_comparison_is_complete_when_its_command_has_ended() -> None:
     lines = [header("compare"), *map(line, compared(raced()))]
-    collector = Collector([COMPARE], RECORD_TYPES)
+    collector = Collector([COMPARE])
     assert collector.add(lines) == []
     (result,) = collector.end(0)
     assert result.section.lines == tuple(lines)
@@ -99,7 +99,7 @@ def test_a_comparison_is_complete_when_its_command_has_ended() -> None:
 def test_a_comparison_that_ended_otherwise_than_its_records_say_is_not_complete(
     statuses: tuple[Status, ...], code: int, is_complete: bool
 ) -> None:
-    collector = Collector([COMPARE], RECORD_TYPES)
+    collector = Collector([COMPARE])
     records = [model_record(status=s) for s in statuses[:1]]
     records += [measurement(status=s) for s in statuses[1:2]]  # type: ignore[misc]
     records += [replace(raced(), status=s) for s in statuses[2:]]  # type: ignore[misc]
@@ -108,7 +108,7 @@ def test_a_comparison_that_ended_otherwise_than_its_records_say_is_not_complete(
 
 
 def test_cells_come_in_their_order() -> None:
-    collector = Collector(CELLS, RECORD_TYPES)
+    collector = Collector(CELLS)
     first, second = (line(verdict(cell)) for cell in CELLS)
     assert collector.add([header(), second]) == []
     assert collector.missing == CELLS
@@ -118,18 +118,18 @@ def test_cells_come_in_their_order() -> None:
 
 
 def test_without_a_line_nothing_is_complete() -> None:
-    assert Collector([COMPARE], RECORD_TYPES).end(0) == []
-    assert Collector(CELLS, RECORD_TYPES).end(0) == []
+    assert Collector([COMPARE]).end(0) == []
+    assert Collector(CELLS).end(0) == []
 
 
 @pytest.mark.parametrize("other", [b"no JSON\n", b"{}\n", b'{"type": "verdict"}\n'])
 def test_other_lines_are_refused(other: bytes) -> None:
     with pytest.raises(InputError, match="what the node measured"):
-        Collector(CELLS, RECORD_TYPES).add([header(), other])
+        Collector(CELLS).add([header(), other])
 
 
 def test_a_comparison_is_as_bad_as_the_worst_of_its_paths() -> None:
-    collector = Collector([COMPARE], RECORD_TYPES)
+    collector = Collector([COMPARE])
     bad = measurement(path="threads", status=Status.CRASHED, detail="killed by signal 11")
     unable = measurement(path="mjx", status=Status.UNAVAILABLE)
     collector.add([header("compare"), *map(line, (model_record(), measurement(), bad, unable))])
@@ -159,7 +159,7 @@ def test_a_cell_without_a_result_has_how_it_failed_in_its_place(cell: Cell) -> N
     written = runs.parse(results._SOURCE, result.section.lines, RECORD_TYPES)
     assert runs.to_json(written) == runs.to_json(result.section.run)
     if cell.kind != Kind.COMPARE:
-        again = Collector([cell], RECORD_TYPES).add(result.section.lines)
+        again = Collector([cell]).add(result.section.lines)
         assert [one.cell for one in again] == [cell]
 
 

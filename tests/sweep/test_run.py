@@ -9,7 +9,6 @@ import pytest
 from sweep_examples import MACHINE, FakeCluster, count_cell, delivered, matrix, node, verdict_cell
 
 from mjbench.errors import Failure, InputError, MachineError
-from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 from mjbench.sweep.calibration import NodeRules
 from mjbench.sweep.cells import Cell
@@ -29,7 +28,7 @@ def measure(
     on_result: Callable[[int, Cell, str], None] = lambda done, cell, node: None,
 ) -> tuple[Summary, list[CellResult]]:
     stored: list[CellResult] = []
-    sweep = Sweep(cells, done, cluster, stored.append, RECORD_TYPES, on_result=on_result)
+    sweep = Sweep(cells, done, cluster, stored.append, on_result=on_result)
     return sweep.measure(), stored
 
 
@@ -84,9 +83,7 @@ def test_a_sweep_in_which_all_nodes_are_busy_ends_with_what_is_missing_and_why()
     times = itertools.count(step=NodeRules().patience_s)
     cluster = FakeCluster([node("one")], lambda request: [Refused(request, "one: it is busy")])
     stored: list[CellResult] = []
-    sweep = Sweep(
-        matrix(CELLS), (), cluster, stored.append, RECORD_TYPES, clock=lambda: next(times)
-    )
+    sweep = Sweep(matrix(CELLS), (), cluster, stored.append, clock=lambda: next(times))
     summary = sweep.measure()
     assert stored == []
     assert (summary.missing, summary.reasons) == (tuple(CELLS), ("one: it is busy",))
@@ -126,7 +123,7 @@ def test_a_result_that_cannot_be_stored_ends_the_sweep() -> None:
     def store(result: CellResult) -> None:
         raise MachineError("cannot write sweep.jsonl: No space left on device")
 
-    sweep = Sweep(matrix(CELLS), (), FakeCluster([node("one")]), store, RECORD_TYPES)
+    sweep = Sweep(matrix(CELLS), (), FakeCluster([node("one")]), store)
     with pytest.raises(MachineError, match="No space left"):
         sweep.measure()
 

@@ -13,7 +13,7 @@ from mjbench.simulation.starts import StartPlan
 from mjbench.simulation.work import Peaks
 from mjbench.status import Status
 from mjbench.tuning import knob_values
-from mjbench.tuning.accelerated_attempts import EngineOnThisMachine
+from mjbench.tuning.accelerated_attempts import EngineMeasurements
 from mjbench.tuning.reference import TrialPlan
 from mjbench.tuning.settings import Setting, label, option
 
@@ -69,7 +69,7 @@ def on(tmp_path, monkeypatch):
     with WorkerPool() as pool:
 
         def measurements(engine, model="cube_table", nbatch=24, limit_s=60.0):
-            return EngineOnThisMachine(pool, models.resolve(model), engine, nbatch, limit_s)
+            return EngineMeasurements(pool, models.resolve(model), engine, nbatch, limit_s)
 
         yield measurements
 

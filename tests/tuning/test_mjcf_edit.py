@@ -304,8 +304,6 @@ def test_a_name_that_no_xml_holds_is_refused() -> None:
         (b"solver: CG", "not well-formed"),
         (b"<mujoco \xff/>", "not well-formed"),
         (b"<mujoco/><mujoco/>", "not well-formed XML: junk after document element"),
-        (b"<?xml version='1.0' encoding='klingon'?><mujoco/>", "not well-formed XML"),
-        (b"<?xml version='1.0' encoding='shift_jis'?><mujoco/>", "not well-formed XML"),
         (b"\x31\xd4\0\0\x08\0\0\0binary", "it is binary, not XML"),
         (b'<!DOCTYPE mujoco SYSTEM "x.dtd"><mujoco/>', "its DOCTYPE names another file"),
         (b'<!DOCTYPE m [<!ENTITY e SYSTEM "x">]><m>&e;</m>', "its entity e is in another file"),

@@ -38,6 +38,9 @@ class Planted:
     def survey(self, seed):
         return Survey(self.settings, [])
 
+    def stages(self):
+        return None
+
     def baseline(self, plan):
         self.seed = plan.seed
         return present(self.present_errors[plan.seed > 0], self.is_comparable)

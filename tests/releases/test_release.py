@@ -5,7 +5,7 @@ import itertools
 from commands import ROOT
 
 from mjbench.releases import bundle
-from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS
+from mjbench.releases.release import NO_CHANGE_PAIRS
 
 
 def test_each_pair_is_two_neighbours_in_the_history() -> None:

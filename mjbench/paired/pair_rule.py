@@ -1,0 +1,142 @@
+"""Launch a baseline and a candidate until there is an answer, or time is up."""
+
+import time
+from abc import abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from mjbench.paired.launches import StopRule, launch
+from mjbench.paired.preparation import WorkCheck
+from mjbench.paired.protocol import BOTH, TargetPair
+from mjbench.paired.records import LaunchRow
+from mjbench.paired.run_sizes import Sizes
+from mjbench.paired.targets import Target
+from mjbench.paired.time_limit import TimeLimit
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases.placement import PlacementPair
+from mjbench.status import Status
+
+
+@dataclass(frozen=True)
+class Sufficiency:
+    """What a rule says of the launches so far.
+
+    Attributes:
+      is_enough: whether no more are needed.
+      has_answer: whether they are not for nothing if time is up.
+    """
+
+    is_enough: bool
+    has_answer: bool
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Launched:
+    """What launches of two targets gave, and how they ended.
+
+    Attributes:
+      status: how they ended; `OK` also where time ran out.
+      detail: one line; empty when ok, unless time ran out before there were enough launches.
+      is_enough: whether the rule ended them.
+      seconds: from start to end, the workers' start included.
+      work_check: whether both did the same work; None where it ended before that.
+      workload_file: the baseline's `PortableWorkload`, which lasts as long as the pool; None
+        likewise.
+    """
+
+    status: Status
+    detail: str = ""
+    launches: Sequence[LaunchRow] = ()
+    is_enough: bool = False
+    seconds: float = 0.0
+    work_check: WorkCheck | None = None
+    workload_file: Path | None = None
+
+
+class PairRule(StopRule[LaunchRow]):
+    """When launches of two targets are enough.
+
+    Class attributes:
+      purpose: what they are for, such as `a verdict`.
+    """
+
+    purpose: ClassVar[str]
+
+    def __init__(
+        self,
+        pool: WorkerPool,
+        targets: tuple[Target, Target],
+        sizes: Sizes,
+        time_limit_s: float,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        """Start nothing yet.
+
+        Args:
+          time_limit_s: seconds from when the models are loaded, after which no launch begins.
+        """
+        self.launches: list[LaunchRow] = []
+        self._pool, self._clock = pool, clock
+        self._limit = TimeLimit(time_limit_s, clock=clock, purpose=self.purpose)
+        self._pair = TargetPair(pool, *targets, sizes, self._limit, self._first_placements)
+        self._before_s = 0.0
+        self._sufficiency = Sufficiency(is_enough=False, has_answer=False)
+
+    @abstractmethod
+    def placements(self, pool: WorkerPool) -> Iterator[PlacementPair]:
+        """Return the placements of the targets' libraries, launch by launch.
+
+        Raises:
+          InputError: a release does not exist.
+          MachineError: a release cannot be installed, or moved.
+        """
+
+    @abstractmethod
+    def min_launches(self) -> int:
+        """Return how many launches an answer needs; called after `placements`."""
+
+    @abstractmethod
+    def look(self, launches: Sequence[LaunchRow], work_check: WorkCheck) -> Sufficiency:
+        """Return whether launches are enough; called after each."""
+
+    def next_targets(self) -> Sequence[int]:
+        """See `StopRule.next_targets`."""
+        if not self.launches:
+            self._before_s = self._limit.spent_s()
+            return BOTH
+        if self._sufficiency.is_enough:
+            return ()
+        count, has_answer = len(self.launches), self._sufficiency.has_answer
+        return BOTH if self._limit.allows_another(count, self._before_s, has_answer) else ()
+
+    def add(self, launch: LaunchRow) -> None:
+        """See `StopRule.add`."""
+        self.launches.append(launch)
+        self._sufficiency = self.look(self.launches, self._pair.work_check)
+
+    def run(self) -> Launched:
+        """Launch both targets until there is an answer, or time is up.
+
+        Where a target crashes, hangs or fails, or Ctrl-C is pressed, the result says so, and holds
+        what was measured until then.
+        """
+        begin_s = self._clock()
+        *_, ending = launch(self._pair, self)
+        assert ending is not None, "the last one says how it ended"
+        is_prepared = self._pair.is_prepared
+        return Launched(
+            status=ending.status,
+            detail=ending.detail,
+            launches=self.launches,
+            is_enough=self._sufficiency.is_enough,
+            seconds=self._clock() - begin_s,
+            work_check=self._pair.work_check if is_prepared else None,
+            workload_file=self._pair.baseline_workload if is_prepared else None,
+        )
+
+    def _first_placements(self) -> Iterator[PlacementPair]:
+        placements = self.placements(self._pool)
+        self._limit.min_launches = self.min_launches()
+        return placements

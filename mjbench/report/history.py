@@ -1,0 +1,311 @@
+"""What a history of releases comes to: what changed, what accounts for it, and all its figures."""
+
+import math
+import statistics
+from collections.abc import Iterator, Sequence
+
+from mjbench.host.machine import Machine
+from mjbench.releases import speed_history
+from mjbench.releases.change_points import (
+    FALSE_DISCOVERY_RATE,
+    MIN_CHANGE,
+    SIMULATED_DEVIATION,
+)
+from mjbench.releases.release import NO_CHANGE_PAIRS, NoChangePair
+from mjbench.releases.release_ratios import LogEstimate
+from mjbench.releases.speed_history import SpeedSeries
+from mjbench.report import formats, history_plots
+from mjbench.report import history_tables as tables
+from mjbench.report.content import Conclusion, DataTable, Section
+from mjbench.report.history_plots import DEVIATIONS
+from mjbench.report.speed_history import SpeedHistory, listed_changes
+from mjbench.simulation import models
+from mjbench.units import count_of
+
+# As many of the largest changes are named in the conclusion.
+_LARGEST_CHANGES = 3
+
+
+def sections(history: SpeedHistory, has_plots: bool = True) -> Iterator[Section]:
+    """Yield what a history comes to, its changes, and then its figures.
+
+    Args:
+      history: one or more models.
+      has_plots: whether there is a section with a plot of each model.
+    """
+    first = history.releases()[0]
+    measure = f"mjbench history measure --since {first}"
+    explain = f"mjbench history explain --since {first}"
+    both = f"{measure} && {explain}"
+    yield Section(
+        "What changed between releases",
+        conclusions=[Conclusion(sentence) for sentence in conclusions(history)],
+        notes=[*_provenance(history)],
+        command=measure,
+    )
+    yield from _change_points(history, both)
+    yield _section(
+        tables.excursions(history),
+        measure,
+        "One release is off, and the next takes back more than half of it.",
+    )
+    yield _section(
+        tables.drifts(history),
+        measure,
+        "Slow changes over four or more releases. Change points between them are listed above, and"
+        " are not part of the figure.",
+    )
+    yield _section(
+        tables.placement(history),
+        measure,
+        f"Changes of a step that are at least {_percent(tables.MIN_PLACEMENT)} larger or smaller as"
+        f" shipped than with placement averaged out, and by more than {DEVIATIONS:g} standard"
+        " errors. Few launches are as shipped, so only large differences are seen.",
+    )
+    yield _section(tables.totals(history), measure)
+    if has_plots:
+        yield Section(
+            "Plots",
+            facts=[
+                "From top to bottom: the time of a step relative to the reference, with two"
+                " standard errors and change points; its instructions; its work; and how far one"
+                " step ends from where the reference ends. Shaded: the ratio as shipped, where it"
+                " certainly differs."
+            ],
+            figures=[history_plots.figure(history, series) for series in history.models],
+            command=both,
+        )
+    yield _section(
+        tables.step_times(history),
+        measure,
+        "Microseconds of one mj_step from Python: the ratio to the reference, times the reference's"
+        " own time, the median over all releases' measurements. ▲ and ▼ mark change points.",
+    )
+    if history.operations:
+        yield _section(
+            tables.operation_times(history),
+            measure,
+            "Microseconds of one load, copy, reset or ray, in the same way; for MjSpec per geom,"
+            " compiling included; for rollout and Batch per simulation of five steps.",
+        )
+    yield _section(
+        tables.instructions(history),
+        explain,
+        "Thousands of instructions of one mj_step, counted by Callgrind. ▲ and ▼ mark changes"
+        f" above {100 * tables.COUNT_THRESHOLD:g} % from the release before, where both were"
+        " counted. A count says what the code does, not how long it takes.",
+        nothing="Not counted; mjbench history explain counts them.",
+    )
+    yield _section(
+        tables.work(history),
+        measure,
+        "Releases in which a step does other work than in the release before, or a step or an"
+        " operation gives another result.",
+    )
+    if history.failures:
+        yield _section(
+            tables.failures(history),
+            measure,
+            "What could not be measured because a process crashed, hung or failed, by a fault of"
+            " the release or of mjbench.",
+        )
+
+
+def release_sections(history: SpeedHistory, release: str) -> Iterator[Section]:
+    """Yield what one release changed, beside the release before it: what is listed, all models.
+
+    Args:
+      release: not the first of the history.
+    """
+    measure = f"mjbench history measure {release}"
+    conclusion = Conclusion(release_conclusion(history, release))
+    yield Section(f"MuJoCo {release}", [conclusion], command=measure)
+    yield from _change_points(history, measure, release)
+    yield _section(
+        tables.all_models(history, release),
+        measure,
+        "The change from the release before that loads the model, with its standard error. Changes"
+        " that are not listed above may be chance.",
+    )
+
+
+def release_conclusion(history: SpeedHistory, release: str) -> str:
+    """Return how many models became slower or faster in a release, in a sentence."""
+    compared = len(list(tables.pairs(history, release)))
+    listed = listed_changes(history, history.models, release)
+    slower = sorted(each.series.name for each in listed if each.point.change > 0)
+    faster = sorted(each.series.name for each in listed if each.point.change < 0)
+    parts = [
+        f"{direction} for {len(names)} of {compared} models ({', '.join(names)})"
+        for direction, names in (("slower", slower), ("faster", faster))
+        if names
+    ]
+    if not compared:
+        return "No model was timed both in it and before it."
+    if not parts:
+        return f"No change point of a step among {compared} models."
+    return f"A step became {' and '.join(parts)}."
+
+
+def _section(
+    table: DataTable, command: str, introduction: str = "", nothing: str = "None."
+) -> Section:
+    """Return a section of one table, or of a line in its place where it has no rows."""
+    return Section(
+        table.title,
+        facts=[introduction] if introduction else [],
+        tables=[table] if table.rows else [],
+        notes=[] if table.rows else [nothing],
+        command=command,
+    )
+
+
+def _change_points(
+    history: SpeedHistory, command: str, only: str | None = None
+) -> Iterator[Section]:
+    """Yield the change points of steps, and of operations where some were timed.
+
+    Args:
+      only: the release that they came with; None for all.
+    """
+    nothing = f"None from {_percent(MIN_CHANGE)} on."
+    yield _section(
+        tables.step_changes(history, only),
+        command,
+        "Changes of the time of mj_step from one release to the next, from"
+        f" {_percent(MIN_CHANGE)} on, with their standard error. The cause is “work” where the work"
+        " or the result of a step changed, too, whether or not that accounts for all of it; “code”"
+        " where the same work takes another time, with placement averaged out; “undecided” where"
+        " that is not known. After a function: by how many percent of the step's instructions its"
+        " own count changed.",
+        nothing,
+    )
+    if history.operations:
+        yield _section(
+            tables.operation_changes(history, only),
+            command,
+            "Changes of the time of operations around mj_step, on one thread; large ones as a"
+            " factor, where ×2 is twice the time. rollout and Batch step, so they change with"
+            " mj_step, too. After a function: by how many percent of the operation's instructions"
+            " its own count changed; C's and Python's functions count, too.",
+            nothing,
+        )
+
+
+def conclusions(history: SpeedHistory) -> Iterator[str]:
+    """Yield sentences: from the first release to the last, and the largest changes."""
+    compared = [tables.total(series) for series in history.models if len(series.measured) > 1]
+    if not compared:
+        yield "No model was timed in more than one release, so there is nothing to compare."
+        return
+    certain = [
+        total.log_ratio
+        for total in compared
+        if abs(total.log_ratio) >= max(MIN_CHANGE, DEVIATIONS * total.deviation)
+    ]
+    slower = [log_ratio for log_ratio in certain if log_ratio > 0]
+    faster = [log_ratio for log_ratio in certain if log_ratio < 0]
+    uncertain = len(compared) - len(certain)
+    yield (
+        "From the first release that loads a model to the last, a step became slower for"
+        f" {len(slower)} of {count_of(len(compared), 'model')}{_range(slower)}, and faster"
+        f" for {len(faster)}{_range(faster)}."
+        + (f" For {uncertain} the change is not certain." if uncertain else "")
+    )
+    listed = listed_changes(history, history.models)
+    largest = sorted(listed, key=lambda c: -abs(c.point.change))[:_LARGEST_CHANGES]
+    if largest:
+        texts = [
+            f"{formats.log_change(c.point.change)} for {c.series.name} in {c.after.release}"
+            for c in largest
+        ]
+        yield f"The largest changes from one release to the next are {', '.join(texts)}."
+
+
+def _range(log_ratios: Sequence[float]) -> str:
+    """Return in brackets how large changes are, smallest to largest; empty without any."""
+    if not log_ratios:
+        return ""
+    ends = sorted(log_ratios, key=abs)[:: max(1, len(log_ratios) - 1)]
+    return f" ({' to '.join(map(formats.log_change, ends))})"
+
+
+def _provenance(history: SpeedHistory) -> Iterator[str]:
+    """Yield sentences: what was measured, where, and how often what is listed is wrong."""
+    releases = history.releases()
+    measured = [each for series in history.all_series for each in series.measured]
+    references = sorted({each.record.reference for each in measured})
+    machine = f", on {_machine(history.machine)}" if history.machine else ""
+    if history.operations_machine:
+        machine += f" (operations on {_machine(history.operations_machine)})"
+    yield (
+        f"{len(releases)} releases, {releases[0]} to {releases[-1]}, were timed against the"
+        f" reference, {', '.join(references)}{machine}, each in turns with it, with the placement"
+        " of code averaged out. Other machines have other times, and may have other ratios."
+    )
+    for problem in sorted({each.record.problem for each in measured if each.record.problem}):
+        yield f"Placement was not averaged out everywhere: {problem}."
+    noisy = sum(each.ratio.deviation > SIMULATED_DEVIATION for each in measured)
+    yield (
+        "In simulated histories of 42 releases with two or three changes, at most"
+        f" {100 * FALSE_DISCOVERY_RATE:g} % of the listed changes are wrong if ratios have standard"
+        f" errors of at most {100 * SIMULATED_DEVIATION:g} %. {noisy} of the {len(measured)} ratios"
+        " here have a larger one."
+    )
+    yield (
+        "Standard errors do not include what the rest of the machine did meanwhile: a disturbed"
+        " run had changes that differ by up to several percent."
+    )
+    own = [each.ratio.log_ratio for each in measured if each.release == each.record.reference]
+    if own:  # the least that a bias of all ratios can be
+        yield (
+            "The reference against itself should differ by 0 %; it differs by"
+            f" {_percent(min(own))} to {_percent(max(own))}."
+        )
+    yield from no_change_line(history)
+
+
+def no_change_line(history: SpeedHistory) -> Iterator[str]:
+    """Yield how much releases differ whose code is that of the one before; nothing without any."""
+    changes: list[LogEstimate] = []
+    names: dict[str, None] = {}
+    listed = 0
+    shipped = models.shipped()
+    for pair in NO_CHANGE_PAIRS:
+        for series in history.models:
+            index = _index(series, pair)
+            if index is None or series.name not in shipped or not history.lists(pair.new):
+                continue
+            names[pair.new] = None
+            changes.append(speed_history.change(*series.pair(index)))
+            listed += any(p.index == index for p in series.changes.change_points)
+    if changes:
+        deviation, expected = (
+            math.sqrt(statistics.fmean(x * x for x in values))
+            for values in ([c.log_ratio for c in changes], [c.deviation for c in changes])
+        )
+        yield (
+            "As a check, in some releases a step executes as many instructions as in the one"
+            f" before: {', '.join(names)}. The root mean square of their"
+            f" {count_of(len(changes), 'change')} is {100 * deviation:.2f} %, where their"
+            f" standard errors predict {100 * expected:.2f} %; {listed} of them"
+            f" {'is' if listed == 1 else 'are'} listed."
+        )
+
+
+def _index(series: SpeedSeries, pair: NoChangePair) -> int | None:
+    """Return the index of the second release of a pair, if the first one is right before it."""
+    releases = [each.release for each in series.measured]
+    if pair.new not in releases:
+        return None
+    index = releases.index(pair.new)
+    return index if index and releases[index - 1] == pair.old else None
+
+
+def _machine(machine: Machine) -> str:
+    kind = ", virtual" if machine.hypervisor else ""
+    return f"{machine.cpu}{kind}, {machine.usable_cores} cores"
+
+
+def _percent(log_ratio: float) -> str:
+    return f"{100 * math.expm1(log_ratio):.2g} %"

@@ -1,0 +1,163 @@
+"""On how many machines a history lists each change between releases.
+
+Each machine has a history of its own; nothing is averaged over machines.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from mjbench.releases.release_ratios import LogEstimate
+from mjbench.releases.speed_history import SpeedSeries, order
+from mjbench.report import formats, history
+from mjbench.report.across_machines import Matrix
+from mjbench.report.content import Column, Conclusion, DataTable, Section
+from mjbench.report.history_files import MachineHistory
+from mjbench.report.speed_history import Listed, listed_changes
+
+_NOT_LISTED = "not listed"
+
+
+@dataclass(frozen=True)
+class ChangeAcross:
+    """A change of speed that came with a release, on all machines that measured it.
+
+    Attributes:
+      title: the model or operation.
+      release: that the change came with.
+      by_machine: of those that measured the model or operation in this release and in an earlier
+        one; None where the machine's history does not list it.
+    """
+
+    title: str
+    release: str
+    by_machine: Mapping[str, Listed | None]
+
+    @property
+    def listed(self) -> list[Listed]:
+        """The change on each machine whose history lists it."""
+        return [listed for listed in self.by_machine.values() if listed is not None]
+
+    @property
+    def name(self) -> str:
+        """The change, and on how many machines it is listed, such as `… slower on 3 of 4`."""
+        before = " or ".join(dict.fromkeys(each.before.release for each in self.listed))
+        slower = sum(each.point.change > 0 for each in self.listed)
+        counts = {"slower": slower, "faster": len(self.listed) - slower}
+        parts = [f"{outcome} on {number}" for outcome, number in counts.items() if number]
+        total = len(self.by_machine)
+        return f"{before} → {self.release}, {self.title}: {', '.join(parts)} of {total}"
+
+    @property
+    def cells(self) -> dict[str, str]:
+        """The change with its standard error, by machine."""
+        return {
+            machine: _NOT_LISTED
+            if listed is None
+            else formats.change_with_error(LogEstimate(listed.point.change, listed.point.deviation))
+            for machine, listed in self.by_machine.items()
+        }
+
+
+def changes(histories: Sequence[MachineHistory]) -> list[ChangeAcross]:
+    """Return the changes that any machine's history lists: by release, steps before operations."""
+    listed = {
+        (is_operation, change.series.name, change.after.release, each.name): change
+        for each in histories
+        for is_operation, series in _kinds(each)
+        for change in listed_changes(each.history, series)
+    }
+    keys = dict.fromkeys(key[:3] for key in listed)
+    across = []
+    for is_operation, name, release in sorted(keys, key=lambda k: (order(k[2]), k[0], k[1])):
+        by_machine = {
+            each.name: listed.get((is_operation, name, release, each.name))
+            for each in histories
+            for series in dict(_kinds(each))[is_operation]
+            if series.name == name and release in [m.release for m in series.measured[1:]]
+        }
+        title = next(change.title for change in by_machine.values() if change is not None)
+        across.append(ChangeAcross(title, release, by_machine))
+    return across
+
+
+def _kinds(each: MachineHistory) -> Iterator[tuple[bool, Sequence[SpeedSeries]]]:
+    """Yield the models, and the operations, each with whether it is these."""
+    yield False, each.history.models
+    yield True, each.history.operations
+
+
+def section(histories: Sequence[MachineHistory]) -> Section:
+    """Return on how many machines each change is listed."""
+    all_changes = changes(histories)
+    names = [each.name for each in histories]
+    rows = [(change.name, change.cells) for change in all_changes]
+    return Section(
+        "What changed between releases, by machine",
+        conclusions=[Conclusion(conclusion(histories, all_changes))],
+        facts=[
+            "Each machine has a history of its own, with its own rate of wrong changes. Nothing is"
+            " averaged over machines. mjbench history --machine NAME writes the page of one."
+        ],
+        tables=[
+            *([Matrix("Change points by machine", "change", names, rows).table()] if rows else []),
+            _machines(histories),
+        ],
+        notes=[
+            "Changes have their standard errors. A machine without a cell did not measure both"
+            f" releases; “{_NOT_LISTED}” means that it measured both, and its history lists no"
+            " change."
+        ],
+        command="mjbench history",
+    )
+
+
+def sections(histories: Sequence[MachineHistory]) -> Iterator[Section]:
+    """Yield the history of each machine; of several, first on how many each change is listed."""
+    if len(histories) == 1:
+        yield from history.sections(histories[0].history)
+        return
+    yield section(histories)
+    for each in histories:
+        for own in history.sections(each.history):
+            # what is listed on how many machines stands at the head
+            yield replace(own, heading=f"{each.name}: {own.heading}", conclusions=())
+
+
+def conclusion(histories: Sequence[MachineHistory], listed: Sequence[ChangeAcross]) -> str:
+    """Return how many changes are listed, and on how many machines."""
+    count = len(histories)
+    if not listed:
+        return f"No history of the {count} machines lists a change."
+    kinds = Counter(
+        "all machines that measured them"
+        if len(change.listed) == len(change.by_machine)
+        else "one machine alone"
+        if len(change.listed) == 1
+        else "several machines"
+        for change in listed
+    )
+    parts = [f"{number} on {kind}" for kind, number in kinds.most_common()]
+    noun = "change is" if len(listed) == 1 else "changes are"
+    return f"{len(listed)} {noun} listed on {count} machines: {', '.join(parts)}."
+
+
+def _machines(histories: Sequence[MachineHistory]) -> DataTable:
+    """Return the machines, by the names that `--machine` takes."""
+    return DataTable.of(
+        "Machines of these histories",
+        histories,
+        (Column("machine"), lambda each: each.name),
+        (Column("processor"), lambda each: m.cpu if (m := each.history.machine) else None),
+        (
+            Column("cores", formats.count),
+            lambda each: m.usable_cores if (m := each.history.machine) else None,
+        ),
+        (Column("releases"), lambda each: _releases(each.history.releases())),
+        (Column("models", formats.count), lambda each: len(each.history.models)),
+        (Column("operations", formats.count), lambda each: len(each.history.operations)),
+    )
+
+
+def _releases(releases: Sequence[str]) -> str:
+    return f"{len(releases)}, {releases[0]} to {releases[-1]}"

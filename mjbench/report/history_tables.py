@@ -1,0 +1,319 @@
+"""Tables of the speed of MuJoCo over the releases."""
+
+import math
+import statistics
+from collections.abc import Iterator, Mapping, Sequence
+
+from mjbench.counts.function_differences import MAIN_FUNCTIONS, largest_differences
+from mjbench.counts.records import ExplainRecord
+from mjbench.releases import release_ratios, speed_history
+from mjbench.releases.release_ratios import LogEstimate
+from mjbench.releases.speed_history import Measured, SpeedSeries
+from mjbench.report import formats, history_plots
+from mjbench.report.content import Column, DataTable
+from mjbench.report.speed_history import Listed, SpeedHistory, listed_changes, title
+from mjbench.units import plain
+
+# The smallest change of a count of instructions that is marked.
+COUNT_THRESHOLD = 0.01
+# Placement adds to a change where it is larger or smaller by this as shipped.
+MIN_PLACEMENT = math.log1p(0.015)
+# The smallest change of a function that is named, as a share of the step's instructions.
+_MIN_SHARE = 0.0005
+
+
+def step_changes(history: SpeedHistory, only: str | None = None) -> DataTable:
+    """Return the change points of steps; `only`: the release that they came with, None for all."""
+    listed = listed_changes(history, history.models, only)
+    return _change_points("Change points of a step", "model", listed)
+
+
+def operation_changes(history: SpeedHistory, only: str | None = None) -> DataTable:
+    """Return the change points of operations; see `step_changes`."""
+    listed = listed_changes(history, history.operations, only)
+    return _change_points("Change points around the step", "operation", listed)
+
+
+def _change_points(heading: str, noun: str, listed: Sequence[Listed]) -> DataTable:
+    """Return change points, and what accounts for them; `noun`: what each is of."""
+    return DataTable.of(
+        heading,
+        listed,
+        (Column("releases"), lambda each: f"{each.before.release} → {each.after.release}"),
+        (Column(noun), lambda each: each.title),
+        (
+            Column("time", formats.change_with_error),
+            lambda each: LogEstimate(each.point.change, each.point.deviation),
+        ),
+        (
+            Column("instructions", formats.change_to_tenth),
+            lambda each: _instruction_ratio(each.counts),
+        ),
+        (Column("cause"), lambda each: each.cause.value),
+        (Column("what accounts for it", wraps=True), lambda each: "; ".join(_accounts(each))),
+    )
+
+
+def all_models(history: SpeedHistory, release: str) -> DataTable:
+    """Return the change of each model from the release before one."""
+    counts = history.background.counts
+    return DataTable(
+        "All models",
+        (
+            Column("model"),
+            Column("from"),
+            Column("time", formats.change_with_error),
+            Column("instructions", formats.change_to_tenth),
+            Column("work", wraps=True),
+        ),
+        [
+            (
+                series.name,
+                before.release,
+                speed_history.change(before, after),
+                _instruction_ratio(counts.get((series.name, before.release, release))),
+                "; ".join(speed_history.work_changes(before, after)) or "same",
+            )
+            for series, before, after in pairs(history, release)
+        ],
+    )
+
+
+def pairs(history: SpeedHistory, release: str) -> Iterator[tuple[SpeedSeries, Measured, Measured]]:
+    """Yield each model that was measured in a release and before it, with both."""
+    for series in history.models:
+        releases = [each.release for each in series.measured]
+        if release in releases[1:]:
+            yield series, *series.pair(releases.index(release))
+
+
+def _instruction_ratio(counts: ExplainRecord | None) -> float | None:
+    """Return new over old instructions; None where they were not counted."""
+    return None if counts is None else counts.instruction_ratio
+
+
+def _accounts(listed: Listed) -> Iterator[str]:
+    """Yield what accounts for a change: work, functions, known causes."""
+    yield from listed.work_changes
+    if listed.has_same_code:
+        yield "both execute the same machine code"
+    ratio = _instruction_ratio(listed.counts)
+    if ratio is not None and (ratio - 1) * listed.point.change < 0:
+        yield "its instructions changed in the other direction"
+    elif functions := _functions(listed.counts):
+        yield functions
+    for cause in listed.causes:
+        yield cause.text + (f" ({cause.commit})" if cause.commit else "")
+
+
+def _functions(counts: ExplainRecord | None) -> str:
+    """Return the functions that may account for a change, with their instructions."""
+    old = counts.instructions_per_step.old if counts else None
+    if counts is None or not old:
+        return ""
+    return ", ".join(
+        f"{' + '.join(d.names)} {100 * d.difference / old:+.1f} %"
+        for d in largest_differences(counts.functions, MAIN_FUNCTIONS)
+        if abs(d.difference) >= _MIN_SHARE * old
+    )
+
+
+def excursions(history: SpeedHistory) -> DataTable:
+    """Return the single releases that are off."""
+    return DataTable(
+        "Single releases that are off",
+        (
+            Column("release"),
+            Column("model or operation"),
+            Column("time", formats.log_change),
+            Column("work", wraps=True),
+        ),
+        [
+            (after.release, _title(series), excursion.change, _work_between(before, after))
+            for series in history.all_series
+            for excursion in series.changes.excursions
+            for before, after in [series.pair(excursion.index)]
+            if history.lists(after.release)
+        ],
+    )
+
+
+def drifts(history: SpeedHistory) -> DataTable:
+    """Return slow changes."""
+    return DataTable(
+        "Drifts",
+        (Column("releases"), Column("model or operation"), Column("time", formats.log_change)),
+        [
+            (f"{begin} to {end}", _title(series), drift.change)
+            for series in history.all_series
+            for drift in series.changes.drifts
+            for begin, end in [
+                (series.measured[i].release for i in (drift.begin, drift.end - 1)),
+            ]
+            if history.lists(end)
+        ],
+    )
+
+
+def placement(history: SpeedHistory) -> DataTable:
+    """Return the changes of steps to which placement adds."""
+    return DataTable(
+        "Changed by placement",
+        (
+            Column("release"),
+            Column("model"),
+            Column("as shipped", formats.log_change),
+            Column("averaged", formats.log_change),
+        ),
+        [
+            (after.release, series.name, shipped, averaged)
+            for series in history.models
+            for index in range(1, len(series.measured))
+            for before, after in [series.pair(index)]
+            if history.lists(after.release)
+            for averaged in [after.ratio.log_ratio - before.ratio.log_ratio]
+            if (shipped := _shipped_change(before, after, averaged)) is not None
+        ],
+    )
+
+
+def _shipped_change(before: Measured, after: Measured, averaged: float) -> float | None:
+    """Return the change as shipped where placement certainly adds to it; None otherwise."""
+    old, new = (release_ratios.as_shipped(each.record.launches) for each in (before, after))
+    if old is None or new is None:
+        return None
+    shipped = new.log_ratio - old.log_ratio
+    ratios = (old, new, before.ratio, after.ratio)
+    deviation = math.sqrt(sum(ratio.deviation**2 for ratio in ratios))
+    least = max(MIN_PLACEMENT, history_plots.DEVIATIONS * deviation)
+    return shipped if abs(shipped - averaged) >= least else None
+
+
+def totals(history: SpeedHistory) -> DataTable:
+    """Return the change from the first release to the last."""
+    return DataTable.of(
+        "From the first release to the last",
+        [series for series in history.all_series if len(series.measured) > 1],
+        (Column("model or operation"), _title),
+        (Column("first"), lambda series: series.measured[0].release),
+        (Column("last"), lambda series: series.measured[-1].release),
+        (Column("time", formats.change_with_error), total),
+        (Column("change points", formats.count), lambda s: len(s.changes.change_points)),
+        (Column("work", wraps=True), lambda s: _work_between(s.measured[0], s.measured[-1])),
+    )
+
+
+def _by_release(
+    heading: str,
+    history: SpeedHistory,
+    all_series: Sequence[SpeedSeries],
+    columns: Sequence[Mapping[str, str]],
+) -> DataTable:
+    """Return a table with a row for each release.
+
+    Args:
+      columns: the cells of each series, by release.
+    """
+    releases = [release for release in history.releases() if history.lists(release)]
+    return DataTable(
+        heading,
+        [Column("release"), *(Column(_title(series), str) for series in all_series)],
+        [[release, *(column.get(release, "–") for column in columns)] for release in releases],
+    )
+
+
+def step_times(history: SpeedHistory) -> DataTable:
+    """Return microseconds of a step, by release and model."""
+    columns = [_times(series) for series in history.models]
+    return _by_release("Time of a step", history, history.models, columns)
+
+
+def operation_times(history: SpeedHistory) -> DataTable:
+    """Return microseconds of operations, by release."""
+    columns = [_times(series) for series in history.operations]
+    return _by_release("Time of operations", history, history.operations, columns)
+
+
+def _times(series: SpeedSeries) -> Mapping[str, str]:
+    """Return microseconds by release, change points marked; empty where they are not known."""
+    known = [
+        each.record.reference_s for each in series.measured if each.record.reference_s is not None
+    ]
+    if not known:
+        return {}
+    reference_us = 1e6 * statistics.median(known)
+    marks = {point.index: _mark(point.change) for point in series.changes.change_points}
+    return {
+        each.release: plain(reference_us * each.ratio.ratio, 3) + marks.get(i, "")
+        for i, each in enumerate(series.measured)
+    }
+
+
+def instructions(history: SpeedHistory) -> DataTable:
+    """Return thousands of instructions of a step, by release and model; empty without counts."""
+    if not history.background.counts:
+        return DataTable("Instructions of a step", (), ())
+    columns = [_instructions(history, series.name) for series in history.models]
+    return _by_release("Instructions of a step", history, history.models, columns)
+
+
+def _instructions(history: SpeedHistory, model: str) -> Mapping[str, str]:
+    """Return a model's thousands of instructions by release, changes marked."""
+    counts = history.instructions(model)
+    cells: dict[str, str] = {}
+    before: float | None = None
+    for release in history.releases():
+        count = counts.get(release)
+        if count is not None:
+            is_change = before is not None and abs(count / before - 1) > COUNT_THRESHOLD
+            mark = _mark(count - before) if before is not None and is_change else ""
+            cells[release] = plain(count / 1000, 4) + mark
+        before = count
+    return cells
+
+
+def _mark(difference: float) -> str:
+    return "▲" if difference > 0 else "▼"
+
+
+def work(history: SpeedHistory) -> DataTable:
+    """Return the releases in which work or results changed."""
+    return DataTable(
+        "Releases that compute something else",
+        (Column("release"), Column("model or operation"), Column("what changed", wraps=True)),
+        [
+            (release, _title(series), ", ".join(changes))
+            for release in history.releases()
+            if history.lists(release)
+            for series in history.all_series
+            for index, after in enumerate(series.measured)
+            if index and after.release == release
+            if (changes := speed_history.work_changes(*series.pair(index)))
+        ],
+    )
+
+
+def failures(history: SpeedHistory) -> DataTable:
+    """Return what a release failed in."""
+    return DataTable.of(
+        "Measurements that failed",
+        [record for record in history.failures if history.lists(record.release)],
+        (Column("release"), lambda record: record.release),
+        (Column("model or operation"), title),
+        (Column("how", wraps=True), lambda record: record.detail),
+    )
+
+
+def _title(series: SpeedSeries) -> str:
+    return title(series.measured[-1].record)
+
+
+def total(series: SpeedSeries) -> LogEstimate:
+    """Return the time in the last release over that in the first."""
+    return speed_history.change(series.measured[0], series.measured[-1])
+
+
+def _work_between(before: Measured, after: Measured) -> str:
+    if not speed_history.knows_work(before, after):
+        return "unknown"
+    return "; ".join(speed_history.work_changes(before, after)) or "the same"

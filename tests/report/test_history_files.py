@@ -1,0 +1,84 @@
+"""Which histories run files hold: one of each machine."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import pytest
+from set_files import labelled
+from speed_histories import history_run
+
+from mjbench.errors import InputError
+from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
+from mjbench.report import history, history_files
+from mjbench.report.history_files import MachineHistory
+from mjbench.store.runs import SCHEMA, Run, RunHeader
+
+FLAT = [1.0] * 8
+STEP = [1.0] * 4 + [1.1] * 4
+
+
+def histories(**ratios: Sequence[float]) -> list[MachineHistory]:
+    return history_files.of_runs(
+        [history_run(name, values) for name, values in ratios.items()], None
+    )
+
+
+def test_each_machine_has_a_history_of_its_own() -> None:
+    each = histories(a=STEP, b=FLAT)
+    assert [one.name for one in each] == ["a", "b"]
+    assert [len(one.history.models[0].changes.change_points) for one in each] == [1, 0]
+
+
+def operations_run(machine: str, cpu: str, ratios: Sequence[float]) -> Run:
+    """Return a run of `history measure --no-steps`."""
+    labels = dataclasses.replace(labelled(machine), cpu=cpu)
+    records = [
+        OperationRatioRecord(
+            **{f.name: getattr(step, f.name) for f in dataclasses.fields(RatioRecord)},
+            operation="load pile",
+            title="load",
+        )
+        for step in history_run(machine, ratios).of_type(StepRatioRecord)
+    ]
+    return Run(RunHeader(SCHEMA, "history", labels, {}), tuple(records))
+
+
+def test_operations_of_a_machine_without_steps_join_the_histories_that_have_none() -> None:
+    (only,) = history_files.of_runs(
+        [operations_run("b", "another", STEP), history_run("a", FLAT)], None
+    )
+    assert only.name == "a"
+    assert [series.name for series in only.history.operations] == ["load pile"]
+    overview, *_ = history.sections(only.history)
+    assert "(operations on another, " in overview.notes[0]
+    own = operations_run("a", labelled("a").cpu, FLAT)
+    each = history_files.of_runs(
+        [history_run("a", FLAT), own, operations_run("b", "another", STEP)], None
+    )
+    assert [one.name for one in each] == ["a"]
+    assert each[0].history.operations_machine is None
+    assert not each[0].history.operations[0].changes.change_points
+
+
+def test_operations_alone_are_no_history() -> None:
+    with pytest.raises(InputError, match="no times of steps"):
+        history_files.of_runs([operations_run("b", "another", STEP)], None)
+
+
+def test_a_machine_is_chosen_by_its_name() -> None:
+    each = histories(a=STEP, b=FLAT)
+    assert history_files.choose(each, "b") is each[1].history
+    assert history_files.choose(each[:1], None) is each[0].history
+    with pytest.raises(InputError, match="give --machine NAME"):
+        history_files.choose(each, None)
+    with pytest.raises(InputError, match="no machine x"):
+        history_files.choose(each[:1], "x")
+
+
+def test_runs_without_a_host_are_of_the_only_machine_of_their_kind() -> None:
+    older = history_run("", STEP)
+    named = history_run("a", FLAT)
+    (only,) = history_files.of_runs([older, named], None)
+    assert only.name == "a"
+    other = dataclasses.replace(older, header=dataclasses.replace(older.header, command="history"))
+    assert len(history_files.of_runs([other], None)) == 1
