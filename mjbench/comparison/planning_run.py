@@ -18,11 +18,12 @@ import mujoco
 import numpy as np
 
 from mjbench import paths
-from mjbench.comparison.plan import LIMIT_S, Variant
+from mjbench.comparison.plan import Variant
 from mjbench.comparison.planner import Algorithm, Planner, PlannerSettings, States, task_of
 from mjbench.errors import InputError, describe, one_line
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
+from mjbench.limits import TIME_LIMIT_S
 from mjbench.loop.loop_starts import LoopStarts
 from mjbench.simulation import agreement, compat, models
 from mjbench.simulation.model_guard import ModelGuard
@@ -90,7 +91,7 @@ class PlanningRow:
 
 
 def run(
-    request: PlanningRequest, import_from: str | None = None, limit_s: float = LIMIT_S
+    request: PlanningRequest, import_from: str | None = None, limit_s: float = TIME_LIMIT_S
 ) -> list[PlanningRow]:
     """Run a planner in a child process (see `isolate.run`), and return a row for each variant.
 

@@ -115,15 +115,13 @@ def drift(
     nprobe = next(iter(baseline.stepped.values())).shape[1]
     keep = np.flatnonzero(is_compared[:nprobe])
     scales = agreement.scales(baseline.run)
-    one_step = agreement.relative_drift(
-        _of(candidate.stepped, keep), _of(baseline.stepped, keep), scales
-    )
+    one_step = agreement.drift(_of(candidate.stepped, keep), _of(baseline.stepped, keep), scales)
     if not start_alike:
         return StateDrift(one_step)
     runs = tuple(
         RunDrift(
             nstep,
-            agreement.relative_drift(
+            agreement.drift(
                 {field: values[i, keep] for field, values in candidate.run.items()},
                 {field: values[i, keep] for field, values in baseline.run.items()},
                 scales,
