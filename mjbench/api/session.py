@@ -21,7 +21,7 @@ from mjbench.report.content import Section
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
-from mjbench.store import resume, runs
+from mjbench.store import run_file, runs
 from mjbench.store.run_file import RunFile
 from mjbench.store.runs import Record, Run, RunHeader
 
@@ -237,7 +237,7 @@ class Session:
         if storage.resume.is_fifo():
             raise InputError(f"cannot continue {storage.resume}: it is a pipe, not a file")
         stored = runs.load(storage.resume, RECORD_TYPES)
-        resume.check_continues(storage.resume, stored.header, self.header)
+        run_file.check_continues(storage.resume, stored.header, self.header)
         if stored.is_torn:
             self._report(f"{storage.resume}: the last line was cut short; it is left out")
         self.earlier = tuple(storage.select_finished(stored.records))
