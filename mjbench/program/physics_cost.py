@@ -115,20 +115,18 @@ def measure(models: Sequence[RecordedModel], stages: Mapping[str, float]) -> Phy
       models: of the program; the first that this process's MuJoCo can load is used.
       stages: shares of a step that were timed in the program; empty where none were.
     """
-    recorded = loadable(models)
-    if recorded is None or not len(recorded.states):
+    model = loadable(models)
+    if model is None or not len(model.states):
         return None
-    return isolate.call(
-        measured_here, recorded, stages, limit_s=LIMIT_S, otherwise=lambda ended: None
-    )
+    return isolate.call(measure_model, model, stages, limit_s=LIMIT_S, otherwise=lambda _: None)
 
 
-def measured_here(
-    recorded: RecordedModel, timed_stages: Mapping[str, float], channel: Channel
-) -> PhysicsCost | None:
-    """Return what costs; a child calls it."""
+def measure_model(
+    recorded: RecordedModel, stages: Mapping[str, float], channel: Channel
+) -> PhysicsCost:
+    """Measure what costs; runs in a child."""
     model, states = recorded.load(), recorded.states
-    stages = timed_stages or _stages(model, states)
+    stages = stages or _stages(model, states)
     step_s, of_sensors = _sensors(model, states)
     narrow_share = stages["narrow-phase collision"]
     has_pairs = narrow_share >= LEAST_SHARE
