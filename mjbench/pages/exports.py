@@ -17,9 +17,7 @@ from mjbench.paired.across_machines import Outcome
 from mjbench.paired.records import VerdictRecord
 from mjbench.report import rows, verdicts
 from mjbench.report.across_machines import verdict_cell
-from mjbench.report.conclusions import cautions as cautions_of
-from mjbench.report.conclusions import disturbed
-from mjbench.report.results import derive_all
+from mjbench.report.results import derive_all, disturbed
 from mjbench.status import Status
 from mjbench.store.machine_identity import identify
 from mjbench.store.run_set import RunSet
@@ -80,7 +78,7 @@ def cautions(stored: RunSet) -> list[str]:
         f"{prefix}{model_results.model.model}: {caution}"
         for run, prefix in _prefixed(stored.runs)
         for model_results in derive_all(run.records)
-        for caution in cautions_of(model_results)
+        for caution in model_results.cautions
     )
     return list(dict.fromkeys(lines))
 

@@ -25,6 +25,17 @@ from mjbench.simulation.workload import Product
 from mjbench.status import Status
 from mjbench.store.runs import Record
 
+# A model on whose free bodies gravity acts falls where it has fewer contacts than this in a step.
+_FALLING_CONTACTS = 0.05
+FORMER = (
+    "Timed by an earlier version of mjbench, in one process: speed-ups have no interval, and no"
+    " path is advised."
+)
+_FALLING = (
+    "Warning: a free body falls, and touches nothing: these are the speeds of free fall. Let it"
+    " settle (--settle 3s), or give states of your own (--states)."
+)
+
 
 @dataclass(frozen=True, kw_only=True)
 class PathResult:
@@ -99,6 +110,21 @@ class PathResult:
     def variant(self) -> Variant:
         """The path with its options."""
         return Variant(self.path, self.options)
+
+    @property
+    def is_base(self) -> bool:
+        """Whether it is that of the plain loop, over which speed-ups are."""
+        return self.variant == Variant(BASE, {})
+
+    @property
+    def interval(self) -> Ratio | None:
+        """The speed-up with its interval; None of the plain loop, whose speed-up is 1."""
+        return None if self.is_base else self.speedup
+
+    @property
+    def loop(self) -> Loop:
+        """The loop that it is for: a path for closed loop serves open loop, too."""
+        return Loop.CLOSED if self.closed_loop else Loop.OPEN
 
     @property
     def is_timed(self) -> bool:
@@ -203,6 +229,21 @@ class ModelResults:
         if self.cores is not None and self.cores.share < machine.ENOUGH_CORES:
             lines.append(f"threads had {self.cores}")
         return lines
+
+    @property
+    def cautions(self) -> list[str]:
+        """What to know before the numbers, a sentence each."""
+        sentences = []
+        if self.disturbances:
+            sentences.append(disturbed(self.disturbances))
+        if self.is_former:
+            sentences.append(FORMER)
+        model = self.model
+        if model.facts is None or model.work is None or not model.facts.can_fall:
+            return sentences
+        if not model.start_contacts and model.work.contacts < _FALLING_CONTACTS:
+            sentences.append(_FALLING)
+        return sentences
 
     @property
     def base(self) -> PathResult | None:
@@ -322,3 +363,8 @@ def steps_per_block(record: MeasurementRecord) -> int:
     assert record.nbatch is not None, "a timed record has its sizes"
     assert record.nstep is not None, "a timed record has its sizes"
     return record.nbatch * record.nstep
+
+
+def disturbed(disturbances: Sequence[str]) -> str:
+    """Return what disturbed a measurement, as a sentence, and what to do."""
+    return f"Disturbed: {'; '.join(disturbances)}. Measure again."

@@ -5,7 +5,7 @@ function (`mjbench history explain`), and from a table of causes that no measure
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from mjbench.counts.explain import REPEATABILITY
 from mjbench.counts.records import OTHER_CODE, CodeChange, ExplainRecord
@@ -25,25 +25,15 @@ Counts = Mapping[tuple[str, str, str], ExplainRecord]
 
 
 @dataclass(frozen=True)
-class Background:
-    """What is known of releases beside their ratios.
-
-    Attributes:
-      counts: of instructions by function, of neighbouring releases.
-      causes: that no measurement names.
-    """
-
-    counts: Counts
-    causes: Sequence[KnownCause] = ()
-
-
-@dataclass(frozen=True)
 class SpeedHistory:
     """The speed of MuJoCo over the releases, and what is known of its changes.
 
     Attributes:
       models: the time of a step of each.
       operations: the time of each operation around the step.
+      counts: of instructions by function, of neighbouring releases, on any machine.
+      causes: that no measurement names.
+      name: of the machine that steps were measured on.
       machine: that steps were measured on; None where it is not known.
       since: the first release whose changes are listed; None for all.
       failures: records of what a release crashed, hung or failed in.
@@ -52,7 +42,9 @@ class SpeedHistory:
 
     models: Sequence[SpeedSeries]
     operations: Sequence[SpeedSeries] = ()
-    background: Background = Background({})
+    counts: Counts = field(default_factory=dict)
+    causes: Sequence[KnownCause] = ()
+    name: str = ""
     machine: Machine | None = None
     since: str | None = None
     failures: Sequence[RatioRecord] = ()
@@ -65,7 +57,7 @@ class SpeedHistory:
     def instructions(self, model: str) -> dict[str, float]:
         """Return the instructions of a step of a model, by release, where they were counted."""
         counts: dict[str, float] = {}
-        for (counted, old, new), record in self.background.counts.items():
+        for (counted, old, new), record in self.counts.items():
             per_step = record.instructions_per_step
             if counted == model and per_step.old and per_step.new:
                 counts.setdefault(old, per_step.old)
@@ -86,17 +78,15 @@ class SpeedHistory:
 def from_records(
     records: Sequence[object],
     causes: Sequence[KnownCause] = (),
+    name: str = "",
     machine: Machine | None = None,
     since: str | None = None,
     operations_machine: Machine | None = None,
 ) -> SpeedHistory:
-    """Return the history that records of run files hold.
+    """Return the history that records of run files hold; see `SpeedHistory` for what they lack.
 
     Args:
       records: of `history measure` and `history explain`; others are left out.
-      causes: that no measurement names.
-      since: the first release whose changes are listed; None for all.
-      operations_machine: that measured operations; None where it is the same.
     """
     ratios = [record for record in records if isinstance(record, RatioRecord)]
     counts = {(r.series, r.old, r.new): r for r in records if isinstance(r, ExplainRecord)}
@@ -106,7 +96,6 @@ def from_records(
         )
         for is_operation in (False, True)
     )
-    background = Background(counts, causes)
     measured = {
         (series.name, each.release) for series in (*models, *operations) for each in series.measured
     }
@@ -116,7 +105,15 @@ def from_records(
         if record.status in FAILURES and (record.series, record.release) not in measured
     ]
     return SpeedHistory(
-        models, operations, background, machine, since, failures, operations_machine
+        models,
+        operations,
+        counts,
+        causes,
+        name,
+        machine,
+        since,
+        failures,
+        operations_machine,
     )
 
 
@@ -190,15 +187,14 @@ def listed_changes(
       all_series: models or operations.
       only: the release that they came with; None for all.
     """
-    background = history.background
     listed = [
         Listed(
             series,
             point,
             before,
             after,
-            background.counts.get((series.name, before.release, after.release)),
-            known_causes.explaining(after.release, series.name, background.causes),
+            history.counts.get((series.name, before.release, after.release)),
+            known_causes.explaining(after.release, series.name, history.causes),
         )
         for series in all_series
         for point in series.changes.change_points
