@@ -45,7 +45,7 @@ def diff(old: Path, new: Path, across: bool, json_file: str | None) -> None:
     )
     from mjbench.store import run_set
 
-    with RunContext("diff", json_file, inputs=[old, new]) as run:
+    with RunContext(json_file, [old, new]) as run:
         stored = [run_set.read(path, RECORD_TYPES) for path in (old, new)]
         rows = differences(stored[0], stored[1], across)
         if line := _left_out(stored):

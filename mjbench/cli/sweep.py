@@ -73,7 +73,7 @@ def sweep(plan: Path, address: str | None, output: Path | None, dry_run: bool, r
     from mjbench.sweep import matrix, software
     from mjbench.sweep import plan as plans
 
-    with RunContext("sweep", inputs=[plan]) as run:
+    with RunContext(inputs=[plan]) as run:
         cells = matrix.build(plans.load(plan, check_command), software.installed())
         target = output or SWEEPS_FOLDER / f"{plan.stem}.jsonl"
         if dry_run:

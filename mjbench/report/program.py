@@ -124,8 +124,8 @@ def conclusion(row: ProgramRow) -> str:
 def _outside(row: ProgramRow) -> str:
     """Return what takes time outside loops, where that is more than they take; "" where it is not.
 
-    Imports are made once, however long the program runs: they count where loops take next to
-    nothing.
+    Imports and what JAX compiles are made once, however long the program runs: they count where
+    loops take next to nothing.
     """
     loops = sum(report.time.seconds for report in row.loops if report.time.in_main) / row.wall_s
     lines = [line for line in row.outside_loops if line.main_activity != Activity.IMPORT]
@@ -133,6 +133,9 @@ def _outside(row: ProgramRow) -> str:
     import_share = sum(line.share for line in imports)
     largest = max((line.share for line in lines), default=0.0)
     is_short = loops < _LEAST_LOOPS and import_share + largest > loops
+    if not is_short:
+        lines = [line for line in lines if line.main_activity != Activity.COMPILING]
+        largest = max((line.share for line in lines), default=0.0)
     if not is_short and (largest < _LEAST_LOOPS or largest < loops):
         return ""
     parts = [
