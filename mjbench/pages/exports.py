@@ -29,15 +29,7 @@ _FORMULA = tuple("=+-@\t\r\n＝＋－＠")
 
 @dataclass(frozen=True)
 class Metric:
-    """One number of a run.
-
-    Attributes:
-      name: what it is of.
-      unit: of it; smaller is better.
-      low: lower end of its interval; None without one.
-      high: upper end.
-      disturbances: what disturbed its measurement, a clause each.
-    """
+    """One number of a run, smaller being better, with its interval if it has one."""
 
     name: str
     unit: str

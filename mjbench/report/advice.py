@@ -291,11 +291,7 @@ def _thread_advice(race: RaceRecord, own: Sequence[PathResult]) -> ThreadAdvice:
 
 
 def conclusion(advice: Advice, names_size: bool = False) -> str:
-    """Return which path to use, and why.
-
-    Args:
-      names_size: whether to say how many simulations there were.
-    """
+    """Return which path to use, and why; `names_size`: for how many simulations."""
     gain = f", {_times(advice.speedup, _PLAIN_LOOP)}" if advice.speedup is not None else ""
     begin = f"{_LOOPS[advice.loop]}{_size(advice.nbatch, names_size)}"
     path = described(Variant(advice.path, advice.options))

@@ -98,10 +98,7 @@ def advice_across(runs: Sequence[Run], names: Sequence[str]) -> list[AdviceAcros
     """Return which path is advised on each machine, in the order of the runs.
 
     A model that failed on a machine before its size was known is part of every question about it.
-
-    Args:
-      runs: of any command.
-      names: the name of each run's machine.
+    `names` has that of each run's machine.
     """
     answers: dict[Question, dict[str, MachineAdvice]] = defaultdict(dict)
     failed: list[tuple[Question, MachineAdvice]] = []

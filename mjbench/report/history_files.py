@@ -30,26 +30,12 @@ def read(
     since: str | None = None,
     machine: str | None = None,
 ) -> SpeedHistory:
-    """Return the history that files hold of one machine; see `read_each`.
-
-    Args:
-      files: in the order that they were written.
-      causes: a table of causes that no measurement names; None for none.
-      since: the first release whose changes are listed; None for all.
-      machine: its name; None where all is of one.
-
-    Raises:
-      InputError: as `read_each` does, or they do not hold this machine, or several and none is
-        named.
-    """
+    """Return the history that files hold of one machine; see `read_each` and `choose`."""
     return choose(read_each(files, causes, since), machine)
 
 
 def choose(histories: Sequence[SpeedHistory], machine: str | None) -> SpeedHistory:
-    """Return the history of one machine.
-
-    Args:
-      machine: its name; None where there is only one.
+    """Return the history of the machine of some name, or of the only one.
 
     Raises:
       InputError: there is no such machine, or several and none is named.

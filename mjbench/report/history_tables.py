@@ -209,11 +209,7 @@ def _by_release(
     all_series: Sequence[SpeedSeries],
     columns: Sequence[Mapping[str, str]],
 ) -> DataTable:
-    """Return a table with a row for each release.
-
-    Args:
-      columns: the cells of each series, by release.
-    """
+    """Return a table with a row for each release; `columns` has the cells of each series by it."""
     releases = [release for release in history.releases() if history.lists(release)]
     return DataTable(
         heading,

@@ -141,9 +141,9 @@ class PathResult:
         return self.steps_per_s / other.steps_per_s
 
     def pays_after_steps(self, other_ns: float) -> float:
-        """Return the break-even: infinity where another path is faster, or nothing is compiled.
+        """Return how many steps take another path as long as compiling and they take this one.
 
-        It is the number of steps that take the other path as long as compiling and they take this.
+        It is infinity where the other path is faster, or nothing is compiled.
 
         Args:
           other_ns: nanoseconds of a step of the other path.
@@ -279,11 +279,7 @@ def derive(
 
 
 def derive_all(records: Sequence[Record]) -> list[ModelResults]:
-    """Return the results of a whole run, model by model, in the order they were measured.
-
-    Args:
-      records: of a run file; those of other types are ignored.
-    """
+    """Return the results of a run's records, model by model, in the order they were measured."""
     results = []
     for record in records:
         match record:
@@ -306,7 +302,7 @@ def _result(
 
     Args:
       base_ns: nanoseconds of a step of the plain loop.
-      speedup: over the plain loop, and from how many launches; None where it has none.
+      speedup: over the plain loop, and from how many launches.
     """
     shared = {name: value for name, value in vars(record).items() if name in _RESULT_FIELDS}
     untimed = PathResult(**shared, starts=model.starts)

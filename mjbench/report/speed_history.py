@@ -34,10 +34,9 @@ class SpeedHistory:
       counts: of instructions by function, of neighbouring releases, on any machine.
       causes: that no measurement names.
       name: of the machine that steps were measured on.
-      machine: that steps were measured on; None where it is not known.
       since: the first release whose changes are listed; None for all.
       failures: records of what a release crashed, hung or failed in.
-      operations_machine: that operations were measured on; None where it is the same.
+      operations_machine: that operations were measured on, if it is another one.
     """
 
     models: Sequence[SpeedSeries]
@@ -126,13 +125,12 @@ def title(record: RatioRecord) -> str:
 
 @dataclass(frozen=True)
 class Listed:
-    """A change point, and what is known of it.
+    """A change point of a series, and what is known of it.
 
     Attributes:
-      point: the change of its time.
       before: the last release before it.
       after: the first release with it.
-      counts: of instructions by function, in these two; None where they were not counted.
+      counts: of instructions by function, in these two.
       causes: that no measurement names.
     """
 
@@ -180,11 +178,9 @@ class Listed:
 def listed_changes(
     history: SpeedHistory, all_series: Sequence[SpeedSeries], only: str | None = None
 ) -> list[Listed]:
-    """Return change points: by release, and of one release the largest first.
+    """Return change points of models or operations: by release, and of one the largest first.
 
     Args:
-      history: that the series are of.
-      all_series: models or operations.
       only: the release that they came with; None for all.
     """
     listed = [
