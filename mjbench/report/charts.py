@@ -95,12 +95,7 @@ def share_bars(title: str, data: DataTable, noun: str, drawn: str, axis: str) ->
 
 
 def quantity(field: str, title: str, *, log: bool = False, **scale: Any) -> Spec:
-    """Return the encoding of a number.
-
-    Args:
-      field: title of the column.
-      scale: further properties of the scale.
-    """
+    """Return the encoding of the number in the column that `field` names."""
     kind = {"type": "log"} if log else {}
     return {
         "field": _escaped(field),
