@@ -57,10 +57,9 @@ class Measured:
           KeyboardInterrupt: no child process is left.
         """
         platforms.check_command(measurement.command)
-        observer = _ProgressObserver(measurement.count, on_progress) if on_progress else Observer()
+        observer = _ProgressObserver(on_progress) if on_progress else Observer()
         items: list[Item] = []
-        command, arguments, files = measurement.command, measurement.arguments, measurement.files
-        with _in_program(), Session(command, arguments, files, wait) as session:
+        with _in_program(), Session(measurement, wait) as session:
             for item in measurement.measure((), observer):
                 for record in item.records:
                     session.record(record)
@@ -124,11 +123,11 @@ class Measured:
 class _ProgressObserver(Observer):
     """Tells a function of a program how far a measurement is."""
 
-    def __init__(self, count: int, on_progress: Progress):
-        self._count, self._on_progress = count, on_progress
+    def __init__(self, on_progress: Progress):
+        self._on_progress = on_progress
 
-    def __call__(self, number: int, name: str, share: float) -> None:
-        self._on_progress(name, (number + share) / self._count)
+    def __call__(self, name: str, share: float) -> None:
+        self._on_progress(name, share)
 
 
 @contextlib.contextmanager

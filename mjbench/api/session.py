@@ -6,7 +6,7 @@ all of them together (`mjbench.api.measured`).
 """
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import Any
 
 from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printable
 from mjbench.host import machine, neighbours, platforms
-from mjbench.host.machine import Machine, ProcessorTime
+from mjbench.host.machine import ProcessorTime
 from mjbench.host.neighbours import Neighbour, Presence
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.report.content import Section
@@ -29,8 +29,8 @@ from mjbench.store.runs import Record, Run, RunHeader
 class Observer:
     """What is told of a measurement as it goes on; this one ignores it."""
 
-    def __call__(self, number: int, name: str, share: float) -> None:
-        """Hear that an item is measured: its number, what is done now, and the share done."""
+    def __call__(self, name: str, share: float) -> None:
+        """Hear what is measured now, and the share of all work that is done."""
 
     def begin(self, phase: str) -> None:
         """Hear in a line what begins now."""
@@ -61,18 +61,16 @@ class Measurement:
     Attributes:
       arguments: stored in the run file's header: a dataclass or JSON-ready values.
       files: that it is made from.
-      count: number of items.
       measure: yields items as they are measured. It is given records that need not be measured
         again. It may raise KeyboardInterrupt, or end after a record that says so.
-      select_finished: which records of a run are not measured again when it is continued.
+      select_finished: which records of a continued run are not measured again.
       notes: what makes the results unreliable here, a sentence each.
     """
 
     command: str
     arguments: Any
     files: Sequence[Path]
-    count: int
-    measure: Callable[[Sequence[Record], Observer], Iterator[Item]]
+    measure: Callable[[Sequence[Record], Observer], Iterable[Item]] = lambda *_: ()
     select_finished: Callable[[Sequence[Record]], Sequence[Record]] = lambda records: records
     notes: Sequence[str] = ()
 
@@ -108,7 +106,7 @@ def of_each_model(
 
     def items(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
         for number, source in enumerate(sources):
-            observer(number, source.name, 0.0)
+            observer(source.name, number / len(sources))
             try:
                 item = Item(measure(source))
             except MjbenchError as error:
@@ -121,7 +119,7 @@ def of_each_model(
     names = {"models": [source.name for source in sources]}
     all_arguments = {**names, **(arguments or {}), "starts": starts}
     files = input_files(sources, [], starts)
-    return Measurement(command, all_arguments, files, len(sources), items)
+    return Measurement(command, all_arguments, files, items)
 
 
 def failure_of_model(name: str, error: MjbenchError) -> Failure:
@@ -138,13 +136,11 @@ class Storage:
       folder: for a new run file.
       resume: run file to continue; None to begin one.
       command_line: the words after `mjbench`.
-      select_finished: which records of a continued run are not measured again.
     """
 
     folder: Path
     resume: Path | None = None
     command_line: Sequence[str] = ()
-    select_finished: Callable[[Sequence[Record]], Sequence[Record]] = lambda records: records
 
 
 class Session:
@@ -159,9 +155,7 @@ class Session:
 
     def __init__(
         self,
-        command: str,
-        arguments: Any = (),
-        files: Sequence[Path] = (),
+        measurement: Measurement,
         wait: bool | None = False,
         storage: Storage | None = None,
         report: Callable[[str], None] = lambda line: None,
@@ -169,7 +163,6 @@ class Session:
         """Prepare to measure.
 
         Args:
-          arguments: for the header, as are `files`; see `Measurement`.
           wait: whether to wait for another mjbench that measures here, and not to warn; None where
             no time is measured.
           storage: None to store no records.
@@ -177,8 +170,8 @@ class Session:
         """
         self.earlier: Sequence[Record] = ()
         self.records: list[Record] = []
-        self._command, self._arguments, self._files = command, arguments, files
-        self._wait, self._storage, self._report = wait, storage, report
+        self._measurement, self._wait = measurement, wait
+        self._storage, self._report = storage, report
         self._file: RunFile | None = None
         self._presence: Presence | None = None
         self._others: Sequence[Neighbour] = ()
@@ -192,7 +185,7 @@ class Session:
         """
         with contextlib.ExitStack() as closing:
             if self._wait is not None:
-                self._presence = closing.enter_context(Presence(self._command))
+                self._presence = closing.enter_context(Presence(self._measurement.command))
                 self._others = self._enter(self._presence, self._wait)
             self._begin = ProcessorTime.now()
             self.header = self._new_header()
@@ -222,10 +215,10 @@ class Session:
         words = self._storage.command_line if self._storage else ()
         return RunHeader(
             runs.SCHEMA,
-            self._command,
+            self._measurement.command,
             machine.describe(),
-            runs.to_json(self._arguments),
-            tuple(runs.InputFile.of(path) for path in dict.fromkeys(self._files)),
+            runs.to_json(self._measurement.arguments),
+            tuple(runs.InputFile.of(path) for path in dict.fromkeys(self._measurement.files)),
             tuple(map(printable, words)),
             datetime.now(UTC).isoformat(timespec="seconds"),
         )
@@ -240,14 +233,9 @@ class Session:
         resume.check_continues(storage.resume, stored.header, self.header)
         if stored.is_torn:
             self._report(f"{storage.resume}: the last line was cut short; it is left out")
-        self.earlier = tuple(storage.select_finished(stored.records))
+        self.earlier = tuple(self._measurement.select_finished(stored.records))
         self.records = [*self.earlier]
         return RunFile.rewrite(storage.resume, stored.header, self.earlier)
-
-    @property
-    def machine(self) -> Machine:
-        """What it is measured on."""
-        return self.header.machine
 
     @property
     def file(self) -> Path | None:

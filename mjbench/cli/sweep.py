@@ -139,12 +139,13 @@ def _measure(
     address: str | None,
 ) -> "Summary":
     """Measure what is missing on a cluster."""
+    from mjbench.cli.progress import progress
     from mjbench.sweep.ray_cluster import RayCluster
     from mjbench.sweep.run import Sweep
 
     count = len(matrix.cells)
     with (
-        run.progress(count) as advance,
+        progress(run.out) as observer,
         RayCluster(address, matrix.plan.rules.tries) as cluster,
     ):
         for left_out in cluster.left_out:
@@ -154,7 +155,7 @@ def _measure(
             file.append(result.section)
 
         def on_result(done: int, cell: "Cell", node: str) -> None:
-            advance(done, f"{done} of {count} results; {cell.name} from {node}", 0.0)
+            observer(f"{done} of {count} results; {cell.name} from {node}", done / count)
 
         return Sweep(matrix, done, cluster, store, on_result=on_result).measure()
 
