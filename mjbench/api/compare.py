@@ -22,10 +22,9 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.report import comparison as report
 from mjbench.report.advice import Advice, ClockAdvice
 from mjbench.report.content import Section
-from mjbench.report.crossovers import Crossover
+from mjbench.report.crossovers import Crossover, WorkCrossover
 from mjbench.report.documents import CompareDocument
 from mjbench.report.results import ModelResults, PathResult, derive_all
-from mjbench.report.work_crossovers import WorkCrossover
 from mjbench.simulation import models as shipped_models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Product

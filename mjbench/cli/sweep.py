@@ -151,13 +151,12 @@ def _measure(
         for left_out in cluster.left_out:
             report_line(f"{left_out.name} is left out: {left_out.reason}")
 
-        def store(result: "CellResult") -> None:
+        def on_result(result: "CellResult", node: str, ndone: int) -> None:
             file.append(result.section)
+            text = f"{ndone} of {count} results; {result.cell.name} from {node}"
+            observer(text, ndone / count)
 
-        def on_result(done: int, cell: "Cell", node: str) -> None:
-            observer(f"{done} of {count} results; {cell.name} from {node}", done / count)
-
-        return Sweep(matrix, done, cluster, store, on_result=on_result).measure()
+        return Sweep(matrix, done, cluster, on_result).measure()
 
 
 def _open(target: Path, on_error: contextlib.ExitStack) -> "RunSetFile":

@@ -112,8 +112,8 @@ def _engine(
 ) -> "Engine":
     """Return the builds of a release, and the Node that runs them."""
     from mjbench.host import machine
-    from mjbench.web import node, npm_package
+    from mjbench.web import node_process, npm_package
     from mjbench.web.build_run import Engine
 
     package = npm_package.find(None if release is None else release.version, package_folder)
-    return Engine(package, node.find(node_command), limit_s, machine.usable_cores())
+    return Engine(package, node_process.find_node(node_command), limit_s, machine.usable_cores())
