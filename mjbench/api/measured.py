@@ -47,10 +47,6 @@ class Measured:
     ) -> Self:
         """Measure, and return the records; the first Ctrl-C interrupts.
 
-        Args:
-          wait: whether to wait until no other mjbench measures on this machine.
-          on_progress: called with what is measured now, and the share of all work that is done.
-
         Raises:
           InputError: nothing could be measured, because of the input.
           MachineError: nothing could be measured, or this operating system cannot do it.

@@ -21,7 +21,8 @@ from mjbench.report.content import Section
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
-from mjbench.store import resume, runs
+from mjbench.store import runs
+from mjbench.store.resume import check_continues
 from mjbench.store.run_file import RunFile
 from mjbench.store.runs import Record, Run, RunHeader
 
@@ -128,21 +129,6 @@ def failure_of_model(name: str, error: MjbenchError) -> Failure:
     return Failure(failure.status, f"{name}: {failure.detail.removeprefix(f'{name}: ')}")
 
 
-@dataclass(frozen=True)
-class Storage:
-    """Where a session stores its records.
-
-    Attributes:
-      folder: for a new run file.
-      resume: run file to continue; None to begin one.
-      command_line: the words after `mjbench`.
-    """
-
-    folder: Path
-    resume: Path | None = None
-    command_line: Sequence[str] = ()
-
-
 class Session:
     """The time in which something is measured; used as a context manager.
 
@@ -157,7 +143,9 @@ class Session:
         self,
         measurement: Measurement,
         wait: bool | None = False,
-        storage: Storage | None = None,
+        folder: Path | None = None,
+        resume: Path | None = None,
+        command_line: Sequence[str] = (),
         report: Callable[[str], None] = lambda line: None,
     ):
         """Prepare to measure.
@@ -165,13 +153,16 @@ class Session:
         Args:
           wait: whether to wait for another mjbench that measures here, and not to warn; None where
             no time is measured.
-          storage: None to store no records.
+          folder: for a new run file; None to store no records.
+          resume: run file to continue instead.
+          command_line: the words after `mjbench`.
           report: called at once with what people should know, in a line.
         """
         self.earlier: Sequence[Record] = ()
         self.records: list[Record] = []
         self._measurement, self._wait = measurement, wait
-        self._storage, self._report = storage, report
+        self._folder, self._resume = folder, resume
+        self._command_line, self._report = command_line, report
         self._file: RunFile | None = None
         self._presence: Presence | None = None
         self._others: Sequence[Neighbour] = ()
@@ -189,8 +180,8 @@ class Session:
                 self._others = self._enter(self._presence, self._wait)
             self._begin = ProcessorTime.now()
             self.header = self._new_header()
-            if self._storage is not None:
-                self._file = self._open(self._storage)
+            if self._folder is not None:
+                self._file = self._open(self._folder)
                 closing.callback(self._file.close)
             self._closing = closing.pop_all()
         return self
@@ -212,30 +203,30 @@ class Session:
         return others
 
     def _new_header(self) -> RunHeader:
-        words = self._storage.command_line if self._storage else ()
         return RunHeader(
             runs.SCHEMA,
             self._measurement.command,
             machine.describe(),
             runs.to_json(self._measurement.arguments),
             tuple(runs.InputFile.of(path) for path in dict.fromkeys(self._measurement.files)),
-            tuple(map(printable, words)),
+            tuple(map(printable, self._command_line)),
             datetime.now(UTC).isoformat(timespec="seconds"),
         )
 
-    def _open(self, storage: Storage) -> RunFile:
+    def _open(self, folder: Path) -> RunFile:
         """Begin a run file, or continue one with those of its records that are finished."""
-        if storage.resume is None:
-            return RunFile.create(storage.folder, self.header)
-        if storage.resume.is_fifo():
-            raise InputError(f"cannot continue {storage.resume}: it is a pipe, not a file")
-        stored = runs.load(storage.resume, RECORD_TYPES)
-        resume.check_continues(storage.resume, stored.header, self.header)
+        file = self._resume
+        if file is None:
+            return RunFile.create(folder, self.header)
+        if file.is_fifo():
+            raise InputError(f"cannot continue {file}: it is a pipe, not a file")
+        stored = runs.load(file, RECORD_TYPES)
+        check_continues(file, stored.header, self.header)
         if stored.is_torn:
-            self._report(f"{storage.resume}: the last line was cut short; it is left out")
+            self._report(f"{file}: the last line was cut short; it is left out")
         self.earlier = tuple(self._measurement.select_finished(stored.records))
         self.records = [*self.earlier]
-        return RunFile.rewrite(storage.resume, stored.header, self.earlier)
+        return RunFile.rewrite(file, stored.header, self.earlier)
 
     @property
     def file(self) -> Path | None:

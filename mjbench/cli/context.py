@@ -207,14 +207,15 @@ def measure(
       code: whether snippets are printed, too; None for a command without that option.
       to_stderr: see `RunContext`.
     """
-    from mjbench.api.session import Session, Storage
+    from mjbench.api.session import Session
     from mjbench.cli.progress import progress
     from mjbench.report import kinds
 
     for note in measurement.notes:
         report_line(note)
-    storage = Storage(output.results, output.resume, command_line())
-    session = Session(measurement, output.wait, storage, report_line)
+    session = Session(
+        measurement, output.wait, output.results, output.resume, command_line(), report_line
+    )
     inputs = [*measurement.files, *([output.resume] if output.resume else [])]
     with RunContext(output.json_file, inputs, session, to_stderr) as run:
         try:

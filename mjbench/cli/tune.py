@@ -139,9 +139,10 @@ def tune(
             raise InputError("--write takes one model")
         variants.check_source(sources[0])
         _see_whether_writable(OutputFile("--write", target, files))
-        variants.copy_in_child(sources[0], None, Path(target), time_limit)
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
+        if target is not None:
+            variants.copy_in_child(sources[0], None, Path(target), time_limit)
         with WorkerPool() as pool:
             for number, source in enumerate(sources):
 
