@@ -22,8 +22,7 @@ from mjbench.report.kinds import RECORD_TYPES
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.store import runs
-from mjbench.store.resume import check_continues
-from mjbench.store.run_file import RunFile
+from mjbench.store.run_file import RunFile, check_continues
 from mjbench.store.runs import Record, Run, RunHeader
 
 

@@ -140,11 +140,7 @@ def fit(cells: np.ndarray) -> Fit:
 
 
 def _disturbed(cells: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Return which cells `fit` leaves out.
-
-    Args:
-      counts: number of launches, of shape (comparisons, residues).
-    """
+    """Return which cells `fit` leaves out; `counts` has (comparisons, residues) launches."""
     residues = cells.shape[1]
     distances = np.abs(cells - _medians(cells, counts)[:, :, None])
     # as many distances as there are residues say nothing: a median fits its own residue

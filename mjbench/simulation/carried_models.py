@@ -13,11 +13,7 @@ VARIABLE = "MJBENCH_CARRIED_MODELS"
 
 
 def write(file: Path, paths: Mapping[str, Path]) -> None:
-    """Write the list of models.
-
-    Args:
-      paths: where each model's file is, by its name.
-    """
+    """Write the list of models: where each one's file is, by its name."""
     text = json.dumps({name: str(path.absolute()) for name, path in paths.items()})
     file.write_text(text, encoding="utf-8")
 

@@ -132,11 +132,7 @@ def differences(
 def largest_so_far(
     states: np.ndarray, reference: np.ndarray, columns: Mapping[str, slice]
 ) -> np.ndarray:
-    """Return (npoint,) the largest difference of any simulation up to each point of a run.
-
-    Args:
-      states: (npoint, nbatch, nstate), as `reference`.
-    """
+    """Return (npoint,) the largest difference up to each of (npoint, nbatch, nstate) points."""
     npoint, nbatch, nstate = reference.shape
     rows = differences(states.reshape(-1, nstate), reference.reshape(-1, nstate), columns)
     largest: np.ndarray = np.maximum.accumulate(rows.reshape(npoint, nbatch).max(axis=1))
