@@ -1,5 +1,7 @@
 """Charts that can be laid out."""
 
+import pytest
+
 from mjbench.report import charts
 
 
