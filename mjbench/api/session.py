@@ -1,124 +1,280 @@
-"""What surrounds a measurement in a program: interrupts, other measurements, the host's share."""
+"""A measurement and what surrounds it: other measurements here, the host's share, its run file.
+
+Commands and programs measure alike: a `Measurement` says what is to be measured, and a `Session` is
+the time in which that happens. A command prints and stores each item as it comes; a program gets
+all of them together (`mjbench.api.measured`).
+"""
 
 import contextlib
-import signal
-import threading
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from types import FrameType, TracebackType
 from typing import Any
 
-from mjbench.host import child, machine, neighbours, platforms
-from mjbench.host.machine import ProcessorTime
+from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printable
+from mjbench.host import machine, neighbours, platforms
+from mjbench.host.machine import Machine, ProcessorTime
 from mjbench.host.neighbours import Neighbour, Presence
-from mjbench.store import runs
-from mjbench.store.runs import Record, Run
+from mjbench.releases.installs import ReleaseSpec
+from mjbench.report.content import Section
+from mjbench.report.kinds import RECORD_TYPES
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.starts import StartPlan
+from mjbench.store import run_file, runs
+from mjbench.store.run_file import RunFile
+from mjbench.store.runs import Record, Run, RunHeader
 
-# Seconds that the cleanup may take before a further Ctrl-C interrupts it.
-CLEANUP_S = 10.0
+
+class Observer:
+    """What is told of a measurement as it goes on; this one ignores it."""
+
+    def __call__(self, number: int, name: str, share: float) -> None:
+        """Hear that an item is measured: its number, what is done now, and the share done."""
+
+    def begin(self, phase: str) -> None:
+        """Hear in a line what begins now."""
+
+    def show(self, section: Callable[[], Section | None] | None) -> None:
+        """Show what is known so far, until it is called again; None ends that."""
+
+
+@dataclass(frozen=True)
+class Item:
+    """What came of one thing that was measured, such as a model.
+
+    Attributes:
+      records: among them may be some of a continued run.
+      failure: why it could not be measured, in a line that names it; None where it was.
+      is_part: whether people see what it comes to together with the item after it.
+    """
+
+    records: Sequence[Record] = ()
+    failure: Failure | None = None
+    is_part: bool = False
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What is to be measured, for a command or for a program.
+
+    Attributes:
+      arguments: stored in the run file's header: a dataclass or JSON-ready values.
+      files: that it is made from.
+      count: number of items.
+      measure: yields items as they are measured. It is given records that need not be measured
+        again. It may raise KeyboardInterrupt, or end after a record that says so.
+      select_finished: which records of a run are not measured again when it is continued.
+      notes: what makes the results unreliable here, a sentence each.
+    """
+
+    command: str
+    arguments: Any
+    files: Sequence[Path]
+    count: int
+    measure: Callable[[Sequence[Record], Observer], Iterator[Item]]
+    select_finished: Callable[[Sequence[Record]], Sequence[Record]] = lambda records: records
+    notes: Sequence[str] = ()
+
+
+def pinning_notes() -> list[str]:
+    """Return that this system cannot keep processes on a core, where it cannot."""
+    problem = platforms.pinning_problem()
+    return [problem] if problem else []
+
+
+def input_files(
+    sources: Sequence[ModelSource], releases: Sequence[ReleaseSpec], starts: StartPlan
+) -> list[Path]:
+    """Return the files of models, releases and start states."""
+    wheels = [wheel for release in releases for wheel in release.wheels]
+    return [*(source.path for source in sources), *wheels, *starts.files]
+
+
+def of_each_model(
+    command: str,
+    sources: Sequence[ModelSource],
+    starts: StartPlan,
+    record_type: type[Any],
+    measure: Callable[[ModelSource], Sequence[Record]],
+    arguments: Mapping[str, Any] | None = None,
+) -> Measurement:
+    """Return the measurement of one model after the other.
+
+    Args:
+      record_type: a model that fails has one record, of its name and the failure.
+      arguments: for the run file's header, beside the models and their starts.
+    """
+
+    def items(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+        for number, source in enumerate(sources):
+            observer(number, source.name, 0.0)
+            try:
+                item = Item(measure(source))
+            except MjbenchError as error:
+                failure = failure_of_model(source.name, error)
+                detail = failure.detail.removeprefix(f"{source.name}: ")
+                record = record_type(model=source.name, status=failure.status, detail=detail)
+                item = Item([record], failure)
+            yield item
+
+    names = {"models": [source.name for source in sources]}
+    all_arguments = {**names, **(arguments or {}), "starts": starts}
+    files = input_files(sources, [], starts)
+    return Measurement(command, all_arguments, files, len(sources), items)
+
+
+def failure_of_model(name: str, error: MjbenchError) -> Failure:
+    """Return how the measurement of a model failed, in a line that names it."""
+    failure = failure_of(error)
+    return Failure(failure.status, f"{name}: {failure.detail.removeprefix(f'{name}: ')}")
+
+
+@dataclass(frozen=True)
+class Storage:
+    """Where a session stores its records.
+
+    Attributes:
+      folder: for a new run file.
+      resume: run file to continue; None to begin one.
+      command_line: the words after `mjbench`.
+      select_finished: which records of a continued run are not measured again.
+    """
+
+    folder: Path
+    resume: Path | None = None
+    command_line: Sequence[str] = ()
+    select_finished: Callable[[Sequence[Record]], Sequence[Record]] = lambda records: records
 
 
 class Session:
-    """The time in which a program measures; used as a context manager.
+    """The time in which something is measured; used as a context manager.
 
-    While it lasts, the first Ctrl-C raises KeyboardInterrupt, and the cleanup that follows is not
-    disturbed by further ones.
+    Attributes:
+      earlier: records of a continued run that are not measured again.
+      records: those, and all that were measured since.
     """
 
-    def __init__(self, command: str, wait: bool = False):
+    header: RunHeader
+
+    def __init__(
+        self,
+        command: str,
+        arguments: Any = (),
+        files: Sequence[Path] = (),
+        wait: bool | None = False,
+        storage: Storage | None = None,
+        report: Callable[[str], None] = lambda line: None,
+    ):
         """Prepare to measure.
 
         Args:
-          wait: whether to wait until no other mjbench measures on this machine.
-
-        Raises:
-          MachineError: this operating system cannot do it.
+          arguments: for the header, as are `files`; see `Measurement`.
+          wait: whether to wait for another mjbench that measures here, and not to warn; None where
+            no time is measured.
+          storage: None to store no records.
+          report: called at once with what people should know, in a line.
         """
-        platforms.check_command(command)
-        self._command, self._wait = command, wait
-        self._closing = contextlib.ExitStack()
+        self.earlier: Sequence[Record] = ()
+        self.records: list[Record] = []
+        self._command, self._arguments, self._files = command, arguments, files
+        self._wait, self._storage, self._report = wait, storage, report
+        self._file: RunFile | None = None
+        self._presence: Presence | None = None
+        self._others: Sequence[Neighbour] = ()
 
     def __enter__(self) -> "Session":
-        """Begin to measure."""
+        """Begin to measure.
+
+        Raises:
+          InputError: the run to continue is not one of this command and this machine.
+          MachineError: the run file cannot be written.
+        """
         with contextlib.ExitStack() as closing:
-            closing.enter_context(one_interrupt())
-            closing.enter_context(child.adoption())
-            self._presence = closing.enter_context(Presence(self._command))
-            self._others: Sequence[Neighbour] = self._presence.enter(self._wait)
-            self._machine = machine.describe()
-            self._began = datetime.now(UTC).isoformat(timespec="seconds")
-            self._processor_time = ProcessorTime.now()
+            if self._wait is not None:
+                self._presence = closing.enter_context(Presence(self._command))
+                self._others = self._enter(self._presence, self._wait)
+            self._begin = ProcessorTime.now()
+            self.header = self._new_header()
+            if self._storage is not None:
+                self._file = self._open(self._storage)
+                closing.callback(self._file.close)
             self._closing = closing.pop_all()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Stop measuring; end processes that were interrupted as they started."""
-        with self._closing:
-            if isinstance(error, KeyboardInterrupt):
-                child.end_descendants()
+    def __exit__(self, *exception: object) -> None:
+        """Stop measuring."""
+        self._closing.close()
 
-    def run(
-        self,
-        records: Sequence[Record],
-        arguments: Mapping[str, Any],
-        files: Sequence[Path] = (),
-    ) -> Run:
-        """Return what was measured, as a run file would hold it."""
-        header = runs.RunHeader(
+    def _enter(self, presence: Presence, wait: bool) -> Sequence[Neighbour]:
+        def on_wait(others: Sequence[Neighbour]) -> None:
+            self._report(f"waiting for {neighbours.describe(others)} to finish measuring")
+
+        others = presence.enter(wait, on_wait)
+        if others:
+            self._report(
+                f"another mjbench is measuring on this machine ({neighbours.describe(others)}):"
+                " timings of both are unreliable; use --wait to start after it"
+            )
+        return others
+
+    def _new_header(self) -> RunHeader:
+        words = self._storage.command_line if self._storage else ()
+        return RunHeader(
             runs.SCHEMA,
             self._command,
-            self._machine,
-            runs.to_json(dict(arguments)),
-            tuple(runs.InputFile.of(path) for path in dict.fromkeys(files)),
-            began=self._began,
+            machine.describe(),
+            runs.to_json(self._arguments),
+            tuple(runs.InputFile.of(path) for path in dict.fromkeys(self._files)),
+            tuple(map(printable, words)),
+            datetime.now(UTC).isoformat(timespec="seconds"),
         )
-        return Run(header, tuple(records))
 
-    def notes(self) -> tuple[str, ...]:
-        """Return what made timings unreliable until now, a sentence each."""
-        others = {(each.pid, each.command): each for each in self._others}
-        others |= {(each.pid, each.command): each for each in self._presence.later_neighbours()}
-        notes = []
-        if others:
-            notes.append(
-                "Another mjbench measured on this machine at the same time"
-                f" ({neighbours.describe(list(others.values()))}): these timings are unreliable."
-            )
-        if stolen := machine.stolen_note(self._processor_time):
-            notes.append(stolen)
-        return tuple(notes)
+    def _open(self, storage: Storage) -> RunFile:
+        """Begin a run file, or continue one with those of its records that are finished."""
+        if storage.resume is None:
+            return RunFile.create(storage.folder, self.header)
+        if storage.resume.is_fifo():
+            raise InputError(f"cannot continue {storage.resume}: it is a pipe, not a file")
+        stored = runs.load(storage.resume, RECORD_TYPES)
+        run_file.check_continues(storage.resume, stored.header, self.header)
+        if stored.is_torn:
+            self._report(f"{storage.resume}: the last line was cut short; it is left out")
+        self.earlier = tuple(storage.select_finished(stored.records))
+        self.records = [*self.earlier]
+        return RunFile.rewrite(storage.resume, stored.header, self.earlier)
 
+    @property
+    def machine(self) -> Machine:
+        """What it is measured on."""
+        return self.header.machine
 
-@contextlib.contextmanager
-def one_interrupt(clock: Callable[[], float] = time.monotonic) -> Iterator[None]:
-    """Let the first Ctrl-C interrupt the block; further ones do not disturb its cleanup.
+    @property
+    def file(self) -> Path | None:
+        """The run file; None without one."""
+        return None if self._file is None else self._file.path
 
-    A handler of the program's own stays in place. In another thread than the main one nothing
-    changes: Ctrl-C does not reach it.
-    """
-    is_main = threading.current_thread() is threading.main_thread()
-    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield
-        return
-    first_s: float | None = None
-
-    def handle(signum: int, frame: FrameType | None) -> None:
-        nonlocal first_s
-        now = clock()
-        if first_s is not None and now - first_s <= CLEANUP_S:
+    def record(self, record: Record) -> None:
+        """Take a record, and append it to the run file, unless a continued run has it."""
+        if any(record is each for each in self.earlier):
             return
-        first_s = now
-        raise KeyboardInterrupt
+        self.records.append(record)
+        if self._file is not None:
+            self._file.append(record)
 
-    signal.signal(signal.SIGINT, handle)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    def run(self, records: Sequence[Record] | None = None) -> Run:
+        """Return the run as its file holds it, with all of its records or with some."""
+        return Run(self.header, tuple(self.records if records is None else records))
+
+    def notes(self) -> Iterator[str]:
+        """Yield what made timings unreliable until now, a sentence each."""
+        if self._presence is None:
+            return
+        others = dict.fromkeys([*self._others, *self._presence.later_neighbours()])
+        if others:
+            yield (
+                "Another mjbench measured on this machine at the same time"
+                f" ({neighbours.describe(list(others))}): these timings are unreliable."
+            )
+        if stolen := machine.stolen_note(self._begin):
+            yield stolen

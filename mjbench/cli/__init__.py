@@ -12,8 +12,6 @@ from mjbench.cli import (  # each adds its command to the group
     env,
     explain,
     history,
-    history_explain,
-    history_measure,
     instructions,
     latency,
     lint,

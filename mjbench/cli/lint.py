@@ -126,7 +126,7 @@ def lint(
     findings: list[Finding] = []
     unchecked: list[UncheckedFile] = []
     fixed, is_unwritten = 0, False
-    with RunContext("lint", json_file, inputs=regular_files(files)) as run:
+    with RunContext(json_file, regular_files(files)) as run:
         for result in fix_all(files, choice) if fix else check_all(files, choice):
             left: Sequence[Finding] = []
             unfixed: Sequence[Unfixed] = []

@@ -26,7 +26,7 @@ def models(names: tuple[str, ...], time_limit: float, json_file: str | None) -> 
     from mjbench.simulation.models import resolve, shipped
 
     sources = [resolve(name) for name in names or shipped()]
-    with RunContext("models", json_file, inputs=[source.path for source in sources]) as run:
+    with RunContext(json_file, [source.path for source in sources]) as run:
         listed = list_models(sources, time_limit)
         run.table(listings.models_table(listed))
         for line in listings.failed_models(listed):

@@ -19,6 +19,6 @@ def paths(json_file: str | None) -> None:
     from mjbench.report.documents import PathsDocument
 
     rows = [listings.PathRow.of(path) for path in registry().values()]
-    with RunContext("paths", json_file) as run:
+    with RunContext(json_file) as run:
         run.table(listings.paths_table(rows))
         run.write(PathsDocument(paths=rows))

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import RunContext, Storage
+from mjbench.cli.context import OutputOptions, RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, RESULTS, WAIT, Seconds, with_options
+from mjbench.cli.shared import OUTPUT, Seconds
 from mjbench.errors import InputError
 from mjbench.status import ExitCode
 
@@ -97,6 +97,7 @@ def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "P
 @click.option(
     "-o",
     "--output",
+    "flame_graph",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
     help="Also write the samples as a flame graph (FILE.svg), or as a profile for"
@@ -108,7 +109,7 @@ def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "P
     help="Measure what the changes save that mjbench can make itself: run the program 8 times with"
     " and 8 times without each.",
 )
-@with_options(RESULTS, WAIT, JSON)
+@OUTPUT
 def run(
     program: tuple[str, ...],
     seconds: float | None,
@@ -116,11 +117,9 @@ def run(
     rate_hz: int | None,
     has_native: bool,
     interpreter: str | None,
-    output: Path | None,
+    flame_graph: Path | None,
     confirm: bool,
-    results: Path,
-    wait: bool,
-    json_file: str | None,
+    output: OutputOptions,
 ) -> None:
     """Where does the time of my own program go, and what should I change first?
 
@@ -142,9 +141,9 @@ def run(
     from mjbench.report import flame
     from mjbench.report.kinds import PROGRAM
 
-    if output is not None:
-        flame.check(output)
-    if json_file == "-":
+    if flame_graph is not None:
+        flame.check(flame_graph)
+    if output.json_file == "-":
         raise InputError("--json -: standard output is the program's own; name a file")
     if bool(program) == (pid is not None):
         raise InputError("give a program to run, or --attach PID")
@@ -163,8 +162,8 @@ def run(
         "confirm": confirm,
     }
     files = [Path(program[0])] if program and Path(program[0]).is_file() else []
-    storage = Storage(results, arguments)
-    with RunContext("run", json_file, files, storage, wait, to_stderr=True) as context:
+    session = output.session("run", arguments, files)
+    with RunContext(output.json_file, files, session, to_stderr=True) as context:
         if of_program is not None:
             name, seen = of_program.name, launch.run(of_program, seconds, sampling)
         else:
@@ -173,11 +172,9 @@ def run(
         row = ProgramRow.of(name, seen)
         if confirm and of_program is not None:
             row = _confirmed(context, of_program, row)
-        context.show_results(PROGRAM, [row])
-        if output is not None:
-            flame.write(output, seen.threads)
+        context.show(PROGRAM.sections(session.run([row])))
+        if flame_graph is not None:
+            flame.write(flame_graph, seen.threads)
         context.record(row)
-        context.write_results(PROGRAM)
-    if context.interrupted:
-        sys.exit(ExitCode.INTERRUPTED)
-    sys.exit(ExitCode.OK if row.was_ended else row.exit_code)
+        context.write_results()
+    context.exit_with(ExitCode.OK if row.was_ended else row.exit_code)

@@ -53,7 +53,7 @@ def site(output: Path, project: Path) -> None:
             raise InputError(f"{output} exists and is no site of mjbench: choose another folder")
         if output.resolve() in (Path.cwd(), project.resolve()):
             raise InputError(f"{output} is the folder of the project: choose another folder")
-    with RunContext("site") as run, scratch.folder() as folder:
+    with RunContext() as run, scratch.folder() as folder:
         for warning in pages.build(_read(project), folder, output):
             report_line(warning)
         run.out.print(f"Site: {output / 'index.html'}", soft_wrap=True)

@@ -7,8 +7,11 @@ of a module.
 """
 
 import ast
+import itertools
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+
+from mjbench.loop.script_syntax import ancestors
 
 Scope = ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda | ast.ClassDef
 # What may pass by what is in it, or end early; the values of an assignment included.
@@ -57,12 +60,9 @@ class NameBindings:
 
     def owner(self, name: str, node: ast.AST) -> Scope | None:
         """Return the scope whose name a node means by `name`; None where the script binds none."""
-        innermost = self.scope_of(node)
-        for scope in self._scopes_around(node):
-            is_seen = scope is innermost or not isinstance(scope, ast.ClassDef)
-            if is_seen and (scope, name) in self._bindings:
-                return scope
-        return None
+        innermost, *outer = self._scopes_around(node)
+        seen = [innermost, *(scope for scope in outer if not isinstance(scope, ast.ClassDef))]
+        return next((scope for scope in seen if (scope, name) in self._bindings), None)
 
     def bindings(self, name: str, scope: Scope) -> Sequence[ast.AST]:
         """Return the nodes that bind a name in a scope."""
@@ -140,22 +140,17 @@ class NameBindings:
 
     def _scopes_of_binding(self, node: ast.AST) -> Iterator[Scope]:
         """Yield the scope in which a node binds a name, or all scopes that it might be."""
-        if isinstance(self._parents.get(node), ast.NamedExpr):  # in a default value, of the scope
-            yield from self._scopes_around(node)  # around the function
-        else:
-            yield next(self._scopes_around(node))
+        scopes = self._scopes_around(node)
+        # in a default value, of the scope around the function
+        is_walrus = isinstance(self._parents.get(node), ast.NamedExpr)
+        return scopes if is_walrus else itertools.islice(scopes, 1)
 
     def _scopes_around(self, node: ast.AST) -> Iterator[Scope]:
-        above = self._parents.get(node)
-        while above is not None:
-            if isinstance(above, Scope):
-                yield above
-            above = self._parents.get(above)
+        return (above for above in ancestors(self._parents, node) if isinstance(above, Scope))
 
     def _nodes_up_to(self, node: ast.AST, scope: Scope) -> Iterator[ast.AST]:
-        while node is not scope:
-            node = self._parents[node]
-            yield node
+        above = itertools.takewhile(lambda each: each is not scope, ancestors(self._parents, node))
+        return itertools.chain(above, [scope])
 
 
 def _set_in_modules(tree: ast.Module) -> set[str]:

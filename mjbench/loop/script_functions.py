@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from mjbench.loop.name_bindings import NameBindings
-from mjbench.loop.script_syntax import FUNCTIONS, dotted_name
+from mjbench.loop.script_syntax import FUNCTIONS, ancestors, dotted_name, parameters_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class ScriptFunctions:
 
     def arguments(self, call: ast.Call, function: ast.FunctionDef) -> Mapping[str, ast.expr] | None:
         """Return what a call gives to the parameters of a function; None if that is not plain."""
-        parameters = [a.arg for a in (*function.args.posonlyargs, *function.args.args)]
+        parameters = parameters_of(function)
         if isinstance(call.func, ast.Attribute):
             parameters = parameters[1:]
         starred = any(isinstance(argument, ast.Starred) for argument in call.args)
@@ -101,10 +101,8 @@ class ScriptFunctions:
         if not isinstance(node, ast.Name):
             return None
         if node.id == "self":
-            above = self._parents.get(node)
-            while above is not None and not isinstance(above, ast.ClassDef):
-                above = self._parents.get(above)
-            return above
+            above = ancestors(self._parents, node)
+            return next((each for each in above if isinstance(each, ast.ClassDef)), None)
         assigned = self._parents.get(self._binding(node) or node)
         if not isinstance(assigned, ast.Assign) or not isinstance(assigned.value, ast.Call):
             return None

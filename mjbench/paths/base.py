@@ -293,7 +293,8 @@ def make_simulate(model: mujoco.MjModel, hold: int, returns: Product) -> Simulat
     step. What it needs to know of the model is looked up here, so that a timed call does nothing
     but step and record.
     """
-    spec, has_reset = compat.INTEGRATION, needs_reset(model)
+    # a state does not hold what sleeps
+    spec, has_reset = compat.INTEGRATION, compat.has_sleep(model)
     physics = compat.FULLPHYSICS
 
     def simulate(
@@ -339,8 +340,3 @@ def make_simulate(model: mujoco.MjModel, hold: int, returns: Product) -> Simulat
             mujoco.mj_getState(model, data, final_state[i], spec)
 
     return simulate if returns == Product.FINAL else record
-
-
-def needs_reset(model: mujoco.MjModel) -> bool:
-    """Return whether an MjData must be reset between simulations: sleep is not in the state."""
-    return compat.has_sleep(model)

@@ -10,7 +10,7 @@ from mjbench.errors import InputError, MachineError, one_line
 from mjbench.paths import warp_buffers
 from mjbench.paths.accelerated import CPU, AcceleratedPath, Compiled, keyword_arguments
 from mjbench.paths.base import Options
-from mjbench.paths.mjx_program import CompiledProgram, MjxProgram
+from mjbench.paths.mjx_program import MjxProgram
 from mjbench.simulation import compat
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.work import Peaks
@@ -38,7 +38,6 @@ class Mjx(AcceleratedPath):
     compiles_at_first_call: ClassVar[bool] = False
 
     def environment(self) -> dict[str, str | None]:
-        """Return variables that set the precision, and prevent reuse of compiled programs."""
         return {
             "JAX_ENABLE_X64": "1" if self.precision == Precision.FLOAT64 else "0",
             "JAX_COMPILATION_CACHE_DIR": None,
@@ -51,7 +50,6 @@ class Mjx(AcceleratedPath):
         }
 
     def device_kind(self) -> str:
-        """Return the platform of JAX's first device."""
         import jax
 
         try:
@@ -65,48 +63,44 @@ class Mjx(AcceleratedPath):
         return self.device_kind() != CPU
 
     def data_fields(self, model: mujoco.MjModel) -> Mapping[str, Any]:
-        """Return the fields of MJX's Data for a model."""
         self.put_model(model)
         return dict(vars(self.make_data(model, self.buffer_sizes(Peaks(1, 1), 1))))
 
     def compile(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
-        """Trace and compile the program (see `mjx_program`)."""
         import jax
 
         jax.config.update("jax_enable_x64", self.precision == Precision.FLOAT64)
         model = self.put_model(workload.model)
         buffer_sizes = self.buffer_sizes(peaks, workload.nbatch)
-        program = MjxProgram(workload, model, self.make_data(workload.model, buffer_sizes))
-        if program.dtype != self.precision:
-            raise InputError(f"JAX computes in {program.dtype}, not {self.precision}")
+        empty = self.make_data(workload.model, buffer_sizes)
+        if empty.qpos.dtype != self.precision:
+            raise InputError(f"JAX computes in {empty.qpos.dtype}, not {self.precision}")
         nstep_is_fixed = self.needs_fixed_nstep()
-        compiled = CompiledProgram(program, nstep_is_fixed)
-        first_call_s = compiled.first_call_s() if self.compiles_at_first_call else 0.0
+        program = MjxProgram(workload, model, empty, nstep_is_fixed)
+        first_call_s = program.first_call_s() if self.compiles_at_first_call else 0.0
         device = jax.devices()[0]
         is_cpu = device.platform == CPU
         return Compiled(
-            compiled.run,
-            compiled.clear,
-            compiled.final_states,
-            advance=compiled.advance,
-            reload=compiled.reload,
+            program.run,
+            program.clear,
+            program.final_states,
+            advance=program.advance,
+            reload=program.reload,
             device=device.platform if is_cpu else device.device_kind,
-            trace_s=compiled.trace_s,
-            compile_s=compiled.compile_s + first_call_s,
+            trace_s=program.trace_s,
+            compile_s=program.compile_s + first_call_s,
             is_deterministic=not nstep_is_fixed,
             buffer_sizes=buffer_sizes,
             gpu_memory_bytes=lambda: None if is_cpu else self.peak_gpu_memory_bytes(device),
-            cached_compile_s=compiled.cached_compile_s if self.impl == "jax" else lambda: None,
+            cached_compile_s=program.cached_compile_s if self.impl == "jax" else lambda: None,
         )
 
     def put_model(self, model: mujoco.MjModel) -> "mjx.Model":
-        """Return MJX's Model."""
         from mujoco import mjx
 
         return mjx.put_model(model, **compat.known(mjx.put_model, impl=self.impl))
 
     def make_data(self, model: mujoco.MjModel, buffer_sizes: Mapping[str, int]) -> "mjx.Data":
-        """Return MJX's Data of one simulation."""
         from mujoco import mjx
 
         return mjx.make_data(model, **compat.known(mjx.make_data, impl=self.impl), **buffer_sizes)
@@ -159,7 +153,6 @@ class MjxWarp(Mjx):
     compiles_at_first_call = True  # Warp's kernels
 
     def compile(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
-        """Trace and compile the program, and Warp's kernels with it."""
         from mjbench.paths.warp import configure_warp
 
         configure_warp()
@@ -173,7 +166,6 @@ class MjxWarp(Mjx):
         return compat.known(mjx.make_data, nconmax=sizes["naconmax"], **sizes)
 
     def peak_gpu_memory_bytes(self, device: "jax.Device") -> int | None:
-        """Return the peak memory that JAX and Warp used on a GPU."""
         from mjbench.paths.warp import peak_gpu_memory_bytes
 
         parts = (super().peak_gpu_memory_bytes(device), peak_gpu_memory_bytes())

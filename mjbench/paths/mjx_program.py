@@ -33,35 +33,45 @@ if TYPE_CHECKING:
 
 
 class MjxProgram:
-    """The program of one workload, not yet compiled, and its arguments on the device.
+    """The compiled program of one workload, its arguments on the device, and its last output.
 
     Attributes:
-      start: arrays on the device by MjData field.
-      control: (nbatch, ncontrol, nu) on the device.
+      trace_s: seconds from Python to the compiler's input.
+      compile_s: seconds of compiling the timed program.
     """
 
-    def __init__(self, workload: Workload, model: "mjx.Model", empty: "mjx.Data"):
-        """Put the workload's start and controls on the device.
+    def __init__(
+        self, workload: Workload, model: "mjx.Model", empty: "mjx.Data", nstep_is_fixed: bool
+    ):
+        """Put the workload's start and controls on the device, and compile.
 
         Args:
           empty: MJX's Data of one simulation, whose fields the start replaces.
+          nstep_is_fixed: compile the number of steps into the timed program, and a second program,
+            which takes it as an argument, for `advance`.
         """
-        self.workload, self._model, self._empty = workload, model, empty
+        import jax
+
+        self._workload, self._model, self._empty = workload, model, empty
         self._arrays = {n: v for n, v in vars(empty).items() if hasattr(v, "dtype")}
+        self._block_until_ready = jax.block_until_ready
         self.reload()
-        self.nstep = self.count_on_device(workload.nstep)
+        self._nstep = _count_on_device(workload.nstep)
+        self._fixed_nstep = workload.nstep if nstep_is_fixed else None
+        traced, self.trace_s = self._trace(self._fixed_nstep)
+        begin = time.perf_counter()
+        self._timed = traced.compile()
+        self.compile_s = time.perf_counter() - begin
+        self._any_nstep = self._trace(None)[0].compile() if nstep_is_fixed else self._timed
+        self._input: Any = None
+        self._output: Any = None
 
     def reload(self) -> None:
         """Put the workload's start states and controls on the device."""
-        self.start = self.fields_on_device(start_fields(self.workload))
-        self.control = self.control_on_device(self.workload.control)
+        self._start = self._fields_on_device(start_fields(self._workload))
+        self._control = self._control_on_device(self._workload.control)
 
-    @property
-    def dtype(self) -> np.dtype:
-        """The type of floating-point numbers in MJX's Data."""
-        return self._arrays["qpos"].dtype  # type: ignore[no-any-return]
-
-    def fields_on_device(self, fields: Mapping[str, np.ndarray]) -> "dict[str, jax.Array]":
+    def _fields_on_device(self, fields: Mapping[str, np.ndarray]) -> "dict[str, jax.Array]":
         """Return the fields that MJX has, in its shapes and types."""
         import jax
 
@@ -72,26 +82,20 @@ class MjxProgram:
             for name, values in supported_fields(fields, self._arrays, "MJX").items()
         }
 
-    def control_on_device(self, control: np.ndarray) -> "jax.Array":
+    def _control_on_device(self, control: np.ndarray) -> "jax.Array":
         """Return controls in MJX's type."""
         import jax
 
         return jax.device_put(control.astype(self._arrays["ctrl"].dtype))
 
-    def count_on_device(self, nstep: int) -> "jax.Array":
-        """Return a number of steps as the program takes it."""
-        import jax
-
-        return jax.device_put(np.int32(nstep))
-
-    def trace(self, nstep: int | None) -> "tuple[jax.stages.Lowered, float]":
+    def _trace(self, nstep: int | None) -> "tuple[jax.stages.Lowered, float]":
         """Return the traced program, ready to compile, and the seconds that tracing took.
 
         Args:
           nstep: the number to compile in; None to leave it an argument.
         """
         begin = time.perf_counter()
-        arguments = (self.start, self.control, self.nstep)
+        arguments = (self._start, self._control, self._nstep)
         try:
             traced = self._jitted(lambda data: data, nstep).lower(*arguments)
         except TypeError:  # the loop's Data must have the same types before and after a step
@@ -109,7 +113,7 @@ class MjxProgram:
         """Return the jitted function of `start`, `control` and `nstep`."""
         import jax
 
-        hold = self.workload.hold
+        hold = self._workload.hold
 
         def rollout(
             start: "dict[str, jax.Array]", control: "jax.Array", nstep: "jax.Array"
@@ -134,36 +138,11 @@ class MjxProgram:
 
         return cast
 
-
-class CompiledProgram:
-    """A compiled program, the input of its next run, and the output of its last one."""
-
-    def __init__(self, program: MjxProgram, nstep_is_fixed: bool):
-        """Compile a program.
-
-        Args:
-          nstep_is_fixed: compile the number of steps into the timed program, and a second program,
-            which takes it as an argument, for `advance`.
-        """
-        import jax
-
-        self._program, self._block_until_ready = program, jax.block_until_ready
-        self._fixed_nstep = program.workload.nstep if nstep_is_fixed else None
-        traced, self.trace_s = program.trace(self._fixed_nstep)
-        begin = time.perf_counter()
-        self._timed = traced.compile()
-        self.compile_s = time.perf_counter() - begin
-        self._any_nstep = program.trace(None)[0].compile() if nstep_is_fixed else self._timed
-        self._start: Any = None
-        self._end: Any = None
-
     def first_call_s(self) -> float:
         """Return the seconds of a first call, of one step."""
-        import jax
-
-        start, nstep = self._copy_of_start(), self._program.count_on_device(1)
+        start, nstep = self._copy_of_start(), _count_on_device(1)
         begin = time.perf_counter()
-        jax.block_until_ready(self._any_nstep(start, self._program.control, nstep))
+        self._block_until_ready(self._any_nstep(start, self._control, nstep))
         return time.perf_counter() - begin
 
     def cached_compile_s(self) -> float:
@@ -180,40 +159,35 @@ class CompiledProgram:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
         compilation_cache.reset_cache()
-        self._program.trace(self._fixed_nstep)[0].compile()
-        again, _ = self._program.trace(self._fixed_nstep)
+        self._trace(self._fixed_nstep)[0].compile()
+        again, _ = self._trace(self._fixed_nstep)
         begin = time.perf_counter()
         again.compile()
         return time.perf_counter() - begin
 
     def clear(self) -> None:
         """Drop the output of the last run, and copy the start for the next: a run overwrites it."""
-        self._start = self._end = None
-        self._start = self._block_until_ready(self._copy_of_start())
-
-    def reload(self) -> None:
-        """Put the workload's start states and controls on the device again."""
-        self._program.reload()
+        self._input = self._output = None
+        self._input = self._block_until_ready(self._copy_of_start())
 
     def run(self) -> None:
         """Run the timed program; each run needs a `clear` before it."""
-        program, start, self._start = self._program, self._start, None
-        self._end = self._block_until_ready(self._timed(start, program.control, program.nstep))
+        start, self._input = self._input, None
+        self._output = self._block_until_ready(self._timed(start, self._control, self._nstep))
 
     def final_states(self) -> States:
         """Return the states that the last run ended in."""
-        _check_buffers(self._end)
-        return states_of_fields(self._program.workload, self._fields(self._end))
+        _check_buffers(self._output)
+        return states_of_fields(self._workload, self._fields(self._output))
 
     def advance(
         self, fields: Mapping[str, np.ndarray], control: np.ndarray, nstep: int
     ) -> StepOutcome:
         """Take `nstep` steps from other states (see `Compiled.advance`)."""
-        program = self._program
         data = self._any_nstep(
-            program.fields_on_device(fields),
-            program.control_on_device(control),
-            program.count_on_device(nstep),
+            self._fields_on_device(fields),
+            self._control_on_device(control),
+            _count_on_device(nstep),
         )
         _check_buffers(data)
         return StepOutcome(self._fields(data), _contacts(data))
@@ -221,16 +195,23 @@ class CompiledProgram:
     def _copy_of_start(self) -> "dict[str, jax.Array]":
         import jax
 
-        start: dict[str, jax.Array] = jax.tree.map(jax.numpy.copy, self._program.start)
+        start: dict[str, jax.Array] = jax.tree.map(jax.numpy.copy, self._start)
         return start
 
     def _fields(self, data: "mjx.Data") -> dict[str, np.ndarray]:
         """Return the start's fields and the controls of batched Data, (nbatch, size) in float64."""
         fields = {}
-        for name in (*self._program.start, "ctrl"):
+        for name in (*self._start, "ctrl"):
             values = np.asarray(getattr(data, name), dtype=np.float64)
             fields[name] = values.reshape(len(values), -1)
         return fields
+
+
+def _count_on_device(nstep: int) -> "jax.Array":
+    """Return a number of steps as the program takes it."""
+    import jax
+
+    return jax.device_put(np.int32(nstep))
 
 
 def _check_buffers(data: "mjx.Data") -> None:

@@ -11,7 +11,6 @@ from mjbench.paths.rollout_inputs import (
     changed_inputs,
     inputs_snippet,
     shared_inputs,
-    whole_final_states,
 )
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Product, StepOutputs, Workload
@@ -178,12 +177,37 @@ class _RolloutRun:
 
     def verify(self) -> States:
         """Run the timed call, and each simulation alone for the entries it does not return."""
-        nstep = self.workload.nstep
-        alone = whole_final_states(self.model, self.datas[0], self.inputs, nstep)
+        alone = self._final_states_alone()
         self.clear()
         self.run()
         timed = self.final_states()
         return States(np.where(np.asarray(timed.mask), timed.values, alone))
+
+    def _final_states_alone(self) -> np.ndarray:
+        """Return (nbatch, nstate) final states in full, of simulations that are rolled out alone.
+
+        What a rollout does not return, such as the warm-start, is in its MjData afterwards.
+        """
+        from mujoco import rollout
+
+        data, inputs, nstep = self.datas[0], self.inputs, self.workload.nstep
+        values = np.empty_like(self.final_state)
+        state = np.empty((1, nstep, len(self.physics)))
+        sensordata = np.empty((1, nstep, self.model.nsensordata))
+        for i, row in enumerate(values):
+            rollout.rollout(
+                self.model,
+                [data] if compat.rollout_threads() else data,
+                inputs.start[i : i + 1],
+                None if inputs.control is None else inputs.control[i : i + 1],
+                control_spec=inputs.control_spec,
+                nstep=nstep,
+                initial_warmstart=inputs.warmstart[i : i + 1],
+                state=state,
+                sensordata=sensordata,
+            )
+            compat.get_state(self.model, data, row)
+        return values
 
 
 def _rollout_function(options: Options, resources: Resources) -> Callable[..., Any]:

@@ -41,11 +41,6 @@ class RolloutInputs:
     control_spec: int
     control: np.ndarray | None
 
-    def part(self, rows: slice) -> "RolloutInputs":
-        """Return the inputs of some simulations, which share their memory with these."""
-        control = None if self.control is None else self.control[rows]
-        return RolloutInputs(self.start[rows], self.warmstart[rows], self.control_spec, control)
-
 
 def shared_inputs(workload: Workload, resources: Resources) -> RolloutInputs:
     """Return the inputs of a workload's rollout, the same ones to every caller.
@@ -75,35 +70,6 @@ def _make_inputs(workload: Workload, resources: Resources) -> RolloutInputs:
 
     resources.at_change(follow)
     return inputs
-
-
-def whole_final_states(
-    model: mujoco.MjModel, data: mujoco.MjData, inputs: RolloutInputs, nstep: int
-) -> np.ndarray:
-    """Return (nbatch, nstate) final states in full, of simulations that are rolled out alone.
-
-    What a rollout does not return, such as the warm-start, is in its MjData afterwards.
-    """
-    from mujoco import rollout
-
-    values = np.empty((len(inputs.start), compat.state_size(model)))
-    state = np.empty((1, nstep, inputs.start.shape[1]))
-    sensordata = np.empty((1, nstep, model.nsensordata))
-    for i, row in enumerate(values):
-        one = inputs.part(slice(i, i + 1))
-        rollout.rollout(
-            model,
-            [data] if compat.rollout_threads() else data,
-            one.start,
-            one.control,
-            control_spec=one.control_spec,
-            nstep=nstep,
-            initial_warmstart=one.warmstart,
-            state=state,
-            sensordata=sensordata,
-        )
-        compat.get_state(model, data, row)
-    return values
 
 
 def changed_inputs(workload: Workload) -> list[str]:

@@ -205,8 +205,7 @@ def _gain(advice: Advice) -> str:
     gain = advice.speedup
     if gain is None:
         return ""
-    ends = formats.ends(gain)
-    return f" {formats.factor(gain.estimate)}×" + (f" ({ends})" if ends else "")
+    return f" {formats.factor(gain.estimate)}×{formats.in_brackets(gain)}"
 
 
 def _with_software(runs: Sequence[Run], names: Sequence[str]) -> list[str]:

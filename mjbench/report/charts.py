@@ -34,22 +34,32 @@ def values(table: DataTable) -> list[dict[str, Cell]]:
     return [dict(zip(names, row, strict=True)) for row in table.rows]
 
 
-def chart(table: DataTable, layers: Sequence[Spec], height: int | None = None) -> Spec:
+def layer(mark: str, encoding: Mapping[str, Spec], **properties: Any) -> Spec:
+    """Return marks of one kind: how they are drawn, and what of the data each channel shows."""
+    return {"mark": {"type": mark, **properties}, "encoding": dict(encoding)}
+
+
+def figure(
+    title: str,
+    alternative: str,
+    data: DataTable,
+    layers: Sequence[Spec],
+    height: int | None = None,
+) -> Figure:
     """Return a chart of layers that share the data of a table.
 
     Args:
-      layers: marks and encodings.
       height: in pixels; None for one row of text a row of the table.
     """
-    size: Spec = {"width": WIDTH}
-    size["height"] = {"step": _ROW_HEIGHT} if height is None else height
-    return {
+    specification = {
         "$schema": SCHEMA,
-        "data": {"values": values(table)},
-        **size,
+        "data": {"values": values(data)},
+        "width": WIDTH,
+        "height": {"step": _ROW_HEIGHT} if height is None else height,
         "layer": list(layers),
         **page_colours(),
     }
+    return Figure(title, alternative, specification, data)
 
 
 def share_bars(title: str, data: DataTable, noun: str, drawn: str, axis: str) -> Figure:
@@ -65,15 +75,12 @@ def share_bars(title: str, data: DataTable, noun: str, drawn: str, axis: str) ->
     x = quantity(drawn, axis, zero=True)
     if drawn == share.title:
         x["axis"]["format"] = ".0%"
-    layer: Spec = {
-        "mark": {"type": "bar", "height": 12, "color": BLUE},
-        "encoding": {"x": x, "y": names(data)},
-    }
     alternative = f"No {noun}."
     if data.rows:
         longest = f"{data.rows[0][0]}, {share.shown(data.rows[0][1])}"
         alternative = f"Bars of {len(data.rows)} {noun}; the longest is {longest}."
-    return Figure(title, alternative, chart(data, [layer]), data)
+    bars = layer("bar", {"x": x, "y": names(data)}, height=12, color=BLUE)
+    return figure(title, alternative, data, [bars])
 
 
 def quantity(field: str, title: str, *, log: bool = False, **scale: Any) -> Spec:

@@ -10,7 +10,7 @@ from mjbench.paired.race_record import Loop
 from mjbench.paths import BASE
 from mjbench.paths.accelerated import keyword_arguments
 from mjbench.report import comparison_figures, formats
-from mjbench.report.advice import Advice, advise, advise_clock
+from mjbench.report.advice import Advice, advise, advise_clock, advise_threads
 from mjbench.report.conclusions import (
     FORMER,
     cautions,
@@ -27,11 +27,14 @@ from mjbench.report.content import (
     Snippet,
     Tone,
 )
-from mjbench.report.crossovers import crossovers, describe_crossover
+from mjbench.report.crossovers import (
+    crossovers,
+    describe_crossover,
+    describe_work_crossover,
+    work_crossovers,
+)
 from mjbench.report.results import ModelResults, PathResult
 from mjbench.report.starts import starts_lines, warning_lines
-from mjbench.report.thread_advice import advise_threads
-from mjbench.report.work_crossovers import describe_work_crossover, work_crossovers
 from mjbench.simulation import accelerated_limits, package_timer
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.workload import Product

@@ -7,9 +7,8 @@ from mjbench.comparison.plan import Variant, describe_options
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import Loop
 from mjbench.report import formats
-from mjbench.report.advice import Advice, ClockAdvice, Reason
+from mjbench.report.advice import Advice, ClockAdvice, Reason, ThreadAdvice
 from mjbench.report.results import ModelResults
-from mjbench.report.thread_advice import ThreadAdvice
 from mjbench.simulation import package_timer
 from mjbench.units import count_of
 
@@ -94,10 +93,7 @@ def _doubt(advice: Advice) -> str:
 
 
 def _times(speedup: Ratio, baseline: str) -> str:
-    low_high = ""
-    if speedup.low is not None and speedup.high is not None:
-        low_high = f" ({formats.factor(speedup.low)} to {formats.factor(speedup.high)})"
-    return f"{formats.factor(speedup.estimate)} times {baseline}{low_high}"
+    return f"{formats.factor(speedup.estimate)} times {baseline}{formats.in_brackets(speedup)}"
 
 
 def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> str:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from mjbench.releases.release_ratios import LogEstimate
 from mjbench.releases.speed_history import SpeedSeries, order
 from mjbench.report import formats, history
-from mjbench.report.across_machines import Matrix
+from mjbench.report.across_machines import by_machine
 from mjbench.report.content import Column, Conclusion, DataTable, Section
 from mjbench.report.history_files import MachineHistory
 from mjbench.report.speed_history import Listed, listed_changes
@@ -90,8 +90,7 @@ def _kinds(each: MachineHistory) -> Iterator[tuple[bool, Sequence[SpeedSeries]]]
 def section(histories: Sequence[MachineHistory]) -> Section:
     """Return on how many machines each change is listed."""
     all_changes = changes(histories)
-    names = [each.name for each in histories]
-    rows = [(change.name, change.cells) for change in all_changes]
+    cells = {change.name: change.cells for change in all_changes}
     return Section(
         "What changed between releases, by machine",
         conclusions=[Conclusion(conclusion(histories, all_changes))],
@@ -100,7 +99,7 @@ def section(histories: Sequence[MachineHistory]) -> Section:
             " averaged over machines. mjbench history --machine NAME writes the page of one."
         ],
         tables=[
-            *([Matrix("Change points by machine", "change", names, rows).table()] if rows else []),
+            *([by_machine("Change points by machine", "change", cells)] if cells else []),
             _machines(histories),
         ],
         notes=[

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from mjbench.comparison.plan import Variant
+from mjbench.comparison.plan import Variant, describe_options
 from mjbench.comparison.records import MeasurementRecord
 from mjbench.errors import InputError
 from mjbench.host.machine import Machine
@@ -14,6 +14,8 @@ from mjbench.measuring.ratio import Ratio
 from mjbench.measuring.stats import TimedBlocks
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paths.accelerated import CPU
+from mjbench.report import formats
+from mjbench.report.content import Column, DataTable
 from mjbench.report.results import PathResult, derive_all, steps_per_block
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.status import Status
@@ -209,3 +211,33 @@ def _step_s(record: MeasurementRecord, race: RaceRecord | None) -> Sequence[floa
         steps = steps_per_block(record)
         return [seconds / steps for seconds in record.samples_s]
     return race.step_s(Variant(record.path, record.options)) if race is not None else ()
+
+
+def difference_cautions(rows: Sequence[RunDifference]) -> list[str]:
+    """Return what to know before the ratios of `mjbench diff`, a line each."""
+    lines = (
+        f"{', '.join(filter(None, (row.machine, row.model)))}: {caution}"
+        for row in rows
+        for caution in row.cautions
+    )
+    return list(dict.fromkeys(lines))
+
+
+def differences_table(rows: Sequence[RunDifference]) -> DataTable:
+    """Return the table of `mjbench diff`; of sets, with a column for the machine."""
+    return DataTable.of(
+        "Differences",
+        rows,
+        (Column("machine"), lambda row: row.machine),
+        (Column("model"), lambda row: row.model),
+        (Column("path"), lambda row: row.path),
+        (Column("options"), lambda row: describe_options(row.options)),
+        (Column("simulations", formats.count), lambda row: row.nbatch),
+        (Column("new / old", _three_digits), lambda row: row.ratio.estimate if row.ratio else None),
+        (Column("95 %", formats.ends_in(_three_digits)), lambda row: row.ratio),
+        (Column("detail"), lambda row: row.detail),
+    )
+
+
+def _three_digits(ratio: float) -> str:
+    return f"{ratio:.3f}"

@@ -522,3 +522,19 @@ def test_order_with_confirmed_remedies():
     unsure = remedy(RemedyKind.CLOCK, 0.9, confirmed=Confirmed(0.1, -0.1, 0.3, 8))
     listed = sorted([unsure, small, sure, large, wrong], key=lambda each: each.rank)
     assert listed == [wrong, sure, large, small, unsure]
+
+
+def test_a_wait_for_processes_saves_no_steps_of_theirs():
+    waiting = line(13, {Activity.PROCESSES: 0.9})
+    time = loop(line(12, {PHYSICS: 0.1}), waiting)
+    (wait,) = remedies.remedies(time, others_busy_s=4.0)
+    assert (wait.share, wait.gain) == (pytest.approx(0.9), pytest.approx(0.6))
+
+
+def test_processes_that_are_started_again_and_again_cost_their_whole_line():
+    """The end of a pool is on the line that starts it, and the loop waits while they begin."""
+    pool = line(15, {Activity.STARTING: 0.1, PYTHON: 0.2})
+    time = loop(pool, line(16, {Activity.PROCESSES: 0.7}))
+    time = replace(time, calls=[call(call_clock.PROCESS_START, seconds=1.0)])
+    (remedy,) = remedies.remedies(time)
+    assert (remedy.place.line, remedy.gain) == (15, pytest.approx(0.3))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mjbench.report import charts, history_plots
+from mjbench.report import history_plots
 
 
 def test_a_shipped_model_keeps_its_name() -> None:
@@ -19,10 +19,3 @@ def test_names_that_look_alike_have_files_of_their_own(names: tuple[str, str]) -
 @pytest.mark.parametrize("name", ["CON", "nul", "com1"])
 def test_no_plot_is_a_device(name: str) -> None:
     assert history_plots.file_name(name).removesuffix(".svg").upper() != name.upper()
-
-
-def test_long_texts_do_not_reach_the_layout() -> None:
-    part = {"data": {"values": [{"model": "x" * 10_000, "share": 0.5}]}, "title": "y" * 301}
-    short = charts._shortened(part)
-    assert len(short["title"]) == len(short["data"]["values"][0]["model"]) == 301
-    assert short["data"]["values"][0]["share"] == 0.5
