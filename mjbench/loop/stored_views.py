@@ -131,11 +131,7 @@ class StoredViews:
         if store is None or not self._is_log(store, node, body):
             return
         for value in store.values:
-            for view in self._views_in(value):
-                if self._is_of_the_one_data(view, body.inner):
-                    yield StoredView(view)
-            for view in self._of_helpers(value, _renewed(body.inner)):
-                yield StoredView(view, is_returned=True)
+            yield from self._entries(value, body.inner, _renewed(body.inner))
 
     def _collected(self, comprehension: ast.ListComp) -> Iterator[StoredView]:
         """Yield the views of which a comprehension that steps makes a list."""
@@ -143,12 +139,17 @@ class StoredViews:
         targets = statement.targets if isinstance(statement, ast.Assign) else ()
         if any(self._writes.through_entries(dotted_name(target)) for target in targets):
             return
-        inner, element = nodes_inside(comprehension), comprehension.elt
-        for view in self._of_helpers(element, ()):
-            yield StoredView(view, is_returned=True)
-        for view in element.elts if isinstance(element, ast.Tuple) else [element]:
-            if self._script.is_view(view) and self._is_of_the_one_data(view, inner):
+        yield from self._entries(comprehension.elt, nodes_inside(comprehension), ())
+
+    def _entries(
+        self, value: ast.expr, inner: Sequence[ast.AST], renewed: Collection[str]
+    ) -> Iterator[StoredView]:
+        """Yield the views in a value that every iteration of some nodes stores."""
+        for view in self._views_in(value):
+            if self._is_of_the_one_data(view, inner):
                 yield StoredView(view)
+        for view in self._of_helpers(value, renewed):
+            yield StoredView(view, is_returned=True)
 
     def _is_log(self, store: Store, node: ast.AST, body: SteppingBody) -> bool:
         """Return whether every iteration of a body adds an entry to what outlives it."""
