@@ -164,9 +164,7 @@ def measure(request: LatencyRequest, limit_s: float = TIME_LIMIT_S) -> list[Step
     Raises:
       MjbenchError: the child failed, or was killed after `limit_s` seconds of silence.
     """
-    samples: list[StepSamples] = []
-    isolate.run("mjbench.loop.latency:measure_in_child", request, samples.append, limit_s).check()
-    return samples
+    return isolate.call(measure_in_child, request, limit_s=limit_s)
 
 
 def row(model: str, samples: StepSamples, deadline_s: float | None) -> LatencyRow:
@@ -231,8 +229,8 @@ def histogram_quantiles(encoded: str, quantiles: Sequence[float]) -> list[float]
     return [float(histogram.get_value_at_percentile(100 * q)) for q in quantiles]
 
 
-def measure_in_child(request: LatencyRequest, channel: Channel) -> None:
-    """Measure the steps of a model at each pace; sends a `StepSamples` for each."""
+def measure_in_child(request: LatencyRequest, channel: Channel) -> list[StepSamples]:
+    """Measure the steps of a model at each pace."""
     channel.doing("loading the model")
     model = models.load(request.source)
     channel.doing("drawing start states")
@@ -248,6 +246,7 @@ def measure_in_child(request: LatencyRequest, channel: Channel) -> None:
     sample = sampling.draw(model, sample_request)
     timestep_s = float(model.opt.timestep)
     rate_hz = request.rate_hz or 1 / timestep_s
+    samples: list[StepSamples] = []
     for pace in Pace:
         channel.doing(f"timing {pace} steps")
         count = nstep
@@ -257,7 +256,7 @@ def measure_in_child(request: LatencyRequest, channel: Channel) -> None:
         channel.allow_silence(_PATIENCE * step_s * total + 2 * total / rate_hz)
         period_ns = 1e9 / rate_hz if pace == Pace.PACED else 0.0
         latency_ns, features = record_steps(sample.workload, count, period_ns)
-        channel.send(
+        samples.append(
             StepSamples(
                 pace,
                 rate_hz if pace == Pace.PACED else None,
@@ -268,6 +267,7 @@ def measure_in_child(request: LatencyRequest, channel: Channel) -> None:
                 sample.starts,
             )
         )
+    return samples
 
 
 def record_steps(

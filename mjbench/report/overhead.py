@@ -72,16 +72,16 @@ def _binding(ns: float) -> str:
 
 
 def _table(table: OverheadRow) -> DataTable:
-    columns = (
-        Column("in the loop"),
-        Column("adds ns/step", formats.count),
-        Column("95 %", formats.ends_in(formats.count)),
-        Column("of a step", formats.percent),
-        Column("cheaper"),
-        Column("saves ns", formats.count),
+    return DataTable.of(
+        "Habits",
+        table.costs or (),
+        (Column("in the loop"), lambda cost: cost.source),
+        (Column("adds ns/step", formats.count), lambda cost: cost.ns),
+        (Column("95 %", formats.ends_in(formats.count)), lambda cost: cost),
+        (Column("of a step", formats.percent), lambda cost: cost.share),
+        (Column("cheaper"), lambda cost: cost.cheaper),
+        (Column("saves ns", formats.count), lambda cost: cost.saved_ns),
     )
-    rows = [(c.source, c.ns, c, c.share, c.cheaper, c.saved_ns) for c in table.costs or ()]
-    return DataTable("Habits", columns, rows)
 
 
 def _snippets(cost: HabitCost) -> Iterator[Snippet]:
@@ -110,19 +110,16 @@ def _waterfall(table: OverheadRow) -> Figure:
         for cost in table.costs[:_MOST_HABITS]
     ]
     data = DataTable("Nanoseconds of a step", columns, rows)
-    layer: charts.Spec = {
-        "mark": {"type": "bar", "height": 12},
-        "encoding": {
-            "x": charts.quantity("from", "ns of a step", zero=True),
-            "x2": {"field": "to"},
-            "y": charts.names(data),
-            "color": charts.colour("kind", {"step": charts.BLUE, "habit": charts.ORANGE}),
-        },
+    bars = {
+        "x": charts.quantity("from", "ns of a step", zero=True),
+        "x2": {"field": "to"},
+        "y": charts.names(data),
+        "color": charts.colour("kind", {"step": charts.BLUE, "habit": charts.ORANGE}),
     }
-    return Figure(
-        title=f"{table.model}: a step, and what each habit adds to it",
-        alternative=f"The engine takes {table.engine_ns:,.0f} ns; the loop ends at {loop:,.0f} ns;"
-        " habits begin there.",
-        specification=charts.chart(data, [layer]),
-        data=data,
+    return charts.figure(
+        f"{table.model}: a step, and what each habit adds to it",
+        f"The engine takes {table.engine_ns:,.0f} ns; the loop ends at {loop:,.0f} ns; habits"
+        " begin there.",
+        data,
+        [charts.layer("bar", bars, height=12)],
     )
