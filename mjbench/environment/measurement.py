@@ -20,6 +20,7 @@ from mjbench.environment.run import (
     EnvironmentReady,
     EnvironmentRequest,
     EnvironmentRound,
+    measure_in_child,
 )
 from mjbench.environment.source import EnvironmentSource
 from mjbench.host import isolate
@@ -36,8 +37,8 @@ def measure(source: EnvironmentSource, plan: EnvironmentPlan) -> EnvironmentReco
     messages: list[object] = []
     try:
         ended = isolate.run(
-            "mjbench.environment.run:measure_in_child",
-            EnvironmentRequest(source, plan, variants),
+            measure_in_child,
+            (EnvironmentRequest(source, plan, variants),),
             messages.append,
             plan.limit_s,
         )

@@ -114,8 +114,8 @@ def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> M
         asked = [question for question in questions if question.backend == backend]
         messages: list[_Answer | _Forces] = []
         isolate.run(
-            "mjbench.program.replacements:answer",
-            _Request(model, asked),
+            answer,
+            (_Request(model, asked),),
             messages.append,
             LIMIT_S,
             environment={"MUJOCO_GL": backend, "PYOPENGL_PLATFORM": None} if backend else None,
