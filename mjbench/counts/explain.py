@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from mjbench import extras
 from mjbench.counts import counted_program
@@ -32,9 +31,6 @@ from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work_check import StateDrift
 from mjbench.status import Status
 from mjbench.units import percent_change
-
-if TYPE_CHECKING:
-    from mjbench.counts.code_comparison import CodeComparer
 
 # Two counts of the same work differ by less, as a share (tests/counts/test_instructions.py).
 REPEATABILITY = 0.001
@@ -119,11 +115,7 @@ def _time_lines(time: VerdictRow, instruction_ratio: float) -> list[str]:
 
 
 class Explainer:
-    """Explains models one by one; reads the libraries of releases once."""
-
-    def __init__(self) -> None:
-        """Start without libraries."""
-        self._comparer: CodeComparer | None = None
+    """Explains models one by one."""
 
     def row(
         self, baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None
@@ -166,13 +158,12 @@ class Explainer:
           MachineError: it cannot be read here.
         """
         try:
-            from mjbench.counts.code_comparison import CodeComparer
+            from mjbench.counts.code_comparison import compare
         except ImportError as error:
             raise MachineError(
                 f"{error.name} is missing; install it by `{extras.install_command('cli')}`"
             ) from error
-        self._comparer = self._comparer or CodeComparer()
-        return self._comparer.compare(baseline.places, candidate.places)
+        return compare(baseline.places, candidate.places)
 
 
 def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) -> VerdictRow:
@@ -274,14 +265,12 @@ def verdicts(
     counter: InstructionCounter,
     stored: Sequence[VerdictRecord] = (),
     on_candidate: Callable[[int], None] = lambda number: None,
-    on_record: Callable[[VerdictRecord], None] = lambda record: None,
 ) -> Iterator[VerdictRecord]:
     """Yield the verdict on each model in each new release.
 
     Args:
       stored: verdicts that need not be measured again.
       on_candidate: called with the position of each new release before it is counted.
-      on_record: called with each verdict that was measured, before it is yielded.
     """
     baselines: dict[str, ModelCount] = {}
     for number, candidate in enumerate(comparison.candidates):
@@ -294,6 +283,4 @@ def verdicts(
             baselines[count.model] = count
         for count in counter.count(candidate, missing) if missing else ():
             row = verdict_row(baselines[count.model], count, comparison.min_effect)
-            record = verdict.record_of(row)
-            on_record(record)
-            yield record
+            yield verdict.record_of(row)

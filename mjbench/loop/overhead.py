@@ -12,11 +12,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.loop import habits
-from mjbench.loop.compiled_loop import compile_loop, script
-from mjbench.loop.habits import BARE, ONE_CALL, ZERO_STEPS, Habit
+from mjbench.loop.habits import BARE, ONE_CALL, ZERO_STEPS, Habit, compile_loop, script
 from mjbench.loop.loop_starts import LoopStarts
 from mjbench.measuring import stats, timing
 from mjbench.simulation import models, work
@@ -130,7 +131,7 @@ def measure(
     }
     mean_ns = {name: statistics.mean(values) for name, values in added_ns.items()}
     costs = [
-        _cost(habits.find(name), values, bare_ns, mean_ns)
+        _cost(habits.BY_NAME[name], values, bare_ns, mean_ns)
         for name, values in added_ns.items()
         if name != ZERO_STEPS.name
     ]
@@ -165,11 +166,11 @@ def launch(source: ModelSource, plan: StartPlan, seed: int, channel: Channel) ->
         for warm_up in (run_bare, runs[name]):
             warm_up()
         start.count = len(bare_ns) * _BLOCKS_PER_QUAD  # all blocks of a quad start from one state
-        quads = timing.quads(run_bare, runs[name], QUADS)
-        bare_ns += [1e9 * quad.baseline_s / nstep for quad in quads]
-        added_ns[name] = statistics.median(
-            1e9 * (quad.candidate_s - quad.baseline_s) / nstep for quad in quads
-        )
+        orders = timing.draw_orders(QUADS)
+        seconds = np.array(timing.block_times(run_bare, runs[name], orders))
+        bare_s, habit_s = (s.mean(axis=1) for s in stats.blocks_by_target(orders, seconds))
+        bare_ns += (1e9 * bare_s / nstep).tolist()
+        added_ns[name] = float(np.median(1e9 * (habit_s - bare_s) / nstep))
     return Launch(nstep, statistics.median(bare_ns), added_ns, starts.starts)
 
 
