@@ -59,7 +59,7 @@ IDLE_S = 20.0
 
 def measured(case: Case, budget_s: float) -> RayModel:
     """Compare the paths on one model, from the least work on."""
-    from mjbench.report.work_crossovers import PATH, RIVALS, work_crossovers
+    from mjbench.report.crossovers import RAY, RIVALS, work_crossovers
 
     results: list[PathResult] = []
     sizes: list[RaySize] = []
@@ -67,7 +67,7 @@ def measured(case: Case, budget_s: float) -> RayModel:
     while not sizes or FACTOR * sizes[-1].loop_ms <= 1e3 * MOST_LOOP_S:
         compared = mjbench.compare(
             case.model,
-            paths=[*RIVALS, PATH],
+            paths=[*RIVALS, RAY],
             nbatch=nbatch,
             nstep=case.nstep,
             budget_s=budget_s,

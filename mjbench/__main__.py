@@ -20,7 +20,8 @@ def main() -> None:
     except MachineError as error:
         _fail(str(error))
     try:
-        from mjbench.cli import cli, interrupts
+        from mjbench.api import interrupts
+        from mjbench.cli import cli
     except Exception as error:  # a broken package, too few file descriptors
         _fail(f"cannot start: {type(error).__name__}: {error}")
     try:

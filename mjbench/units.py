@@ -33,11 +33,6 @@ def listed(names: Sequence[str]) -> str:
     return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
 
 
-def percent(share: float) -> str:
-    """Return a share in percent, without the percent sign, to two significant digits."""
-    return plain(100 * share, 2)
-
-
 def percent_change(ratio: float) -> str:
     """Return the change that a ratio stands for, in percent, with its sign."""
     return f"{100 * (ratio - 1):+.2f}"

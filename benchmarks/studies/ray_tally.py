@@ -63,7 +63,7 @@ class CallWork:
 
 @dataclass(frozen=True)
 class Overtaking:
-    """Where `ray` overtakes another path; see `mjbench.report.work_crossovers`.
+    """Where `ray` overtakes another path; see `mjbench.report.crossovers`.
 
     Attributes:
       least: work from which on `ray` is faster; None where it never is.

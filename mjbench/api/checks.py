@@ -4,14 +4,13 @@ Each function returns the value that it was given, or raises InputError with one
 argument.
 """
 
-import math
 import operator
 from collections.abc import Callable, Iterable, Sequence
 from enum import StrEnum
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from mjbench.errors import InputError, one_line
-from mjbench.limits import MAX_COUNT, MAX_SECONDS, MAX_SEED
+from mjbench.limits import COUNT, Bounds
 from mjbench.simulation import workload
 
 _Choice = TypeVar("_Choice", bound=StrEnum)
@@ -30,62 +29,37 @@ def optional(
     return None if value is None else check(name, value, *limits, **options)
 
 
-def seconds(name: str, value: float, zero: bool = False) -> float:
-    """Return a time of at most a day: above 0, or also 0 where `zero`."""
-    number = _number(name, value)
-    if not (0 < number <= MAX_SECONDS or (zero and number == 0)):
-        least = "at least 0" if zero else "above 0"
-        raise _wrong(name, value, f"{least} and at most {MAX_SECONDS:.0f}, a day in seconds")
-    return abs(number)  # -0 is 0
+def number(name: str, value: float, bounds: Bounds) -> float:
+    """Return a number within bounds."""
+    try:
+        checked = float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise _wrong(name, value, "a number") from None
+    if checked not in bounds:
+        raise _wrong(name, value, str(bounds))
+    return abs(checked) if checked == 0 else checked  # -0 is 0
 
 
-def share(name: str, value: float) -> float:
-    """Return a share between 0 and 1, such as 0.01 for 1 %."""
-    number = _number(name, value)
-    if not 0 < number < 1:
-        raise _wrong(name, value, "between 0 and 1, such as 0.01 for 1 %")
-    return number
+def whole(name: str, value: Any, bounds: Bounds = COUNT, is_float: bool = False) -> int:
+    """Return a whole number within bounds; `is_float`: it may be given as `1e9`."""
+    try:
+        if isinstance(value, bool):
+            raise TypeError
+        checked = int(value) if is_float and value == int(value) else operator.index(value)
+    except (TypeError, ValueError, OverflowError):
+        raise _wrong(name, value, "a whole number") from None
+    if checked not in bounds:
+        raise _wrong(name, value, str(bounds))
+    return checked
 
 
-def rate_hz(name: str, value: float, most: float) -> float:
-    """Return a number of times per second, above 0 and at most `most`."""
-    number = _number(name, value)
-    if not 0 < number <= most:
-        raise _wrong(name, value, f"above 0 and at most {most:,.0f}")
-    return number
-
-
-def count(name: str, value: int, most: int = MAX_COUNT) -> int:
-    """Return a whole number from 1 to `most`."""
-    number = _whole(name, value)
-    if not 1 <= number <= most:
-        raise _wrong(name, value, f"at least 1 and at most {most}")
-    return number
-
-
-def seed(name: str, value: int) -> int:
-    """Return a whole number from 0 to MAX_SEED."""
-    number = _whole(name, value)
-    if not 0 <= number <= MAX_SEED:
-        raise _wrong(name, value, f"at least 0 and at most {MAX_SEED}")
-    return number
-
-
-def counts(name: str, value: int | Iterable[int], most: int = MAX_COUNT) -> list[int]:
+def wholes(name: str, value: int | Iterable[int], bounds: Bounds = COUNT) -> list[int]:
     """Return one whole number or several, each once."""
     several = value if isinstance(value, Iterable) else (value,)
-    numbers = list(dict.fromkeys(count(name, number, most) for number in several))
+    numbers = list(dict.fromkeys(whole(name, number, bounds) for number in several))
     if not numbers:
         raise InputError(f"{name} is empty: give a number, or several")
     return numbers
-
-
-def large_count(name: str, value: float, most: int) -> int:
-    """Return a whole number from 1 to `most`, which may be given as `1e9`."""
-    number = _number(name, value)
-    if not math.isfinite(number) or number != int(number):
-        raise _wrong(name, value, "a whole number")
-    return count(name, int(value), most)
 
 
 def choice(name: str, value: str, choices: type[_Choice]) -> _Choice:
@@ -112,22 +86,6 @@ def names(name: str, value: str | Iterable[str]) -> list[str]:
     if not unique:
         raise InputError(f"{name} is empty: give a name, or several")
     return unique
-
-
-def _number(name: str, value: Any) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise _wrong(name, value, "a number") from None
-
-
-def _whole(name: str, value: Any) -> int:
-    if isinstance(value, bool):
-        raise _wrong(name, value, "a whole number")
-    try:
-        return operator.index(value)
-    except TypeError:
-        raise _wrong(name, value, "a whole number") from None
 
 
 def _wrong(name: str, value: object, expected: str) -> InputError:

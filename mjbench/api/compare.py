@@ -1,34 +1,34 @@
 """`mjbench.compare`: the ways of stepping a model: do they agree, and which is fastest?"""
 
+import functools
 import itertools
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjbench import paths as stepping_paths
-from mjbench.api import checks, failures, model_sources, start_states
+from mjbench.api import checks, model_sources, start_states
 from mjbench.api.measured import Measured
-from mjbench.api.session import Session
+from mjbench.api.session import Item, Measurement, Observer
 from mjbench.comparison import selection
 from mjbench.comparison.plan import BUDGET_S, ComparisonPlan
-from mjbench.comparison.records import ModelRecord
 from mjbench.errors import InputError
-from mjbench.limits import MAX_LARGE_COUNT, MAX_THREADS, TIME_LIMIT_S
-from mjbench.measuring import progress
+from mjbench.limits import LARGE_COUNT, SECONDS, SEED, THREADS, TIME_LIMIT_S
 from mjbench.measuring.progress import Progress
 from mjbench.paired import path_comparison
 from mjbench.paired.worker_pool import WorkerPool
+from mjbench.report import comparison as report
 from mjbench.report.advice import Advice, ClockAdvice
-from mjbench.report.crossovers import Crossover
+from mjbench.report.content import Section
+from mjbench.report.crossovers import Crossover, WorkCrossover
 from mjbench.report.documents import CompareDocument
 from mjbench.report.results import ModelResults, PathResult, derive_all
-from mjbench.report.work_crossovers import WorkCrossover
 from mjbench.simulation import models as shipped_models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Product
-from mjbench.store.runs import Record
+from mjbench.store.runs import Record, to_json
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model
@@ -135,58 +135,93 @@ def compare(
     path_names = [] if paths is None else checks.names("paths", paths)
     plan = ComparisonPlan(
         variants=(),
-        nstep=checks.optional(checks.count, "nstep", nstep),
-        hold=checks.count("hold", hold),
-        seed=checks.seed("seed", seed),
+        nstep=checks.optional(checks.whole, "nstep", nstep),
+        hold=checks.whole("hold", hold),
+        seed=checks.whole("seed", seed, SEED),
         returns=checks.choice("returns", returns, Product),
-        budget_s=checks.seconds("budget_s", budget_s),
-        limit_s=checks.seconds("time_limit_s", time_limit_s),
+        budget_s=checks.number("budget_s", budget_s, SECONDS),
+        limit_s=checks.number("time_limit_s", time_limit_s, SECONDS),
         import_from=_own_path_folder(path_names),
         named=selection.named(path_names),
         total_steps=checks.optional(
-            checks.large_count, "total_steps", total_steps, MAX_LARGE_COUNT
+            checks.whole, "total_steps", total_steps, LARGE_COUNT, is_float=True
         ),
     )
     checks.holds(plan.nstep, plan.hold)
     plans = selection.plans(
         plan,
         path_names,
-        checks.optional(checks.counts, "threads", threads, MAX_THREADS),
-        checks.optional(checks.counts, "chunk", chunk),
+        checks.optional(checks.wholes, "threads", threads, THREADS),
+        checks.optional(checks.wholes, "chunk", chunk),
         _option_texts(options or {}),
-        checks.optional(checks.counts, "nbatch", nbatch),
+        checks.optional(checks.wholes, "nbatch", nbatch),
     )
     with (
         model_sources.sources(models or shipped_models.shipped()) as sources,
         start_states.plan(settle_s, states, actions) as starts,
-        Session("compare", wait) as session,
     ):
         sized = [replace(plan, starts=starts) for plan in plans]
-        turns = list(itertools.product(sources, sized))
-        records = _measure(turns, on_progress or progress.ignore)
-        failures.check_any([record for record in records if isinstance(record, ModelRecord)])
-        files = [*(source.path for source in sources), *starts.files]
-        run = session.run(records, {"models": [source.name for source in sources]}, files)
-        return Comparison(run, session.notes())
+        return Comparison.of(measurement(sources, sized), wait, on_progress)
 
 
-def _measure(
-    turns: Sequence[tuple[ModelSource, ComparisonPlan]], on_progress: Progress
-) -> list[Record]:
-    """Return the records of models at their sizes."""
-    records: list[Record] = []
-    with WorkerPool(turns[0][1].limit_s) as pool:
-        for number, (source, plan) in enumerate(turns):
+def measurement(sources: Sequence[ModelSource], plans: Sequence[ComparisonPlan]) -> Measurement:
+    """Return the comparison of models, each at the sizes of some plans."""
+    arguments = {**to_json(plans[0]), "models": [source.name for source in sources]}
+    arguments["nbatch"] = [plan.nbatch for plan in plans]
+    files = [source.path for source in sources]
+    files += stepping_paths.user_module_files(variant.path for variant in plans[0].variants)
+    files += plans[0].starts.files
+    nvariant = len(plans[0].variants)
 
-            def advance(name: str, share: float, number: int = number) -> None:
-                on_progress(name, (number + share) / len(turns))
+    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+        count = len(sources) * len(plans)
+        with WorkerPool(plans[0].limit_s) as pool:
+            for position, source in enumerate(sources):
+                shares = [(position * len(plans) + i) / count for i in range(len(plans) + 1)]
+                yield from _measure_model(pool, source, plans, shares, earlier, observer)
 
-            *_, last = path_comparison.compare_model(pool, source, plan, advance)
-            records += last.records
-            if last.is_interrupted:
-                raise KeyboardInterrupt
-            advance(source.name, 1.0)
-    return records
+    return Measurement(
+        "compare",
+        arguments,
+        files,
+        measure,
+        lambda records: path_comparison.finished(records, nvariant),
+    )
+
+
+def _measure_model(
+    pool: WorkerPool,
+    source: ModelSource,
+    plans: Sequence[ComparisonPlan],
+    shares: Sequence[float],
+    earlier: Sequence[Record],
+    observer: Observer,
+) -> Iterator[Item]:
+    """Yield what a model comes to at one size after the other.
+
+    Args:
+      shares: of all work that is done before each plan, and after the last.
+    """
+    of_sizes: list[Record] = []
+    for plan, (begin, end) in zip(plans, itertools.pairwise(shares), strict=True):
+
+        def on_progress(name: str, share: float, begin: float = begin, end: float = end) -> None:
+            observer(name, begin + share * (end - begin))
+
+        known = path_comparison.stored(source, plan, earlier)
+        if known is None:
+            for known in path_comparison.compare_model(
+                pool, source, plan, on_progress, observer.begin
+            ):
+                observer.show(functools.partial(_section_so_far, [*of_sizes, *known.records]))
+            observer(source.name, end)
+        assert known is not None, "the last that it yields is complete"
+        of_sizes += known.records
+        yield Item(known.records, is_part=plan is not plans[-1])
+
+
+def _section_so_far(records: Sequence[Record]) -> Section | None:
+    return report.section_so_far(derive_all(records))
 
 
 def _option_texts(options: Mapping[str, Any]) -> list[str]:

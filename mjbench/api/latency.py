@@ -1,14 +1,16 @@
 """`mjbench.latency`: how long single steps take, and which are late."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from mjbench.api import checks, model_sources, start_states
 from mjbench.api.measured import Measured
-from mjbench.api.session import Session
-from mjbench.limits import MAX_HERTZ, TIME_LIMIT_S
+from mjbench.api.session import Measurement, of_each_model
+from mjbench.limits import HERTZ, SECONDS, SEED, TIME_LIMIT_S
 from mjbench.loop import latency as loop_latency
 from mjbench.loop.latency import LatencyRequest, LatencyRow, Pace
+from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model
@@ -75,19 +77,34 @@ def latency(
       MachineError: a package is missing, or the process that steps crashed or hung.
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
-    limit_s = checks.seconds("time_limit_s", time_limit_s)
-    deadline_s = checks.optional(checks.seconds, "deadline_s", deadline_s)
-    rate_hz = checks.optional(checks.rate_hz, "rate_hz", rate_hz, MAX_HERTZ)
-    nstep = checks.optional(checks.count, "nstep", nstep)
+    limit_s = checks.number("time_limit_s", time_limit_s, SECONDS)
+    deadline_s = checks.optional(checks.number, "deadline_s", deadline_s, SECONDS)
+    rate_hz = checks.optional(checks.number, "rate_hz", rate_hz, HERTZ)
+    nstep = checks.optional(checks.whole, "nstep", nstep)
+    hold, seed = checks.whole("hold", hold), checks.whole("seed", seed, SEED)
     with (
         model_sources.sources([model]) as (source,),
         start_states.plan(settle_s, states, actions) as starts,
-        Session("latency", wait) as session,
     ):
-        request = LatencyRequest(
-            source, nstep, rate_hz, checks.count("hold", hold), checks.seed("seed", seed), starts
-        )
-        samples = loop_latency.measure(request, limit_s)
-        rows = [loop_latency.row(source.name, of_pace, deadline_s) for of_pace in samples]
-        files = [source.path, *starts.files]
-        return Latency(session.run(rows, {"models": [source.name]}, files), session.notes())
+        request = LatencyRequest(source, nstep, rate_hz, hold, seed, starts)
+        return Latency.of(measurement([request], deadline_s, limit_s), wait)
+
+
+def measurement(
+    requests: Sequence[LatencyRequest], deadline_s: float | None, limit_s: float
+) -> Measurement:
+    """Return the measurement of single steps of models, which are asked for alike."""
+    first, sources = requests[0], [request.source for request in requests]
+
+    def measure_model(source: ModelSource) -> list[LatencyRow]:
+        samples = loop_latency.measure(replace(first, source=source), limit_s)
+        return [loop_latency.row(source.name, of_pace, deadline_s) for of_pace in samples]
+
+    arguments = {
+        "nstep": first.nstep,
+        "rate_hz": first.rate_hz,
+        "deadline_s": deadline_s,
+        "hold": first.hold,
+        "seed": first.seed,
+    }
+    return of_each_model("latency", sources, first.starts, LatencyRow, measure_model, arguments)

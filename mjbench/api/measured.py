@@ -1,16 +1,23 @@
 """What a measurement in a program returns: a value that prints what the command prints."""
 
+import contextlib
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
-from mjbench.errors import one_line
+from mjbench.api.interrupts import one_interrupt
+from mjbench.api.session import Item, Measurement, Observer, Session
+from mjbench.errors import InputError, MachineError, one_line
+from mjbench.host import child, platforms
 from mjbench.host.machine import Machine
+from mjbench.measuring.progress import Progress
 from mjbench.pages import fragment, reports, terminal
 from mjbench.pages.reports import NamedRun
 from mjbench.report import kinds, rows
 from mjbench.report.content import Report
 from mjbench.report.rows import Cell
+from mjbench.status import Status
 from mjbench.store.json_form import json_form
 from mjbench.store.run_file import RunFile
 from mjbench.store.runs import Run
@@ -33,6 +40,30 @@ class Measured:
 
     run: Run
     notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls, measurement: Measurement, wait: bool = False, on_progress: Progress | None = None
+    ) -> Self:
+        """Measure, and return the records; the first Ctrl-C interrupts.
+
+        Raises:
+          InputError: nothing could be measured, because of the input.
+          MachineError: nothing could be measured, or this operating system cannot do it.
+          KeyboardInterrupt: no child process is left.
+        """
+        platforms.check_command(measurement.command)
+        observer = _ProgressObserver(on_progress) if on_progress else Observer()
+        items: list[Item] = []
+        with _in_program(), Session(measurement, wait) as session:
+            for item in measurement.measure((), observer):
+                for record in item.records:
+                    session.record(record)
+                    if getattr(record, "status", None) == Status.INTERRUPTED:
+                        raise KeyboardInterrupt
+                items.append(item)
+            _check_any(items)
+            return cls(session.run(), (*measurement.notes, *session.notes()))
 
     @property
     def machine(self) -> Machine:
@@ -83,3 +114,43 @@ class Measured:
 
     def _repr_pretty_(self, printer: Any, cycle: bool) -> None:  # IPython in a terminal
         printer.text("…" if cycle else str(self))
+
+
+class _ProgressObserver(Observer):
+    """Tells a function of a program how far a measurement is."""
+
+    def __init__(self, on_progress: Progress):
+        self._on_progress = on_progress
+
+    def __call__(self, name: str, share: float) -> None:
+        self._on_progress(name, share)
+
+
+@contextlib.contextmanager
+def _in_program() -> Iterator[None]:
+    """Let the first Ctrl-C interrupt, and leave no child process in the program."""
+    with one_interrupt(), child.adoption():
+        try:
+            yield
+        except KeyboardInterrupt:
+            child.end_descendants()
+            raise
+
+
+def _check_any(items: Sequence[Item]) -> None:
+    """Refuse items of which none was measured; the first record of an item is that of its model.
+
+    Raises:
+      InputError: the first model's cause is its input, or nothing was to be measured.
+      MachineError: it is something else.
+    """
+    records: list[Any] = [item.records[0] for item in items]
+    if any(record.status == Status.OK for record in records):
+        return
+    if not records:
+        raise InputError("name a model")
+    first = records[0]
+    is_input = first.status in (Status.INPUT, Status.UNAVAILABLE)
+    kind = InputError if is_input else MachineError
+    detail = first.detail.removeprefix(f"{first.model}: ")
+    raise kind(f"{first.model}: {detail or first.status}")

@@ -1,20 +1,20 @@
 """`mjbench.profile`: where the time of a model's steps goes."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mjbench.api import checks, model_sources, start_states
 from mjbench.api.measured import Measured
-from mjbench.api.session import Session
-from mjbench.limits import TIME_LIMIT_S
+from mjbench.api.session import Measurement, of_each_model
+from mjbench.limits import SECONDS, TIME_LIMIT_S
 from mjbench.loop import profile as loop_profile
 from mjbench.loop.profile import ProfileRow, StepTimes
 from mjbench.loop.rendering import FrameTime
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.starts import StartPlan
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from mjbench.api.model_sources import Model
     from mjbench.api.start_states import States
 
@@ -37,7 +37,7 @@ class Profile(Measured):
         return steps
 
     @property
-    def frames(self) -> "Sequence[FrameTime]":
+    def frames(self) -> Sequence[FrameTime]:
         """What rendering a frame costs, by backend."""
         return self.row.frames or ()
 
@@ -73,12 +73,18 @@ def profile(
       MachineError: a package is missing, or the process that steps crashed or hung.
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
-    limit_s = checks.seconds("time_limit_s", time_limit_s)
+    limit_s = checks.number("time_limit_s", time_limit_s, SECONDS)
     with (
-        model_sources.sources([model]) as (source,),
+        model_sources.sources([model]) as sources,
         start_states.plan(settle_s, states) as starts,
-        Session("profile", wait) as session,
     ):
-        row = loop_profile.measure(source, limit_s, starts)
-        run = session.run([row], {"models": [source.name]}, [source.path, *starts.files])
-        return Profile(run, session.notes())
+        return Profile.of(measurement(sources, starts, limit_s), wait)
+
+
+def measurement(sources: Sequence[ModelSource], starts: StartPlan, limit_s: float) -> Measurement:
+    """Return the measurement of where the time of models' steps goes."""
+
+    def measure_model(source: ModelSource) -> list[ProfileRow]:
+        return [loop_profile.measure(source, limit_s, starts)]
+
+    return of_each_model("profile", sources, starts, ProfileRow, measure_model)

@@ -1,124 +1,258 @@
-"""What surrounds a measurement in a program: interrupts, other measurements, the host's share."""
+"""A measurement and what surrounds it: other measurements here, the host's share, its run file.
+
+Commands and programs measure alike: a `Measurement` says what is to be measured, and a `Session` is
+the time in which that happens. A command prints and stores each item as it comes; a program gets
+all of them together (`mjbench.api.measured`).
+"""
 
 import contextlib
-import signal
-import threading
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from types import FrameType, TracebackType
 from typing import Any
 
-from mjbench.host import child, machine, neighbours, platforms
+from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printable
+from mjbench.host import machine, neighbours, platforms
 from mjbench.host.machine import ProcessorTime
 from mjbench.host.neighbours import Neighbour, Presence
+from mjbench.releases.installs import ReleaseSpec
+from mjbench.report.content import Section
+from mjbench.report.kinds import RECORD_TYPES
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.starts import StartPlan
 from mjbench.store import runs
-from mjbench.store.runs import Record, Run
+from mjbench.store.run_file import RunFile, check_continues
+from mjbench.store.runs import Record, Run, RunHeader
 
-# Seconds that the cleanup may take before a further Ctrl-C interrupts it.
-CLEANUP_S = 10.0
+
+class Observer:
+    """What is told of a measurement as it goes on; this one ignores it."""
+
+    def __call__(self, name: str, share: float) -> None:
+        """Hear what is measured now, and the share of all work that is done."""
+
+    def begin(self, phase: str) -> None:
+        """Hear in a line what begins now."""
+
+    def show(self, section: Callable[[], Section | None] | None) -> None:
+        """Show what is known so far, until it is called again; None ends that."""
+
+
+@dataclass(frozen=True)
+class Item:
+    """What came of one thing that was measured, such as a model.
+
+    Attributes:
+      records: among them may be some of a continued run.
+      failure: why it could not be measured, in a line that names it; None where it was.
+      is_part: whether people see what it comes to together with the item after it.
+    """
+
+    records: Sequence[Record] = ()
+    failure: Failure | None = None
+    is_part: bool = False
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What is to be measured, for a command or for a program.
+
+    Attributes:
+      arguments: stored in the run file's header: a dataclass or JSON-ready values.
+      files: that it is made from.
+      measure: yields items as they are measured. It is given records that need not be measured
+        again. It may raise KeyboardInterrupt, or end after a record that says so.
+      select_finished: which records of a continued run are not measured again.
+      notes: what makes the results unreliable here, a sentence each.
+    """
+
+    command: str
+    arguments: Any
+    files: Sequence[Path]
+    measure: Callable[[Sequence[Record], Observer], Iterable[Item]] = lambda *_: ()
+    select_finished: Callable[[Sequence[Record]], Sequence[Record]] = lambda records: records
+    notes: Sequence[str] = ()
+
+
+def pinning_notes() -> list[str]:
+    """Return that this system cannot keep processes on a core, where it cannot."""
+    problem = platforms.pinning_problem()
+    return [problem] if problem else []
+
+
+def input_files(
+    sources: Sequence[ModelSource], releases: Sequence[ReleaseSpec], starts: StartPlan
+) -> list[Path]:
+    """Return the files of models, releases and start states."""
+    wheels = [wheel for release in releases for wheel in release.wheels]
+    return [*(source.path for source in sources), *wheels, *starts.files]
+
+
+def of_each_model(
+    command: str,
+    sources: Sequence[ModelSource],
+    starts: StartPlan,
+    record_type: type[Any],
+    measure: Callable[[ModelSource], Sequence[Record]],
+    arguments: Mapping[str, Any] | None = None,
+) -> Measurement:
+    """Return the measurement of one model after the other.
+
+    Args:
+      record_type: a model that fails has one record, of its name and the failure.
+      arguments: for the run file's header, beside the models and their starts.
+    """
+
+    def items(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+        for number, source in enumerate(sources):
+            observer(source.name, number / len(sources))
+            try:
+                item = Item(measure(source))
+            except MjbenchError as error:
+                failure = failure_of_model(source.name, error)
+                detail = failure.detail.removeprefix(f"{source.name}: ")
+                record = record_type(model=source.name, status=failure.status, detail=detail)
+                item = Item([record], failure)
+            yield item
+
+    names = {"models": [source.name for source in sources]}
+    all_arguments = {**names, **(arguments or {}), "starts": starts}
+    files = input_files(sources, [], starts)
+    return Measurement(command, all_arguments, files, items)
+
+
+def failure_of_model(name: str, error: MjbenchError) -> Failure:
+    """Return how the measurement of a model failed, in a line that names it."""
+    failure = failure_of(error)
+    return Failure(failure.status, f"{name}: {failure.detail.removeprefix(f'{name}: ')}")
 
 
 class Session:
-    """The time in which a program measures; used as a context manager.
+    """The time in which something is measured; used as a context manager.
 
-    While it lasts, the first Ctrl-C raises KeyboardInterrupt, and the cleanup that follows is not
-    disturbed by further ones.
+    Attributes:
+      earlier: records of a continued run that are not measured again.
+      records: those, and all that were measured since.
     """
 
-    def __init__(self, command: str, wait: bool = False):
+    header: RunHeader
+
+    def __init__(
+        self,
+        measurement: Measurement,
+        wait: bool | None = False,
+        folder: Path | None = None,
+        resume: Path | None = None,
+        command_line: Sequence[str] = (),
+        report: Callable[[str], None] = lambda line: None,
+    ):
         """Prepare to measure.
 
         Args:
-          wait: whether to wait until no other mjbench measures on this machine.
-
-        Raises:
-          MachineError: this operating system cannot do it.
+          wait: whether to wait for another mjbench that measures here, and not to warn; None where
+            no time is measured.
+          folder: for a new run file; None to store no records.
+          resume: run file to continue instead.
+          command_line: the words after `mjbench`.
+          report: called at once with what people should know, in a line.
         """
-        platforms.check_command(command)
-        self._command, self._wait = command, wait
-        self._closing = contextlib.ExitStack()
+        self.earlier: Sequence[Record] = ()
+        self.records: list[Record] = []
+        self._measurement, self._wait = measurement, wait
+        self._folder, self._resume = folder, resume
+        self._command_line, self._report = command_line, report
+        self._file: RunFile | None = None
+        self._presence: Presence | None = None
+        self._others: Sequence[Neighbour] = ()
 
     def __enter__(self) -> "Session":
-        """Begin to measure."""
+        """Begin to measure.
+
+        Raises:
+          InputError: the run to continue is not one of this command and this machine.
+          MachineError: the run file cannot be written.
+        """
         with contextlib.ExitStack() as closing:
-            closing.enter_context(one_interrupt())
-            closing.enter_context(child.adoption())
-            self._presence = closing.enter_context(Presence(self._command))
-            self._others: Sequence[Neighbour] = self._presence.enter(self._wait)
-            self._machine = machine.describe()
-            self._began = datetime.now(UTC).isoformat(timespec="seconds")
-            self._processor_time = ProcessorTime.now()
+            if self._wait is not None:
+                self._presence = closing.enter_context(Presence(self._measurement.command))
+                self._others = self._enter(self._presence, self._wait)
+            self._begin = ProcessorTime.now()
+            self.header = self._new_header()
+            if self._folder is not None:
+                self._file = self._open(self._folder)
+                closing.callback(self._file.close)
             self._closing = closing.pop_all()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Stop measuring; end processes that were interrupted as they started."""
-        with self._closing:
-            if isinstance(error, KeyboardInterrupt):
-                child.end_descendants()
+    def __exit__(self, *exception: object) -> None:
+        """Stop measuring."""
+        self._closing.close()
 
-    def run(
-        self,
-        records: Sequence[Record],
-        arguments: Mapping[str, Any],
-        files: Sequence[Path] = (),
-    ) -> Run:
-        """Return what was measured, as a run file would hold it."""
-        header = runs.RunHeader(
-            runs.SCHEMA,
-            self._command,
-            self._machine,
-            runs.to_json(dict(arguments)),
-            tuple(runs.InputFile.of(path) for path in dict.fromkeys(files)),
-            began=self._began,
-        )
-        return Run(header, tuple(records))
+    def _enter(self, presence: Presence, wait: bool) -> Sequence[Neighbour]:
+        def on_wait(others: Sequence[Neighbour]) -> None:
+            self._report(f"waiting for {neighbours.describe(others)} to finish measuring")
 
-    def notes(self) -> tuple[str, ...]:
-        """Return what made timings unreliable until now, a sentence each."""
-        others = {(each.pid, each.command): each for each in self._others}
-        others |= {(each.pid, each.command): each for each in self._presence.later_neighbours()}
-        notes = []
+        others = presence.enter(wait, on_wait)
         if others:
-            notes.append(
-                "Another mjbench measured on this machine at the same time"
-                f" ({neighbours.describe(list(others.values()))}): these timings are unreliable."
+            self._report(
+                f"another mjbench is measuring on this machine ({neighbours.describe(others)}):"
+                " timings of both are unreliable; use --wait to start after it"
             )
-        if stolen := machine.stolen_note(self._processor_time):
-            notes.append(stolen)
-        return tuple(notes)
+        return others
 
+    def _new_header(self) -> RunHeader:
+        return RunHeader(
+            runs.SCHEMA,
+            self._measurement.command,
+            machine.describe(),
+            runs.to_json(self._measurement.arguments),
+            tuple(runs.InputFile.of(path) for path in dict.fromkeys(self._measurement.files)),
+            tuple(map(printable, self._command_line)),
+            datetime.now(UTC).isoformat(timespec="seconds"),
+        )
 
-@contextlib.contextmanager
-def one_interrupt(clock: Callable[[], float] = time.monotonic) -> Iterator[None]:
-    """Let the first Ctrl-C interrupt the block; further ones do not disturb its cleanup.
+    def _open(self, folder: Path) -> RunFile:
+        """Begin a run file, or continue one with those of its records that are finished."""
+        file = self._resume
+        if file is None:
+            return RunFile.create(folder, self.header)
+        if file.is_fifo():
+            raise InputError(f"cannot continue {file}: it is a pipe, not a file")
+        stored = runs.load(file, RECORD_TYPES)
+        check_continues(file, stored.header, self.header)
+        if stored.is_torn:
+            self._report(f"{file}: the last line was cut short; it is left out")
+        self.earlier = tuple(self._measurement.select_finished(stored.records))
+        self.records = [*self.earlier]
+        return RunFile.rewrite(file, stored.header, self.earlier)
 
-    A handler of the program's own stays in place. In another thread than the main one nothing
-    changes: Ctrl-C does not reach it.
-    """
-    is_main = threading.current_thread() is threading.main_thread()
-    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield
-        return
-    first_s: float | None = None
+    @property
+    def file(self) -> Path | None:
+        """The run file; None without one."""
+        return None if self._file is None else self._file.path
 
-    def handle(signum: int, frame: FrameType | None) -> None:
-        nonlocal first_s
-        now = clock()
-        if first_s is not None and now - first_s <= CLEANUP_S:
+    def record(self, record: Record) -> None:
+        """Take a record, and append it to the run file, unless a continued run has it."""
+        if any(record is each for each in self.earlier):
             return
-        first_s = now
-        raise KeyboardInterrupt
+        self.records.append(record)
+        if self._file is not None:
+            self._file.append(record)
 
-    signal.signal(signal.SIGINT, handle)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    def run(self, records: Sequence[Record] | None = None) -> Run:
+        """Return the run as its file holds it, with all of its records or with some."""
+        return Run(self.header, tuple(self.records if records is None else records))
+
+    def notes(self) -> Iterator[str]:
+        """Yield what made timings unreliable until now, a sentence each."""
+        if self._presence is None:
+            return
+        others = dict.fromkeys([*self._others, *self._presence.later_neighbours()])
+        if others:
+            yield (
+                "Another mjbench measured on this machine at the same time"
+                f" ({neighbours.describe(list(others))}): these timings are unreliable."
+            )
+        if stolen := machine.stolen_note(self._begin):
+            yield stolen

@@ -11,6 +11,7 @@ import numpy as np
 from mjbench.api import checks
 from mjbench.errors import InputError, describe, writing
 from mjbench.host import scratch
+from mjbench.limits import SECONDS_OR_ZERO
 from mjbench.simulation import starts
 from mjbench.simulation.starts import StartPlan
 
@@ -39,7 +40,7 @@ def plan(
       InputError: both `settle_s` and `states` are given, they are not arrays, or there is no such
         file.
     """
-    settle_s = checks.optional(checks.seconds, "settle_s", settle_s, zero=True)
+    settle_s = checks.optional(checks.number, "settle_s", settle_s, SECONDS_OR_ZERO)
     with scratch.folder() as folder:
         yield starts.start_plan(
             settle_s,

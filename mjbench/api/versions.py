@@ -1,23 +1,22 @@
 """`mjbench.versions`: is a model slower with a new release of MuJoCo than with an old one?"""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
-from mjbench.api import checks, failures, model_sources, start_states
+from mjbench.api import checks, model_sources, start_states
 from mjbench.api.measured import Measured
-from mjbench.api.session import Session
+from mjbench.api.session import Item, Measurement, Observer, input_files, pinning_notes
 from mjbench.counts import explain
 from mjbench.counts.explain import InstructionComparison
 from mjbench.counts.instructions import InstructionCounter
 from mjbench.errors import InputError
-from mjbench.host import platforms
-from mjbench.measuring import progress
+from mjbench.limits import SECONDS, SEED, SHARE
 from mjbench.measuring.progress import Progress
 from mjbench.paired import family, outcomes, targets, verdict
 from mjbench.paired.family import Family
 from mjbench.paired.outcomes import Metric
-from mjbench.paired.records import VerdictRecord, VerdictRow
+from mjbench.paired.records import VerdictRecord, VerdictRow, finished
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
@@ -25,7 +24,7 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths import BASE
 from mjbench.releases import installs
 from mjbench.simulation import models as shipped_models
-from mjbench.status import Status
+from mjbench.store.runs import Record
 
 if TYPE_CHECKING:
     import os
@@ -120,72 +119,79 @@ def versions(
         raise InputError('name an old and a new release, such as versions("3.3.0", "4.0.0")')
     baseline, *candidates = [installs.parse_release(str(name)) for name in (old, *news)]
     sources = model_sources.each_once(map(model_sources.named, _several(models)))
-    advance = on_progress or progress.ignore
     with start_states.plan(settle_s, states, actions) as starts:
         sizes = Sizes(
-            checks.optional(checks.count, "nbatch", nbatch),
-            checks.optional(checks.count, "nstep", nstep),
-            checks.count("hold", hold),
-            checks.seed("seed", seed),
+            checks.optional(checks.whole, "nbatch", nbatch),
+            checks.optional(checks.whole, "nstep", nstep),
+            checks.whole("hold", hold),
+            checks.whole("seed", seed, SEED),
             starts,
             metric=chosen,
         )
         checks.holds(sizes.nstep, sizes.hold)
         plan = VerdictPlan(
-            checks.share("min_effect", min_effect),
-            checks.share("confidence", confidence),
-            checks.share("precision", precision),
-            checks.seconds("time_limit_s", time_limit_s),
+            checks.number("min_effect", min_effect, SHARE),
+            checks.number("confidence", confidence, SHARE),
+            checks.number("precision", precision, SHARE),
+            checks.number("time_limit_s", time_limit_s, SECONDS),
             sizes,
             as_shipped,
         )
         pairs = targets.of_releases(baseline, candidates, sources, path_names)
-        with Session("versions", wait) as session:
-            if chosen == Metric.INSTRUCTIONS:
-                counted = InstructionComparison(baseline, candidates, sources, plan.min_effect)
-                records = _count(counted, sizes, advance)
-            else:
-                records = _time(pairs, replace(plan, family=len(pairs)), advance)
-            failures.check_any(records)
-            files = [*(source.path for source in sources), *starts.files]
-            run = session.run(records, {"confidence": plan.confidence}, files)
-            return ReleaseComparison(run, (*_pinning_notes(), *session.notes()))
+        measurement = (
+            instructions(InstructionComparison(baseline, candidates, sources, min_effect), plan)
+            if chosen == Metric.INSTRUCTIONS
+            else verdicts("versions", pairs, replace(plan, family=len(pairs)))
+        )
+        return ReleaseComparison.of(measurement, wait, on_progress)
 
 
-def _time(
-    pairs: Sequence[tuple[Target, Target]], plan: VerdictPlan, on_progress: Progress
-) -> list[VerdictRecord]:
-    """Return the verdicts on pairs of targets."""
-    records: list[VerdictRecord] = []
+def verdicts(
+    command: str, pairs: Sequence[tuple[Target, Target]], plan: VerdictPlan
+) -> Measurement:
+    """Return the measurement of verdicts on pairs of baseline and candidate."""
+    sides = [target for pair in pairs for target in pair]
 
-    def advance(number: int, name: str, share: float) -> None:
-        on_progress(name, (number + share) / len(pairs))
+    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+        with WorkerPool() as pool:
+            for result in verdict.decide_each(pool, pairs, plan, finished(earlier), observer):
+                yield Item([result.record()])
 
-    with WorkerPool() as pool:
-        for result in verdict.decide_each(pool, pairs, plan, advance):
-            if result.status == Status.INTERRUPTED:
-                raise KeyboardInterrupt
-            records.append(result.record())
-    return records
-
-
-def _count(
-    comparison: InstructionComparison, sizes: Sizes, on_progress: Progress
-) -> list[VerdictRecord]:
-    """Return the verdicts on the instructions of models."""
-
-    def on_candidate(number: int) -> None:
-        release = comparison.candidates[number]
-        on_progress(f"MuJoCo {release.version}", number / len(comparison.candidates))
-
-    with InstructionCounter(sizes) as counter:
-        return list(explain.verdicts(comparison, counter, on_candidate=on_candidate))
+    return Measurement(
+        command,
+        {**asdict(plan), "targets": [target.row() for target in sides]},
+        [*(file for target in sides for file in target.files), *plan.sizes.starts.files],
+        measure,
+        finished,
+        pinning_notes(),
+    )
 
 
-def _pinning_notes() -> Sequence[str]:
-    """Return that this system cannot keep processes on a core, where it cannot."""
-    problem = platforms.pinning_problem()
-    return (problem,) if problem else ()
+def instructions(comparison: InstructionComparison, plan: VerdictPlan) -> Measurement:
+    """Return the measurement of verdicts on the instructions of models in releases."""
+    builds, sources = [comparison.baseline, *comparison.candidates], comparison.sources
+
+    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+        def on_candidate(number: int) -> None:
+            version = comparison.candidates[number].version
+            observer(f"MuJoCo {version}", number / len(comparison.candidates))
+
+        with InstructionCounter(plan.sizes) as counter:
+            for record in explain.verdicts(comparison, counter, finished(earlier), on_candidate):
+                yield Item([record])
+
+    return Measurement(
+        "versions",
+        {
+            **asdict(plan),
+            "metric": Metric.INSTRUCTIONS,
+            "releases": [release.key for release in builds],
+            "models": [source.name for source in sources],
+        },
+        input_files(sources, builds, plan.sizes.starts),
+        measure,
+        finished,
+    )
 
 
 def _several(

@@ -1,33 +1,29 @@
 """The command `mjbench ab`: any two targets against each other."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli import paired_options
 from mjbench.cli.context import OutputOptions
-from mjbench.cli.fail_on import FAIL_ON, FailOn, Finding
+from mjbench.cli.fail_on import FAIL_ON, FailOn, measure_verdicts
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JUDGING, SIZES, STORING, with_options
+from mjbench.cli.shared import STORING, VERDICT_PLAN, with_options
+
+if TYPE_CHECKING:
+    from mjbench.paired.verdict import VerdictPlan
 
 
 @cli.command()
 @click.argument("baseline", metavar="BASELINE")
 @click.argument("candidate", metavar="CANDIDATE")
-@with_options(*FAIL_ON, *JUDGING, *SIZES, *STORING)
+@with_options(FAIL_ON, VERDICT_PLAN, STORING)
 def ab(
     baseline: str,
     candidate: str,
-    findings: list[Finding],
-    allow_inconclusive: bool,
-    results: Path,
-    resume: Path | None,
-    wait: bool,
-    json_file: str | None,
-    **chosen: Any,
+    fail_on: FailOn,
+    plan: "VerdictPlan",
+    output: OutputOptions,
 ) -> None:
     """Is CANDIDATE faster or slower than BASELINE, each given as KEY=VALUE,KEY=VALUE?
 
@@ -42,12 +38,10 @@ def ab(
       mjbench ab model=a.xml model=b.xml
       mjbench ab model=humanoid,solver=newton solver=cg
     """
+    from mjbench.api.versions import verdicts
     from mjbench.paired import targets
 
-    pairs = [targets.parse(baseline, candidate)]
-    plan = paired_options.verdict_plan(**chosen)
-    if len({target.release.key for target in pairs[0]}) == 1:
-        plan = replace(plan, as_shipped=True)  # both have their code at the same place
-    fail_on = FailOn(findings, allow_inconclusive)
-    output = OutputOptions(results, resume, wait, json_file)
-    sys.exit(paired_options.compare_targets("ab", pairs, plan, fail_on, output))
+    pair = targets.parse(baseline, candidate)
+    has_one_build = len({target.release.key for target in pair}) == 1  # its code stays where it is
+    plan = replace(plan, as_shipped=plan.as_shipped or has_one_build)
+    measure_verdicts(verdicts("ab", [pair], plan), plan.confidence, fail_on, output)

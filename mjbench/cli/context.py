@@ -1,50 +1,29 @@
-"""What a command needs around its work: console, machine, JSON document, run file, interrupts."""
+"""What a command needs around its work: console, JSON document, interrupts, what it measures."""
 
 import contextlib
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-import click
-
-from mjbench.cli import interrupts
+from mjbench.api import interrupts
 from mjbench.cli.group import command_line, report_line
 from mjbench.cli.output_file import OutputFile
-from mjbench.errors import InputError, printable
+from mjbench.errors import MachineError
 from mjbench.status import ExitCode, Status, exit_code
 
 if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
+    from rich.console import Console
 
-    from mjbench.host.machine import Machine, ProcessorTime
-    from mjbench.host.neighbours import Neighbour, Presence
+    from mjbench.api.session import Item, Measurement, Observer, Session
     from mjbench.report.content import DataTable, Section
-    from mjbench.report.kinds import Kind
-    from mjbench.store.run_file import RunFile
-    from mjbench.store.runs import Record, Run, RunHeader
+    from mjbench.store.runs import Record, Run
 
+    Sections = Callable[[Run], Iterable[Section]]
 
-class ProgressBar:
-    """A progress bar that shows phases alone; `terminal_progress` has the one of terminals.
-
-    Calling it with the number of an item, what is done now, and the share of the item that is done,
-    moves it.
-    """
-
-    def __call__(self, number: int, name: str, share: float) -> None:
-        """Show how far the work is."""
-
-    def begin(self, phase: str) -> None:
-        """Say in a line on standard error what begins now, for who has no terminal."""
-        click.echo(printable(phase), err=True)
-
-    def show(self, results: "Callable[[], RenderableType | None] | None") -> None:
-        """Show what a function returns above the bar until others replace it; None removes it."""
+CODE_HINT = "--code prints the Python code, too."
 
 
 @dataclass(frozen=True)
@@ -52,29 +31,15 @@ class OutputOptions:
     """Where the results of a command go, as its options say.
 
     Attributes:
-      resume: run file to continue; None to begin one.
       json_file: file for the JSON document, `-` for standard output.
+      wait: whether to wait for others that measure here; None for a command that measures no time.
+      resume: run file to continue; None to begin one.
     """
 
     results: Path
-    resume: Path | None
-    wait: bool
-    json_file: str | None
-
-
-@dataclass(frozen=True)
-class Storage:
-    """Where a command stores its records.
-
-    Attributes:
-      arguments: stored in the file's header; a dataclass or JSON-ready values.
-      select_finished: selects the records of a continued file that are not measured again.
-    """
-
-    results: Path
-    arguments: Any
+    json_file: str | None = None
+    wait: bool | None = None
     resume: Path | None = None
-    select_finished: "Callable[[Sequence[Record]], Sequence[Record]]" = lambda records: records
 
 
 class RunContext:
@@ -86,16 +51,14 @@ class RunContext:
 
     Attributes:
       out: standard error while JSON goes to standard output.
-      resumed_records: empty for a new run.
+      is_stopped: whether the user stopped the work, or a record could not be stored.
     """
 
     def __init__(
         self,
-        command: str,
         json_file: str | None = None,
         inputs: Sequence[Path] = (),
-        storage: Storage | None = None,
-        wait: bool | None = None,
+        session: "Session | None" = None,
         to_stderr: bool = False,
     ):
         """Prepare a command.
@@ -103,9 +66,7 @@ class RunContext:
         Args:
           json_file: file for the JSON document, `-` for standard output.
           inputs: files that the command reads, and so must not write.
-          storage: None for a command without a run file.
-          wait: whether to wait for another mjbench that measures here, and not to warn; None for a
-            command that measures no time.
+          session: None for a command that measures nothing.
           to_stderr: whether people read standard error, because standard output is another
             program's.
 
@@ -115,18 +76,13 @@ class RunContext:
         from mjbench.pages import terminal
 
         self.out: Console = terminal.console(stderr=to_stderr or json_file == "-")
-        self.interrupted = False
-        self.resumed_records: Sequence[Record] = ()
-        self._command, self._inputs, self._storage = command, inputs, storage
-        resumed = [storage.resume] if storage and storage.resume else []
-        self._json = OutputFile("--json", json_file, [*inputs, *resumed])
-        self._wait = wait
-        self._presence: Presence | None = None
-        self._run_file: RunFile | None = None
-        self._header: RunHeader | None = None
-        self._records: list[Record] = []
-        self._machine: Machine | None = None
-        self._begin: ProcessorTime | None = None
+        self.interrupted = self.is_stopped = False
+        self._session = session
+        self._json = OutputFile("--json", json_file, inputs)
+        self._failures: list[Status] = []
+        self._write_error: MachineError | None = None
+        self._hides_code = False
+        self._closing = contextlib.ExitStack()
 
     def __enter__(self) -> "RunContext":
         """Open the outputs.
@@ -135,118 +91,71 @@ class RunContext:
           InputError: the run to continue is not one of this command and this machine.
           MachineError: an output cannot be written.
         """
-        from mjbench.host import machine
-
         interrupts.enable()
         with contextlib.ExitStack() as closing:
             closing.callback(self._json.close)
             self._json.open()
-            if self._wait is not None:
-                self._presence = closing.enter_context(_announced(self._command, wait=self._wait))
-                self._begin = machine.ProcessorTime.now()
-            if self._storage is not None:
-                self._run_file = self._open_run_file(self._storage)
-                closing.callback(self._run_file.close)
+            if self._session is not None:
+                closing.enter_context(self._session)
             self._closing = closing.pop_all()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
         """Close the outputs; name the run file, unless an error is on its way to the user."""
         with self._closing:
-            if self._run_file is not None and error is None:
-                self.out.print(f"\nRun file: {self._run_file.path}", soft_wrap=True)
-            if self._presence is not None and (others := self._presence.later_neighbours()):
-                from mjbench.host import neighbours
-
-                report_line(
-                    "another mjbench began to measure on this machine during this run"
-                    f" ({neighbours.describe(others)}): these timings are unreliable"
-                )
-            if self._begin is not None and error is None:
-                self._print_stolen(self._begin)
-
-    def _print_stolen(self, begin: "ProcessorTime") -> None:
-        """Say that the host gave the cores of this virtual machine to others, where it did."""
-        from mjbench.host import machine
-
-        if stolen := machine.stolen_note(begin):
-            self.out.print(stolen, soft_wrap=True)
-
-    def _open_run_file(self, storage: Storage) -> "RunFile":
-        """Begin a run file, or continue one with those of its records that are finished."""
-        from mjbench.report.kinds import RECORD_TYPES
-        from mjbench.store import resume, runs
-        from mjbench.store.run_file import RunFile
-
-        self._header = header = runs.RunHeader(
-            runs.SCHEMA,
-            self._command,
-            self.machine,
-            runs.to_json(storage.arguments),
-            tuple(runs.InputFile.of(path) for path in dict.fromkeys(self._inputs)),
-            tuple(printable(word) for word in command_line()),
-            datetime.now(UTC).isoformat(timespec="seconds"),
-        )
-        if storage.resume is None:
-            return RunFile.create(storage.results, header)
-        if storage.resume.is_fifo():
-            raise InputError(f"cannot continue {storage.resume}: it is a pipe, not a file")
-        stored = runs.load(storage.resume, RECORD_TYPES)
-        resume.check_continues(storage.resume, stored.header, header)
-        if stored.is_torn:
-            report_line(f"{storage.resume}: the last line was cut short; it is left out")
-        self.resumed_records = tuple(storage.select_finished(stored.records))
-        self._records = [*self.resumed_records]
-        return RunFile.rewrite(storage.resume, stored.header, self.resumed_records)
+            if self._session is None or error is not None:
+                return
+            if self._session.file is not None:
+                self.out.print(f"\nRun file: {self._session.file}", soft_wrap=True)
+            for note in self._session.notes():
+                self.out.print(note, soft_wrap=True)
 
     @property
-    def machine(self) -> "Machine":
-        """The machine, described when it is first asked for."""
-        from mjbench.host import machine
+    def session(self) -> "Session":
+        """What it measures."""
+        assert self._session is not None, "this command measures nothing"
+        return self._session
 
-        if self._machine is None:
-            self._machine = machine.describe()
-        return self._machine
+    def take(self, item: "Item") -> None:
+        """Store what was measured, or say why it could not be.
+
+        Where it cannot be stored, the command ends once it has printed what it measured.
+        """
+        if item.failure is not None:
+            report_line(item.failure.detail)
+            self._failures.append(item.failure.status)
+        try:
+            for record in item.records:
+                self.session.record(record)
+        except MachineError as error:
+            self._write_error, self.is_stopped = error, True
+        if Status.INTERRUPTED in map(_status, item.records):
+            self.interrupt()
+
+    def interrupt(self) -> None:
+        """Note that the user stopped the work, and tell them that results are saved."""
+        self.interrupted = self.is_stopped = True
+        report_line("interrupted; what was measured is saved")
 
     def show(self, sections: Iterable["Section"], code: bool = False) -> None:
         """Print sections; `code`: with their snippets."""
         from mjbench.pages import terminal
 
-        terminal.print_sections(self.out, sections, code)
+        for section in sections:
+            terminal.print_sections(self.out, [section], code)
+            self._hides_code |= bool(section.snippets) and not (code or section.shows_code)
 
-    def show_results(
-        self, kind: "Kind", records: "Sequence[Record] | None" = None, code: bool = False
-    ) -> None:
-        """Print what records come to; without any, what all of the run come to."""
-        self.show(kind.sections(self._run(records)), code)
-
-    def write_results(self, kind: "Kind") -> None:
-        """Write the JSON document of all records of the run, where one was asked for."""
-        self.write(kind.document(self._run()))
-
-    def _run(self, records: "Sequence[Record] | None" = None) -> "Run":
-        """Return the run as its file holds it, with all of its records or with some."""
-        from mjbench.store.runs import Run
-
-        assert self._header is not None, "this command has no run file"
-        return Run(self._header, tuple(self._records if records is None else records))
+    def hint_at_code(self) -> None:
+        """Say that there is code which was not printed, where there is."""
+        if self._hides_code:
+            self.out.print(CODE_HINT, soft_wrap=True)
+        self._hides_code = False
 
     def table(self, table: "DataTable") -> None:
         """Print a table alone."""
         from mjbench.pages import terminal
 
         self.out.print(terminal.rich_table(table, self.out.width), soft_wrap=True)
-
-    def record(self, record: "Record") -> None:
-        """Append a record to the run file."""
-        assert self._run_file is not None, "this command has no run file"
-        self._run_file.append(record)
-        self._records.append(record)
 
     def write(self, document: Any) -> None:
         """Write the command's JSON document, where one was asked for."""
@@ -255,42 +164,91 @@ class RunContext:
         if self._json.is_wanted:
             self._json.write(json.dumps(json_form(document), indent=1) + "\n")
 
-    def interrupt(self) -> None:
-        """Note that the user stopped the work, and tell them that results are saved."""
-        self.interrupted = True
-        report_line("interrupted; what was measured is saved")
+    def exit(self, statuses: Iterable[Status] | None = None) -> None:
+        """End the process with the exit code that statuses, and what failed, stand for.
 
-    @contextlib.contextmanager
-    def progress(self, count: int) -> "Iterator[ProgressBar]":
-        """Yield a progress bar of `count` items; there is none unless the console is a terminal."""
-        if not self.out.is_terminal:
-            yield ProgressBar()
+        Args:
+          statuses: None for those of all records.
+        """
+        if statuses is None:
+            statuses = map(_status, self.session.records)
+        self.exit_with(exit_code([*statuses, *self._failures]))
+
+    def exit_with(self, code: int) -> None:
+        """End the process, with an exit code unless it was interrupted.
+
+        Raises:
+          MachineError: a record could not be stored.
+        """
+        if self._write_error is not None:
+            raise self._write_error
+        sys.exit(ExitCode.INTERRUPTED if self.interrupted else code)
+
+
+def _status(record: "Record") -> Status:
+    """Return how the measurement of a record ended; some are stored only if it ended well."""
+    return getattr(record, "status", Status.OK)
+
+
+def measure(
+    measurement: "Measurement",
+    output: OutputOptions,
+    *,
+    each: "Sections | None" = None,
+    summary: "Sections | None" = None,
+    code: bool | None = None,
+    to_stderr: bool = False,
+) -> RunContext:
+    """Measure as the options of a command say; print and store what comes of it.
+
+    Args:
+      each: what an item comes to; None to print nothing before the end.
+      summary: what all items come to, printed at the end; None for nothing.
+      code: whether snippets are printed, too; None for a command without that option.
+      to_stderr: see `RunContext`.
+    """
+    from mjbench.api.session import Session
+    from mjbench.cli.progress import progress
+    from mjbench.report import kinds
+
+    for note in measurement.notes:
+        report_line(note)
+    session = Session(
+        measurement, output.wait, output.results, output.resume, command_line(), report_line
+    )
+    inputs = [*measurement.files, *([output.resume] if output.resume else [])]
+    with RunContext(output.json_file, inputs, session, to_stderr) as run:
+        try:
+            with progress(run.out) as observer:
+                _measure_items(run, measurement, observer, each, bool(code))
+        except KeyboardInterrupt:
+            run.interrupt()
+        if summary:
+            run.show(summary(session.run()))
+        if code is False:
+            run.hint_at_code()
+        if output.json_file is not None:
+            stored = session.run()
+            run.write(kinds.kind_of(stored).document(stored))
+    return run
+
+
+def _measure_items(
+    run: RunContext,
+    measurement: "Measurement",
+    observer: "Observer",
+    each: "Sections | None",
+    code: bool,
+) -> None:
+    """Store items as they are measured, and print what each comes to."""
+    unshown: list[Record] = []
+    for item in measurement.measure(run.session.earlier, observer):
+        run.take(item)
+        unshown += item.records
+        if run.is_stopped or not item.is_part:
+            observer.show(None)
+            if each and unshown and not item.failure:
+                run.show(each(run.session.run(unshown)), code)
+            unshown = []
+        if run.is_stopped:
             return
-        from mjbench.cli.terminal_progress import terminal_progress
-
-        with terminal_progress(self.out, count) as bar:
-            yield bar
-
-    def exit(self, statuses: Iterable[Status]) -> None:
-        """End the process with the exit code that the statuses of all rows stand for."""
-        sys.exit(ExitCode.INTERRUPTED if self.interrupted else exit_code(statuses))
-
-
-@contextlib.contextmanager
-def _announced(command: str, wait: bool) -> Iterator["Presence"]:
-    """Take part in measuring on this machine: warn of others that do, or wait for them."""
-    from mjbench.host import neighbours
-
-    with neighbours.Presence(command) as presence:
-        if others := presence.enter(wait, _report_wait):
-            report_line(
-                f"another mjbench is measuring on this machine ({neighbours.describe(others)}):"
-                " timings of both are unreliable; use --wait to start after it"
-            )
-        yield presence
-
-
-def _report_wait(others: Sequence["Neighbour"]) -> None:
-    from mjbench.host import neighbours
-
-    report_line(f"waiting for {neighbours.describe(others)} to finish measuring")

@@ -36,13 +36,16 @@ def diff(old: Path, new: Path, across: bool, json_file: str | None) -> None:
     Example:
       mjbench diff old.jsonl new.jsonl
     """
-    from mjbench.report.differences import difference_cautions, differences_table
     from mjbench.report.documents import DiffDocument
     from mjbench.report.kinds import RECORD_TYPES
-    from mjbench.report.run_differences import differences
+    from mjbench.report.run_differences import (
+        difference_cautions,
+        differences,
+        differences_table,
+    )
     from mjbench.store import run_set
 
-    with RunContext("diff", json_file, inputs=[old, new]) as run:
+    with RunContext(json_file, [old, new]) as run:
         stored = [run_set.read(path, RECORD_TYPES) for path in (old, new)]
         rows = differences(stored[0], stored[1], across)
         if line := _left_out(stored):

@@ -31,13 +31,13 @@ def doctor(json_file: str | None) -> None:
     Example:
       mjbench doctor && mjbench versions 3.17.0 4.0.0 robot.xml --fail-on slower
     """
-    from mjbench.host import conditions
+    from mjbench.host import conditions, machine
     from mjbench.host.neighbours import Presence
     from mjbench.pages.terminal import print_lines
     from mjbench.report.doctor import condition_lines, noise_section
     from mjbench.report.documents import DoctorDocument
 
-    with Presence("doctor") as presence, RunContext("doctor", json_file) as run:
+    with Presence("doctor") as presence, RunContext(json_file) as run:
         others = presence.enter(wait=False)
         rows = [*conditions.all_conditions(others), *_mujoco_conditions()]
         print_lines(run.out, [*condition_lines(rows)])
@@ -47,7 +47,7 @@ def doctor(json_file: str | None) -> None:
             run.interrupt()
             run.exit([])
         run.show([noise_section(noise)])
-        run.write(DoctorDocument(machine=run.machine, conditions=rows, noise=noise))
+        run.write(DoctorDocument(machine=machine.describe(), conditions=rows, noise=noise))
     if noise.decidable is None:
         sys.exit(ExitCode.ENVIRONMENT)
     sys.exit(ExitCode.OK if noise.trusted else ExitCode.FINDING)

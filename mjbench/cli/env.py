@@ -1,24 +1,23 @@
 """`mjbench env`: where the time of an environment's step goes."""
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import RunContext, Storage
-from mjbench.cli.group import cli, report_line
-from mjbench.cli.shared import (
-    JSON,
-    LIMIT,
-    RESULTS,
-    SEED_NUMBER,
-    WAIT,
-    Numbers,
-    Seconds,
-    with_options,
-)
-from mjbench.errors import MjbenchError, failure_of
-from mjbench.limits import MAX_THREADS
+from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.group import cli
+from mjbench.cli.shared import LIMIT, OUTPUT, SEED_NUMBER, Numbers, Seconds, with_options
+from mjbench.errors import Failure, MjbenchError, failure_of
+from mjbench.limits import THREADS
 from mjbench.status import Status
+
+if TYPE_CHECKING:
+    from mjbench.api.session import Item, Observer
+    from mjbench.environment.run import EnvironmentPlan
+    from mjbench.environment.source import EnvironmentSource
+    from mjbench.store.runs import Record
 
 # Steps of an environment that are recorded at most: each holds two states and its controls.
 MAX_NSTEP = 100_000
@@ -41,12 +40,12 @@ MAX_NSTEP = 100_000
     help="Seed of actions and of the first reset; each further episode has the next.",
 )
 @click.option(
-    "--threads", type=Numbers(MAX_THREADS), help="Thread counts  [default: 1 and usable cores]"
+    "--threads", type=Numbers(THREADS), help="Thread counts  [default: 1 and usable cores]"
 )
 @click.option(
     "--num-envs",
     "nenv",
-    type=Numbers(MAX_THREADS),
+    type=Numbers(THREADS),
     help="Numbers of environments in vectorised forms  [default: 1, 2, 4, … usable cores]",
 )
 @click.option(
@@ -58,7 +57,7 @@ MAX_NSTEP = 100_000
     help="Time for the rounds of each environment, and as much again for vectorised forms.",
 )
 @click.option("--no-vector", is_flag=True, help="Leave out vectorised forms.")
-@with_options(LIMIT, RESULTS, WAIT, JSON)
+@with_options(LIMIT, OUTPUT)
 def env(
     names: tuple[str, ...],
     nstep: int | None,
@@ -68,9 +67,7 @@ def env(
     budget_s: float,
     no_vector: bool,
     time_limit: float,
-    results: Path,
-    wait: bool,
-    json_file: str | None,
+    output: OutputOptions,
 ) -> None:
     """Where does the time of env.step go, and how fast is the same physics without it?
 
@@ -84,7 +81,7 @@ def env(
       mjbench env dm_control:humanoid-walk --steps 500
       mjbench env my_env:make --no-vector
     """
-    from mjbench.environment import measurement
+    from mjbench.api.session import Measurement
     from mjbench.environment.records import EnvironmentRecord
     from mjbench.environment.run import EnvironmentPlan
     from mjbench.environment.source import resolve
@@ -98,25 +95,32 @@ def env(
     counts = tuple(nenv or _doubled(cores)) if not no_vector else ()
     nthread = tuple(threads or sorted({1, cores}))
     plan = EnvironmentPlan(nstep, seed, nthread, counts, budget_s, time_limit)
-    records: list[EnvironmentRecord] = []
-    storage = Storage(results, {"environments": list(names), "plan": plan})
-    with RunContext("env", json_file, [], storage, wait) as run:
-        for source in sources:
-            try:
-                record = measurement.measure(source, plan)
-            except MjbenchError as error:
-                record = EnvironmentRecord.failed(source.name, failure_of(error))
-            run.record(record)
-            records.append(record)
-            if record.facts is None and record.status != Status.INTERRUPTED:
-                report_line(f"{source.name}: {record.detail}")
-            else:
-                run.show_results(ENVIRONMENT, [record])
-            if record.status == Status.INTERRUPTED:
-                run.interrupt()
-                break
-        run.write_results(ENVIRONMENT)
+
+    def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
+        for number, source in enumerate(sources):
+            observer(source.name, number / len(sources))
+            yield _measured(source, plan)
+
+    arguments = {"environments": list(names), "plan": plan}
+    measurement = Measurement("env", arguments, [], items)
+    run = measure(measurement, output, each=ENVIRONMENT.sections)
+    records = run.session.run().of_type(EnvironmentRecord)
     run.exit(status for record in records for status in record.statuses())
+
+
+def _measured(source: "EnvironmentSource", plan: "EnvironmentPlan") -> "Item":
+    """Return what was measured of an environment, or why nothing was."""
+    from mjbench.api.session import Item
+    from mjbench.environment import measurement
+    from mjbench.environment.records import EnvironmentRecord
+
+    try:
+        record = measurement.measure(source, plan)
+    except MjbenchError as error:
+        record = EnvironmentRecord.failed(source.name, failure_of(error))
+    if record.facts is None and record.status != Status.INTERRUPTED:
+        return Item([record], Failure(record.status, f"{source.name}: {record.detail}"))
+    return Item([record])
 
 
 def _doubled(most: int) -> list[int]:

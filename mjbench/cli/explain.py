@@ -1,14 +1,14 @@
 """`mjbench explain`: what changed from one release to another, by function."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from mjbench.cli.context import RunContext
-from mjbench.cli.group import cli
-from mjbench.cli.paired_options import releases_and_models, verdict_plan
-from mjbench.cli.shared import COUNT, JSON, JUDGING, SIZES, WAIT, with_options
+from mjbench.cli.group import cli, report_line
+from mjbench.cli.shared import COUNT, JSON, VERDICT_PLAN, WAIT, with_options
+from mjbench.cli.versions import releases_and_models
 from mjbench.errors import InputError
 from mjbench.status import Status
 
@@ -33,14 +33,14 @@ if TYPE_CHECKING:
 @click.option(
     "--clock/--no-clock", default=True, show_default=True, help="Compare wall-clock times too."
 )
-@with_options(*JUDGING, *SIZES, WAIT, JSON)
+@with_options(VERDICT_PLAN, WAIT, JSON)
 def explain(
     names: tuple[str, ...],
     top: int,
     clock: bool,
+    plan: "VerdictPlan",
     wait: bool,
     json_file: str | None,
-    **options: Any,
 ) -> None:
     """Explain what changed from the OLD release to the NEW one: code, work, or time alone.
 
@@ -53,6 +53,7 @@ def explain(
     Example:
       mjbench explain 3.17.0 4.0.0 pile
     """
+    from mjbench.api.session import Measurement, Session, input_files
     from mjbench.counts.explain import Explainer
     from mjbench.counts.instructions import InstructionCounter
     from mjbench.paired.targets import Target
@@ -65,13 +66,12 @@ def explain(
     if len(release_names) != 2:
         raise InputError("name an OLD and a NEW release, such as `mjbench explain 3.17.0 4.0.0`")
     specs = [installs.parse_release(name) for name in release_names]
-    plan = verdict_plan(**options)
-    files = [source.path for source in sources]
-    files += [*(wheel for spec in specs for wheel in spec.wheels), *plan.sizes.starts.files]
+    files = input_files(sources, specs, plan.sizes.starts)
+    session = Session(Measurement("explain", {}, files), wait, report=report_line)
     rows: list[ExplainRecord] = []
     statuses: list[Status] = []
     with (
-        RunContext("explain", json_file, files, wait=wait) as run,
+        RunContext(json_file, files, session) as run,
         WorkerPool() as pool,  # workloads last as long as the pool
         InstructionCounter(plan.sizes) as counter,
     ):

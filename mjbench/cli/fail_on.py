@@ -1,4 +1,4 @@
-"""`--fail-on`: which verdicts end a command with exit code 1, and which leave it undecided."""
+"""Verdicts of a command, and `--fail-on`: which of them end it with exit code 1."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING
 
 import click
 
+from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.shared import Text, as_one
 from mjbench.paired.outcomes import Verdict
 from mjbench.status import ExitCode, exit_code
 
 if TYPE_CHECKING:
+    from mjbench.api.session import Measurement
     from mjbench.paired.records import VerdictRow
 
 
@@ -23,32 +26,17 @@ class Finding(StrEnum):
     INCONCLUSIVE = Verdict.INCONCLUSIVE
 
 
-def _findings(ctx: click.Context, param: click.Parameter, value: str | None) -> list[Finding]:
-    names = [name.strip() for name in (value or "").split(",") if name.strip()]
-    for name in names:
-        if name not in list(Finding):
-            raise click.BadParameter(f"{name!r} is not one of {', '.join(Finding)}")
-    if value is not None and not names:
-        raise click.BadParameter(f"no finding given; name one or more of {', '.join(Finding)}")
-    return [Finding(name) for name in names]
+class _Findings(Text[list[Finding]]):
+    """Comma-separated findings."""
 
+    name = "FINDING,…"
+    expected = f"one of {', '.join(Finding)}, or several with commas"
 
-FAIL_ON = (
-    click.option(
-        "--fail-on",
-        "findings",
-        metavar="FINDING,…",
-        callback=_findings,
-        help=f"Exit 1 for one of these: {', '.join(Finding)}. Exit 3 when it cannot be decided:"
-        " the verdict is inconclusive, it may be due to where a build's code lies in memory, or the"
-        " work was not compared.",
-    ),
-    click.option(
-        "--allow-inconclusive",
-        is_flag=True,
-        help="With --fail-on: an inconclusive verdict does not change the exit code.",
-    ),
-)
+    def _parse(self, text: str) -> list[Finding]:
+        findings = [Finding(name.strip()) for name in text.split(",") if name.strip()]
+        if not findings:
+            raise ValueError
+        return findings
 
 
 @dataclass(frozen=True)
@@ -92,3 +80,39 @@ class FailOn:
             row.changed_work is None for row in rows
         )
         return ExitCode.ENVIRONMENT if is_speed_open or is_work_open else ExitCode.OK
+
+
+FAIL_ON = as_one(
+    "fail_on",
+    FailOn,
+    click.option(
+        "--fail-on",
+        "findings",
+        type=_Findings(),
+        default=[],
+        help=f"Exit 1 for one of these: {', '.join(Finding)}. Exit 3 when it cannot be decided:"
+        " the verdict is inconclusive, it may be due to where a build's code lies in memory, or the"
+        " work was not compared.",
+    ),
+    click.option(
+        "--allow-inconclusive",
+        is_flag=True,
+        help="With --fail-on: an inconclusive verdict does not change the exit code.",
+    ),
+)
+
+
+def measure_verdicts(
+    measurement: "Measurement", confidence: float, fail_on: FailOn, output: OutputOptions
+) -> None:
+    """Measure verdicts, print and store them, and end with their exit code.
+
+    Args:
+      confidence: of the whole family (see `family.decide`).
+    """
+    from mjbench.paired.records import VerdictRecord
+    from mjbench.report.kinds import VERDICT
+
+    run = measure(measurement, output, summary=VERDICT.sections)
+    rows = [record.row() for record in run.session.run().of_type(VerdictRecord)]
+    run.exit_with(fail_on.exit_code(rows, confidence))

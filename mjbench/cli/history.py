@@ -1,16 +1,39 @@
 """`mjbench history`: what happened to speed from one release to the next, and why."""
 
+import itertools
 import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli import interrupts
+from mjbench.api import interrupts
+from mjbench.cli.context import OutputOptions
+from mjbench.cli.context import measure as measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.output_file import OutputFile
-from mjbench.cli.shared import PAGE
+from mjbench.cli.releases import HISTORY
+from mjbench.cli.shared import JSON, PAGE, RESUME, WAIT, as_one, with_options
+from mjbench.errors import InputError
 
-DEFAULT = click.core.ParameterSource.DEFAULT
+if TYPE_CHECKING:
+    from mjbench.api.session import Item, Observer
+    from mjbench.counts.counted_program import OperationRequest
+    from mjbench.counts.explain import Explainer
+    from mjbench.counts.instructions import ModelCount
+    from mjbench.counts.records import ExplainRecord
+    from mjbench.paired.operations import Operation
+    from mjbench.paired.release_tasks import ReleaseTask
+    from mjbench.releases.installs import ReleaseSpec
+    from mjbench.simulation.models import ModelSource
+    from mjbench.store.runs import Record
+
+_DEFAULT = click.core.ParameterSource.DEFAULT
+# Of each model and pair of releases, as many functions are stored, and those that exchanged cost
+# with them.
+_TOP = 12
 
 
 @cli.group(invoke_without_command=True)
@@ -68,7 +91,7 @@ def history(
       mjbench history --since 4.0.0
     """
     if ctx.invoked_subcommand is not None:
-        given = [name for name in ctx.params if ctx.get_parameter_source(name) != DEFAULT]
+        given = [name for name in ctx.params if ctx.get_parameter_source(name) != _DEFAULT]
         if given:
             option = given[0].replace("_", "-")
             raise click.UsageError(f"give --{option} after {ctx.invoked_subcommand}")
@@ -106,3 +129,299 @@ def _link(plots: Path | None, output: Path | None) -> str:
         return ""
     base = output.parent if output else Path()
     return Path(os.path.relpath(plots, base)).as_posix()
+
+
+@dataclass(frozen=True)
+class _Selection:
+    """What a subcommand works on.
+
+    Attributes:
+      reference: release that others are compared with.
+      releases: in the order of the command line, or of the history.
+      sources: models whose steps are included.
+      operations: operations around the step; their inputs are fixed.
+    """
+
+    reference: "ReleaseSpec"
+    releases: Sequence["ReleaseSpec"]
+    sources: Sequence["ModelSource"]
+    operations: Sequence["Operation"]
+
+    def arguments(self) -> dict[str, object]:
+        """Return what a run file's header says of it."""
+        return {
+            "reference": self.reference.key,
+            "releases": [release.key for release in self.releases],
+            "models": [source.name for source in self.sources],
+            "operations": bool(self.operations),
+        }
+
+
+def _select(
+    names: Sequence[str],
+    since: str | None,
+    models: Sequence[str],
+    history: Path | None,
+    steps: bool,
+    operations: bool | None,
+) -> _Selection:
+    """Return what the options and arguments of a subcommand select; see `_releases`."""
+    from mjbench.paired.operations import registry
+    from mjbench.releases import installs, release_ratios
+    from mjbench.simulation import models as model_sources
+
+    if not steps and models:
+        raise click.UsageError("--model is for steps; leave it out with --no-steps")
+    if not steps and operations is False:
+        raise click.UsageError("without steps and operations, nothing is left")
+    model_names = (models or model_sources.shipped()) if steps else ()
+    has_operations = not models if operations is None else operations
+    return _Selection(
+        installs.parse_release(release_ratios.REFERENCE),
+        _releases(names, since, history),
+        [model_sources.resolve(name) for name in model_names],
+        list(registry().values()) if has_operations else [],
+    )
+
+
+def _releases(names: Sequence[str], since: str | None, history: Path | None) -> list["ReleaseSpec"]:
+    """Return the releases that arguments name, or those of the git history.
+
+    Args:
+      since: first release of the history to return; None for all.
+      history: a git bundle; None for the checkout's.
+    """
+    from mjbench.releases import bundle, installs
+    from mjbench.releases.release import OLDEST, version_key
+
+    if names and since:
+        raise InputError("give RELEASEs or --since, not both")
+    if names:
+        return [installs.parse_release(name) for name in names]
+    path = history or bundle.default_path()
+    versions = [
+        release.version
+        for release in bundle.read(path)
+        if version_key(release.version) >= OLDEST  # the history begins one release earlier, for asv
+    ]
+    if since is not None and since not in versions:
+        raise InputError(
+            f"{path} has no release {since}; it has {len(versions)},"
+            f" from {versions[0]} to {versions[-1]}"
+        )
+    first = versions.index(since) if since else 0
+    return [installs.parse_release(version) for version in versions[first:]]
+
+
+_RESULTS = click.option(
+    "--results",
+    default="results/history",
+    show_default=True,
+    metavar="DIR",
+    type=click.Path(path_type=Path),
+    help="Folder for the run file.",
+)
+_SELECTION = as_one(
+    "selection",
+    _select,
+    click.argument("names", nargs=-1, metavar="[RELEASE]…"),
+    click.option(
+        "--steps/--no-steps", default=True, show_default=True, help="Include steps of models."
+    ),
+    click.option(
+        "--operations/--no-operations",
+        default=None,
+        help="Include loading, MjSpec, MjData, resets, rays, rollout and Batch on shipped models"
+        "  [default: unless --model is given]",
+    ),
+    click.option(
+        "--since",
+        metavar="VERSION",
+        help="Without a RELEASE: those of the git history from VERSION on, rather than all.",
+    ),
+    click.option(
+        "--model",
+        "models",
+        multiple=True,
+        metavar="MODEL",
+        help="A model; may be given several times  [default: all shipped models]",
+    ),
+    HISTORY,
+)
+
+
+@history.command("measure")
+@with_options(_SELECTION, as_one("output", OutputOptions, _RESULTS, RESUME, WAIT, JSON))
+def measure(selection: _Selection, output: OutputOptions) -> None:
+    """Time steps and operations in RELEASEs against one fixed release.
+
+    A release is a version (3.5.0), a wheel or a folder of wheels, or `installed`. Each takes two
+    minutes. The run file has every launch.
+
+    \b
+    Examples:
+      mjbench history measure --since 3.17.0
+      mjbench history measure dist/mujoco-4.1.0-cp311-….whl --model humanoid
+    """
+    from mjbench.api.session import Measurement, input_files, pinning_notes
+    from mjbench.releases import release_ratios
+    from mjbench.report.kinds import HISTORY
+    from mjbench.simulation.starts import DEFAULT_STARTS
+
+    measurement = Measurement(
+        "history",
+        selection.arguments(),
+        input_files(selection.sources, selection.releases, DEFAULT_STARTS),
+        lambda earlier, observer: _measured(selection, earlier, observer),
+        release_ratios.finished,
+        pinning_notes(),
+    )
+    measure_and_print(measurement, output, summary=HISTORY.sections).exit()
+
+
+def _measured(
+    selection: _Selection, earlier: "Sequence[Record]", observer: "Observer"
+) -> "Iterator[Item]":
+    """Yield what is measured of one release after the other."""
+    from mjbench.api.session import Item
+    from mjbench.paired import release_ratio
+    from mjbench.paired.worker_pool import WorkerPool
+    from mjbench.releases import release_ratios
+
+    finished = release_ratios.finished(earlier)
+    done = {(record.record_type, record.build, record.series) for record in finished}
+    by_release = [
+        [
+            task
+            for task in _tasks(selection, release)
+            if (task.record_type, release.key, task.series) not in done
+        ]
+        for release in selection.releases
+    ]
+    remaining = [tasks for tasks in by_release if tasks]
+    shares = [0.0] * len(remaining)
+
+    def on_launch(index: int, share: float) -> None:
+        shares[index] = share
+        _, release = remaining[index][0].releases
+        observer(f"MuJoCo {release.version}", sum(shares) / len(remaining))
+
+    with WorkerPool() as pool:
+        for records in release_ratio.measure_each(pool, remaining, on_launch):
+            yield Item(records)
+
+
+def _tasks(selection: _Selection, release: "ReleaseSpec") -> list["ReleaseTask"]:
+    """Return what is timed in a release: the steps of models, and operations."""
+    from mjbench.paired.release_tasks import OperationTask, StepTask
+    from mjbench.simulation import models
+
+    releases = selection.reference, release
+    tasks: list[ReleaseTask] = [StepTask(releases, source) for source in selection.sources]
+    for operation in selection.operations:
+        model = models.resolve(operation.model) if operation.model else None
+        tasks.append(OperationTask(releases, operation, model))
+    return tasks
+
+
+@history.command("explain")
+@with_options(_SELECTION, as_one("output", OutputOptions, _RESULTS, RESUME))
+def explain(selection: _Selection, output: OutputOptions) -> None:
+    """Count instructions of steps and operations by function, from each RELEASE to the next.
+
+    Needs valgrind, but no quiet machine. A release takes several minutes for the ten shipped
+    models, and less than one for the operations. The workload of steps is that of one fixed
+    release.
+
+    \b
+    Example:
+      mjbench history explain --since 3.17.0
+    """
+    from mjbench.api.session import Measurement
+    from mjbench.counts import records
+    from mjbench.counts.records import ExplainRecord
+    from mjbench.report.counts import change_sections
+
+    if len(selection.releases) < 2:
+        raise InputError("give two releases or more")
+    measurement = Measurement(
+        "history-explain",
+        selection.arguments(),
+        [source.path for source in selection.sources],
+        lambda earlier, observer: _explained(selection, earlier, observer),
+        records.finished,
+    )
+    measure_and_print(
+        measurement, output, summary=lambda run: change_sections(run.of_type(ExplainRecord))
+    ).exit()
+
+
+def _explained(
+    selection: _Selection, earlier: "Sequence[Record]", observer: "Observer"
+) -> "Iterator[Item]":
+    """Count each release, and yield what changed since the one before."""
+    from mjbench.api.session import Item
+    from mjbench.counts import records
+    from mjbench.counts.explain import Explainer
+    from mjbench.counts.instructions import InstructionCounter
+
+    done = {(record.old, record.new, record.series) for record in records.finished(earlier)}
+    missing = _releases_to_count(selection, done)
+    explainer = Explainer()
+    before: Sequence[ModelCount] = ()
+    with InstructionCounter() as counter:
+        if missing and selection.sources:
+            counter.count(selection.reference, selection.sources)  # draws the workloads
+        for number, release in enumerate(selection.releases):
+            observer(f"MuJoCo {release.version}", number / len(selection.releases))
+            if release.version not in missing:
+                before = ()
+                continue
+            counts = counter.count(release, selection.sources)
+            counts += counter.count(release, _requests(selection))
+            yield Item(
+                [
+                    _record(explainer, old, new)
+                    for old, new in zip(before, counts, strict=bool(before))
+                    if (old.release, new.release, new.operation or new.model) not in done
+                ]
+            )
+            before = counts
+
+
+def _releases_to_count(selection: _Selection, done: set[tuple[str, str, str]]) -> set[str]:
+    """Return the releases of which some change is not known yet.
+
+    Args:
+      done: old release, new release and series of the changes that are known.
+    """
+    selected = [source.name for source in selection.sources]
+    selected += [operation.name for operation in selection.operations]
+    versions = [release.version for release in selection.releases]
+    return {
+        version
+        for old, new in itertools.pairwise(versions)
+        for version in (old, new)
+        if any((old, new, name) not in done for name in selected)
+    }
+
+
+def _requests(selection: _Selection) -> list["OperationRequest"]:
+    """Return what is asked of each release beside the steps of models."""
+    from mjbench.counts.counted_program import OperationRequest
+    from mjbench.simulation import models
+
+    return [
+        OperationRequest(
+            operation.name, models.resolve(operation.model) if operation.model else None
+        )
+        for operation in selection.operations
+    ]
+
+
+def _record(explainer: "Explainer", old: "ModelCount", new: "ModelCount") -> "ExplainRecord":
+    """Return what changed in a model: functions that changed most, and whose cost moved there."""
+    row = explainer.row(old, new, time=None)
+    names = {name for f in row.functions[:_TOP] for name in (f.name, *f.moved_with)}
+    functions = [function for function in row.functions if function.name in names]
+    return replace(row, functions=functions)

@@ -1,25 +1,23 @@
 """`mjbench instructions`: instructions per step, counted by Callgrind."""
 
-from pathlib import Path
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import RunContext, Storage
+from mjbench.cli.context import OutputOptions, measure
 from mjbench.cli.group import cli
-from mjbench.cli.shared import (
-    COUNT,
-    JSON,
-    RESULTS,
-    SIZES,
-    Seconds,
-    check_sizes,
-    start_plan,
-    with_options,
-)
+from mjbench.cli.shared import COUNT, COUNTS_OUTPUT, SIZES, Seconds, models_argument, with_options
+
+if TYPE_CHECKING:
+    from mjbench.api.session import Observer
+    from mjbench.paired.run_sizes import Sizes
+    from mjbench.simulation.models import ModelSource
+    from mjbench.store.runs import Record
 
 
 @cli.command()
-@click.argument("names", nargs=-1, metavar="[MODEL]…")
+@models_argument()
 @click.option(
     "--release",
     "releases",
@@ -42,21 +40,14 @@ from mjbench.cli.shared import (
     show_default=True,
     help="Kill a release's process that finishes no model for this long.",
 )
-@with_options(*SIZES, RESULTS, JSON)
+@with_options(SIZES, COUNTS_OUTPUT)
 def instructions(
-    names: tuple[str, ...],
+    sources: "list[ModelSource]",
     releases: tuple[str, ...],
     top: int,
     limit_s: float,
-    nbatch: int | None,
-    nstep: int | None,
-    hold: int,
-    seed: int,
-    settle_s: float | None,
-    states_file: Path | None,
-    actions_file: Path | None,
-    results: Path,
-    json_file: str | None,
+    sizes: "Sizes",
+    output: OutputOptions,
 ) -> None:
     """Count instructions per step, by function and stage; within 0.1 % the same on a busy machine.
 
@@ -67,38 +58,30 @@ def instructions(
     Example:
       mjbench instructions humanoid --release 3.3.0 --release 4.0.0
     """
-    from mjbench.counts.instructions import InstructionCounter, ModelCount
-    from mjbench.paired.run_sizes import Sizes
+    from mjbench.api.session import Item, Measurement, input_files
+    from mjbench.counts.instructions import InstructionCounter
+    from mjbench.counts.records import InstructionsRecord
     from mjbench.releases import installs
     from mjbench.report import counts
-    from mjbench.report.kinds import INSTRUCTIONS
-    from mjbench.simulation import models
 
-    check_sizes(nstep, hold)
-    starts = start_plan(settle_s, states_file, actions_file)
-    sources = [models.resolve(name) for name in names or models.shipped()]
     specs = [installs.parse_release(name) for name in releases or (installs.INSTALLED,)]
-    files = [source.path for source in sources] + [wheel for s in specs for wheel in s.wheels]
-    files += starts.files
-    sizes = Sizes(nbatch, nstep, hold, seed, starts)
+
+    def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
+        for number, spec in enumerate(specs):
+            observer(f"MuJoCo {spec.version}", number / len(specs))
+            yield Item([count.record() for count in counter.count(spec, sources, limit_s)])
+
     arguments = {
         "sizes": sizes,
         "releases": [spec.key for spec in specs],
         "models": [source.name for source in sources],
     }
-    model_counts: list[ModelCount] = []
-    with (
-        InstructionCounter(sizes) as counter,
-        RunContext("instructions", json_file, files, Storage(results, arguments)) as run,
-    ):
-        with run.progress(len(specs)) as advance:
-            for number, spec in enumerate(specs):
-                advance(number, f"MuJoCo {spec.version}", 0.0)
-                counted = counter.count(spec, sources, limit_s)
-                for count in counted:
-                    run.record(count.record())
-                model_counts += counted
-        records = [count.record() for count in model_counts]
-        run.show(counts.sections(records, top))
-        run.write(INSTRUCTIONS.document_type(results=records))
-    run.exit(count.status for count in model_counts)
+    files = input_files(sources, specs, sizes.starts)
+    measurement = Measurement("instructions", arguments, files, items)
+    with InstructionCounter(sizes) as counter:
+        run = measure(
+            measurement,
+            output,
+            summary=lambda run: counts.sections(run.of_type(InstructionsRecord), top),
+        )
+    run.exit()

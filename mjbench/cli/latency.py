@@ -1,28 +1,31 @@
 """`mjbench latency`: how long single steps take, and which are late."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.each_model import measure_each
+from mjbench.cli.context import OutputOptions, measure
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
     HOLD,
-    JSON,
     LIMIT,
-    RESULTS,
+    OUTPUT,
     SEED,
     STARTS,
-    WAIT,
     Hertz,
     Seconds,
+    models_argument,
     with_options,
 )
 
+if TYPE_CHECKING:
+    from mjbench.simulation.models import ModelSource
+    from mjbench.simulation.starts import StartPlan
+
 
 @cli.command()
-@click.argument("names", nargs=-1, required=True, metavar="MODEL…")
+@models_argument(required=True)
 @click.option(
     "--deadline",
     "deadline_s",
@@ -39,15 +42,17 @@ from mjbench.cli.shared import (
 @click.option(
     "--nstep", type=COUNT, help="Steps at each pace  [default: 10,000, or what 10s allow]"
 )
-@with_options(HOLD, SEED, *STARTS, LIMIT, RESULTS, WAIT, JSON)
+@with_options(HOLD, SEED, STARTS, LIMIT, OUTPUT)
 def latency(
-    names: tuple[str, ...],
+    sources: "list[ModelSource]",
     deadline_s: float | None,
     rate_hz: float | None,
     nstep: int | None,
     hold: int,
     seed: int,
-    **options: Any,
+    starts: "StartPlan",
+    time_limit: float,
+    output: OutputOptions,
 ) -> None:
     """How long do single steps take, which miss their deadline, and what do slow ones share?
 
@@ -59,20 +64,9 @@ def latency(
       mjbench latency humanoid
       mjbench latency robot.xml --rate 1000 --deadline 500us
     """
-    from mjbench.loop.latency import LatencyRequest, LatencyRow, measure, row
+    from mjbench.api.latency import measurement
+    from mjbench.loop.latency import LatencyRequest
     from mjbench.report.kinds import LATENCY
-    from mjbench.simulation.models import ModelSource
-    from mjbench.simulation.starts import StartPlan
 
-    def rows(source: ModelSource, starts: StartPlan, limit_s: float) -> list[LatencyRow]:
-        samples = measure(LatencyRequest(source, nstep, rate_hz, hold, seed, starts), limit_s)
-        return [row(source.name, of_pace, deadline_s) for of_pace in samples]
-
-    arguments = {"nstep": nstep, "rate_hz": rate_hz, "deadline_s": deadline_s, "hold": hold}
-    measure_each(
-        names,
-        LATENCY,
-        rows,
-        {**arguments, "seed": seed},
-        **options,
-    )
+    requests = [LatencyRequest(source, nstep, rate_hz, hold, seed, starts) for source in sources]
+    measure(measurement(requests, deadline_s, time_limit), output, each=LATENCY.sections).exit()

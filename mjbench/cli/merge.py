@@ -40,7 +40,7 @@ def merge(files: tuple[Path, ...], output: Path) -> None:
 
     if str(output) == "-":
         raise InputError("a run set cannot go to standard output: give -o FILE")
-    with RunContext("merge", inputs=files) as run:
+    with RunContext(inputs=files) as run:
         merged = run_set.merge(files, output, RECORD_TYPES)
         for path in merged.torn:
             report_line(f"{path}: its end was cut short; the incomplete part is left out")

@@ -1,19 +1,29 @@
 """`mjbench overhead`: what the habits of a Python loop cost."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.each_model import measure_each
+from mjbench.cli.context import OutputOptions, measure
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, LIMIT, RESULTS, SETTLE, STATES, WAIT, with_options
+from mjbench.cli.shared import LIMIT, LOOP_STARTS, OUTPUT, models_argument, with_options
+
+if TYPE_CHECKING:
+    from mjbench.simulation.models import ModelSource
+    from mjbench.simulation.starts import StartPlan
 
 
 @cli.command()
-@click.argument("names", nargs=-1, metavar="[MODEL]…")
+@models_argument("cartpole")
 @click.option("--code", is_flag=True, help="Print each habit's loop, and its cheaper form.")
-@with_options(SETTLE, STATES, LIMIT, RESULTS, WAIT, JSON)
-def overhead(names: tuple[str, ...], code: bool, **options: Any) -> None:
+@with_options(LOOP_STARTS, LIMIT, OUTPUT)
+def overhead(
+    sources: "list[ModelSource]",
+    code: bool,
+    starts: "StartPlan",
+    time_limit: float,
+    output: OutputOptions,
+) -> None:
     """What does each habit of a Python loop cost beside mj_step, and what is cheaper?
 
     Every habit is timed inside a stepping loop, in turns with the bare loop, in several processes.
@@ -26,13 +36,12 @@ def overhead(names: tuple[str, ...], code: bool, **options: Any) -> None:
       mjbench overhead cartpole
       mjbench overhead robot.mjb --states states.npz
     """
-    from mjbench.loop.overhead import measure
+    from mjbench.api.session import of_each_model
+    from mjbench.loop import overhead as loop_overhead
     from mjbench.report.kinds import OVERHEAD
 
-    measure_each(
-        names or ("cartpole",),
-        OVERHEAD,
-        lambda source, starts, limit_s: [measure(source, limit_s, starts=starts)],
-        code=code,
-        **options,
-    )
+    def rows(source: "ModelSource") -> list[loop_overhead.OverheadRow]:
+        return [loop_overhead.measure(source, time_limit, starts=starts)]
+
+    measurement = of_each_model("overhead", sources, starts, loop_overhead.OverheadRow, rows)
+    measure(measurement, output, each=OVERHEAD.sections, code=code).exit()

@@ -1,25 +1,31 @@
 """The command `mjbench placement`: how far a step's time depends on where the code lies."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli import paired_options
-from mjbench.cli.context import RunContext, Storage
+from mjbench.cli.context import OutputOptions, measure
 from mjbench.cli.group import cli
-from mjbench.cli.shared import COUNT, STARTS, STORING, Seconds, start_plan, with_options
-from mjbench.status import Status
+from mjbench.cli.shared import (
+    COUNT,
+    SIZES_OF_STARTS,
+    STORING,
+    Seconds,
+    models_argument,
+    with_options,
+)
 
 if TYPE_CHECKING:
-    from mjbench.paired.placement_spread import SpreadPlan, SpreadRecord
-    from mjbench.paired.targets import Target
+    from mjbench.api.session import Observer
+    from mjbench.paired.run_sizes import Sizes
+    from mjbench.simulation.models import ModelSource
+    from mjbench.store.runs import Record
 
 
 @cli.command()
-@click.argument("names", nargs=-1, metavar="[MODEL]…")
+@models_argument("cartpole", "humanoid")
 @click.option(
     "--release",
     "release_name",
@@ -42,19 +48,14 @@ if TYPE_CHECKING:
     show_default=True,
     help="Time for each model, once it is loaded; after it, no launch begins.",
 )
-@with_options(*STARTS, *STORING)
+@with_options(SIZES_OF_STARTS, STORING)
 def placement(
-    names: tuple[str, ...],
+    sources: "list[ModelSource]",
     release_name: str,
     launches: int,
     time_limit: float,
-    settle_s: float | None,
-    states_file: Path | None,
-    actions_file: Path | None,
-    results: Path,
-    resume: Path | None,
-    wait: bool,
-    json_file: str | None,
+    sizes: "Sizes",
+    output: OutputOptions,
 ) -> None:
     """How far does the time of a step depend on where MuJoCo's machine code lies in memory?
 
@@ -67,55 +68,37 @@ def placement(
       mjbench placement robot.xml
       mjbench placement cloth pile --release 3.3.1
     """
+    from mjbench.api.session import Item, Measurement, pinning_notes
     from mjbench.paired import placement_spread
     from mjbench.paired.placement_spread import SpreadPlan
-    from mjbench.paired.run_sizes import Sizes
     from mjbench.paired.targets import Target
+    from mjbench.paired.worker_pool import WorkerPool
     from mjbench.releases.installs import parse_release
     from mjbench.report.kinds import PLACEMENT
-    from mjbench.simulation import models
 
     release = parse_release(release_name)
-    sources = [models.resolve(name) for name in names or ("cartpole", "humanoid")]
     targets = [Target(release, source) for source in sources]
-    starts = start_plan(settle_s, states_file, actions_file)
-    plan = SpreadPlan(launches, time_limit, Sizes(starts=starts))
-    paired_options.warn_if_unpinned()
-    arguments = {**asdict(plan), "targets": [target.row() for target in targets]}
-    storage = Storage(results, arguments, resume, placement_spread.finished)
-    files = [*paired_options.input_files(targets), *starts.files]
-    with RunContext("placement", json_file, files, storage, wait) as run:
-        rows = _measure(run, targets, plan)
-        if any(row.status == Status.INTERRUPTED for row in rows):
-            run.interrupt()
-        run.show_results(PLACEMENT)
-        run.write_results(PLACEMENT)
-    run.exit(row.status for row in rows)
+    plan = SpreadPlan(launches, time_limit, sizes)
 
+    def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
+        finished = {record.model for record in placement_spread.finished(earlier)}
+        with WorkerPool() as pool:
+            for number, target in enumerate(targets):
+                name = target.model.name
+                if name in finished:
+                    continue
 
-def _measure(
-    run: RunContext, targets: Sequence["Target"], plan: "SpreadPlan"
-) -> list["SpreadRecord"]:
-    """Measure each target that is not yet in the run file, and store it; return all rows."""
-    from mjbench.paired import placement_spread
-    from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.releases.placement import RESIDUES
+                def on_launch(count: int, number: int = number, name: str = name) -> None:
+                    observer(name, (number + count / plan.most_launches) / len(targets))
 
-    earlier = {record.model: record for record in placement_spread.finished(run.resumed_records)}
-    rows: list[SpreadRecord] = []
-    with run.progress(len(targets)) as advance, WorkerPool() as pool:
-        for number, target in enumerate(targets):
-            name = target.model.name
-            if name in earlier:
-                rows.append(earlier[name])
-                continue
+                yield Item([placement_spread.measure(pool, target, plan, on_launch)])
 
-            def on_launch(count: int, number: int = number, name: str = name) -> None:
-                advance(number, name, count / (plan.launches * len(RESIDUES)))
-
-            record = placement_spread.measure(pool, target, plan, on_launch)
-            run.record(record)
-            rows.append(record)
-            if record.status == Status.INTERRUPTED:
-                break
-    return rows
+    measurement = Measurement(
+        "placement",
+        {**asdict(plan), "targets": [target.row() for target in targets]},
+        [*(file for target in targets for file in target.files), *sizes.starts.files],
+        items,
+        placement_spread.finished,
+        pinning_notes(),
+    )
+    measure(measurement, output, summary=PLACEMENT.sections).exit()

@@ -1,63 +1,39 @@
 """`mjbench plan`: plans per second of a sampling planner, by the path that rolls out."""
 
 import itertools
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import RunContext, Storage
-from mjbench.cli.each_model import measure_or_report
+from mjbench.cli.context import OutputOptions, measure
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
-    JSON,
     LIMIT,
-    RESULTS,
+    OUTPUT,
+    PLANNING_STARTS,
     SEED,
-    STATES,
-    WAIT,
     Names,
     Numbers,
     Seconds,
+    models_argument,
     own_path_folder,
-    start_plan,
     with_options,
 )
-from mjbench.errors import Failure
-from mjbench.limits import MAX_THREADS
-from mjbench.status import Status
+from mjbench.errors import MjbenchError
+from mjbench.limits import THREADS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from mjbench.comparison.planning_run import PlanningRequest, PlanningRow
+    from mjbench.api.session import Item, Observer
+    from mjbench.comparison.planning_run import PlanningRequest
     from mjbench.simulation.models import ModelSource
     from mjbench.simulation.starts import StartPlan
-
-
-@dataclass(frozen=True)
-class _Options:
-    """The options of the command, as click parses them."""
-
-    algorithm: str
-    samples: list[int]
-    knots: list[int]
-    hold: int
-    duration_s: float
-    path_names: list[str] | None
-    threads: list[int] | None
-    seed: int
-    states_file: Path | None
-    time_limit: float
-    results: Path
-    wait: bool
-    json_file: str | None
+    from mjbench.store.runs import Record
 
 
 @cli.command()
-@click.argument("names", nargs=-1, metavar="[MODEL]…")
+@models_argument("cartpole")
 @click.option(
     "--algorithm",
     type=click.Choice(("predictive-sampling", "mppi", "cem")),
@@ -97,9 +73,22 @@ class _Options:
     help="Roll out by these (see `mjbench paths`) and python_loop, which is always added"
     "  [default: all C paths]",
 )
-@click.option("--threads", type=Numbers(MAX_THREADS), help="Thread counts  [default: usable cores]")
-@with_options(SEED, STATES, LIMIT, RESULTS, WAIT, JSON)
-def plan(names: tuple[str, ...], **options: Any) -> None:
+@click.option("--threads", type=Numbers(THREADS), help="Thread counts  [default: usable cores]")
+@with_options(SEED, PLANNING_STARTS, LIMIT, OUTPUT)
+def plan(
+    sources: "list[ModelSource]",
+    algorithm: str,
+    samples: list[int],
+    knots: list[int],
+    hold: int,
+    duration_s: float,
+    path_names: list[str] | None,
+    threads: list[int] | None,
+    seed: int,
+    starts: "StartPlan",
+    time_limit: float,
+    output: OutputOptions,
+) -> None:
     """How many plans per second does a sampling planner make, by the path that rolls them out?
 
     The planner runs in a closed loop on MODEL (default: cartpole, which must swing up its pole; any
@@ -114,67 +103,52 @@ def plan(names: tuple[str, ...], **options: Any) -> None:
       mjbench plan --samples 16,64,256 --knots 10,25 --threads 1,2
       mjbench plan robot.mjb --states states.npz
     """
-    from mjbench.comparison.planning_run import PlanningRow
-    from mjbench.report.kinds import PLAN
-    from mjbench.report.planning import section, sizes_sections
-    from mjbench.simulation import models
-
-    parsed = _Options(**options)
-    sources = [models.resolve(name) for name in names or ("cartpole",)]
-    starts = start_plan(None, parsed.states_file)
-    import_from = own_path_folder(parsed.path_names)
-    requests = [request for source in sources for request in _requests(source, parsed, starts)]
-    rows: list[PlanningRow] = []
-    statuses: list[Status] = []
-    arguments = {
-        "models": [source.name for source in sources],
-        "variants": requests[0].variants,
-        "settings": list(dict.fromkeys(request.settings for request in requests)),
-        "hold": parsed.hold,
-        "duration_s": parsed.duration_s,
-        "starts": starts,
-    }
-    storage = Storage(parsed.results, arguments)
-    files = [*(source.path for source in sources), *starts.files]
-    with RunContext("plan", parsed.json_file, files, storage, parsed.wait) as run:
-        for request in requests:
-            planned = _plan(request, import_from, parsed.time_limit)
-            if isinstance(planned, Failure):
-                statuses.append(planned.status)
-                continue
-            run.show([section(planned)])
-            for row in planned:
-                run.record(row)
-            rows += planned
-            statuses += [row.status for row in planned]
-        run.show(sizes_sections(rows))
-        run.write_results(PLAN)
-    run.exit(statuses)
-
-
-def _requests(
-    source: "ModelSource", options: _Options, starts: "StartPlan"
-) -> "Iterator[PlanningRequest]":
-    """Yield a request for each size of plans."""
+    from mjbench.api.session import Measurement, input_files
     from mjbench.comparison import selection
     from mjbench.comparison.planner import Algorithm, PlannerSettings
-    from mjbench.comparison.planning_run import PlanningRequest
+    from mjbench.comparison.planning_run import PlanningRequest, PlanningRow
     from mjbench.host import machine
+    from mjbench.report import planning
 
-    threads = options.threads or [machine.usable_cores()]
-    variants = selection.variants(options.path_names or [], threads)
-    for samples, knots in itertools.product(options.samples, options.knots):
-        settings = PlannerSettings(Algorithm(options.algorithm), samples, knots, seed=options.seed)
-        yield PlanningRequest(
-            source, variants, settings, options.hold, options.duration_s, starts.file
-        )
+    import_from = own_path_folder(path_names)
+    variants = selection.variants(path_names or [], threads or [machine.usable_cores()])
+    settings = [
+        PlannerSettings(Algorithm(algorithm), nsample, nknot, seed=seed)
+        for nsample, nknot in itertools.product(samples, knots)
+    ]
+    requests = [
+        PlanningRequest(source, variants, each, hold, duration_s, starts.file)
+        for source, each in itertools.product(sources, settings)
+    ]
+
+    def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
+        for number, request in enumerate(requests):
+            observer(request.source.name, number / len(requests))
+            yield _planned(request, import_from, time_limit)
+
+    arguments = {
+        "models": [source.name for source in sources],
+        "variants": variants,
+        "settings": list(dict.fromkeys(settings)),
+        "hold": hold,
+        "duration_s": duration_s,
+        "starts": starts,
+    }
+    files = input_files(sources, [], starts)
+    measure(
+        Measurement("plan", arguments, files, items),
+        output,
+        each=lambda run: [planning.section(run.of_type(PlanningRow))],
+        summary=lambda run: planning.sizes_sections(run.of_type(PlanningRow)),
+    ).exit()
 
 
-def _plan(
-    request: "PlanningRequest", import_from: str | None, limit_s: float
-) -> "list[PlanningRow] | Failure":
+def _planned(request: "PlanningRequest", import_from: str | None, limit_s: float) -> "Item":
+    """Return what plans of one model and size are, or why there are none."""
+    from mjbench.api.session import Item, failure_of_model
     from mjbench.comparison import planning_run
 
-    return measure_or_report(
-        request.source, lambda source: planning_run.run(request, import_from, limit_s)
-    )
+    try:
+        return Item(planning_run.run(request, import_from, limit_s))
+    except MjbenchError as error:
+        return Item(failure=failure_of_model(request.source.name, error))

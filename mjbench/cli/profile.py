@@ -1,18 +1,22 @@
 """`mjbench profile`: where a step's time goes."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
-import click
-
-from mjbench.cli.each_model import measure_each
+from mjbench.cli.context import OutputOptions, measure
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, LIMIT, RESULTS, SETTLE, STATES, WAIT, with_options
+from mjbench.cli.shared import LIMIT, LOOP_STARTS, OUTPUT, models_argument, with_options
+
+if TYPE_CHECKING:
+    from mjbench.simulation.models import ModelSource
+    from mjbench.simulation.starts import StartPlan
 
 
 @cli.command()
-@click.argument("names", nargs=-1, required=True, metavar="MODEL…")
-@with_options(SETTLE, STATES, LIMIT, RESULTS, WAIT, JSON)
-def profile(names: tuple[str, ...], **options: Any) -> None:
+@models_argument(required=True)
+@with_options(LOOP_STARTS, LIMIT, OUTPUT)
+def profile(
+    sources: "list[ModelSource]", starts: "StartPlan", time_limit: float, output: OutputOptions
+) -> None:
     """Where does a step's time go: engine stages, Python around it, rendering?
 
     Stages are from MuJoCo's own timers. Rendering is timed with EGL and with OSMesa, or on macOS
@@ -24,12 +28,7 @@ def profile(names: tuple[str, ...], **options: Any) -> None:
       mjbench profile humanoid
       mjbench profile robot.mjb --states states.npz
     """
-    from mjbench.loop.profile import measure
+    from mjbench.api.profile import measurement
     from mjbench.report.kinds import PROFILE
 
-    measure_each(
-        names,
-        PROFILE,
-        lambda source, starts, limit_s: [measure(source, limit_s, starts)],
-        **options,
-    )
+    measure(measurement(sources, starts, time_limit), output, each=PROFILE.sections).exit()

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from mjbench.cli import interrupts
+from mjbench.api import interrupts
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
 from mjbench.cli.shared import JSON
@@ -44,7 +44,7 @@ def list_releases(history: Path | None = None, json_file: str | None = None) -> 
     from mjbench.report.listings import releases_table
 
     release_bundle = history or bundle.default_path()
-    with RunContext("releases", json_file, [release_bundle]) as run:
+    with RunContext(json_file, [release_bundle]) as run:
         known = catalogue.list_releases(release_bundle)
         run.table(releases_table(known.releases))
         if known.problem:

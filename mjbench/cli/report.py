@@ -67,7 +67,7 @@ def report(
     if form == "parquet" and target == "-":
         raise InputError("--format parquet needs a file: give -o FILE")
     file = OutputFile("-o", target, chosen)
-    with RunContext("report", inputs=chosen) as run, contextlib.closing(file):
+    with RunContext(inputs=chosen) as run, contextlib.closing(file):
         if form == "parquet":
             with writing(Path(target)):
                 exports.write_parquet(_stored(chosen[0]), Path(target))

@@ -1,25 +1,23 @@
 """The command `mjbench selfcheck`: how often verdicts are wrong."""
 
 import contextlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli import paired_options
-from mjbench.cli.context import RunContext, Storage
-from mjbench.cli.group import cli, report_line
-from mjbench.cli.shared import COUNT, JUDGING, STARTS, STORING, Shares, start_plan, with_options
-from mjbench.errors import MjbenchError
+from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.group import cli
+from mjbench.cli.shared import COUNT, STORING, TRIAL_PLAN, Shares, with_options
+from mjbench.errors import Failure
 from mjbench.simulation import engine_library
-from mjbench.status import Status
 
 if TYPE_CHECKING:
+    from mjbench.api.session import Observer
     from mjbench.paired.selfcheck_cases import Case
-    from mjbench.paired.selfcheck_records import CaseRow, TrialRecord
     from mjbench.paired.verdict import VerdictPlan
+    from mjbench.store.runs import Record
 
 # The arm of known slowdowns, unless other arms are asked for.
 _SLOWDOWNS = (0.0, 0.005, 0.01, 0.02, 0.05)
@@ -56,7 +54,7 @@ _SLOWDOWNS = (0.0, 0.005, 0.01, 0.02, 0.05)
     help="Compare releases whose steps execute equally many instructions, which should be `same`.",
 )
 @click.option("--busy", is_flag=True, help="Keep the last core busy during the trials.")
-@with_options(*JUDGING, *STARTS, *STORING)
+@with_options(TRIAL_PLAN, STORING)
 def selfcheck(
     names: tuple[str, ...],
     trials: int,
@@ -64,18 +62,8 @@ def selfcheck(
     functions: tuple[str, ...],
     between_builds: bool,
     busy: bool,
-    min_effect: float,
-    confidence: float,
-    precision: float,
-    time_limit: float,
-    as_shipped: bool,
-    settle_s: float | None,
-    states_file: Path | None,
-    actions_file: Path | None,
-    results: Path,
-    resume: Path | None,
-    wait: bool,
-    json_file: str | None,
+    plan: "VerdictPlan",
+    output: OutputOptions,
 ) -> None:
     """How often are verdicts wrong or undecided on this machine, now, and how long do they take?
 
@@ -91,35 +79,52 @@ def selfcheck(
       mjbench selfcheck
       mjbench selfcheck cartpole --slowdowns 0,1 --trials 20
     """
+    from mjbench.api.session import Item, Measurement, input_files, pinning_notes
     from mjbench.paired import selfcheck as checks
     from mjbench.paired import selfcheck_cases
-    from mjbench.paired.run_sizes import Sizes
     from mjbench.paired.selfcheck_records import trial_records
-    from mjbench.paired.verdict import VerdictPlan
+    from mjbench.paired.worker_pool import WorkerPool
     from mjbench.report.kinds import SELFCHECK
+    from mjbench.report.selfcheck import describe_case
 
     if slowdowns is None:
         slowdowns = [] if functions or between_builds else list(_SLOWDOWNS)
     functions = tuple(dict.fromkeys(functions))
     cases = _cases(names, slowdowns, functions, between_builds)
     sources = list(dict.fromkeys(case.candidate.model for case in cases))
-    starts = start_plan(settle_s, states_file, actions_file)
-    sizes = Sizes(starts=starts)
-    plan = VerdictPlan(min_effect, confidence, precision, time_limit, sizes, as_shipped)
-    paired_options.warn_if_unpinned()
-    arguments = {**asdict(plan), "trials": trials, "busy": busy}
-    arguments |= {"slowdowns": slowdowns, "models": [source.name for source in sources]}
-    arguments |= {"inside_step": list(functions), "between_builds": between_builds}
-    storage = Storage(results, arguments, resume, trial_records)
-    files = [*(source.path for source in sources), *starts.files]
-    with RunContext("selfcheck", json_file, files, storage, wait) as run:
-        records = trial_records(run.resumed_records)
-        remaining = selfcheck_cases.remaining(cases, trials, records)
-        with checks.busy_neighbour_core() if busy else contextlib.nullcontext():
-            failures = _run_trials(run, remaining, plan, records, trials * len(cases))
-        run.show_results(SELFCHECK)
-        run.write_results(SELFCHECK)
-    run.exit(failures)
+
+    def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
+        done = trial_records(earlier)
+        remaining = selfcheck_cases.remaining(cases, trials, done)
+        with (
+            checks.busy_neighbour_core() if busy else contextlib.nullcontext(),
+            WorkerPool() as pool,
+        ):
+            for number, (case, ended) in enumerate(checks.run(pool, remaining, plan), len(done)):
+                name = f"{case.model}, {describe_case(case)}"
+                if isinstance(ended, Failure):
+                    yield Item(failure=Failure(ended.status, f"{name}: {ended.detail}"))
+                    continue
+                observer(name, (number + 1) / (trials * len(cases)))
+                yield Item([ended])
+
+    measurement = Measurement(
+        "selfcheck",
+        {
+            **asdict(plan),
+            "trials": trials,
+            "busy": busy,
+            "slowdowns": slowdowns,
+            "models": [source.name for source in sources],
+            "inside_step": list(functions),
+            "between_builds": between_builds,
+        },
+        input_files(sources, [], plan.sizes.starts),
+        items,
+        trial_records,
+        pinning_notes(),
+    )
+    measure(measurement, output, summary=SELFCHECK.sections).exit()
 
 
 def _cases(
@@ -141,38 +146,3 @@ def _cases(
             for pair in NO_CHANGE_PAIRS
         ]
     return cases
-
-
-def _run_trials(
-    run: RunContext,
-    cases: Iterable["Case"],
-    plan: "VerdictPlan",
-    records: list["TrialRecord"],
-    total: int,
-) -> list[Status]:
-    """Run a trial of each case; store and append its record; return how failed models ended.
-
-    Args:
-      total: trials, with those that were done before.
-    """
-    from mjbench.paired import selfcheck as checks
-    from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.report.selfcheck import describe_case
-
-    failures: list[Status] = []
-    with run.progress(total) as advance, WorkerPool() as pool:
-
-        def on_trial(record: "TrialRecord") -> None:
-            run.record(record)
-            records.append(record)
-            advance(len(records), f"{record.model}, {describe_case(record)}", 0.0)
-
-        def on_failure(case: "CaseRow", error: MjbenchError) -> None:
-            report_line(f"{case.model}, {describe_case(case)}: {error}")
-            failures.append(error.status)
-
-        try:
-            checks.run(pool, cases, plan, on_trial, on_failure)
-        except KeyboardInterrupt:
-            run.interrupt()
-    return failures

@@ -1,26 +1,28 @@
 """Options that several commands share, and the types of their values."""
 
-import math
+import functools
+import inspect
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from mjbench import limits
+from mjbench.cli.context import OutputOptions
 from mjbench.errors import InputError, one_line
-from mjbench.limits import (
-    MAX_COUNT,
-    MAX_HERTZ,
-    MAX_LARGE_COUNT,
-    MAX_SECONDS,
-    MAX_SEED,
-    TIME_LIMIT_S,
-)
+from mjbench.limits import TIME_LIMIT_S, Bounds
 from mjbench.paired import outcomes
 
 if TYPE_CHECKING:
+    from mjbench.paired.run_sizes import Sizes
+    from mjbench.paired.verdict import VerdictPlan
+    from mjbench.simulation.models import ModelSource
     from mjbench.simulation.starts import StartPlan
+
+_Value = TypeVar("_Value")
+_Number = TypeVar("_Number", int, float)
 
 # Where run files are stored unless --results says otherwise.
 RESULTS_FOLDER = Path("results/runs")
@@ -28,156 +30,98 @@ RESULTS_FOLDER = Path("results/runs")
 MAX_SLOWDOWN = 10.0
 
 
-class Numbers(click.ParamType[list[int]]):
-    """Comma-separated whole numbers, each at least 1 and at most `most`."""
+class Text(click.ParamType[_Value]):
+    """A text that stands for a value.
+
+    Attributes:
+      expected: what it is to be, for the message about another one.
+    """
+
+    expected: str
+
+    def _parse(self, text: str) -> _Value:
+        """Return the value; raises ValueError if the text stands for none."""
+        raise NotImplementedError
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> _Value:
+        """Return the value; a default may be one already."""
+        if not isinstance(value, str):
+            return value  # type: ignore[no-any-return]
+        try:
+            return self._parse(value)
+        except ValueError:
+            self.fail(f"{one_line(repr(value), 60)} is not {self.expected}", param, ctx)
+
+
+def _within(number: _Number, bounds: Bounds) -> _Number:
+    """Return a number; raises ValueError if it is out of bounds."""
+    if number not in bounds:
+        raise ValueError
+    return number
+
+
+class Numbers(Text[list[int]]):
+    """Comma-separated whole numbers, each of them once."""
 
     name = "N,N,…"
 
-    def __init__(self, most: int = MAX_COUNT) -> None:
-        self.most = most
+    def __init__(self, bounds: Bounds = limits.COUNT) -> None:
+        self._bounds = bounds
+        self.expected = f"a list of whole numbers such as 1,2,4, each {bounds}"
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> list[int]:
-        """Return the numbers of a list such as `1,2,4`, each once."""
-        if isinstance(value, list):
-            return value
-        try:
-            numbers = [int(word) for word in value.split(",")]
-        except ValueError:
-            self.fail(f"{_quoted(value)} is not a list of whole numbers such as 1,2,4", param, ctx)
-        if min(numbers) < 1:
-            self.fail(f"{one_line(min(numbers), 30)} is below 1", param, ctx)
-        if max(numbers) > self.most:
-            self.fail(f"{one_line(max(numbers), 30)} is above {self.most}", param, ctx)
-        return list(dict.fromkeys(numbers))
+    def _parse(self, text: str) -> list[int]:
+        return list(dict.fromkeys(_within(int(word), self._bounds) for word in text.split(",")))
 
 
-class LargeCount(click.ParamType[int]):
+class LargeCount(Text[int]):
     """A whole number, also written as `1e9`."""
 
     name = "N"
+    expected = f"a whole number such as 1000000 or 1e9, {limits.LARGE_COUNT}"
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> int:
-        """Return the number."""
-        if isinstance(value, int):
-            return value
-        try:
-            number = float(value)
-        except ValueError:
-            number = math.nan
-        if not 1 <= number <= MAX_LARGE_COUNT or number != int(number):
-            self.fail(
-                f"{_quoted(value)} is not a whole number from 1 to {MAX_LARGE_COUNT:.0e}, such as"
-                " 1000000 or 1e9",
-                param,
-                ctx,
-            )
+    def _parse(self, text: str) -> int:
+        number = _within(float(text), limits.LARGE_COUNT)
+        if number != int(number):
+            raise ValueError
         return int(number)
 
 
-class Names(click.ParamType[list[str]]):
+class Names(Text[list[str]]):
     """Comma-separated names."""
 
     name = "NAME,…"
+    expected = "a name, or several with commas"
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> list[str]:
-        """Return the names of a list such as `rollout,mjx`."""
-        if isinstance(value, list):
-            return value
-        names = [name.strip() for name in value.split(",") if name.strip()]
+    def _parse(self, text: str) -> list[str]:
+        names = [name.strip() for name in text.split(",") if name.strip()]
         if not names:
-            self.fail("no name given", param, ctx)
+            raise ValueError
         return names
 
 
-class Share(click.ParamType[float]):
+class Share(Text[float]):
     """A percentage such as `1%` or `0.5`, as a share above 0 and below `below`."""
 
     name = "PERCENT"
 
     def __init__(self, below: float = 1.0) -> None:
-        self.below = below
+        self._bounds = Bounds(0, below, is_open=True, is_open_above=True)
+        self.expected = f"a percentage such as 1%, above 0% and below {100 * below:g}%"
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> float:
-        """Return a percentage as a share."""
-        if isinstance(value, float):
-            return value
-        try:
-            share = _share(value)
-        except ValueError:
-            self.fail(f"{_quoted(value)} is not a percentage such as 1%", param, ctx)
-        if not 0 < share < self.below:
-            self.fail(f"{_quoted(value)} is not between 0% and {100 * self.below:g}%", param, ctx)
-        return share
+    def _parse(self, text: str) -> float:
+        return _within(_share(text), self._bounds)
 
 
-class Shares(click.ParamType[list[float]]):
-    """Comma-separated percentages such as `0,0.5%`, as shares from 0 to `most`."""
+class Shares(Text[list[float]]):
+    """Comma-separated percentages such as `0,0.5%`, as shares, each of them once."""
 
     name = "PERCENT,…"
+    expected = f"a list of percentages such as 0,0.5,1, each from 0% to {100 * MAX_SLOWDOWN:g}%"
 
-    def __init__(self, most: float = MAX_SLOWDOWN) -> None:
-        self.most = most
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> list[float]:
-        """Return a list of percentages as shares, each once."""
-        if isinstance(value, list):
-            return value
-        try:
-            shares = [_share(word) for word in value.split(",")]
-        except ValueError:
-            self.fail(f"{_quoted(value)} is not a list of percentages such as 0,0.5,1", param, ctx)
-        if not all(0 <= share <= self.most for share in shares):
-            self.fail(f"{_quoted(value)}: each must be from 0% to {100 * self.most:g}%", param, ctx)
+    def _parse(self, text: str) -> list[float]:
+        bounds = Bounds(0, MAX_SLOWDOWN)
+        shares = [_within(_share(word), bounds) for word in text.split(",")]
         return list(dict.fromkeys(abs(share) for share in shares))  # abs: -0 is 0
-
-
-# By how a time ends; longer endings first.
-_SECONDS_PER = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "s": 1.0}
-
-
-class Seconds(click.ParamType[float]):
-    """A time such as `60s`, `1ms` or `0.5`, in seconds; at most a day, above 0 unless `zero`."""
-
-    name = "SECONDS"
-
-    def __init__(self, zero: bool = False) -> None:
-        self.zero = zero
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> float:
-        """Return a time in seconds."""
-        text = str(value).strip()
-        unit = next((unit for unit in _SECONDS_PER if text.endswith(unit)), "")
-        try:
-            seconds = float(text.removesuffix(unit)) * _SECONDS_PER.get(unit, 1.0)
-        except ValueError:
-            self.fail(f"{_quoted(value)} is not a time such as 60s", param, ctx)
-        if not (0 < seconds <= MAX_SECONDS or (self.zero and seconds == 0)):
-            least = "at least 0" if self.zero else "above 0"
-            self.fail(
-                f"{_quoted(value)} is not {least} and at most {MAX_SECONDS:.0f}s, a day", param, ctx
-            )
-        return abs(seconds)  # -0 is 0
-
-
-class Hertz(click.ParamType[float]):
-    """A number of times per second, such as `1000` or `500Hz`: above 0 and at most a million."""
-
-    name = "HZ"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> float:
-        """Return the times per second."""
-        try:
-            rate = float(str(value).strip().removesuffix("Hz"))
-        except ValueError:
-            rate = math.nan
-        if not 0 < rate <= MAX_HERTZ:
-            self.fail(
-                f"{_quoted(value)} is not a number of times per second, such as 1000, of at most"
-                f" {MAX_HERTZ:,.0f}",
-                param,
-                ctx,
-            )
-        return rate
 
 
 def _share(word: str) -> float:
@@ -185,9 +129,34 @@ def _share(word: str) -> float:
     return float(word.strip().removesuffix("%")) / 100
 
 
-def _quoted(value: object) -> str:
-    """Return what the user wrote in quotes, on one line, cut short where it is long."""
-    return one_line(repr(value), 60)
+# By how a time ends; longer endings first.
+_SECONDS_PER = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "s": 1.0}
+
+
+class Seconds(Text[float]):
+    """A time such as `60s`, `1ms` or `0.5`, in seconds; above 0 unless `zero`."""
+
+    name = "SECONDS"
+
+    def __init__(self, zero: bool = False) -> None:
+        self._bounds = limits.SECONDS_OR_ZERO if zero else limits.SECONDS
+        self.expected = f"a time such as 60s, {self._bounds}"
+
+    def _parse(self, text: str) -> float:
+        text = text.strip()
+        unit = next((unit for unit in _SECONDS_PER if text.endswith(unit)), "")
+        seconds = float(text.removesuffix(unit)) * _SECONDS_PER.get(unit, 1.0)
+        return abs(_within(seconds, self._bounds))  # abs: -0 is 0
+
+
+class Hertz(Text[float]):
+    """A number of times per second, such as `1000` or `500Hz`."""
+
+    name = "HZ"
+    expected = f"a number of times per second such as 1000, {limits.HERTZ}"
+
+    def _parse(self, text: str) -> float:
+        return _within(float(text.strip().removesuffix("Hz")), limits.HERTZ)
 
 
 def own_path_folder(path_names: Sequence[str] | None) -> str | None:
@@ -214,27 +183,91 @@ def with_options(*options: Any) -> Callable[[Callable[..., None]], Callable[...,
     return add
 
 
+def as_one(
+    argument: str, build: Callable[..., Any], *options: Any
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that adds options to a command, which gets them as one argument.
+
+    Args:
+      build: returns the argument; its parameters are named as the options.
+      options: among them may be others that are one argument.
+    """
+    names = inspect.signature(build).parameters
+
+    def add(command: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(command)
+        def with_one(*arguments: Any, **values: Any) -> None:
+            own = {name: values.pop(name) for name in names if name in values}
+            command(*arguments, **{argument: build(**own)}, **values)
+
+        return with_options(*options)(with_one)
+
+    return add
+
+
+def models_argument(
+    *default: str, required: bool = False
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that adds the argument MODEL to a command, which gets `sources`.
+
+    Args:
+      default: models of a command line without any; all shipped ones, unless it is `required`.
+    """
+
+    def sources(names: tuple[str, ...]) -> "list[ModelSource]":
+        from mjbench.simulation import models
+
+        return [models.resolve(name) for name in names or default or models.shipped()]
+
+    metavar = "MODEL…" if required else "[MODEL]…"
+    argument = click.argument("names", nargs=-1, required=required, metavar=metavar)
+    return as_one("sources", sources, argument)
+
+
 def check_sizes(nstep: int | None, hold: int) -> None:
     """Refuse a number of steps that is not a multiple of hold."""
     if nstep and nstep % hold:
         raise InputError(f"--nstep {nstep} is not a multiple of --hold {hold}")
 
 
-def start_plan(
-    settle_s: float | None, states_file: Path | None, actions_file: Path | None = None
+def _start_plan(
+    settle_s: float | None = None,
+    states_file: Path | None = None,
+    actions_file: Path | None = None,
 ) -> "StartPlan":
-    """Return the plan that the options STARTS ask for.
-
-    Raises:
-      InputError: both --settle and --states are given, or there is no such file of arrays.
-    """
     from mjbench.simulation import starts
 
     return starts.start_plan(settle_s, states_file, actions_file)
 
 
-COUNT = click.IntRange(1, MAX_COUNT)
-SEED_NUMBER = click.IntRange(0, MAX_SEED)
+def _sizes(
+    starts: "StartPlan",
+    nbatch: int | None = None,
+    nstep: int | None = None,
+    hold: int = 1,
+    seed: int = 0,
+) -> "Sizes":
+    from mjbench.paired.run_sizes import Sizes
+
+    check_sizes(nstep, hold)
+    return Sizes(nbatch, nstep, hold, seed, starts)
+
+
+def _verdict_plan(
+    min_effect: float,
+    confidence: float,
+    precision: float,
+    time_limit: float,
+    as_shipped: bool,
+    sizes: "Sizes",
+) -> "VerdictPlan":
+    from mjbench.paired.verdict import VerdictPlan
+
+    return VerdictPlan(min_effect, confidence, precision, time_limit, sizes, as_shipped)
+
+
+COUNT = click.IntRange(int(limits.COUNT.least), int(limits.COUNT.most))
+SEED_NUMBER = click.IntRange(int(limits.SEED.least), int(limits.SEED.most))
 JSON = click.option(
     "--json", "json_file", metavar="FILE|-", help="Write results as JSON to FILE, or - for stdout."
 )
@@ -273,7 +306,6 @@ WAIT = click.option(
 CODE = click.option(
     "--code", is_flag=True, help="Print the Python code, too, such as that of advised paths."
 )
-CODE_HINT = "--code prints the Python code, too."
 HOLD = click.option(
     "--hold",
     type=COUNT,
@@ -288,7 +320,7 @@ SEED = click.option(
     show_default=True,
     help="Seed of start states and controls.",
 )
-JUDGING = (
+_JUDGING = (
     click.option(
         "--min-effect",
         type=Share(),
@@ -326,7 +358,9 @@ JUDGING = (
         " moves it from launch to launch, so that only what the code does makes a difference.",
     ),
 )
-STORING = (RESULTS, RESUME, WAIT, JSON)
+OUTPUT = as_one("output", OutputOptions, RESULTS, WAIT, JSON)
+COUNTS_OUTPUT = as_one("output", OutputOptions, RESULTS, JSON)
+STORING = as_one("output", OutputOptions, RESULTS, RESUME, WAIT, JSON)
 STATES = click.option(
     "--states",
     "states_file",
@@ -351,11 +385,16 @@ SETTLE = click.option(
     help="Simulated time for which the model moves before the first start state; 0 starts at"
     " keyframe 0  [default: 0.1s with a keyframe, 5s without]",
 )
-STARTS = (SETTLE, STATES, ACTIONS)
-SIZES = (
+STARTS = as_one("starts", _start_plan, SETTLE, STATES, ACTIONS)
+LOOP_STARTS = as_one("starts", _start_plan, SETTLE, STATES)
+PLANNING_STARTS = as_one("starts", _start_plan, STATES)
+SIZES_OF_STARTS = as_one("sizes", _sizes, STARTS)
+SIZES = as_one(
+    "sizes",
+    _sizes,
     click.option("--nbatch", type=COUNT, help="Simulations of a run."),
     click.option("--nstep", type=COUNT, help="Steps of each simulation."),
-    HOLD,
-    SEED,
-    *STARTS,
+    *(HOLD, SEED, STARTS),
 )
+VERDICT_PLAN = as_one("plan", _verdict_plan, *_JUDGING, SIZES)
+TRIAL_PLAN = as_one("plan", _verdict_plan, *_JUDGING, SIZES_OF_STARTS)

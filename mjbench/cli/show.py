@@ -8,7 +8,7 @@ import click
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli, report_line
-from mjbench.cli.shared import CODE, CODE_HINT, JSON, RESULTS, with_options
+from mjbench.cli.shared import CODE, JSON, RESULTS, with_options
 
 if TYPE_CHECKING:
     from mjbench.store.runs import Run
@@ -36,7 +36,7 @@ def show(file: Path | None, code: bool, results: Path, json_file: str | None) ->
 
     file = file or runs.latest(results)
     stored = run_set.read(file, RECORD_TYPES)
-    with RunContext("show", json_file, inputs=[file]) as run:
+    with RunContext(json_file, [file]) as run:
         if stored.is_run_file:
             run.write(_shown(run, stored.runs[0], code))
         else:
@@ -73,8 +73,6 @@ def _shown(run: RunContext, stored: "Run", code: bool) -> object:
     if not stored.records:
         report_line("the run ended before anything was measured")
     kind = kinds.kind_of(stored)
-    sections = list(kind.sections(stored))
-    run.show(sections, code)
-    if not code and any(each.snippets and not each.shows_code for each in sections):
-        run.out.print(CODE_HINT, soft_wrap=True)
+    run.show(kind.sections(stored), code)
+    run.hint_at_code()
     return kind.document(stored)

@@ -53,7 +53,7 @@ def site(output: Path, project: Path) -> None:
             raise InputError(f"{output} exists and is no site of mjbench: choose another folder")
         if output.resolve() in (Path.cwd(), project.resolve()):
             raise InputError(f"{output} is the folder of the project: choose another folder")
-    with RunContext("site") as run, scratch.folder() as folder:
+    with RunContext() as run, scratch.folder() as folder:
         for warning in pages.build(_read(project), folder, output):
             report_line(warning)
         run.out.print(f"Site: {output / 'index.html'}", soft_wrap=True)
@@ -84,11 +84,10 @@ def _read(folder: Path) -> "Project":
     causes = next(iter(own([folder / "benchmarks/causes.toml"])), None)
     if files := own(history_files.run_files(folder / "results/history")):
         with _left_out_if_unreadable():
-            first, *others = history_files.read_each(files, causes)
-            history = first.history
+            history, *others = history_files.read_each(files, causes)
             if others:
                 names = ", ".join(each.name for each in others)
-                report_line(f"the history is that of {first.name}; left out: {names}")
+                report_line(f"the history is that of {history.name}; left out: {names}")
     asv_pages = own([folder / ".asv/html/index.html"])
     if not (named_runs or history or (folder / "docs").is_dir()):
         raise InputError(

@@ -1,40 +1,40 @@
 """`mjbench tune`: which settings make a model faster, and what they cost in accuracy."""
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import RunContext, Storage
+from mjbench.cli.context import OutputOptions, RunContext, measure
 from mjbench.cli.group import cli, report_line
 from mjbench.cli.output_file import OutputFile
 from mjbench.cli.shared import (
     COUNT,
-    JSON,
     LIMIT,
-    RESULTS,
+    OUTPUT,
     SEED,
     STARTS,
-    WAIT,
     Names,
     Seconds,
     Share,
-    start_plan,
+    models_argument,
     with_options,
 )
 from mjbench.errors import InputError
-from mjbench.status import Status
 
 if TYPE_CHECKING:
+    from mjbench.api.session import Observer
     from mjbench.simulation.models import ModelSource
-    from mjbench.tuning.records import TuneRecord
+    from mjbench.simulation.starts import StartPlan
+    from mjbench.store.runs import Record
 
 # Simulations of a batched step of MJX or Warp.
 NBATCH = 64
 
 
 @cli.command()
-@click.argument("names", nargs=-1, required=True, metavar="MODEL…")
+@models_argument(required=True)
 @click.option(
     "--engine",
     type=click.Choice(["c", "mjx", "warp"]),
@@ -87,9 +87,9 @@ NBATCH = 64
     show_default=True,
     help="Steps for which each control is held; timesteps must divide that time",
 )
-@with_options(SEED, *STARTS, LIMIT, RESULTS, WAIT, JSON)
+@with_options(SEED, STARTS, LIMIT, OUTPUT)
 def tune(
-    names: tuple[str, ...],
+    sources: "list[ModelSource]",
     engine: str,
     nbatch: int | None,
     only: str | None,
@@ -99,13 +99,9 @@ def tune(
     target: str | None,
     hold: int,
     seed: int,
-    settle_s: float | None,
-    states_file: Path | None,
-    actions_file: Path | None,
+    starts: "StartPlan",
     time_limit: float,
-    results: Path,
-    wait: bool,
-    json_file: str | None,
+    output: OutputOptions,
 ) -> None:
     """Which settings make a model faster, and what do they cost in accuracy?
 
@@ -123,47 +119,44 @@ def tune(
       mjbench tune robot.xml --max-error 1% --budget 600s
       mjbench tune robot.xml --engine mjx --nbatch 1024
     """
+    from mjbench.api.session import Item, Measurement, input_files
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.report.kinds import TUNE
-    from mjbench.simulation import models
     from mjbench.tuning import knobs, variants
     from mjbench.tuning.records import Effect
     from mjbench.tuning.search import PARTS, SearchPlan
     from mjbench.tuning.tune import tune as tune_model
 
-    sources = [models.resolve(name) for name in names]
-    starts = start_plan(settle_s, states_file, actions_file)
     _check_engine(engine, nbatch, only, skip)
     effect = Effect(only or Effect.APPROXIMATE)
     skipped = knobs.known(skip or ())
     plan = SearchPlan(
         seed, starts, budget_s, max_error, effect, hold, skipped, engine, nbatch or NBATCH
     )
-    files = [*(source.path for source in sources), *starts.files]
+    files = input_files(sources, [], starts)
     if target is not None:
         if len(sources) > 1:
             raise InputError("--write takes one model")
         variants.check_source(sources[0])
-    written = OutputFile("--write", target, files)
-    arguments = {"models": [source.name for source in sources], "plan": plan}
-    storage = Storage(results, arguments)
-    records: list[TuneRecord] = []
-    with RunContext("tune", json_file, files, storage, wait) as run, WorkerPool() as pool:
-        _see_whether_writable(written)
+        _see_whether_writable(OutputFile("--write", target, files))
+
+    def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
         if target is not None:
             variants.copy_in_child(sources[0], None, Path(target), time_limit)
-        for source in sources:
-            with run.progress(PARTS) as advance:
-                records.append(tune_model(pool, source, plan, time_limit, advance))
-            run.record(records[-1])
-            run.show_results(TUNE, records[-1:])
-            if records[-1].status == Status.INTERRUPTED:
-                run.interrupt()
-                break
-        run.write_results(TUNE)
-        if target is not None and not run.interrupted:
-            _write(run, records[0], sources[0], Path(target), time_limit)
-    run.exit(record.status for record in records)
+        with WorkerPool() as pool:
+            for number, source in enumerate(sources):
+
+                def advance(done: int, text: str, share: float, number: int = number) -> None:
+                    observer(text, (number + (done + share) / PARTS) / len(sources))
+
+                yield Item([tune_model(pool, source, plan, time_limit, advance)])
+
+    arguments = {"models": [source.name for source in sources], "plan": plan}
+    measurement = Measurement("tune", arguments, files, items)
+    run = measure(measurement, output, each=TUNE.sections)
+    if target is not None and not run.is_stopped:
+        _write(run, sources[0], Path(target), time_limit)
+    run.exit()
 
 
 def _check_engine(
@@ -186,13 +179,13 @@ def _see_whether_writable(output: OutputFile) -> None:
         output.close()
 
 
-def _write(
-    run: RunContext, record: "TuneRecord", source: "ModelSource", target: Path, limit_s: float
-) -> None:
+def _write(run: RunContext, source: "ModelSource", target: Path, limit_s: float) -> None:
     """Write the MJCF file with the fastest settings that are recommended."""
     from mjbench.tuning import variants
+    from mjbench.tuning.records import TuneRecord
     from mjbench.tuning.settings import edits_of
 
+    (record,) = run.session.run().of_type(TuneRecord)
     best = record.best()
     edits = edits_of(best.settings) if best else []
     if not edits:

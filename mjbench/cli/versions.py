@@ -1,28 +1,22 @@
 """The command `mjbench versions`: releases of MuJoCo against each other."""
 
-import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli import paired_options
-from mjbench.cli.context import OutputOptions, RunContext, Storage
-from mjbench.cli.fail_on import FAIL_ON, FailOn, Finding
+from mjbench.cli.context import OutputOptions
+from mjbench.cli.fail_on import FAIL_ON, FailOn, measure_verdicts
 from mjbench.cli.group import cli
-from mjbench.cli.shared import COUNT, JUDGING, SIZES, STORING, Names, with_options
-from mjbench.errors import InputError
+from mjbench.cli.shared import COUNT, STORING, VERDICT_PLAN, Names, with_options
+from mjbench.errors import InputError, shown, suggestion
 from mjbench.paired.outcomes import Metric
-from mjbench.status import ExitCode
 
 if TYPE_CHECKING:
-    from mjbench.counts.explain import InstructionComparison
-    from mjbench.counts.instructions import InstructionCounter
-    from mjbench.paired.records import VerdictRow
     from mjbench.paired.verdict import VerdictPlan
     from mjbench.releases.installs import ReleaseSpec
+    from mjbench.simulation.models import ModelSource
 
 
 @cli.command()
@@ -57,7 +51,7 @@ if TYPE_CHECKING:
     help="Number of comparisons that are decided together, where other commands do some of them: a"
     " change needs more evidence  [default: those of this command]",
 )
-@with_options(*FAIL_ON, *JUDGING, *SIZES, *STORING)
+@with_options(FAIL_ON, VERDICT_PLAN, STORING)
 def versions(
     names: tuple[str, ...],
     old: str | None,
@@ -65,13 +59,9 @@ def versions(
     path_names: list[str] | None,
     metric: str,
     family: int | None,
-    findings: list[Finding],
-    allow_inconclusive: bool,
-    results: Path,
-    resume: Path | None,
-    wait: bool,
-    json_file: str | None,
-    **chosen: Any,
+    fail_on: FailOn,
+    plan: "VerdictPlan",
+    output: OutputOptions,
 ) -> None:
     """Is MODEL slower with a NEW release of MuJoCo than with the OLD one?
 
@@ -91,24 +81,24 @@ def versions(
     Ratios are new over old: above 1 is slower. Where a release does other work, such as more
     contacts, the verdict says so.
     """
+    from mjbench.api.versions import instructions, verdicts
+    from mjbench.counts.explain import InstructionComparison
     from mjbench.paired import targets
     from mjbench.paths import BASE
 
-    release_names, sources = paired_options.releases_and_models(names)
+    release_names, sources = releases_and_models(names)
     baseline, *candidates = _releases(old, news, release_names)
     path_names = path_names or [BASE]
-    plan = paired_options.verdict_plan(**chosen, metric=Metric(metric))
-    fail_on = FailOn(findings, allow_inconclusive)
-    output = OutputOptions(results, resume, wait, json_file)
     targets.check_metric(Metric(metric), path_names)
+    plan = replace(plan, sizes=replace(plan.sizes, metric=Metric(metric)))
     if metric == Metric.INSTRUCTIONS:
-        from mjbench.counts.explain import InstructionComparison
-
         comparison = InstructionComparison(baseline, candidates, sources, plan.min_effect)
-        sys.exit(_compare_instructions(comparison, plan, fail_on, output))
-    pairs = targets.of_releases(baseline, candidates, sources, path_names)
-    plan = replace(plan, family=max(len(pairs), family or 1))
-    sys.exit(paired_options.compare_targets("versions", pairs, plan, fail_on, output))
+        measurement = instructions(comparison, plan)
+    else:
+        pairs = targets.of_releases(baseline, candidates, sources, path_names)
+        plan = replace(plan, family=max(len(pairs), family or 1))
+        measurement = verdicts("versions", pairs, plan)
+    measure_verdicts(measurement, plan.confidence, fail_on, output)
 
 
 def _releases(
@@ -123,52 +113,33 @@ def _releases(
     return [parse_release(name) for name in (names[0], *news, *names[1:])]
 
 
-def _compare_instructions(
-    comparison: "InstructionComparison",
-    plan: "VerdictPlan",
-    fail_on: FailOn,
-    output: OutputOptions,
-) -> ExitCode:
-    """Compare instruction counts, print and store the verdicts; return the exit code."""
-    from mjbench.counts.instructions import InstructionCounter
-    from mjbench.paired import records
+def releases_and_models(names: Sequence[str]) -> tuple[list[str], list["ModelSource"]]:
+    """Return the releases among names, and the models of the others; without any, all shipped."""
+    from mjbench.releases import installs
+    from mjbench.simulation import models
 
-    builds = [comparison.baseline, *comparison.candidates]
-    arguments = {
-        **asdict(plan),
-        "metric": Metric.INSTRUCTIONS,
-        "releases": [release.key for release in builds],
-        "models": [source.name for source in comparison.sources],
-    }
-    storage = Storage(output.results, arguments, output.resume, records.finished)
-    files = [source.path for source in comparison.sources]
-    files += [wheel for release in builds for wheel in release.wheels]
-    files += plan.sizes.starts.files
-    rows: list[VerdictRow] = []
-    with RunContext("versions", output.json_file, files, storage, output.wait) as run:
-        try:
-            with InstructionCounter(plan.sizes) as counter:
-                rows.extend(_verdict_rows(comparison, run, counter))
-        except KeyboardInterrupt:
-            run.interrupt()
-        paired_options.report(run, rows, plan.confidence)
-    if run.interrupted:
-        return ExitCode.INTERRUPTED
-    return fail_on.exit_code(rows, plan.confidence)
+    release_names = [name for name in names if installs.is_release(name)]
+    model_names = [name for name in names if name not in release_names]
+    return release_names, [_model(name) for name in model_names or models.shipped()]
 
 
-def _verdict_rows(
-    comparison: "InstructionComparison", run: RunContext, counter: "InstructionCounter"
-) -> Iterator["VerdictRow"]:
-    """Yield the verdict on each model in each new release; store it, unless it was stored."""
-    from mjbench.counts import explain
-    from mjbench.paired import records
+def _model(name: str) -> "ModelSource":
+    """Return the model that a word names where releases are named too."""
+    from mjbench.releases import installs, wheels
+    from mjbench.simulation import models
 
-    with run.progress(len(comparison.candidates)) as advance:
-
-        def on_candidate(number: int) -> None:
-            advance(number, f"MuJoCo {comparison.candidates[number].version}", 0.0)
-
-        stored = records.finished(run.resumed_records)
-        for record in explain.verdicts(comparison, counter, stored, on_candidate, run.record):
-            yield record.row()
+    try:
+        return models.resolve(name)
+    except models.UnknownModelError:
+        known = [installs.INSTALLED, installs.NEWEST, installs.PREVIOUS, *models.shipped()]
+        raise InputError(
+            f"{shown(name)} is neither a release nor a model{suggestion(name, known)}:"
+            f" a release is {installs.FORMS}; a model is one of {', '.join(models.shipped())},"
+            f" {models.FORMS}"
+        ) from None
+    except InputError:
+        if not wheels.is_folder(name):
+            raise
+        raise InputError(
+            f"{shown(name)} is a folder without wheels; name wheels of mujoco, or a model's file"
+        ) from None

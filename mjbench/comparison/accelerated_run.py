@@ -18,10 +18,11 @@ from mjbench.comparison.accelerated_check import (
     reordered_end_problem,
     timed_end_problem,
 )
-from mjbench.comparison.plan import LIMIT_S, Variant
+from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import MeasurementRecord
 from mjbench.host import isolate, machine
 from mjbench.host.isolate import Channel
+from mjbench.limits import TIME_LIMIT_S
 from mjbench.measuring import timing
 from mjbench.paths.accelerated import (
     CPU,
@@ -64,7 +65,7 @@ class AcceleratedRequest:
     variant: Variant
     workload_file: Path
     is_named: bool = True
-    limit_s: float = LIMIT_S
+    limit_s: float = TIME_LIMIT_S
 
 
 def run(

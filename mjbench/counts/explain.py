@@ -265,14 +265,12 @@ def verdicts(
     counter: InstructionCounter,
     stored: Sequence[VerdictRecord] = (),
     on_candidate: Callable[[int], None] = lambda number: None,
-    on_record: Callable[[VerdictRecord], None] = lambda record: None,
 ) -> Iterator[VerdictRecord]:
     """Yield the verdict on each model in each new release.
 
     Args:
       stored: verdicts that need not be measured again.
       on_candidate: called with the position of each new release before it is counted.
-      on_record: called with each verdict that was measured, before it is yielded.
     """
     baselines: dict[str, ModelCount] = {}
     for number, candidate in enumerate(comparison.candidates):
@@ -285,6 +283,4 @@ def verdicts(
             baselines[count.model] = count
         for count in counter.count(candidate, missing) if missing else ():
             row = verdict_row(baselines[count.model], count, comparison.min_effect)
-            record = verdict.record_of(row)
-            on_record(record)
-            yield record
+            yield verdict.record_of(row)

@@ -178,9 +178,7 @@ class PhysicsComparison:
         """Time one block of a path, compare its final states, and return its seconds."""
         prepared = self.prepared[index]
         seconds = timing.block_s(timing.Contender(prepared.run, before=prepared.clear))
-        field = self.guard.change()
-        if field:
-            raise MachineError(f"{self.variants[index]} changes the model: {field}")
+        self.guard.check(f"{self.variants[index]} ")
         difference = self.case.difference(prepared.final_states(), prepared)
         if difference:
             self.differences.setdefault(index, difference)
@@ -250,8 +248,7 @@ def prepare(
             channel.send(AgreementReport(index, Status.UNAVAILABLE, detail))
             continue
         report, prepared = verify(index, variant, case, further)
-        if changed := guard.change():
-            raise MachineError(f"{variant} changes the model, which all paths share: {changed}")
+        guard.check(f"{variant} ")
         channel.send(report)
         if prepared is not None:
             prepared_by_index[index] = prepared

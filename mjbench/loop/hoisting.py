@@ -22,7 +22,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from mjbench.loop.certain_names import DATA, MODEL, CertainNames
-from mjbench.loop.lint_rules import NAMED_ACCESS
 from mjbench.loop.script_syntax import COMPREHENSIONS, dotted_name, is_call
 from mjbench.loop.stepping_script import Loop
 
@@ -38,21 +37,6 @@ class Hoist:
     calls: Sequence[ast.Call]
 
 
-@dataclass(frozen=True)
-class Refusal:
-    """A finding whose remedy is not certain to be safe.
-
-    Attributes:
-      code: of its rule.
-      node: where it points.
-      reason: why it is left as it is, in one sentence without its full stop.
-    """
-
-    code: str
-    node: ast.expr | ast.stmt
-    reason: str
-
-
 class Hoisting:
     """What is known of a script for hoisting."""
 
@@ -66,19 +50,19 @@ class Hoisting:
         tokens = {token for text in texts for token in re.findall(r"\w+", text)}
         self._taken = {*tokens, *self._bindings.identifiers, *dir(builtins), *keyword.kwlist}
 
-    def plan(self, calls: Sequence[ast.Call]) -> tuple[list[Hoist], list[Refusal]]:
-        """Return which named accesses can be hoisted, each out of which loop; and which not.
+    def plan(self, calls: Sequence[ast.Call]) -> tuple[list[Hoist], dict[ast.AST, str]]:
+        """Return which named accesses can be hoisted, each out of which loop; why others cannot.
 
         Args:
           calls: accesses in loops that step, such as `data.joint("hip")`, in the script's order.
         """
-        refusals = []
+        refusals: dict[ast.AST, str] = {}
         alike: defaultdict[str, list[tuple[ast.Call, Loop]]] = defaultdict(list)
         for call in calls:
             loop = self._script.step_loop_around(call)
             reason = self._refusal(call, loop)
             if loop is None or reason:
-                refusals.append(Refusal(NAMED_ACCESS, call, reason))
+                refusals[call] = reason
             else:
                 alike[ast.dump(call)].append((call, loop))
         hoists: list[Hoist] = []
@@ -94,8 +78,7 @@ class Hoisting:
                 if around:  # also of a call that not every step reaches: the name is bound already
                     by_loop[around[-1]].append(call)
                 else:
-                    reason = "not every step reaches it, and a wrong name would raise"
-                    refusals.append(Refusal(NAMED_ACCESS, call, reason))
+                    refusals[call] = "not every step reaches it, and a wrong name would raise"
             if by_loop:
                 name = self._new_name(*accesses[0])
                 hoists += [Hoist(name, loop, of_loop) for loop, of_loop in by_loop.items()]

@@ -77,23 +77,25 @@ def check_all(
 
 def findings_of(file: str, program: Program, codes: Collection[str]) -> list[Finding]:
     """Return the findings of a program, in the order of its lines, under the name of its file."""
-    script = SteppingScript(program.tree)
-    return [
-        Finding(
-            file=file,
-            line=line.number,
-            col=line.column(match.node.col_offset),
-            code=rule.code,
-            message=(match.message or rule.message) + _caller(program, match),
-            ns_per_step=match.ns_per_step,
-            cell=line.cell,
-            callee=match.callee,
-            instead=match.instead,
-            is_wrong_result=rule.is_wrong_result,
-        )
-        for rule, match in matches(program, script, codes)
-        for line in [program.line_of(match.node)]
-    ]
+    of_rules = matches(program, SteppingScript(program.tree), codes)
+    return [finding_of(file, program, rule, match) for rule, match in of_rules]
+
+
+def finding_of(file: str, program: Program, rule: Rule, match: Match) -> Finding:
+    """Return the finding of what breaks a rule in a program."""
+    line = program.line_of(match.node)
+    return Finding(
+        file=file,
+        line=line.number,
+        col=line.column(match.node.col_offset),
+        code=rule.code,
+        message=(match.message or rule.message) + _caller(program, match),
+        ns_per_step=match.ns_per_step,
+        cell=line.cell,
+        callee=match.callee,
+        instead=match.instead,
+        is_wrong_result=rule.is_wrong_result,
+    )
 
 
 def matches(

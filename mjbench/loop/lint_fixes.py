@@ -11,7 +11,7 @@ import difflib
 import re
 from bisect import bisect_right
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,8 @@ from mjbench.errors import one_line, printable, writing
 from mjbench.loop import lint
 from mjbench.loop.certain_names import CertainNames
 from mjbench.loop.copying import Copying
-from mjbench.loop.hoisting import Hoist, Hoisting, Refusal
+from mjbench.loop.hoisting import Hoist, Hoisting
+from mjbench.loop.lint_rule import Match, Rule
 from mjbench.loop.lint_rules import NAMED_ACCESS, STORED_VIEW
 from mjbench.loop.lint_settings import ALL_CODES, ALL_RULES, RuleChoice
 from mjbench.loop.notebook import Part
@@ -42,9 +43,23 @@ class Changes:
     hoists: Sequence[Hoist]
 
     @property
-    def count(self) -> int:
-        """Number of expressions that change."""
-        return len(self.copied) + sum(len(hoist.calls) for hoist in self.hoists)
+    def expressions(self) -> Sequence[ast.expr]:
+        """The expressions that change."""
+        return [*self.copied, *(call for hoist in self.hoists for call in hoist.calls)]
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What breaks rules in a program, and what to change.
+
+    Attributes:
+      refusals: why a remedy is not certain to be safe, by the node that breaks a rule: in one
+        sentence without its full stop.
+    """
+
+    matches: Sequence[tuple[Rule, Match]]
+    changes: Changes
+    refusals: Mapping[ast.AST, str]
 
 
 @dataclass(frozen=True)
@@ -112,62 +127,46 @@ def fix(file: str, codes: Collection[str] = ALL_CODES) -> FixedFile:
     """
     with lint.refusing_deep_nesting(file):
         before = after = read_program(file)
-        changes, refusals = _plan(before, codes)
-        if changes.count:
+        plan = _plan(before, codes)
+        fixed = plan.changes.expressions
+        if fixed:
             try:
-                after = changed(before, changes)
+                after = changed(before, plan.changes)
             except (SyntaxError, ValueError, LookupError) as error:
-                refusals += _refusals(changes, one_line(error))
-                changes = Changes((), ())
+                failed: dict[ast.AST, str] = dict.fromkeys(fixed, one_line(error))
+                plan, fixed = replace(plan, refusals={**plan.refusals, **failed}), []
             else:
-                _, refusals = _plan(after, codes)
-        findings = lint.findings_of(file, after, codes)
-        unfixed = list(_unfixed(after, findings, refusals))
-        return FixedFile(file, before, after, changes.count, findings, unfixed)
+                plan = _plan(after, codes)
+        findings = [lint.finding_of(file, after, rule, match) for rule, match in plan.matches]
+        unfixed = [
+            Unfixed(finding, plan.refusals[match.node])
+            for finding, (_, match) in zip(findings, plan.matches, strict=True)
+            if match.node in plan.refusals
+        ]
+        return FixedFile(file, before, after, len(fixed), findings, unfixed)
 
 
-def _refusals(changes: Changes, reason: str) -> list[Refusal]:
-    """Return the refusals of all changes, for one reason."""
-    calls = (call for hoist in changes.hoists for call in hoist.calls)
-    copied = [Refusal(STORED_VIEW, view, reason) for view in changes.copied]
-    return [*copied, *(Refusal(NAMED_ACCESS, call, reason) for call in calls)]
-
-
-def _unfixed(
-    program: Program, findings: Sequence[lint.Finding], refusals: Sequence[Refusal]
-) -> Iterator[Unfixed]:
-    """Yield the findings whose remedy is refused."""
-    reasons = {}
-    for refusal in refusals:
-        line = program.line_of(refusal.node)
-        column = line.column(refusal.node.col_offset)
-        reasons[refusal.code, line.cell, line.number, column] = refusal.reason
-    for finding in findings:
-        place = finding.code, finding.cell, finding.line, finding.col
-        if place in reasons:
-            yield Unfixed(finding, reasons[place])
-
-
-def _plan(program: Program, codes: Collection[str]) -> tuple[Changes, list[Refusal]]:
-    """Return the changes of a program that are safe, and the findings whose remedy may not be."""
+def _plan(program: Program, codes: Collection[str]) -> _Plan:
+    """Return the changes of a program that are safe, and why other remedies may not be."""
     script = SteppingScript(program.tree)
     names = CertainNames(program, script)
     copying = Copying(names)
+    matches = lint.matches(program, script, codes)
     copied: list[ast.expr] = []
     calls: list[ast.Call] = []
-    refusals = []
-    for rule, match in lint.matches(program, script, codes):
+    refusals: dict[ast.AST, str] = {}
+    for rule, match in matches:
         if rule.code == STORED_VIEW:
             assert isinstance(match.node, ast.expr)
             if reason := copying.refusal(match.node):
-                refusals.append(Refusal(STORED_VIEW, match.node, reason))
+                refusals[match.node] = reason
             else:
                 copied.append(match.node)
         elif rule.code == NAMED_ACCESS:
             assert isinstance(match.node, ast.Call)
             calls.append(match.node)
     hoists, not_hoisted = Hoisting(names).plan(calls)
-    return Changes(copied, hoists), [*refusals, *not_hoisted]
+    return _Plan(matches, Changes(copied, hoists), refusals | not_hoisted)
 
 
 @dataclass(frozen=True)
@@ -182,19 +181,20 @@ class _Edit:
 class _PartText:
     """The text of a cell, or of a Python file, and the edits of nodes in it."""
 
-    def __init__(self, text: str, lines_before: int):
-        lines = [line.encode() for line in lines_of(text)]
+    def __init__(self, program: Program, part: Part):
+        lines = [line.encode() for line in lines_of(part.text)]
         self.data = b"".join(lines)
-        self._lines_before = lines_before
+        self._program = program
         self._starts = [0, *accumulate(map(len, lines))]
 
     def start(self, node: ast.expr | ast.stmt) -> int:
-        return self._starts[node.lineno - self._lines_before - 1] + node.col_offset
+        return self._starts[self._program.line_of(node).number - 1] + node.col_offset
 
     def end(self, node: ast.expr | ast.stmt) -> int:
         assert node.end_lineno is not None  # the parser sets both
         assert node.end_col_offset is not None
-        return self._starts[node.end_lineno - self._lines_before - 1] + node.end_col_offset
+        line = self._program.lines[node.end_lineno - 1]
+        return self._starts[line.number - 1] + node.end_col_offset
 
     def replacing(self, call: ast.Call, name: str) -> _Edit:
         start, end = self.start(call), self.end(call)
@@ -244,8 +244,7 @@ def changed(program: Program, changes: Changes) -> Program:
     """
     try:
         expected = ast.dump(_expected(program.tree, changes))
-        texts = [_edited(program, number, changes) for number in range(len(program.parts))]
-        result = program.with_texts(texts)
+        result = program.with_texts([_edited(program, part, changes) for part in program.parts])
         actual = ast.dump(result.tree)
     except (RecursionError, MemoryError) as error:
         raise ValueError("it is nested too deeply, or too large") from error
@@ -254,23 +253,16 @@ def changed(program: Program, changes: Changes) -> Program:
     return result
 
 
-def _edited(program: Program, number: int, changes: Changes) -> str:
+def _edited(program: Program, part: Part, changes: Changes) -> str:
     """Return the text of one part after those of the changes that are in it."""
-    part = program.parts[number]
-    following = program.parts[number + 1 :]
-    last_line = following[0].lines_before if following else len(program.lines)
-    text = _PartText(part.text, part.lines_before)
-    ends = [text.end(view) for view in changes.copied if _is_in(view, part, last_line)]
-    edits = [_Edit(end, end, b".copy()") for end in ends]
+    text = _PartText(program, part)
+    in_part = [view for view in changes.copied if program.line_of(view).cell == part.cell]
+    edits = [_Edit(text.end(view), text.end(view), b".copy()") for view in in_part]
     for hoist in changes.hoists:
-        if _is_in(hoist.loop, part, last_line):
+        if program.line_of(hoist.loop).cell == part.cell:
             edits.append(text.binding(hoist))
             edits += [text.replacing(call, hoist.name) for call in hoist.calls]
     return text.edited(edits)
-
-
-def _is_in(node: ast.expr | ast.stmt, part: Part, last_line: int) -> bool:
-    return part.lines_before < node.lineno <= last_line
 
 
 def _expected(tree: ast.Module, changes: Changes) -> ast.AST:

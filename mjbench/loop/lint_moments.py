@@ -143,12 +143,8 @@ def _logged(
 
 def _assigned_row(script: SteppingScript, value: ast.expr, body: SteppingBody) -> ast.expr:
     """Return what a body assigns to a name, where it does so once; else the value itself."""
-    assigned = script.assigned(value) if isinstance(value, ast.Name) else []
-    if len(assigned) == 1:
-        (row,) = assigned
-        if isinstance(row, ast.expr) and row in body.inner and not script.is_view(row):
-            return row
-    return value
+    row = script.resolved(value)
+    return row if row in body.inner and not script.is_view(row) else value
 
 
 def _mixed(script: SteppingScript, row: ast.expr, body: SteppingBody) -> Iterator[Match]:

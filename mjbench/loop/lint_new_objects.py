@@ -23,6 +23,37 @@ _RENDERERS = {"mujoco.Renderer", "mujoco.renderer.Renderer"}
 
 
 @rule(
+    "MJB005",
+    "a new MjData for every episode; create one and call mj_resetData",
+)
+def new_data_per_episode(script: SteppingScript) -> Iterator[Match]:
+    """Yield each new MjData of an episode, but not one of a model that is new as well.
+
+    `MjData(model)` allocates all memory of a simulation. `mj_resetData` sets the same values in the
+    memory that is there.
+
+        for episode in range(100):
+            data = mujoco.MjData(model)
+
+        data = mujoco.MjData(model)                       # instead
+        for episode in range(100):
+            mujoco.mj_resetData(model, data)
+
+    Results: none change, unless the program keeps the MjData of earlier episodes, or their views.
+    """
+    yield from map(Match, _new_data_per_episode(script))
+
+
+def _new_data_per_episode(script: SteppingScript) -> Iterator[ast.expr | ast.stmt]:
+    for loop in script.episode_loops:
+        assignments = (n for n in loop.inner if isinstance(n, ast.Assign))
+        assigned = {dotted_name(target) for n in assignments for target in n.targets}
+        for node in loop.inner:
+            if is_call(node, "MjData") and node.args and dotted_name(node.args[0]) not in assigned:
+                yield node
+
+
+@rule(
     "MJB010",
     "a new MjData in every iteration; create one before the loop, and set it by mj_copyData,"
     " mj_setState or mj_resetData",
@@ -47,12 +78,7 @@ def copied_data(script: SteppingScript) -> Iterator[Match]:
 
     Results: none change.
     """
-    per_episode = {
-        node
-        for loop in script.episode_loops
-        for node in loop.inner
-        if script.is_new_data(node, loop)
-    }
+    per_episode = set(_new_data_per_episode(script))
     for call in script.calls:
         if not call.args or call in per_episode:
             continue

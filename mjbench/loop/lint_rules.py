@@ -12,6 +12,7 @@ from mjbench.loop.lint_moments import rows_of_two_moments
 from mjbench.loop.lint_new_objects import (
     compiled_models,
     copied_data,
+    new_data_per_episode,
     new_jitted_functions,
     new_renderers,
     new_rollout_pools,
@@ -151,29 +152,6 @@ def _in_steps(
             yield call, None
         elif (each := step_loop_of_helper(script, call)) is not None and each.loop in inside:
             yield call, each.loop
-
-
-@rule(
-    "MJB005",
-    "a new MjData for every episode; create one and call mj_resetData",
-)
-def new_data_per_episode(script: SteppingScript) -> Iterator[Match]:
-    """Yield each new MjData of an episode, but not one of a model that is new as well.
-
-    `MjData(model)` allocates all memory of a simulation. `mj_resetData` sets the same values in the
-    memory that is there.
-
-        for episode in range(100):
-            data = mujoco.MjData(model)
-
-        data = mujoco.MjData(model)                       # instead
-        for episode in range(100):
-            mujoco.mj_resetData(model, data)
-
-    Results: none change, unless the program keeps the MjData of earlier episodes, or their views.
-    """
-    for loop in script.episode_loops:
-        yield from (Match(node) for node in loop.inner if script.is_new_data(node, loop))
 
 
 @rule(

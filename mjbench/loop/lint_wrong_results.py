@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from mjbench.loop.lint_repeats import iterations
 from mjbench.loop.lint_rule import Match, rule
 from mjbench.loop.script_syntax import (
+    attributes_in,
     bound_in,
     dotted_name,
     is_call,
@@ -22,6 +23,7 @@ from mjbench.loop.script_syntax import (
     last_name,
     names_in,
     nodes_inside,
+    parameters_of,
 )
 from mjbench.loop.stepping_script import FIELDS, SteppingScript
 from mjbench.loop.stored_views import Source, StoredViews, stored_views
@@ -163,17 +165,14 @@ def _work(call: ast.Call, executors: set[str]) -> list[ast.expr]:
 
 
 def _is_locked(function: ast.FunctionDef) -> bool:
-    names = {n.attr for n in ast.walk(function) if isinstance(n, ast.Attribute)}
-    contexts = [item for n in ast.walk(function) if isinstance(n, ast.With) for item in n.items]
-    return bool(contexts) or not names.isdisjoint(("acquire", "wait", "get"))
+    has_context = any(isinstance(n, ast.With) for n in ast.walk(function))
+    return has_context or not attributes_in(function).isdisjoint(("acquire", "wait", "get"))
 
 
 def _starts_several(script: SteppingScript, call: ast.Call) -> bool:
     """Return whether a loop starts a thread while those that it started before may run."""
     each = next(iterations(script, call), None)
-    return each is not None and not any(
-        isinstance(n, ast.Attribute) and n.attr in ("join", "result") for n in ast.walk(each.loop)
-    )
+    return each is not None and attributes_in(each.loop).isdisjoint(("join", "result"))
 
 
 def _steps_outer_data(script: SteppingScript, function: ast.FunctionDef) -> bool:
@@ -188,8 +187,7 @@ def _steps_given_data(
     script: SteppingScript, function: ast.FunctionDef, call: ast.Call, work: list[ast.expr]
 ) -> bool:
     """Return whether a function steps an argument that is the same in all iterations."""
-    parameters = [a.arg for a in (*function.args.posonlyargs, *function.args.args)]
-    given = dict(zip(parameters, work[1:], strict=False))
+    given = dict(zip(parameters_of(function), work[1:], strict=False))
     innermost = next(iterations(script, call), None)
     new = bound_in(innermost.loop) if innermost is not None else set()
     arguments = (given.get(dotted_name(data)) for data in _stepped(function))
@@ -289,8 +287,8 @@ def _sets_state(script: SteppingScript, node: ast.expr | ast.stmt) -> bool:
 
 
 def _promises_view(function: ast.FunctionDef, view: ast.expr) -> bool:
-    fields = {n.attr for n in ast.walk(view) if isinstance(n, ast.Attribute)}
-    return function.name in fields or bool(_PROMISES_VIEW.search(function.name))
+    is_field = function.name in attributes_in(view)
+    return is_field or bool(_PROMISES_VIEW.search(function.name))
 
 
 def _written_message(name: ast.Name, function: ast.FunctionDef, view: ast.expr) -> str:

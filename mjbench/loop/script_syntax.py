@@ -2,7 +2,7 @@
 
 import ast
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TypeGuard
 
 FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef
@@ -80,6 +80,14 @@ def assignments(tree: ast.AST) -> Iterator[tuple[ast.AST, ast.AST]]:
                     yield target, node.value
 
 
+def ancestors(parents: Mapping[ast.AST, ast.AST], node: ast.AST) -> Iterator[ast.AST]:
+    """Yield the nodes above a node, the innermost first."""
+    above = parents.get(node)
+    while above is not None:
+        yield above
+        above = parents.get(above)
+
+
 def nodes_inside(node: ast.AST) -> list[ast.expr | ast.stmt]:
     """Return the expressions and statements below a node, without those of functions in it."""
     inside: list[ast.expr | ast.stmt] = []
@@ -92,6 +100,16 @@ def nodes_inside(node: ast.AST) -> list[ast.expr | ast.stmt]:
             inside.append(child)
         waiting += ast.iter_child_nodes(child)
     return inside
+
+
+def parameters_of(function: ast.FunctionDef | ast.AsyncFunctionDef) -> list[str]:
+    """Return the names of the parameters that a call may fill by position."""
+    return [argument.arg for argument in (*function.args.posonlyargs, *function.args.args)]
+
+
+def attributes_in(node: ast.AST) -> set[str]:
+    """Return how the attributes in a node are spelled."""
+    return {n.attr for n in ast.walk(node) if isinstance(n, ast.Attribute)}
 
 
 def block_around(child: ast.AST, parent: ast.AST | None) -> list[ast.stmt]:
@@ -117,8 +135,7 @@ def elements(value: ast.expr) -> Iterator[ast.expr]:
 
 def is_input(view: ast.expr) -> bool:
     """Return whether a view is one of an input of a step, which programs write."""
-    attributes = (n.attr for n in ast.walk(view) if isinstance(n, ast.Attribute))
-    return any(map(_INPUTS.match, attributes))
+    return any(map(_INPUTS.match, attributes_in(view)))
 
 
 def creates_container(node: ast.AST | None) -> bool:

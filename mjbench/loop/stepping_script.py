@@ -9,21 +9,24 @@ argument of `mj_step`, and what `MjModel.from_xml_path(…)` was assigned to. An
 """
 
 import ast
+import itertools
 import re
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from mjbench.loop.name_bindings import NameBindings
-from mjbench.loop.script_functions import ScriptFunctions
+from mjbench.loop.name_bindings import NameBindings, ScriptFunctions
 from mjbench.loop.script_syntax import (
     FUNCTIONS,
+    ancestors,
     assignments,
     creates_container,
     dotted_name,
     is_call,
     is_step,
     last_name,
+    name_nodes,
     nodes_inside,
 )
 
@@ -128,9 +131,9 @@ class SteppingScript:
         self._data_names = created | ({dotted_name(a[1]) for a in arguments if len(a) > 1} - {""})
         loaded = self._assigned_names(lambda c: bool(_LOADS_MODEL.match(last_name(c.func))))
         self._model_names = loaded | ({dotted_name(a[0]) for a in arguments if a} - {""})
-        self._values_of_names: dict[str, list[ast.AST]] = {}
+        self._values_of_names: defaultdict[str, list[ast.AST]] = defaultdict(list)
         for target, value in self.values.items():
-            self._values_of_names.setdefault(dotted_name(target), []).append(value)
+            self._values_of_names[dotted_name(target)].append(value)
         steps = (n for n in self.nodes if is_step(n) or self._steps_environment(n))
         # the innermost loop around each call that steps
         self._step_loops = {next(self.loops_around(node), None) for node in steps}
@@ -179,10 +182,9 @@ class SteppingScript:
     @cached_property
     def names(self) -> Mapping[str, Sequence[ast.Name]]:
         """All places of each name."""
-        names: dict[str, list[ast.Name]] = {}
-        for node in self.nodes:
-            if isinstance(node, ast.Name):
-                names.setdefault(node.id, []).append(node)
+        names: defaultdict[str, list[ast.Name]] = defaultdict(list)
+        for name in name_nodes(self.tree):
+            names[name.id].append(name)
         return names
 
     @cached_property
@@ -235,6 +237,11 @@ class SteppingScript:
             return [None]
         return [self.values.get(target) for target in self.bindings.of_name(node)]
 
+    def resolved(self, node: ast.expr) -> ast.expr:
+        """Return what a name was assigned, where that happens once; any other expression itself."""
+        assigned = self.assigned(node) if isinstance(node, ast.Name) else []
+        return assigned[0] if len(assigned) == 1 and isinstance(assigned[0], ast.expr) else node
+
     def assigned_anywhere(self, name: str) -> Sequence[ast.AST]:
         """Return what was assigned to a dotted name, in whatever scope."""
         return self._values_of_names.get(name, []) if name else []
@@ -266,20 +273,10 @@ class SteppingScript:
 
     def is_conditional(self, node: ast.AST) -> bool:
         """Return whether a node is under an `if` of its loop that steps, or of its function."""
-        loop = self.step_loop_around(node)
-        while node is not loop and not isinstance(node, FUNCTIONS):
-            node = self.parents[node]
-            if isinstance(node, ast.If):
-                return True
+        for above in self.above(node, self.step_loop_around(node)):
+            if isinstance(above, ast.If | FUNCTIONS):
+                return isinstance(above, ast.If)
         return False
-
-    def is_new_data(self, node: ast.AST, loop: SteppingBody) -> bool:
-        """Return whether a node creates an MjData of a model that `loop` does not assign."""
-        if not (is_call(node, "MjData") and node.args):
-            return False
-        assignments = (n for n in loop.inner if isinstance(n, ast.Assign))
-        assigned = {dotted_name(target) for n in assignments for target in n.targets}
-        return dotted_name(node.args[0]) not in assigned
 
     def steps_inside(self, node: ast.AST) -> bool:
         """Return whether `mj_step`, or a function that calls it, is called inside a node."""
@@ -342,20 +339,18 @@ class SteppingScript:
 
     def above(self, node: ast.AST, until: ast.AST | None = None) -> Iterator[ast.AST]:
         """Yield the nodes above a node, the innermost first, without `until` and those above."""
-        above = self.parents.get(node)
-        while above is not None and above is not until:
-            yield above
-            above = self.parents.get(above)
+        above = ancestors(self.parents, node)
+        return itertools.takewhile(lambda each: each is not until, above)
 
     def loops_around(self, node: ast.AST) -> Iterator[Loop]:
         """Yield the loops in whose every iteration a node runs, the innermost first."""
-        child, parent = node, self.parents.get(node)
-        while parent is not None:
+        child = node
+        for parent in ancestors(self.parents, node):
             if isinstance(parent, Loop):
                 is_iterable = isinstance(parent, ast.For) and child is parent.iter
                 if not (is_iterable or child in parent.orelse):  # these are evaluated once
                     yield parent
-            child, parent = parent, self.parents.get(parent)
+            child = parent
 
 
 def _body(node: Loop | ast.FunctionDef | ast.AsyncFunctionDef) -> SteppingBody:

@@ -25,7 +25,6 @@ from functools import cached_property, lru_cache
 
 from mjbench.loop.script_syntax import (
     FUNCTIONS,
-    assignments,
     block_around,
     creates_container,
     dotted_name,
@@ -265,11 +264,21 @@ class StoredViews:
     def returned(self, source: Source) -> Iterator[tuple[ast.FunctionDef, ast.expr]]:
         """Yield the views that a value is, or holds, each with the function that returns it."""
         for function in self._script.functions.called(source.call):
-            for result in _results(function, source.yields):
+            for result in self._results(function, source.yields):
                 part = result if source.index is None else _part(result, source.index)
                 for view in self._views_in(part) if part is not None else ():
                     if not is_input(view) and not self._is_local(view, function):
                         yield function, view
+
+    def _results(self, function: ast.FunctionDef, yields: bool) -> Iterator[ast.expr]:
+        """Yield what a function returns, or yields."""
+        inside = nodes_inside(function)
+        is_generator = any(isinstance(n, ast.Yield | ast.YieldFrom) for n in inside)
+        kind = ast.Yield if yields else ast.Return
+        if is_generator is yields:
+            for node in inside:
+                if isinstance(node, kind) and node.value is not None:
+                    yield self._script.resolved(node.value)
 
     def _sources(self, value: ast.expr) -> list[Source]:
         """Return the calls that a value comes from; none if it may come from elsewhere."""
@@ -394,27 +403,6 @@ def _source_of_iteration(iterable: ast.expr, index: int | None) -> Source | None
     if last_name(iterable.func) == "enumerate" and index == 1 and iterable.args:
         return _source_of_iteration(iterable.args[0], None)
     return Source(iterable, yields=True, index=index)
-
-
-def _results(function: ast.FunctionDef, yields: bool) -> Iterator[ast.expr]:
-    """Yield what a function returns, or yields."""
-    inside = nodes_inside(function)
-    is_generator = any(isinstance(n, ast.Yield | ast.YieldFrom) for n in inside)
-    kind = ast.Yield if yields else ast.Return
-    if is_generator is yields:
-        for node in inside:
-            if isinstance(node, kind) and node.value is not None:
-                yield _assigned(function, node.value)
-
-
-def _assigned(function: ast.FunctionDef, value: ast.expr) -> ast.expr:
-    """Return what a name was assigned, where a function does so once; else the value itself."""
-    if isinstance(value, ast.Name):
-        module = ast.Module(body=function.body, type_ignores=[])
-        values = [v for t, v in assignments(module) if dotted_name(t) == value.id]
-        if len(values) == 1 and isinstance(values[0], ast.expr):
-            return values[0]
-    return value
 
 
 def _part(result: ast.expr, index: object) -> ast.expr | None:

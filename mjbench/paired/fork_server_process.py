@@ -17,6 +17,7 @@ class ForkedWorker:
 
     Attributes:
       mark: that what it starts has in its environment (`child.MARK`).
+      is_awaited: whether its server has not said yet that it forked it, and may still do so.
       deadline_s: until when its server has time to fork it.
     """
 
@@ -24,7 +25,7 @@ class ForkedWorker:
         self, server: "ForkServerProcess", mark: str, output_file: Path, deadline_s: float
     ):
         self.mark, self.output_file, self.deadline_s = mark, output_file, deadline_s
-        self._server = server
+        self._server, self.is_awaited = server, True
         self._process: child.AdoptedChild | None = None
 
     @property
@@ -36,6 +37,7 @@ class ForkedWorker:
     def adopt(self, pid: int) -> None:
         """Note that it was forked, and has become a child of this process."""
         self._process = child.AdoptedChild(pid, self.mark)
+        self.is_awaited = False
 
     def wait(self, timeout_s: float | None = None) -> int | None:
         """Wait until it has ended (see `child.ChildProcess.wait`)."""
@@ -72,8 +74,7 @@ class ForkServerProcess:
         self._control, self._output_file = control, output_file
         self._limit_s, self._clock = limit_s, clock
         self._is_retired = False
-        self._pending: dict[str, ForkedWorker] = {}  # by mark
-        self._workers: set[ForkedWorker] = set()
+        self._workers: dict[str, ForkedWorker] = {}  # by mark
 
     @property
     def has_ended(self) -> bool:
@@ -94,47 +95,52 @@ class ForkServerProcess:
         worker = ForkedWorker(self, mark, output_file, self._clock() + self._limit_s)
         with writing(output_file):
             output = output_file.open("wb")
-        self._pending[mark] = worker  # first, so that an answer is known whatever interrupts this
-        self._workers.add(worker)
+        self._workers[mark] = worker  # first, so that an answer is known whatever interrupts this
         try:
             with output:
                 self._control.settimeout(self._limit_s)
                 socket.send_fds(self._control, [mark.encode()], [connection, output.fileno()])
         except OSError as error:
-            del self._pending[mark]
-            self._workers.discard(worker)
+            del self._workers[mark]
             raise MachineError(f"cannot start a process: {one_line(error)}") from error
         return worker
 
     def await_fork(self, worker: ForkedWorker) -> None:
         """Wait until it is known whether a worker was forked."""
-        while worker.mark in self._pending:
+        while worker.is_awaited:
             self._receive(worker.deadline_s)
 
     def _receive(self, deadline_s: float) -> None:
-        """Receive one answer, which may be about another worker."""
+        """Receive one answer, which may be about another worker.
+
+        An answer is only removed once it was taken into account, or Ctrl-C in between would lose
+        it.
+        """
         size = fork_server.PID.size
         answer = b""
         with contextlib.suppress(OSError):
             self._control.settimeout(max(deadline_s - self._clock(), 0.0))
-            answer = self._control.recv(size + fork_server.MAX_MARK_BYTES)
-        forked = self._pending.pop(answer[size:].decode(), None)
-        if forked is not None:
-            forked.adopt(*fork_server.PID.unpack(answer[:size]))
-        else:
+            answer = self._control.recv(size + fork_server.MAX_MARK_BYTES, socket.MSG_PEEK)
+        worker = self._workers.get(answer[size:].decode())
+        if worker is None:
             self.process.end()
             self._give_up()
+            return
+        if worker.is_awaited:
+            worker.adopt(*fork_server.PID.unpack(answer[:size]))
+        self._control.recv(len(answer))
 
     def _give_up(self) -> None:
         """Note that no other worker will be forked, and leave them the reason as their output."""
-        for worker in self._pending.values():
-            with contextlib.suppress(OSError):
-                shutil.copyfile(self._output_file, worker.output_file)
-        self._pending.clear()
+        for worker in self._workers.values():
+            if worker.is_awaited:
+                worker.is_awaited = False
+                with contextlib.suppress(OSError):
+                    shutil.copyfile(self._output_file, worker.output_file)
 
     def forget(self, worker: ForkedWorker) -> None:
         """Note that a worker has ended; the last one of a retired server ends the server."""
-        self._workers.discard(worker)
+        self._workers.pop(worker.mark, None)
         if self._is_retired:
             self.retire()
 

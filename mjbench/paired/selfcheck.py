@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mjbench.errors import InputError, MachineError, MjbenchError
+from mjbench.errors import Failure, InputError, MachineError, failure_of
 from mjbench.host import child, platforms
 from mjbench.paired import verdict
 from mjbench.paired.outcomes import Arm, Cause, Verdict
@@ -25,19 +25,12 @@ from mjbench.status import Status
 
 
 def run(
-    pool: WorkerPool,
-    cases: Iterable[Case],
-    plan: VerdictPlan,
-    on_trial: Callable[[TrialRecord], None],
-    on_failure: Callable[[CaseRow, MjbenchError], None],
-) -> None:
-    """Run a trial of each case, one after the other.
+    pool: WorkerPool, cases: Iterable[Case], plan: VerdictPlan
+) -> Iterator[tuple[CaseRow, TrialRecord | Failure]]:
+    """Yield a trial of each case, or how it failed.
 
     A model that cannot do the work, or whose target failed, is not tried again with the same builds
     and callback.
-
-    Args:
-      on_failure: called with each case that is not tried again, and why.
 
     Raises:
       KeyboardInterrupt: interrupted.
@@ -49,12 +42,10 @@ def run(
         if at_any_slowdown in failed:
             continue
         try:
-            record = trial(pool, case, plan)
+            yield row, trial(pool, case, plan)
         except (InputError, MachineError) as error:
             failed.add(at_any_slowdown)
-            on_failure(row, error)
-        else:
-            on_trial(record)
+            yield row, failure_of(error)
 
 
 def trial(pool: WorkerPool, case: Case, plan: VerdictPlan) -> TrialRecord:

@@ -5,6 +5,7 @@ A target is written as settings, such as `path=rollout,threads=2` (see `parse`).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from mjbench import paths
@@ -40,6 +41,11 @@ class Target:
     def nthread(self) -> int:
         """How many threads or processes it steps with."""
         return parallelism.nthread(self.options)
+
+    @property
+    def files(self) -> list[Path]:
+        """The files that it is made of: its model, and the wheels of its release."""
+        return [self.model.path, *self.release.wheels]
 
     def row(self) -> TargetRow:
         """Return what results say of it."""

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 
 from mjbench.measuring import anytime
 from mjbench.measuring.anytime import Evidence
+from mjbench.measuring.progress import Progress
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import outcomes
 from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, conclude, judge
@@ -241,14 +242,6 @@ def decide(
     )
 
 
-def missing(
-    pairs: Sequence[tuple[Target, Target]], records: Sequence[VerdictRecord]
-) -> list[tuple[Target, Target]]:
-    """Return the pairs of targets on which there is no verdict yet."""
-    done = {_sides_key(record.sides) for record in records}
-    return [pair for pair in pairs if _sides_key([side.row() for side in pair]) not in done]
-
-
 def _sides_key(sides: Sequence[TargetRow]) -> str:
     """Return a text that names two targets, as they are or as a run file holds them."""
     return repr([asdict(side) for side in sides])
@@ -258,20 +251,26 @@ def decide_each(
     pool: WorkerPool,
     pairs: Sequence[tuple[Target, Target]],
     plan: VerdictPlan,
-    on_progress: Callable[[int, str, float], None],
+    earlier: Sequence[VerdictRecord],
+    on_progress: Progress,
 ) -> Iterator[PairedResult]:
     """Yield the verdict on each pair of baseline and candidate; the last may be interrupted.
 
     Args:
-      on_progress: called after each launch with the number of the pair, what all launches say so
-        far, and about which share of the pair is done.
+      earlier: verdicts that are not decided again.
+      on_progress: called after each launch with what all launches say so far, and about which share
+        of all pairs is done.
     """
+    done = {_sides_key(record.sides) for record in earlier}
     for number, (baseline, candidate) in enumerate(pairs):
+        if _sides_key([baseline.row(), candidate.row()]) in done:
+            continue
         name = f"{candidate.model.name}, MuJoCo {candidate.release.version}"
 
         def on_launch(judgement: Judgement, number: int = number, name: str = name) -> None:
             share = 1 - 1 / (1 + judgement.launches / _HALFWAY_LAUNCHES)
-            on_progress(number, f"{name} {percent_change(judgement.ratio.estimate)} %", share)
+            text = f"{name} {percent_change(judgement.ratio.estimate)} %"
+            on_progress(text, (number + share) / len(pairs))
 
         result = decide(pool, baseline, candidate, plan, on_launch)
         yield result

@@ -219,6 +219,11 @@ class SteppingPath(ABC):
         able = " or ".join(self.products)
         return f"returns {able}, not {returns}"
 
+    def cannot_run(self, workload: Workload, options: Options) -> str | None:
+        """Return why this path cannot run this workload here and return what it asks for."""
+        reason = self.unavailable() or self.cannot_return(workload.returns)
+        return reason or self.unsuited(workload, options)
+
     @abstractmethod
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
         """Return a run of `workload`, with everything allocated and started."""

@@ -131,6 +131,8 @@ _LOGGING_FILE = re.compile(
 )
 _STANDARD_LOGGING = re.compile(r"^(logging/\w+|csv|json/\w+|pickle|shelve|gzip|zipfile\w*)\.py$")
 _STANDARD_PROCESSES = re.compile(r"^(multiprocessing/|subprocess\.py|concurrent/futures/process)")
+# A thread of the pool reads what its processes send, and the caller waits for that thread.
+_PROCESS_POOL = "multiprocessing/pool.py"
 _STANDARD_THREADS = re.compile(r"^(threading|queue|concurrent/futures/(thread|_base))\.py$")
 _STANDARD_WAITING = re.compile(r"^(selectors|socket|asyncio/\w+)\.py$")
 _THREADED_ENGINE = re.compile(r"/mujoco/(rollout|batch\w*)\.py$")
@@ -249,6 +251,8 @@ def _by_caller(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | 
             return Activity.LOGGING
         if _THREADED_ENGINE.search(file):
             return Activity.PHYSICS
+        if standard_name(file) == _PROCESS_POOL:
+            return Activity.PROCESSES
         if imports(frame):
             return Activity.IMPORT
     return None

@@ -85,12 +85,17 @@ def loop_times(
 
 
 def outside_loops(
-    threads: Sequence[ThreadSamples], main_pid: int, loops: Sequence[LoopTime], wall_s: float
+    threads: Sequence[ThreadSamples],
+    main_pid: int,
+    loops: Sequence[LoopTime],
+    wall_s: float,
+    calls: Sequence[CallTime] = (),
 ) -> list[LineTime]:
     """Return the lines of the main thread that take time outside loops, as shares of `wall_s`.
 
     Each is the outermost line on its stacks that is on none of a loop: it stands for all that it
-    calls, such as `main_model = build()`. What a line imports is an activity of its own.
+    calls, such as `main_model = build()`. What a line imports, or lets JAX compile, is an
+    activity of its own.
     """
     of_loops = {time.loop for time in loops}
     on_loops: set[Place] = set()
@@ -108,11 +113,13 @@ def outside_loops(
                 on_loops.update(places)
             else:
                 rest.append((places, _outside_activity(stack, thread), thread.interval_s))
+    compiling = {call.place.position for call in calls if call.activity == Activity.COMPILING}
     seconds: dict[Place, list[tuple[Activity, float]]] = defaultdict(list)
     for places, activity, interval_s in rest:
         place = next((each for each in places if each not in on_loops), None)
         if place is not None:
-            seconds[place].append((activity, interval_s))
+            is_compiling = any(each.position in compiling for each in places)
+            seconds[place].append((Activity.COMPILING if is_compiling else activity, interval_s))
     shares = {place: shares_of(parts, wall_s) for place, parts in seconds.items()}
     return large(LineTime(place, sum(parts.values()), parts) for place, parts in shares.items())
 
@@ -139,7 +146,7 @@ def _stepping(times: Sequence[LoopTime], pids: Collection[int]) -> list[LoopTime
         for time in times
         if not time.has_physics
         and elsewhere
-        and Activity.PROCESSES in time.activities
+        and not {Activity.PROCESSES, Activity.STARTING}.isdisjoint(time.activities)
         and time.in_main
     ]
     total_s = sum(time.seconds for time in stepping + waiting)

@@ -32,6 +32,8 @@ _OF_WHOLE_CALLS = (
     Trial.NO_ROLLOUT,
     Trial.BATCH_OR_ROLLOUT,
 )
+# What Python does to make a call, on its own line.
+_BESIDE_CALLS = (Activity.BINDINGS, Activity.PYTHON)
 _CLOCK_ADVICE = f"turn off {package_timer.NAME}: {package_timer.OFF_CODE}, after creating MjData"
 _BEFORE_CALLBACKS = " and before setting callbacks of your own, which it removes"
 _TRIALS_OF_COPIES = {
@@ -149,6 +151,9 @@ def of_calls(loop: LoopTime, findings: Sequence[Finding], measured: Measured) ->
             basis = Basis.BOUND
             if measured.saved(_question(context)) is not None:
                 gain, basis = _gain_of_objects(loop, context, measured), Basis.PAIRED
+        elif remedy.is_of_line:
+            lines = [line for line in loop.lines if line.place.position == context.place.position]
+            gain = share = max([share, *(line.share for line in lines)])
         if remedy.overlaps:
             waits = [call for call in loop.calls if call.callee in remedy.callees]
             gain = min(gain, 1 - _share(loop, waits))
@@ -173,7 +178,8 @@ def _question(context: _Context) -> Question:
     remedy, finding, calls = context.remedy, context.finding, context.calls
     assert remedy.trial is not None, "only calls that are replaced have a question"
     if remedy.trial == Trial.FUNCTIONS:
-        return Question(remedy.trial, () if finding is None else tuple(finding.instead))
+        functions = () if finding is None else tuple(finding.instead)
+        return Question(remedy.trial, functions, steps=int(context.nstep > 0))
     if remedy.trial in (Trial.ONE_CALL, Trial.INVERSE, Trial.UNCENTERED):
         return Question(remedy.trial)
     if remedy.trial in (Trial.POOL, *_OF_WHOLE_CALLS):
@@ -231,7 +237,7 @@ def _stands_for(loop: LoopTime, calls: Sequence[CallTime]) -> float:
         for line in loop.lines
         for activity, part in line.activities.items()
         if not loop.is_timed(activity)
-        and (activity != Activity.BINDINGS or line.place.position not in own)
+        and not (activity in _BESIDE_CALLS and line.place.position in own)
     )
     elsewhere += loop.activities.get(Activity.COLLECTION, 0.0)
     others = [call for call in loop.calls if call.place.position not in own]

@@ -1,9 +1,11 @@
 """What the run file and `mjbench run --json` hold for one program."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+from mjbench.host import machine
 from mjbench.program import (
     activities,
     attribution,
@@ -14,7 +16,7 @@ from mjbench.program import (
     sampler,
     wrong_results,
 )
-from mjbench.program.activities import Place
+from mjbench.program.activities import Activity, Place
 from mjbench.program.gil_waits import GilWait
 from mjbench.program.launch import Observation
 from mjbench.program.loop_time import LineTime, LoopTime
@@ -51,6 +53,15 @@ def _own_files(times: Sequence[LoopTime], observation: Observation) -> list[str]
     files = {file for time in times for file in time.own_files}
     files |= {call.place.file for call in observation.calls.calls}
     return sorted(file for file in files if not activities.package_of(file))
+
+
+def _others_busy_s(time: LoopTime, observation: Observation) -> float:
+    """Return the seconds that steps of other processes take, at least, on all cores."""
+    by_pid = defaultdict[int, float](float)
+    for call in observation.calls.calls:
+        if call.pid not in time.pids and call.activity == Activity.PHYSICS:
+            by_pid[call.pid] += call.seconds
+    return max([0.0, *by_pid.values(), sum(by_pid.values()) / machine.usable_cores()])
 
 
 @dataclass(frozen=True)
@@ -136,7 +147,13 @@ class ProgramRow:
             loops=[
                 LoopReport(
                     time,
-                    remedies.remedies(time, findings, measured, observation.calls.incidents),
+                    remedies.remedies(
+                        time,
+                        findings,
+                        measured,
+                        observation.calls.incidents,
+                        _others_busy_s(time, observation),
+                    ),
                 )
                 for time in times
             ],
@@ -150,7 +167,11 @@ class ProgramRow:
             crash=observation.crash,
             gil_waits=() if runs_jax else observation.gil_waits,
             outside_loops=attribution.outside_loops(
-                observation.threads, observation.pid, times, observation.wall_s
+                observation.threads,
+                observation.pid,
+                times,
+                observation.wall_s,
+                observation.calls.calls,
             ),
             physics=_physics(observation) if times and times[0].is_mostly_physics else None,
         )

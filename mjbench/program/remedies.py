@@ -46,14 +46,16 @@ _BUILDING_ADVICE = (
     "build and compile the model once before the loop: change the compiled model, or keep a pool"
     " of bodies"
 )
-# A line that is a call of the engine.
-_ENGINE_CALL = re.compile(r"(mujoco\.)?mj_\w+\([\w\s.,=]*\)$")
+# A line that is one call.
+_ONE_CALL = re.compile(r"([\w\s,]+ = )?[\w.]+\([\w\s.,=]*\)$")
 # A line that looks up names, or takes views of the engine's arrays.
 _READS_VIEWS = re.compile(
     r"\b(data|d)\.(q|x|c|act|sensor|site|geom|body|joint|ten|subtree|mocap)\w*|\.(joint|body|geom|site)\("
 )
 # Activities that are changed line by line; each of the others, but physics, is one thing to change.
 _OF_LINES = {Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY, Activity.ALLOCATION}
+# Of calls whose line does little else.
+_WITH_THEIR_LINE = (Activity.COPYING, Activity.STARTING)
 # Activities that are no cost by themselves, or have remedies of their own.
 _OF_CALLS = {
     Activity.PHYSICS,
@@ -73,10 +75,19 @@ def remedies(
     findings: Sequence[Finding] = (),
     measured: Measured | None = None,
     incidents: Sequence[Incident] = (),
+    others_busy_s: float = 0.0,
 ) -> list[Remedy]:
-    """Return what to do about a loop, by gain."""
+    """Return what to do about a loop, by gain.
+
+    Args:
+      others_busy_s: seconds for which another process steps meanwhile: no other way of waiting for
+        it saves them.
+    """
     known = measured or Measured({})
-    listed = [*_savings(loop, findings, known), *call_remedies.of_turns(loop, known, incidents)]
+    listed = [
+        *_savings(loop, findings, known, others_busy_s),
+        *call_remedies.of_turns(loop, known, incidents),
+    ]
     if any(incident.name == call_clock.SOFTWARE_GL for incident in incidents):
         listed = [call_remedies.with_software_gl(remedy) for remedy in listed]
     worthwhile = [each for each in listed if each.gain is not None and each.gain >= LEAST_GAIN]
@@ -112,10 +123,14 @@ def first(listed: Sequence[Remedy]) -> Remedy | None:
     return next(certain, None)
 
 
-def _savings(loop: LoopTime, findings: Sequence[Finding], measured: Measured) -> Iterator[Remedy]:
+def _savings(
+    loop: LoopTime, findings: Sequence[Finding], measured: Measured, others_busy_s: float
+) -> Iterator[Remedy]:
     """Yield what saves time, in any order."""
     of_calls = list(call_remedies.of_calls(loop, findings, measured))
     whole = loop.activities.keys() - _OF_LINES - _OF_CALLS
+    if any(remedy.activity == Activity.STARTING for remedy in of_calls):
+        whole -= {Activity.PROCESSES}  # the loop also waits for processes to begin
     if _has_building(loop):
         # a model that is built is compiled, too, and has an MjData of its own
         of_model = {Activity.LOADING, Activity.COPYING}
@@ -131,7 +146,11 @@ def _savings(loop: LoopTime, findings: Sequence[Finding], measured: Measured) ->
     unexplained = {each: share for each, share in loop.activities.items() if each in _OF_LINES}
     for activity in whole:
         if not loop.is_timed(activity) or not any(r.activity == activity for r in of_calls):
-            yield _of_activity(loop, activity)
+            remedy = _of_activity(loop, activity)
+            if activity == Activity.PROCESSES and remedy.gain is not None:
+                gain = min(remedy.gain, 1 - others_busy_s / loop.seconds)
+                remedy = replace(remedy, gain=gain, share=remedy.gain)
+            yield remedy
     for lines in _functions(loop):
         if not _avoidable(lines[0]):
             continue
@@ -244,8 +263,9 @@ def _of_line(
     """Yield what to do about a line: what lint says of it, and about what that leaves."""
     activity, share = _main_cost([line]), _avoidable(line)
     of_line = [call for call in loop.calls if call.place.position == line.place.position]
-    is_engine_call = bool(of_line) and _ENGINE_CALL.match(line.place.text)
-    if is_engine_call or any(call.activity == Activity.COPYING for call in of_line):
+    is_one_call = bool(of_line) and _ONE_CALL.match(line.place.text)
+    has_remedy = any(call.is_callback or call.activity in _WITH_THEIR_LINE for call in of_line)
+    if is_one_call or has_remedy:
         return  # what samples saw beside the call makes it, or frees its result
     for line_remedy, found in _line_remedies(line.place, findings):
         gain, basis = _gain_of_line(loop, line, line_remedy, len(found), share, measured)
@@ -262,7 +282,7 @@ def _of_line(
         )
         share -= gain
     text = _ADVICE[activity]
-    if line.package and line.package != STANDARD_LIBRARY:
+    if line.package and line.package not in (STANDARD_LIBRARY, "numpy"):
         text = f"time in {line.package}"
         if Activity.PHYSICS in line.activities:
             text = f"{text} beside physics; `mjbench env` takes an environment apart"

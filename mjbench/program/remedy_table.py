@@ -30,6 +30,7 @@ class CallRemedy:
       is_bound: whether the same has to be computed elsewhere, so that less is saved.
       overlaps: whether the rest of the loop could run meanwhile: no more than that rest is saved.
       is_of_loop: whether it is about all these calls in a loop together.
+      is_of_line: whether the rest of the line goes with the call, such as the end of a pool.
       applies: whether calls from one line need it, beside the other calls of their loop.
     """
 
@@ -43,6 +44,7 @@ class CallRemedy:
     is_bound: bool = False
     overlaps: bool = False
     is_of_loop: bool = False
+    is_of_line: bool = False
     applies: Callable[[Sequence[CallTime], Sequence[CallTime]], bool] = lambda calls, of_loop: True
 
 
@@ -200,6 +202,7 @@ CALL_REMEDIES = (
         callees=(call_clock.PROCESS_START,),
         text="processes are started {count} times here: start them once, before the loop, and send"
         " them work; threads (mujoco.rollout) need no start",
+        is_of_line=True,
     ),
     CallRemedy(
         callees=tuple(f"{call_clock.CALLBACK} {name}" for name in call_clock.CALLBACKS),

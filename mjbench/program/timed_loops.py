@@ -6,12 +6,14 @@ from dataclasses import replace
 
 from mjbench.program.activities import Activity
 from mjbench.program.calls import CallTime
-from mjbench.program.hook.call_clock import COMPILE, DISPATCH
+from mjbench.program.hook.call_clock import COMPILE, DISPATCH, PROCESS_START
 from mjbench.program.loop_time import FEW_SAMPLES, LineTime, LoopTime, large, shares_of
 from mjbench.program.source_loops import SourceLoop
 
 # Where samples saw a loop for this many times as long as its calls span, they say how long it runs.
 _LEAST_BEYOND = 1.1
+# Calls that show a loop, of which there may be no samples, beside those that step.
+_SHOWN = (COMPILE, DISPATCH, PROCESS_START)
 # What samples show of a line that calls what is timed: its own text may tell it.
 _TOLD_BY_LINE = {Activity.PHYSICS, Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY}
 # Where samples saw less than this beside the calls that are timed, they do not divide the rest.
@@ -38,7 +40,7 @@ def with_calls(
     for loop, of_loop in by_loop.items():
         if loop in times:
             times[loop] = _timed(times[loop], of_loop, stretches[loop])
-        elif any(call.is_step or call.callee in (COMPILE, DISPATCH) for call in of_loop):
+        elif any(call.is_step or call.callee in _SHOWN for call in of_loop):
             times[loop] = _timed(_unsampled(loop, of_loop, main_pid), of_loop)
     return list(times.values())
 

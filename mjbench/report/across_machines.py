@@ -18,7 +18,7 @@ from mjbench.paired.across_machines import (
 )
 from mjbench.report import advice_across, formats, verdicts
 from mjbench.report.advice_across import AdviceAcross
-from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section, Tone
+from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.store.machine_identity import MachineIdentity, identify
 from mjbench.store.runs import Run
 
@@ -31,13 +31,7 @@ _MOST_SENTENCES = 30
 
 @dataclass(frozen=True)
 class SideBySide:
-    """Results of several machines, side by side.
-
-    Attributes:
-      machines: of each run, in the order of the runs.
-      verdicts: of paired comparisons.
-      advice: of runs of `compare`.
-    """
+    """Results of several machines, side by side; `machines` has that of each run."""
 
     machines: Sequence[MachineIdentity]
     verdicts: AcrossMachines
@@ -49,39 +43,6 @@ class SideBySide:
         return len(set(self.machines)) > 1
 
 
-@dataclass(frozen=True)
-class Matrix:
-    """A table of results by machine.
-
-    Attributes:
-      subject: heading of the first column.
-      machines: their names.
-      rows: what was measured, and a cell for each machine that measured it.
-    """
-
-    title: str
-    subject: str
-    machines: Sequence[str]
-    rows: Sequence[tuple[str, Mapping[str, str]]]
-
-    def table(self) -> DataTable:
-        """Return it with a column for each machine, or, where that is too wide, a row a cell."""
-        headings = [self.subject, *self.machines]
-        rows = [
-            [name, *(cells.get(machine, "–") for machine in self.machines)]
-            for name, cells in self.rows
-        ]
-        widths = [max(map(len, column)) for column in zip(headings, *rows, strict=True)]
-        if sum(widths) + len(widths) > _MOST_WIDTH:
-            headings = [self.subject, "machine", "result"]
-            rows = [
-                [name, machine, cell]
-                for name, cells in self.rows
-                for machine, cell in cells.items()
-            ]
-        return DataTable(self.title, [*map(Column, headings)], rows)
-
-
 def side_by_side(runs: Sequence[Run]) -> SideBySide:
     """Return the results of runs, side by side."""
     machines = identify([run.header.machine for run in runs])
@@ -90,30 +51,42 @@ def side_by_side(runs: Sequence[Run]) -> SideBySide:
     return SideBySide(machines, decided, advice_across.advice_across(runs, names))
 
 
-def matrices(results: SideBySide) -> Iterator[Matrix]:
+def tables_by_machine(results: SideBySide) -> Iterator[DataTable]:
     """Yield verdicts by machine, and advised paths by machine, where there are any."""
     if comparisons := named_comparisons(results):
-        rows = [
-            (name, {verdict.machine: verdict_cell(verdict) for verdict in comparison.machines})
+        cells = {
+            name: {verdict.machine: verdict_cell(verdict) for verdict in comparison.machines}
             for name, comparison in comparisons
-        ]
-        yield _matrix("Verdicts by machine", "comparison", rows)
+        }
+        yield by_machine("Verdicts by machine", "comparison", cells)
     if results.advice:
-        rows = [
-            (across.question.name, {m.machine: advice_across.cell(m) for m in across.machines})
+        cells = {
+            across.question.name: {m.machine: advice_across.cell(m) for m in across.machines}
             for across in results.advice
-        ]
-        yield _matrix("Advised paths by machine", "model", rows)
+        }
+        yield by_machine("Advised paths by machine", "model", cells)
 
 
-def _matrix(title: str, subject: str, rows: Sequence[tuple[str, Mapping[str, str]]]) -> Matrix:
-    machines = list(dict.fromkeys(machine for _, cells in rows for machine in cells))
-    return Matrix(title, subject, machines, rows)
+def by_machine(title: str, subject: str, cells: Mapping[str, Mapping[str, str]]) -> DataTable:
+    """Return a table with a column for each machine, or, where that is too wide, a row a cell.
+
+    Args:
+      subject: heading of the first column.
+      cells: of each row, by its name and by machine; of those that measured it.
+    """
+    machines = list(dict.fromkeys(machine for row in cells.values() for machine in row))
+    headings = [subject, *machines]
+    rows = [[name, *(row.get(each, "–") for each in machines)] for name, row in cells.items()]
+    widths = [max(map(len, column)) for column in zip(headings, *rows, strict=True)]
+    if sum(widths) + len(widths) > _MOST_WIDTH:
+        headings = [subject, "machine", "result"]
+        rows = [[name, *pair] for name, row in cells.items() for pair in row.items()]
+    return DataTable(title, [*map(Column, headings)], rows)
 
 
 def section(results: SideBySide) -> Section | None:
     """Return what machines show side by side; None where nothing stands side by side."""
-    tables = [matrix.table() for matrix in matrices(results)]
+    tables = [*tables_by_machine(results)]
     if not tables:
         return None
     return Section(
@@ -165,27 +138,26 @@ def _counts(results: SideBySide) -> Iterator[DataTable]:
     comparisons = named_comparisons(results)
     if not comparisons:
         return
-    columns = (
-        Column("comparison"),
-        Column("machines", formats.count),
-        *(Column(outcome.value, formats.count) for outcome in Outcome),
-        Column("from", formats.change),
-        Column("to", formats.change),
-        Column("differ"),
-        Column("changed work", formats.count),
+    yield DataTable.of(
+        "On how many machines",
+        [
+            (name, comparison, [ratio.estimate for ratio in comparison.ratios])
+            for name, comparison in comparisons
+        ],
+        (Column("comparison"), lambda row: row[0]),
+        (Column("machines", formats.count), lambda row: len(row[1].machines)),
+        *(
+            (Column(each.value, formats.count), lambda row, each=each: len(row[1].of_outcome(each)))
+            for each in Outcome
+        ),
+        (Column("from", formats.change), lambda row: min(row[2], default=None)),
+        (Column("to", formats.change), lambda row: max(row[2], default=None)),
+        (Column("differ"), lambda row: formats.yes_no(row[1].differs)),
+        (
+            Column("changed work", formats.count),
+            lambda row: sum(bool(verdict.changed_work) for verdict in row[1].machines),
+        ),
     )
-    rows = [(name, *_count_cells(comparison)) for name, comparison in comparisons]
-    yield DataTable("On how many machines", columns, rows)
-
-
-def _count_cells(comparison: MachineComparison) -> Iterator[Cell]:
-    changes = [ratio.estimate for ratio in comparison.ratios]
-    yield len(comparison.machines)
-    yield from (len(comparison.of_outcome(outcome)) for outcome in Outcome)
-    yield min(changes, default=None)
-    yield max(changes, default=None)
-    yield formats.yes_no(comparison.differs)
-    yield sum(bool(verdict.changed_work) for verdict in comparison.machines)
 
 
 def named_comparisons(results: SideBySide) -> list[tuple[str, MachineComparison]]:
@@ -229,28 +201,18 @@ def comparison_names(comparisons: Sequence[MachineComparison]) -> list[str]:
 
 
 def runs_table(runs: Sequence[Run], names: Sequence[str]) -> DataTable:
-    """Return a list of runs.
-
-    Args:
-      runs: of any command.
-      names: the name of each run's machine.
-    """
-    columns = (
-        Column("machine"),
-        Column("command"),
-        Column("began"),
-        Column("records", formats.count),
-    )
-    rows = [
+    """Return a list of runs; `names` has that of each run's machine."""
+    return DataTable.of(
+        "Runs",
+        zip(names, runs, strict=True),
+        (Column("machine"), lambda row: row[0]),
         (
-            name,
-            shlex.join(run.header.command_line or (run.header.command,)),
-            run.header.began,
-            len(run.records),
-        )
-        for run, name in zip(runs, names, strict=True)
-    ]
-    return DataTable("Runs", columns, rows)
+            Column("command"),
+            lambda row: shlex.join(row[1].header.command_line or (row[1].header.command,)),
+        ),
+        (Column("began"), lambda row: row[1].header.began),
+        (Column("records", formats.count), lambda row: len(row[1].records)),
+    )
 
 
 def verdict_cell(verdict: MachineVerdict) -> str:
@@ -260,7 +222,5 @@ def verdict_cell(verdict: MachineVerdict) -> str:
     ratio = verdict.ratio
     if ratio is None:
         return outcome
-    change = formats.change(ratio.estimate)
-    if ratio.low is not None and ratio.high is not None:
-        change += f" ({100 * (ratio.low - 1):+.2f} to {100 * (ratio.high - 1):+.2f})"
-    return f"{change} {outcome}"
+    interval = formats.in_brackets(ratio, formats.change)
+    return f"{formats.change(ratio.estimate)}{interval} {outcome}"

@@ -4,6 +4,8 @@ The colours are told apart with any colour vision (after Okabe and Ito, 2008), o
 a dark one.
 """
 
+import hashlib
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -27,6 +29,15 @@ _MOST_TEXT = 300
 # Pixels of a label, at most, and of a letter of a wide font.
 _LABEL_WIDTH, _LETTER_WIDTH = 300, 7
 
+# Names that Windows keeps for devices.
+_DEVICES = {
+    "CON",
+    "PRN",
+    "AUX",
+    "NUL",
+    *(f"{kind}{n}" for kind in ("COM", "LPT") for n in range(10)),
+}
+
 
 def values(table: DataTable) -> list[dict[str, Cell]]:
     """Return the rows of a table as Vega-Lite's data, by the titles of its columns."""
@@ -34,22 +45,32 @@ def values(table: DataTable) -> list[dict[str, Cell]]:
     return [dict(zip(names, row, strict=True)) for row in table.rows]
 
 
-def chart(table: DataTable, layers: Sequence[Spec], height: int | None = None) -> Spec:
+def layer(mark: str, encoding: Mapping[str, Spec], **properties: Any) -> Spec:
+    """Return marks of one kind: how they are drawn, and what of the data each channel shows."""
+    return {"mark": {"type": mark, **properties}, "encoding": dict(encoding)}
+
+
+def figure(
+    title: str,
+    alternative: str,
+    data: DataTable,
+    layers: Sequence[Spec],
+    height: int | None = None,
+) -> Figure:
     """Return a chart of layers that share the data of a table.
 
     Args:
-      layers: marks and encodings.
       height: in pixels; None for one row of text a row of the table.
     """
-    size: Spec = {"width": WIDTH}
-    size["height"] = {"step": _ROW_HEIGHT} if height is None else height
-    return {
+    specification = {
         "$schema": SCHEMA,
-        "data": {"values": values(table)},
-        **size,
+        "data": {"values": values(data)},
+        "width": WIDTH,
+        "height": {"step": _ROW_HEIGHT} if height is None else height,
         "layer": list(layers),
         **page_colours(),
     }
+    return Figure(title, alternative, specification, data)
 
 
 def share_bars(title: str, data: DataTable, noun: str, drawn: str, axis: str) -> Figure:
@@ -65,24 +86,16 @@ def share_bars(title: str, data: DataTable, noun: str, drawn: str, axis: str) ->
     x = quantity(drawn, axis, zero=True)
     if drawn == share.title:
         x["axis"]["format"] = ".0%"
-    layer: Spec = {
-        "mark": {"type": "bar", "height": 12, "color": BLUE},
-        "encoding": {"x": x, "y": names(data)},
-    }
     alternative = f"No {noun}."
     if data.rows:
         longest = f"{data.rows[0][0]}, {share.shown(data.rows[0][1])}"
         alternative = f"Bars of {len(data.rows)} {noun}; the longest is {longest}."
-    return Figure(title, alternative, chart(data, [layer]), data)
+    bars = layer("bar", {"x": x, "y": names(data)}, height=12, color=BLUE)
+    return figure(title, alternative, data, [bars])
 
 
 def quantity(field: str, title: str, *, log: bool = False, **scale: Any) -> Spec:
-    """Return the encoding of a number.
-
-    Args:
-      field: title of the column.
-      scale: further properties of the scale.
-    """
+    """Return the encoding of the number in the column that `field` names."""
     kind = {"type": "log"} if log else {}
     return {
         "field": _escaped(field),
@@ -186,3 +199,12 @@ _CONFIG: Spec = {
     "legend": {"labelColor": _TEXT, "titleColor": _TEXT, "labelFontSize": 12},
     "title": {"color": _TEXT, "anchor": "start"},
 }
+
+
+def file_name(model: str) -> str:
+    """Return the name of a model's plot; a name of one's own may hold any characters."""
+    name = re.sub(r"[^\w.-]+", "-", model)[:80]
+    if name != model or name.upper() in _DEVICES:
+        digest = hashlib.blake2b(model.encode(errors="replace"), digest_size=4)
+        name = f"{name}-{digest.hexdigest()}"
+    return f"{name}.svg"

@@ -11,7 +11,7 @@ from mjbench.counts.function_differences import (
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import ExplainRecord, FunctionDifference, InstructionsRecord
 from mjbench.report import charts, formats
-from mjbench.report.content import Cell, Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report.starts import starts_lines, warning_lines
 from mjbench.status import Status
 
@@ -20,42 +20,38 @@ _MOST_LISTED, _MOST_DRAWN = 10, 12
 
 
 def sections(counts: Sequence[InstructionsRecord], top: int = _MOST_LISTED) -> Iterator[Section]:
-    """Yield the instructions of all models and releases, then the functions of each count.
-
-    Args:
-      top: functions that are listed of each.
-    """
+    """Yield the instructions of all models and releases, then the first functions of each count."""
     if not counts:
         return
-    columns = (
-        Column("model"),
-        Column("release"),
-        Column("instructions/step", formats.count),
-        Column("outside the engine/step", formats.count),
-        Column("why not"),
+    table = DataTable.of(
+        "Instructions",
+        counts,
+        (Column("model"), lambda count: count.model),
+        (Column("release"), lambda count: count.release),
+        (Column("instructions/step", formats.count), lambda count: count.instructions_per_step),
+        (Column("outside the engine/step", formats.count), lambda count: count.outside_per_step),
+        (Column("why not"), lambda count: count.detail),
     )
-    rows = [
-        (c.model, c.release, c.instructions_per_step, c.outside_per_step, c.detail) for c in counts
-    ]
     failed = [
         Conclusion(f"{c.model}, MuJoCo {c.release}: not counted ({c.status})", Tone.BAD)
         for c in counts
         if c.instructions_per_step is None
     ]
-    yield Section("Instructions", failed, tables=[DataTable("Instructions", columns, rows)])
+    yield Section("Instructions", failed, tables=[table])
     for count in counts:
         if count.status == Status.OK and count.instructions_per_step:
             yield _functions_section(count, count.instructions_per_step, top)
 
 
 def _functions_section(count: InstructionsRecord, total: float, top: int) -> Section:
-    columns = (
-        Column("function"),
-        Column("self/step", formats.count),
-        Column("share", formats.percent),
-        Column("inclusive", formats.count),
+    table = DataTable.of(
+        "Functions",
+        count.functions[:top],
+        (Column("function"), lambda function: function.name),
+        (Column("self/step", formats.count), lambda function: function.self),
+        (Column("share", formats.percent), lambda function: function.self / total),
+        (Column("inclusive", formats.count), lambda function: function.inclusive),
     )
-    rows = [(f.name, f.self, f.self / total, f.inclusive) for f in count.functions[:top]]
     return Section(
         f"{count.model}, MuJoCo {count.release}",
         facts=[
@@ -63,7 +59,7 @@ def _functions_section(count: InstructionsRecord, total: float, top: int) -> Sec
             *warning_lines(count.warnings),
             _stage_shares(count.stages or {}, total),
         ],
-        tables=[DataTable("Functions", columns, rows)],
+        tables=[table],
     )
 
 
@@ -97,26 +93,31 @@ def explanation_section(
 def _stages_table(row: ExplainRecord) -> DataTable:
     costs = [(stage, pair.old or 0.0, pair.new or 0.0) for stage, pair in row.stages.items()]
     costs.sort(key=lambda cost: -abs(cost[2] - cost[1]))
-    return DataTable(
+    return DataTable.of(
         "Stages",
-        (Column("stage"), *_CHANGES),
-        [(stage, old, new, new - old) for stage, old, new in costs if old or new],
+        [cost for cost in costs if cost[1] or cost[2]],
+        (Column("stage"), lambda cost: cost[0]),
+        (Column("old/step", formats.count), lambda cost: cost[1]),
+        (Column("new/step", formats.count), lambda cost: cost[2]),
+        (Column("difference", _signed), lambda cost: cost[2] - cost[1]),
     )
 
 
-_CHANGES = (
-    Column("old/step", formats.count),
-    Column("new/step", formats.count),
-    Column("difference", lambda difference: f"{difference:+,.0f}"),
-)
-
-
 def _functions_table(row: ExplainRecord, top: int) -> DataTable:
-    rows: list[tuple[Cell, ...]] = [
-        (f.name, f.old, f.new, f.difference, f.code or "", _remarks(f)) for f in row.functions[:top]
-    ]
-    columns = (Column("function"), *_CHANGES, Column("code"), Column("remarks"))
-    return DataTable("Functions", columns, rows)
+    return DataTable.of(
+        "Functions",
+        row.functions[:top],
+        (Column("function"), lambda function: function.name),
+        (Column("old/step", formats.count), lambda function: function.old),
+        (Column("new/step", formats.count), lambda function: function.new),
+        (Column("difference", _signed), lambda function: function.difference),
+        (Column("code"), lambda function: function.code or ""),
+        (Column("remarks"), _remarks),
+    )
+
+
+def _signed(instructions: float) -> str:
+    return f"{instructions:+,.0f}"
 
 
 def _further_functions(row: ExplainRecord, top: int) -> list[str]:
@@ -137,8 +138,10 @@ def change_sections(rows: Sequence[ExplainRecord]) -> Iterator[Section]:
     compared = [row for row in rows if row.status != Status.UNAVAILABLE]
     if not rows:
         return
-    differ = [row for row in compared if abs((_ratio(row) or 1.0) - 1) > explain.REPEATABILITY]
-    failed = [row for row in compared if _ratio(row) is None]
+    differ = [
+        row for row in compared if abs((row.instruction_ratio or 1.0) - 1) > explain.REPEATABILITY
+    ]
+    failed = [row for row in compared if row.instruction_ratio is None]
     conclusions = [Conclusion(f"Instructions differ in {len(differ)} of {len(compared)} pairs")]
     conclusions += [
         Conclusion(f"{_heading(row)}: not counted ({row.status})", Tone.BAD) for row in failed
@@ -152,65 +155,51 @@ def change_sections(rows: Sequence[ExplainRecord]) -> Iterator[Section]:
     )
 
 
-def _ratio(row: ExplainRecord) -> float | None:
-    """Return new over old instructions; None where one was not counted."""
-    old, new = row.instructions_per_step.old, row.instructions_per_step.new
-    return new / old if old and new else None
-
-
 def _heading(row: ExplainRecord) -> str:
     return f"{row.series}, instructions, {row.old} → {row.new}"
 
 
 def _changes_table(rows: Sequence[ExplainRecord]) -> DataTable:
-    columns = (
-        Column("model or operation"),
-        Column("old"),
-        Column("new"),
-        Column("instructions", lambda ratio: f"{100 * (ratio - 1):+.1f} %"),
-        Column("functions that account for most"),
+    return DataTable.of(
+        "Changes",
+        rows,
+        (Column("model or operation"), lambda row: row.series),
+        (Column("old"), lambda row: row.old),
+        (Column("new"), lambda row: row.new),
+        (Column("instructions", formats.change_to_tenth), lambda row: row.instruction_ratio),
+        (Column("functions that account for most", wraps=True), _main_functions),
     )
-    cells = []
-    for row in rows:
-        largest = largest_differences(row.functions, MAIN_FUNCTIONS)
-        texts = [f"{' and '.join(each.names)} {each.difference:+,.0f}" for each in largest]
-        cells.append((row.series, row.old, row.new, _ratio(row), ", ".join(texts)))
-    return DataTable("Changes", columns, cells)
+
+
+def _main_functions(row: ExplainRecord) -> str:
+    largest = largest_differences(row.functions, MAIN_FUNCTIONS)
+    return ", ".join(f"{' and '.join(each.names)} {_signed(each.difference)}" for each in largest)
 
 
 def _figure(row: ExplainRecord, changes: Sequence[NetDifference]) -> Figure:
     total = row.instructions_per_step.old or 1.0
-    columns = (
-        Column("function"),
-        Column("instructions per step", formats.count),
-        Column("% of a step", formats.digits(3)),
+    data = DataTable.of(
+        "Functions that changed most",
+        changes,
+        (Column("function"), lambda change: " and ".join(change.names)),
+        (Column("instructions per step", formats.count), lambda change: change.difference),
+        (Column("% of a step", formats.digits(3)), lambda change: 100 * change.difference / total),
     )
-    cells = [
-        (
-            " and ".join(change.names),
-            change.difference,
-            100 * change.difference / total,
-        )
-        for change in changes
-    ]
-    data = DataTable("Functions that changed most", columns, cells)
-    layer: charts.Spec = {
-        "mark": {"type": "bar", "height": 12},
-        "encoding": {
-            "x": charts.quantity("% of a step", "% of the instructions of a step", zero=True),
-            "y": charts.names(data),
-            "color": {
-                "condition": {"test": "datum['% of a step'] > 0", "value": charts.ORANGE},
-                "value": charts.BLUE,
-            },
+    largest = changes[0]
+    bars = {
+        "x": charts.quantity("% of a step", "% of the instructions of a step", zero=True),
+        "y": charts.names(data),
+        "color": {
+            "condition": {"test": "datum['% of a step'] > 0", "value": charts.ORANGE},
+            "value": charts.BLUE,
         },
     }
-    return Figure(
-        title=f"{_heading(row)}: functions that account for most of the change",
-        alternative=f"Bars of {len(cells)} functions; the largest change is that of"
-        f" {cells[0][0]}, {cells[0][2]:+.1f} % of a step.",
-        specification=charts.chart(data, [charts.rule_at(0.0), layer]),
-        data=data,
+    return charts.figure(
+        f"{_heading(row)}: functions that account for most of the change",
+        f"Bars of {len(changes)} functions; the largest change is that of"
+        f" {' and '.join(largest.names)}, {100 * largest.difference / total:+.1f} % of a step.",
+        data,
+        [charts.rule_at(0.0), charts.layer("bar", bars, height=12)],
     )
 
 

@@ -12,15 +12,20 @@ from mjbench.releases import speed_history
 from mjbench.releases.catalogue import ReleaseRow
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.report.across_machines import SideBySide
-from mjbench.report.advice import Advice, ClockAdvice, advise, advise_clock
+from mjbench.report.advice import (
+    Advice,
+    ClockAdvice,
+    ThreadAdvice,
+    advise,
+    advise_clock,
+    advise_threads,
+)
 from mjbench.report.advice_across import AdviceAcross
-from mjbench.report.crossovers import Crossover, crossovers
+from mjbench.report.crossovers import Crossover, WorkCrossover, crossovers, work_crossovers
 from mjbench.report.doctor import NoiseRow
 from mjbench.report.listings import PathRow
 from mjbench.report.results import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
-from mjbench.report.thread_advice import ThreadAdvice, advise_threads
-from mjbench.report.work_crossovers import WorkCrossover, work_crossovers
 from mjbench.status import Status
 from mjbench.store.runs import SCHEMA, Run
 

@@ -322,67 +322,43 @@ def physics_lines(record: EnvironmentRecord) -> list[str]:
 
 
 def _paths_table(record: EnvironmentRecord) -> DataTable:
-    columns = (
-        Column("same physics by"),
-        Column("options"),
-        Column("env steps/s", formats.count),
-        Column("engine steps/s", formats.count),
-        Column("× env.step", formats.factor),
-        Column("95 %", formats.ends),
-        Column("loop"),
+    return DataTable.of(
+        "The same physics without the environment",
+        [(path, path.speedup) for path in record.physics_paths if path.speedup is not None],
+        (Column("same physics by"), lambda row: row[0].path),
+        (Column("options"), lambda row: describe_options(row[0].options)),
+        (Column("env steps/s", formats.count), lambda row: row[0].env_steps_per_s),
+        (Column("engine steps/s", formats.count), lambda row: row[0].steps_per_s),
+        (Column("× env.step", formats.factor), lambda row: row[1].median),
+        (Column("95 %", formats.ends), lambda row: row[1]),
+        (Column("loop"), lambda row: "closed" if row[0].closed_loop else "open"),
     )
-    rows = [
-        (
-            path.path,
-            describe_options(path.options),
-            path.env_steps_per_s,
-            path.steps_per_s,
-            path.speedup.median,
-            path.speedup,
-            "closed" if path.closed_loop else "open",
-        )
-        for path in record.physics_paths
-        if path.speedup is not None
-    ]
-    return DataTable("The same physics without the environment", columns, rows)
 
 
 def _vectors_table(record: EnvironmentRecord) -> DataTable:
-    columns = (
-        Column("environments at once"),
-        Column("number", formats.count),
-        Column("env steps/s", formats.count),
-        Column("× one", formats.factor),
-        Column("95 %", formats.ends),
-        Column("added to a step", duration),
-    )
-    rows = [
+    return DataTable.of(
+        "Several environments at once, resets included",
+        [(form, form.speedup) for form in record.vector_forms if form.speedup is not None],
+        (Column("environments at once"), lambda row: row[0].form.value),
+        (Column("number", formats.count), lambda row: row[0].nenv),
+        (Column("env steps/s", formats.count), lambda row: row[0].env_steps_per_s),
+        (Column("× one", formats.factor), lambda row: row[1].median),
+        (Column("95 %", formats.ends), lambda row: row[1]),
         (
-            vector.form.value,
-            vector.nenv,
-            vector.env_steps_per_s,
-            vector.speedup.median,
-            vector.speedup,
-            vector.overhead_ns if _is_slowed(vector) else None,
-        )
-        for vector in record.vector_forms
-        if vector.speedup is not None
-    ]
-    return DataTable("Several environments at once, resets included", columns, rows)
+            Column("added to a step", duration),
+            lambda row: row[0].overhead_ns if _is_slowed(row[0]) else None,
+        ),
+    )
 
 
 def _figure(record: EnvironmentRecord) -> Figure:
-    columns = (
-        Column("layer"),
-        Column("of env.step", formats.percent),
-        Column("µs", formats.digits(3)),
+    data = DataTable.of(
+        "Layers of a step",
+        [layer for layer in record.layer_shares if layer.share.median > 0],
+        (Column("layer"), lambda layer: layer.layer.value),
+        (Column("of env.step", formats.percent), lambda layer: layer.share.median),
+        (Column("µs", formats.digits(3)), lambda layer: layer.ns / 1e3),
     )
-    rows = [
-        (layer.layer.value, layer.share.median, layer.ns / 1e3)
-        for layer in record.layer_shares
-        if layer.share.median > 0
-    ]
-    data = DataTable("Layers of a step", columns, rows)
     title = f"{record.environment}: layers of a step"
     return charts.share_bars(title, data, "layers", "µs", "µs of env.step")
 

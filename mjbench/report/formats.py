@@ -54,6 +54,16 @@ def percent(share: float) -> str:
     return f"{100 * share:.1f} %"
 
 
+def whole_percent(share: float) -> str:
+    """Return a share in whole percent."""
+    return f"{100 * share:.0f} %"
+
+
+def short_percent(share: float) -> str:
+    """Return a share in percent, to two significant digits."""
+    return f"{plain(100 * share, 2)} %"
+
+
 def change(ratio: float) -> str:
     """Return the change that a ratio stands for, in percent, with its sign."""
     return f"{100 * (ratio - 1):+.2f} %"
@@ -83,12 +93,18 @@ def _is_factor(ratio: float) -> bool:
     return ratio >= 2 or ratio <= 0.5
 
 
-def ends(interval: Interval | None, form: Form = factor) -> str:
+def ends(interval: Interval | None, form: Form = factor, between: str = "–") -> str:
     """Return the ends of an interval; empty where one is not known."""
     if interval is None or interval.low is None or interval.high is None:
         return ""
     low, high = form(interval.low), form(interval.high)
-    return f"{low.removesuffix(' %')}–{high}"
+    return f"{low.removesuffix(' %')}{between}{high}"
+
+
+def in_brackets(interval: Interval, form: Form = factor) -> str:
+    """Return an interval as it follows an estimate in a sentence; empty where it is not known."""
+    text = ends(interval, form, " to ")
+    return f" ({text})" if text else ""
 
 
 def ends_in(form: Form) -> Form:

@@ -49,26 +49,22 @@ def _missed(row: LatencyRow) -> Conclusion:
 
 
 def _table(rows: Sequence[LatencyRow]) -> DataTable:
-    columns = (
-        Column("pace"),
-        Column("steps", formats.count),
-        *(Column(f"p{100 * q.quantile:g}", duration) for q in rows[0].quantiles),
-        Column("max", duration),
-        Column("deadline", duration),
-        Column("missed", formats.count),
-    )
-    cells = [
+    return DataTable.of(
+        "Latency",
+        rows,
         (
-            f"{row.pace} at {plain(row.rate_hz, 3)} Hz" if row.rate_hz else str(row.pace),
-            row.nstep,
-            *(quantile.ns for quantile in row.quantiles),
-            row.max_ns,
-            1e9 * (row.deadline_s or 0.0),
-            row.missed,
-        )
-        for row in rows
-    ]
-    return DataTable("Latency", columns, cells)
+            Column("pace"),
+            lambda row: f"{row.pace} at {plain(row.rate_hz, 3)} Hz" if row.rate_hz else row.pace,
+        ),
+        (Column("steps", formats.count), lambda row: row.nstep),
+        *(
+            (Column(f"p{100 * q.quantile:g}", duration), lambda row, i=i: row.quantiles[i].ns)
+            for i, q in enumerate(rows[0].quantiles)
+        ),
+        (Column("max", duration), lambda row: row.max_ns),
+        (Column("deadline", duration), lambda row: 1e9 * (row.deadline_s or 0.0)),
+        (Column("missed", formats.count), lambda row: row.missed),
+    )
 
 
 def _common(features: Sequence[SlowFeature]) -> str:
@@ -93,18 +89,16 @@ def _figure(model: str, rows: Sequence[LatencyRow]) -> Figure:
         if one_in <= (row.nstep or 0)
     ]
     data = DataTable("Latency by share of steps", columns, cells)
-    layer: charts.Spec = {
-        "mark": {"type": "line", "interpolate": "step-after"},
-        "encoding": {
-            "x": charts.quantity("one step in", "one step in so many is slower", log=True),
-            "y": charts.quantity("latency, µs", "latency, µs", log=True),
-            "color": charts.colour("pace", _PACES),
-        },
+    lines = {
+        "x": charts.quantity("one step in", "one step in so many is slower", log=True),
+        "y": charts.quantity("latency, µs", "latency, µs", log=True),
+        "color": charts.colour("pace", _PACES),
     }
     longest = max((row.max_ns or 0.0) / 1e3 for row in rows)
-    return Figure(
-        title=f"{model}: latency of single steps",
-        alternative=f"Lines that rise from the usual step to the slowest, {longest:,.0f} µs.",
-        specification=charts.chart(data, [layer], height=240),
-        data=data,
+    return charts.figure(
+        f"{model}: latency of single steps",
+        f"Lines that rise from the usual step to the slowest, {longest:,.0f} µs.",
+        data,
+        [charts.layer("line", lines, interpolate="step-after")],
+        height=240,
     )

@@ -42,25 +42,22 @@ class PathRow:
 def models_table(rows: Sequence[ListedModel]) -> DataTable:
     """Return the table of `mjbench models`, of those that could be loaded."""
     sizes = ("nq", "nv", "nu", "na", "contacts", "constraints")
-    columns = [
-        Column("model"),
-        *(Column(size, str) for size in sizes),
-        Column("timestep", lambda timestep: f"{1e3 * timestep:g} ms"),
-        Column("integrator"),
-        Column("solver"),
-    ]
-    cells = [
+    return DataTable.of(
+        "Models",
+        [(row.model, row.facts) for row in rows if row.facts is not None],
+        (Column("model"), lambda row: row[0]),
+        *((Column(size, str), lambda row, size=size: getattr(row[1], size)) for size in sizes),
         (
-            row.model,
-            *(getattr(row.facts, size) for size in sizes),
-            row.facts.timestep,
-            row.facts.integrator,
-            row.facts.solver,
-        )
-        for row in rows
-        if row.facts is not None
-    ]
-    return DataTable("Models", columns, cells)
+            Column("timestep", _milliseconds),
+            lambda row: row[1].timestep,
+        ),
+        (Column("integrator"), lambda row: row[1].integrator),
+        (Column("solver"), lambda row: row[1].solver),
+    )
+
+
+def _milliseconds(seconds: float) -> str:
+    return f"{1e3 * seconds:g} ms"
 
 
 def failed_models(rows: Sequence[ListedModel]) -> list[str]:
@@ -74,31 +71,28 @@ def failed_models(rows: Sequence[ListedModel]) -> list[str]:
 
 def paths_table(rows: Sequence[PathRow]) -> DataTable:
     """Return the table of `mjbench paths`."""
-    titles = ("path", "closed loop", "here", "what it is", "options")
-    cells = [
-        (
-            row.path,
-            yes_no(row.closed_loop),
-            row.unavailable or "yes",
-            row.summary,
-            ", ".join(row.options),
-        )
-        for row in rows
-    ]
-    return DataTable("Paths", [*map(Column, titles)], cells)
+    return DataTable.of(
+        "Paths",
+        rows,
+        (Column("path"), lambda row: row.path),
+        (Column("closed loop"), lambda row: yes_no(row.closed_loop)),
+        (Column("here"), lambda row: row.unavailable or "yes"),
+        (Column("what it is"), lambda row: row.summary),
+        (Column("options"), lambda row: ", ".join(row.options)),
+    )
 
 
 def releases_table(rows: Sequence[ReleaseRow]) -> DataTable:
     """Return the table of `mjbench releases`: where each one is."""
-    titles = ("release", "uploaded (UTC)", "on the index", "in the history", "here")
-    cells = [
+    return DataTable.of(
+        "Releases",
+        rows,
+        (Column("release"), lambda row: row.version),
+        (Column("uploaded (UTC)"), lambda row: (row.uploaded or "unknown")[:10]),
         (
-            row.version,
-            (row.uploaded or "unknown")[:10],
-            "not asked" if row.in_index is None else yes_no(row.in_index),
-            yes_no(row.in_history),
-            "installed" if row.installed else "",
-        )
-        for row in rows
-    ]
-    return DataTable("Releases", [*map(Column, titles)], cells)
+            Column("on the index"),
+            lambda row: "not asked" if row.in_index is None else yes_no(row.in_index),
+        ),
+        (Column("in the history"), lambda row: yes_no(row.in_history)),
+        (Column("here"), lambda row: "installed" if row.installed else ""),
+    )

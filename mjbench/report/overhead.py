@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 
 from mjbench.loop import habits
-from mjbench.loop.compiled_loop import script
 from mjbench.loop.overhead import HabitCost, OverheadRow
 from mjbench.report import charts, content, formats
 from mjbench.report.content import (
@@ -73,24 +72,23 @@ def _binding(ns: float) -> str:
 
 
 def _table(table: OverheadRow) -> DataTable:
-    columns = (
-        Column("in the loop"),
-        Column("adds ns/step", formats.count),
-        Column("95 %", formats.ends_in(formats.count)),
-        Column("of a step", formats.percent),
-        Column("cheaper"),
-        Column("saves ns", formats.count),
+    return DataTable.of(
+        "Habits",
+        table.costs or (),
+        (Column("in the loop"), lambda cost: cost.source),
+        (Column("adds ns/step", formats.count), lambda cost: cost.ns),
+        (Column("95 %", formats.ends_in(formats.count)), lambda cost: cost),
+        (Column("of a step", formats.percent), lambda cost: cost.share),
+        (Column("cheaper"), lambda cost: cost.cheaper),
+        (Column("saves ns", formats.count), lambda cost: cost.saved_ns),
     )
-    rows = [(c.source, c.ns, c, c.share, c.cheaper, c.saved_ns) for c in table.costs or ()]
-    return DataTable("Habits", columns, rows)
 
 
 def _snippets(cost: HabitCost) -> Iterator[Snippet]:
     """Yield the loop of a habit, and that of its cheaper form."""
     yield Snippet(cost.source, cost.code)
-    known = {habit.name: habit for habit in habits.HABITS}
-    if cost.cheaper in known:  # a later version may know others
-        yield Snippet(f"cheaper, {cost.cheaper}", script(known[cost.cheaper]))
+    if cost.cheaper in habits.BY_NAME:  # a later version may know others
+        yield Snippet(f"cheaper, {cost.cheaper}", habits.script(habits.BY_NAME[cost.cheaper]))
 
 
 def _waterfall(table: OverheadRow) -> Figure:
@@ -112,19 +110,16 @@ def _waterfall(table: OverheadRow) -> Figure:
         for cost in table.costs[:_MOST_HABITS]
     ]
     data = DataTable("Nanoseconds of a step", columns, rows)
-    layer: charts.Spec = {
-        "mark": {"type": "bar", "height": 12},
-        "encoding": {
-            "x": charts.quantity("from", "ns of a step", zero=True),
-            "x2": {"field": "to"},
-            "y": charts.names(data),
-            "color": charts.colour("kind", {"step": charts.BLUE, "habit": charts.ORANGE}),
-        },
+    bars = {
+        "x": charts.quantity("from", "ns of a step", zero=True),
+        "x2": {"field": "to"},
+        "y": charts.names(data),
+        "color": charts.colour("kind", {"step": charts.BLUE, "habit": charts.ORANGE}),
     }
-    return Figure(
-        title=f"{table.model}: a step, and what each habit adds to it",
-        alternative=f"The engine takes {table.engine_ns:,.0f} ns; the loop ends at {loop:,.0f} ns;"
-        " habits begin there.",
-        specification=charts.chart(data, [layer]),
-        data=data,
+    return charts.figure(
+        f"{table.model}: a step, and what each habit adds to it",
+        f"The engine takes {table.engine_ns:,.0f} ns; the loop ends at {loop:,.0f} ns; habits"
+        " begin there.",
+        data,
+        [charts.layer("bar", bars, height=12)],
     )

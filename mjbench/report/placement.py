@@ -6,22 +6,33 @@ from mjbench.measuring.ratio import Ratio
 from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.releases.placement import RESIDUES
 from mjbench.report import formats
-from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section
-from mjbench.units import percent
+from mjbench.report.content import Column, Conclusion, DataTable, Section
+from mjbench.report.formats import short_percent
 
 
 def section(rows: Sequence[SpreadRecord]) -> Section:
     """Return a sentence for each model, and the table of all residues."""
-    columns = (
-        Column("model"),
-        Column("release"),
-        Column("spread"),
-        Column("interval"),
-        *(Column(f"moved by {residue}") for residue in RESIDUES),
-        Column("launches", formats.count),
-        Column("seconds", formats.tenths),
-    )
     measured = [row for row in rows if row.residues]
+    table = DataTable.of(
+        "Spreads",
+        measured,
+        (Column("model"), lambda row: row.model),
+        (Column("release"), lambda row: row.release),
+        (
+            Column("spread", short_percent),
+            lambda row: row.spread.estimate if row.spread else None,
+        ),
+        (Column("interval", formats.ends_in(short_percent)), lambda row: row.spread),
+        *(
+            (
+                Column(f"moved by {residue}", _change),
+                lambda row, residue=residue: _ratio(row, residue),
+            )
+            for residue in RESIDUES
+        ),
+        (Column("launches", formats.count), lambda row: row.launches),
+        (Column("seconds", formats.tenths), lambda row: row.seconds),
+    )
     note = (
         "spread: slowest over fastest; moved by: bytes modulo 64, change of a step's time against"
         " the release as shipped (99 % interval)"
@@ -29,7 +40,7 @@ def section(rows: Sequence[SpreadRecord]) -> Section:
     return Section(
         "How far does speed depend on where code lies?",
         [Conclusion(describe_spread(row)) for row in rows],
-        tables=[DataTable("Spreads", columns, [_cells(row) for row in measured])],
+        tables=[table],
         notes=[note] if measured else [],
     )
 
@@ -43,44 +54,28 @@ def describe_spread(row: SpreadRecord) -> str:
     detail = f" ({row.detail})" if row.detail else ""
     if spread.low is None or spread.high is None:
         return (
-            f"{name}: the placements differ by {percent(spread.estimate)} %, by chance or not: too"
-            f" few launches for an interval{detail}"
+            f"{name}: the placements differ by {short_percent(spread.estimate)}, by chance or not:"
+            f" too few launches for an interval{detail}"
         )
     if not spread.low:
         return (
             f"{name}: no dependence on where the code lies was seen; it is at most"
-            f" {percent(spread.high)} %{detail}"
+            f" {short_percent(spread.high)}{detail}"
         )
+    interval = formats.ends(spread, short_percent, " to ")
     return (
-        f"{name}: where the code lies changes the time of a step by {percent(spread.estimate)} %"
-        f" (interval {percent(spread.low)} to {percent(spread.high)} %), so a benchmark of one"
-        f" build says no more than that{detail}"
+        f"{name}: where the code lies changes the time of a step by"
+        f" {short_percent(spread.estimate)} (interval {interval}), so a benchmark of one build says"
+        f" no more than that{detail}"
     )
 
 
-def _cells(row: SpreadRecord) -> list[Cell]:
-    spread, ratios = row.spread, {residue.residue: residue.ratio for residue in row.residues}
-    has_interval = spread is not None and spread.low is not None and spread.high is not None
-    return [
-        row.model,
-        row.release,
-        f"{percent(spread.estimate)} %" if spread else "",
-        f"{percent(spread.low or 0.0)}–{percent(spread.high or 0.0)} %"
-        if spread and has_interval
-        else "",
-        *(_change(ratios.get(residue)) for residue in RESIDUES),
-        row.launches,
-        row.seconds,
-    ]
+def _ratio(row: SpreadRecord, residue: int) -> Ratio | None:
+    """Return how long a step takes where the code is moved by a residue, beside as shipped."""
+    return next((each.ratio for each in row.residues if each.residue == residue), None)
 
 
-def _change(ratio: Ratio | None) -> str:
-    """Return a ratio as a change in percent, such as `+1.2 (+0.8 to +1.6)`."""
-    if ratio is None:
-        return ""
-    estimate, *ends = (
-        f"{100 * (value - 1):+.1f}"
-        for value in (ratio.estimate, ratio.low, ratio.high)
-        if value is not None
-    )
-    return f"{estimate} ({' to '.join(ends)})" if ends else estimate
+def _change(ratio: Ratio) -> str:
+    """Return a ratio as a change with its interval, such as `+1.2 % (+0.8 to +1.6 %)`."""
+    interval = formats.in_brackets(ratio, formats.change_to_tenth)
+    return f"{formats.change_to_tenth(ratio.estimate)}{interval}"

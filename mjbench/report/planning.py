@@ -91,28 +91,26 @@ def _pace(plans_per_s: float, control_hz: float | None) -> str:
 
 
 def _table(rows: Sequence[PlanningRow]) -> DataTable:
-    columns = (
-        Column("path"),
-        Column("options"),
-        Column("ms/plan", formats.digits(3)),
-        Column("plans/s", formats.count),
-        Column("speed-up", formats.factor),
-        Column("same plans"),
-    )
-    cells = [
+    return DataTable.of(
+        "Plans",
+        rows,
+        (Column("path"), lambda row: row.path),
+        (Column("options"), lambda row: describe_options(row.options)),
         (
-            row.path,
-            describe_options(row.options),
-            None if row.plan_s is None else 1e3 * row.plan_s,
-            row.plans_per_s,
-            row.speedup,
-            "yes"
-            if row.plan_s is not None
-            else ("NO" if row.status == Status.DISAGREES else row.status.value),
-        )
-        for row in rows
-    ]
-    return DataTable("Plans", columns, cells)
+            Column("ms/plan", formats.digits(3)),
+            lambda row: None if row.plan_s is None else 1e3 * row.plan_s,
+        ),
+        (Column("plans/s", formats.count), lambda row: row.plans_per_s),
+        (Column("speed-up", formats.factor), lambda row: row.speedup),
+        (Column("same plans"), _agreement),
+    )
+
+
+def _agreement(row: PlanningRow) -> str:
+    """Return whether a path made the same plans, or why that is not known."""
+    if row.plan_s is not None:
+        return "yes"
+    return "NO" if row.status == Status.DISAGREES else row.status.value
 
 
 def sizes_sections(rows: Sequence[PlanningRow]) -> Iterator[Section]:
@@ -130,26 +128,17 @@ def _sizes_section(model: str, rows: Sequence[PlanningRow]) -> Iterator[Section]
     ]
     if len(fastest) < 2:
         return
-    columns = (
-        Column("samples", formats.count),
-        Column("steps", formats.count),
-        Column("plans/s", formats.count),
-        Column("real time needs", formats.digits(3)),
-        Column("achieved"),
-        Column("fastest here"),
-    )
-    cells = [
+    table = DataTable.of(
+        "Sizes",
+        fastest,
+        (Column("samples", formats.count), lambda row: row.samples),
+        (Column("steps", formats.count), lambda row: row.horizon),
+        (Column("plans/s", formats.count), lambda row: row.plans_per_s),
+        (Column("real time needs", formats.digits(3)), lambda row: row.control_hz),
         (
-            row.samples,
-            row.horizon,
-            row.plans_per_s,
-            row.control_hz,
-            None if row.achieved is None else formats.yes_no(row.achieved),
-            str(_variant(row)),
-        )
-        for row in fastest
-    ]
-    yield Section(
-        f"{model}, by the size of the plan",
-        tables=[DataTable("Sizes", columns, cells)],
+            Column("achieved"),
+            lambda row: None if row.achieved is None else formats.yes_no(row.achieved),
+        ),
+        (Column("fastest here"), lambda row: str(_variant(row))),
     )
+    yield Section(f"{model}, by the size of the plan", tables=[table])

@@ -58,18 +58,15 @@ def _facts(steps: StepTimes) -> list[str]:
 
 
 def _stages(steps: StepTimes) -> DataTable:
-    columns = (
-        Column("stage"),
-        Column("of a step", formats.percent),
-        Column("ns", formats.digits(4)),
-        Column("", is_bar=True),
+    stages = sorted(steps.stages.items(), key=lambda item: -item[1])
+    return DataTable.of(
+        "Stages of a step",
+        [(stage, share) for stage, share in stages if share > 0],
+        (Column("stage"), lambda row: row[0]),
+        (Column("of a step", formats.percent), lambda row: row[1]),
+        (Column("ns", formats.digits(4)), lambda row: row[1] * steps.engine_ns),
+        (Column("", is_bar=True), lambda row: formats.bar(row[1])),
     )
-    rows = [
-        (stage, share, share * steps.engine_ns, formats.bar(share))
-        for stage, share in sorted(steps.stages.items(), key=lambda item: -item[1])
-        if share > 0
-    ]
-    return DataTable("Stages of a step", columns, rows)
 
 
 def _frame_line(frame: FrameTime, loop_ns: float) -> str:
@@ -84,13 +81,15 @@ def _frame_line(frame: FrameTime, loop_ns: float) -> str:
 
 def _simulated_second(parts: Mapping[str, float]) -> DataTable:
     longest = max(parts.values(), default=1.0)
-    return DataTable(
+    return DataTable.of(
         f"A second of simulated time, with {FRAMES_PER_S} frames",
-        (Column("part"), Column("takes", duration), Column("", is_bar=True)),
-        [
-            (name, 1e9 * seconds, formats.bar(seconds / longest) or formats.bar(0.02))
-            for name, seconds in parts.items()
-        ],
+        parts.items(),
+        (Column("part"), lambda row: row[0]),
+        (Column("takes", duration), lambda row: 1e9 * row[1]),
+        (
+            Column("", is_bar=True),
+            lambda row: formats.bar(row[1] / longest) or formats.bar(0.02),
+        ),
     )
 
 

@@ -16,6 +16,7 @@ from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.program.step_times import StepTimes
 from mjbench.report import charts, formats
 from mjbench.report.content import Cell, Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.report.formats import whole_percent
 from mjbench.status import Status
 from mjbench.units import duration, plain
 
@@ -123,8 +124,8 @@ def conclusion(row: ProgramRow) -> str:
 def _outside(row: ProgramRow) -> str:
     """Return what takes time outside loops, where that is more than they take; "" where it is not.
 
-    Imports are made once, however long the program runs: they count where loops take next to
-    nothing.
+    Imports and what JAX compiles are made once, however long the program runs: they count where
+    loops take next to nothing.
     """
     loops = sum(report.time.seconds for report in row.loops if report.time.in_main) / row.wall_s
     lines = [line for line in row.outside_loops if line.main_activity != Activity.IMPORT]
@@ -132,6 +133,9 @@ def _outside(row: ProgramRow) -> str:
     import_share = sum(line.share for line in imports)
     largest = max((line.share for line in lines), default=0.0)
     is_short = loops < _LEAST_LOOPS and import_share + largest > loops
+    if not is_short:
+        lines = [line for line in lines if line.main_activity != Activity.COMPILING]
+        largest = max((line.share for line in lines), default=0.0)
     if not is_short and (largest < _LEAST_LOOPS or largest < loops):
         return ""
     parts = [
@@ -148,14 +152,14 @@ def _outside(row: ProgramRow) -> str:
 def _mostly_physics(row: ProgramRow, time: LoopTime) -> str:
     """Return what costs most in the physics of a loop, and where to look next."""
     physics = time.activities[Activity.PHYSICS]
-    text = f"physics takes {percent(physics)} of the loop in {where(time)}"
+    text = f"physics takes {whole_percent(physics)} of the loop in {where(time)}"
     if row.physics is not None:
         stage, share = row.physics.main_stage
-        text += f"; of a step, {percent(share)} is {stage}"
+        text += f"; of a step, {whole_percent(share)} is {stage}"
         cost = row.physics.main_cost
         if cost is not None:
             plural = "" if cost.kind == CostKind.PAIR else f" ({cost.count:,})"
-            text += f", most of it {cost.name}{plural}: {percent(cost.share)}"
+            text += f", most of it {cost.name}{plural}: {whole_percent(cost.share)}"
     return (
         f"{text}. `mjbench tune` tries settings of the model, `mjbench compare` other ways of"
         " stepping it"
@@ -175,29 +179,31 @@ def _nothing_to_do(time: LoopTime) -> str:
     if time.samples < FEW_SAMPLES:
         seconds = max(1.0, FEW_SAMPLES * time.seconds / max(1, time.samples))
         return (
-            f"physics takes {percent(physics)} of the loop in {where(time)}; {time.samples} samples"
-            f" are too few for the rest: let it run for {plain(seconds, 2)} s or longer"
+            f"physics takes {whole_percent(physics)} of the loop in {where(time)}; {time.samples}"
+            f" samples are too few for the rest: let it run for {plain(seconds, 2)} s or longer"
         )
     return (
-        f"physics takes {percent(physics)} of the loop in {where(time)}; no change of the program"
-        f" is worth {percent(LEAST_GAIN)}"
+        f"physics takes {whole_percent(physics)} of the loop in {where(time)}; no change of the"
+        f" program is worth {whole_percent(LEAST_GAIN)}"
     )
 
 
 def _first(time: LoopTime, remedy: Remedy) -> str:
     place = f" at {remedy.place}" if remedy.place is not None else ""
     if remedy.confirmed is not None:
-        saved = f"saves {percent(remedy.confirmed.gain)} of a step, as confirmed"
+        saved = f"saves {whole_percent(remedy.confirmed.gain)} of a step, as confirmed"
         return f"{remedy.text}{place}: {saved}"
     assert remedy.gain is not None, "wrong results come before"
     if remedy.basis == Basis.BOUND:
         share = remedy.gain if remedy.share is None else remedy.share
-        text = f"{remedy.activity}{place}: {percent(share)} of the loop in {where(time)}"
-        at_most = f"; that saves at most {percent(remedy.gain)}" if remedy.gain < share else ""
+        text = f"{remedy.activity}{place}: {whole_percent(share)} of the loop in {where(time)}"
+        at_most = (
+            f"; that saves at most {whole_percent(remedy.gain)}" if remedy.gain < share else ""
+        )
         return f"{text}; {remedy.text}{at_most}"
     # the timer is read in all steps, and takes a part of them
     is_part = remedy.share is None or remedy.kind == RemedyKind.CLOCK
-    now = "" if is_part else f" {percent(remedy.share or 0.0)} of the loop now;"
+    now = "" if is_part else f" {whole_percent(remedy.share or 0.0)} of the loop now;"
     where_to = f"at {remedy.place}, " if remedy.place is not None else ""
     return (
         f"{where_to}{remedy.text}:{now} with the change, the loop takes about"
@@ -256,16 +262,21 @@ def _loop_section(row: ProgramRow, report: LoopReport) -> Section:
 
 
 def _remedies_table(remedies: Sequence[Remedy]) -> DataTable:
-    columns = (Column("", str), Column("saves"), Column("where"), Column("what", wraps=True))
-    rows: list[Sequence[Cell]] = []
-    for number, remedy in enumerate(remedies[:_MOST_REMEDIES], 1):
-        code = f" ({remedy.code})" if remedy.code else ""
-        place = str(remedy.place) if remedy.place is not None else "the loop"
-        text = f"{_subject(remedy)}{remedy.text}{code}"
-        if remedy.effect not in ("", "nothing"):
-            text += f"; it changes {remedy.effect}"
-        rows.append((number, saving(remedy), place, text))
-    return DataTable("What to do first, and what it saves of the loop", columns, rows)
+    return DataTable.of(
+        "What to do first, and what it saves of the loop",
+        enumerate(remedies[:_MOST_REMEDIES], 1),
+        (Column("", str), lambda row: row[0]),
+        (Column("saves"), lambda row: saving(row[1])),
+        (Column("where"), lambda row: str(row[1].place or "the loop")),
+        (Column("what", wraps=True), lambda row: _described(row[1])),
+    )
+
+
+def _described(remedy: Remedy) -> str:
+    """Return what a remedy is, and what it changes besides the time."""
+    code = f" ({remedy.code})" if remedy.code else ""
+    changes = "" if remedy.effect in ("", "nothing") else f"; it changes {remedy.effect}"
+    return f"{_subject(remedy)}{remedy.text}{code}{changes}"
 
 
 def _subject(remedy: Remedy) -> str:
@@ -281,16 +292,18 @@ def saving(remedy: Remedy) -> str:
             return f"{median:.2f}× the steps, measured ({low:.2f} to {high:.2f})"
         if not sure.is_certain:
             return f"not confirmed ({_signed(sure.low)} to {_signed(sure.high)})"
-        return f"{percent(sure.gain)}, confirmed ({_signed(sure.low)} to {_signed(sure.high)})"
+        return (
+            f"{whole_percent(sure.gain)}, confirmed ({_signed(sure.low)} to {_signed(sure.high)})"
+        )
     if remedy.gain is None:
         return "wrong result"
-    return f"{'≤ ' if remedy.basis == Basis.BOUND else ''}{percent(remedy.gain)}"
+    return f"{'≤ ' if remedy.basis == Basis.BOUND else ''}{whole_percent(remedy.gain)}"
 
 
 def _activities_table(time: LoopTime) -> DataTable:
     columns = (
         Column("time goes to"),
-        Column("share", percent),
+        Column("share", whole_percent),
         Column("±"),
         Column("", is_bar=True),
     )
@@ -299,7 +312,7 @@ def _activities_table(time: LoopTime) -> DataTable:
         if share < _LEAST_SHARE:
             continue
         is_exact = time.is_timed(activity) or activity in _TIMED
-        error = "timed" if is_exact else percent(time.error(share))
+        error = "timed" if is_exact else whole_percent(time.error(share))
         rows.append((str(activity), share, error, formats.bar(share)))
         if activity == Activity.PYTHON:
             rows += [
@@ -311,18 +324,18 @@ def _activities_table(time: LoopTime) -> DataTable:
 
 
 def _lines_table(title: str, heading: str, lines: Sequence[LineTime]) -> DataTable:
-    columns = (
-        Column(heading),
-        Column("share", percent),
-        Column("mostly"),
-        Column("text", wraps=True),
+    return DataTable.of(
+        title,
+        lines[:_MOST_LINES],
+        (Column(heading), lambda line: str(line.place)),
+        (Column("share", whole_percent), lambda line: line.share),
+        (Column("mostly"), lambda line: line.main_activity.value),
+        (Column("text", wraps=True), lambda line: _shortened(line.place.text)),
     )
-    rows = []
-    for line in lines[:_MOST_LINES]:
-        text = line.place.text
-        shown = text if len(text) <= _MOST_TEXT else text[: _MOST_TEXT - 1] + "…"
-        rows.append((str(line.place), line.share, str(line.main_activity), shown))
-    return DataTable(title, columns, rows)
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= _MOST_TEXT else text[: _MOST_TEXT - 1] + "…"
 
 
 def _jax_table(time: LoopTime) -> DataTable:
@@ -337,7 +350,7 @@ def _jax_table(time: LoopTime) -> DataTable:
         Column("call"),
         Column("calls", formats.count),
         Column("each", duration),
-        Column("share", percent),
+        Column("share", whole_percent),
     )
     rows = []
     for key in sorted(parts, key=lambda key: -seconds[key])[:_MOST_LINES]:
@@ -349,13 +362,13 @@ def _jax_table(time: LoopTime) -> DataTable:
 
 
 def _figure(time: LoopTime) -> Figure:
-    columns = (
-        Column("activity"),
-        Column("of the loop", formats.percent),
-        Column("±", formats.percent),
+    data = DataTable.of(
+        "Where the time goes",
+        time.activities.items(),
+        (Column("activity"), lambda row: row[0].value),
+        (Column("of the loop", formats.percent), lambda row: row[1]),
+        (Column("±", formats.percent), lambda row: time.error(row[1])),
     )
-    rows = [(str(each), share, time.error(share)) for each, share in time.activities.items()]
-    data = DataTable("Where the time goes", columns, rows)
     title = f"Where the time of {where(time)} goes"
     return charts.share_bars(title, data, "activities", "of the loop", "share of the loop")
 
@@ -380,15 +393,14 @@ def _steps_section(row: ProgramRow) -> Iterator[Section]:
 
 def _physics_table(row: ProgramRow) -> DataTable:
     """Return which parts of the model cost most in a step."""
-    columns = (
-        Column("part of the model"),
-        Column("kind"),
-        Column("number", formats.count),
-        Column("of a step", percent),
+    return DataTable.of(
+        "Parts of the model",
+        row.physics.costs if row.physics is not None else (),
+        (Column("part of the model"), lambda cost: cost.name),
+        (Column("kind"), lambda cost: cost.kind.value),
+        (Column("number", formats.count), lambda cost: cost.count),
+        (Column("of a step", whole_percent), lambda cost: cost.share),
     )
-    costs = row.physics.costs if row.physics is not None else ()
-    rows = [(cost.name, str(cost.kind), cost.count, cost.share) for cost in costs]
-    return DataTable("Parts of the model", columns, rows)
 
 
 def _step_lines(steps: StepTimes, processes: int) -> list[str]:
@@ -404,24 +416,25 @@ def _step_lines(steps: StepTimes, processes: int) -> list[str]:
         lines.append(f"It began to step {plain(steps.startup_s, 2)} s after its start.")
     if steps.stages:
         largest = sorted(steps.stages.items(), key=lambda item: -item[1])
-        parts = [f"{name} {percent(share)}" for name, share in largest if share >= _LEAST_STAGE]
+        parts = [
+            f"{name} {whole_percent(share)}" for name, share in largest if share >= _LEAST_STAGE
+        ]
         lines.append(f"Stages of the engine: {', '.join(parts)}")
     return lines
 
 
 def _durations_table(steps: StepTimes) -> DataTable:
-    columns = (
-        Column("of"),
-        Column("timed", formats.count),
-        *(Column(name, duration) for name in ("p50", "p99", "max")),
-    )
     iteration = "step of the environment" if steps.of_environment else "iteration"
-    rows = [
-        (name, durations.count, durations.p50_ns, durations.p99_ns, durations.max_ns)
-        for name, durations in (("engine's step", steps.step), (iteration, steps.iteration))
-        if durations is not None
-    ]
-    return DataTable("Times of steps", columns, rows)
+    timed = [("engine's step", steps.step), (iteration, steps.iteration)]
+    return DataTable.of(
+        "Times of steps",
+        [(name, durations) for name, durations in timed if durations is not None],
+        (Column("of"), lambda row: row[0]),
+        (Column("timed", formats.count), lambda row: row[1].count),
+        (Column("p50", duration), lambda row: row[1].p50_ns),
+        (Column("p99", duration), lambda row: row[1].p99_ns),
+        (Column("max", duration), lambda row: row[1].max_ns),
+    )
 
 
 def gil_wait(row: ProgramRow) -> str:
@@ -432,10 +445,10 @@ def gil_wait(row: ProgramRow) -> str:
     others = len(row.gil_waits) - 1
     also = f"; {others} more wait, too" if others else ""
     return (
-        f"Threads: at least {percent(wait.share)} of the time of {wait.thread} waits for the"
-        f" GIL{also}; {wait.holder} holds it for {percent(wait.holder_share)} of the time, most"
-        f" often at {wait.place}. mujoco.rollout and mujoco.batch.Batch step on threads without the"
-        " GIL, and each process has a GIL of its own."
+        f"Threads: at least {whole_percent(wait.share)} of the time of {wait.thread} waits for the"
+        f" GIL{also}; {wait.holder} holds it for {whole_percent(wait.holder_share)} of the time,"
+        f" most often at {wait.place}. mujoco.rollout and mujoco.batch.Batch step on threads"
+        " without the GIL, and each process has a GIL of its own."
     )
 
 
@@ -453,12 +466,7 @@ def cost(row: ProgramRow) -> str:
 
     Where processes wait for each other, all of them lose what one loses (docs/method/run.md).
     """
-    return f"{'at least ' if len(row.steps) > 1 else ''}{percent(row.cost_share, 1)}"
-
-
-def percent(share: float, digits: int = 0) -> str:
-    """Return a share as people write it."""
-    return f"{100 * share:.{digits}f} %"
+    return f"{'at least ' if len(row.steps) > 1 else ''}{formats.percent(row.cost_share)}"
 
 
 def _signed(share: float) -> str:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from mjbench.comparison.plan import Variant
+from mjbench.comparison.plan import Variant, describe_options
 from mjbench.comparison.records import MeasurementRecord
 from mjbench.errors import InputError
 from mjbench.host.machine import Machine
@@ -14,6 +14,8 @@ from mjbench.measuring.ratio import Ratio
 from mjbench.measuring.stats import TimedBlocks
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paths.accelerated import CPU
+from mjbench.report import formats
+from mjbench.report.content import Column, DataTable
 from mjbench.report.results import PathResult, derive_all, steps_per_block
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.status import Status
@@ -54,15 +56,11 @@ class RunDifference:
 
 
 def differences(old: RunSet, new: RunSet, across: bool) -> list[RunDifference]:
-    """Return how measurements differ: of two run files, or of each machine in two sets.
+    """Return how runs of `compare` differ: of two run files, or of each machine in two sets.
 
     In sets, a machine is the same by its label or host where both know it, else by its kind where
     only one is of that kind (see `machine_identity`). A machine that only one of them has is a row
-    that says so.
-
-    Args:
-      old: a run file or a set, with runs of `mjbench compare`.
-      across: compare also what differs in identity (see `identity`).
+    that says so. `across`: compare also what differs in identity (see `identity`).
     """
     old_runs, new_runs = (
         [run for run in stored.runs if run.of_type(MeasurementRecord)] for stored in (old, new)
@@ -88,12 +86,7 @@ def differences(old: RunSet, new: RunSet, across: bool) -> list[RunDifference]:
 def _missing(
     machine: MachineIdentity, absent: str, others: Sequence[MachineIdentity]
 ) -> RunDifference:
-    """Return the row of a machine that one of two files does not have.
-
-    Args:
-      absent: what the file is called that has it not.
-      others: machines of that file.
-    """
+    """Return the row of a machine that the file `absent`, with `others`, does not have."""
     same_kind = {other for other in others if other.kind == machine.kind}
     knows_host = bool(machine.label or machine.host)
     if same_kind and not (knows_host and all(other.label or other.host for other in same_kind)):
@@ -104,12 +97,7 @@ def _missing(
 
 
 def run_differences(old: Sequence[Run], new: Sequence[Run], across: bool) -> list[RunDifference]:
-    """Return a row for every variant that was timed in both, whatever the machine.
-
-    Args:
-      old: runs of `mjbench compare`.
-      across: compare also what differs in identity (see `identity`).
-    """
+    """Return a row for every variant that was timed in both, whatever the machine."""
     olds, news = _timed(old), _timed(new)
     return [_difference(olds[key], news[key], across) for key in news if key in olds]
 
@@ -180,10 +168,7 @@ def _difference(olds: Sequence[_Timed], news: Sequence[_Timed], across: bool) ->
 
 
 def _timed(runs: Sequence[Run]) -> dict[_Key, list[_Timed]]:
-    """Return what runs timed, by what must be the same to be compared.
-
-    Within one run, the last measurement of a variant counts.
-    """
+    """Return what runs timed by what must be the same to be compared; of a run, the last."""
     timed: dict[_Key, list[_Timed]] = defaultdict(list)
     for run in runs:
         models = derive_all(run.records)
@@ -209,3 +194,33 @@ def _step_s(record: MeasurementRecord, race: RaceRecord | None) -> Sequence[floa
         steps = steps_per_block(record)
         return [seconds / steps for seconds in record.samples_s]
     return race.step_s(Variant(record.path, record.options)) if race is not None else ()
+
+
+def difference_cautions(rows: Sequence[RunDifference]) -> list[str]:
+    """Return what to know before the ratios of `mjbench diff`, a line each."""
+    lines = (
+        f"{', '.join(filter(None, (row.machine, row.model)))}: {caution}"
+        for row in rows
+        for caution in row.cautions
+    )
+    return list(dict.fromkeys(lines))
+
+
+def differences_table(rows: Sequence[RunDifference]) -> DataTable:
+    """Return the table of `mjbench diff`; of sets, with a column for the machine."""
+    return DataTable.of(
+        "Differences",
+        rows,
+        (Column("machine"), lambda row: row.machine),
+        (Column("model"), lambda row: row.model),
+        (Column("path"), lambda row: row.path),
+        (Column("options"), lambda row: describe_options(row.options)),
+        (Column("simulations", formats.count), lambda row: row.nbatch),
+        (Column("new / old", _three_digits), lambda row: row.ratio.estimate if row.ratio else None),
+        (Column("95 %", formats.ends_in(_three_digits)), lambda row: row.ratio),
+        (Column("detail"), lambda row: row.detail),
+    )
+
+
+def _three_digits(ratio: float) -> str:
+    return f"{ratio:.3f}"

@@ -1,6 +1,6 @@
 """What `mjbench selfcheck` comes to: how often verdicts on known truths are wrong."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import assert_never
 
 from mjbench.paired.outcomes import Arm
@@ -36,36 +36,50 @@ def _conclusion(rows: Sequence[SelfcheckRow], confidence: float) -> Conclusion:
 
 def _slowdown_table(rows: Sequence[SelfcheckRow]) -> DataTable:
     """Return the table of trials in which both targets are the same build."""
-    shares = ("called slower", "wrong", "missed", "inconclusive", "coverage")
-    cells = [
-        _cells(row, (row.detected, row.wrong, row.missed, row.inconclusive, row.covered))
-        for row in rows
-    ]
-    return DataTable("Known slowdowns", _columns("slowdown", shares), cells)
+    return _table(
+        "Known slowdowns",
+        "slowdown",
+        rows,
+        (Column("called slower", formats.percent), lambda row: row.detected),
+        (Column("wrong", formats.percent), lambda row: row.wrong),
+        (Column("missed", formats.percent), lambda row: row.missed),
+    )
 
 
 def _build_table(rows: Sequence[SelfcheckRow]) -> DataTable:
     """Return the table of trials between builds that execute the same instructions."""
-    shares = ("different", "by code", "only as shipped", "inconclusive", "coverage")
-    cells = [
-        _cells(row, (row.wrong, row.by_code, row.by_placement, row.inconclusive, row.covered))
-        for row in rows
-    ]
-    return DataTable("Builds of the same code", _columns("old → new", shares), cells)
+    return _table(
+        "Builds of the same code",
+        "old → new",
+        rows,
+        (Column("different", formats.percent), lambda row: row.wrong),
+        (Column("by code", formats.percent), lambda row: row.by_code),
+        (Column("only as shipped", formats.percent), lambda row: row.by_placement),
+    )
 
 
-def _columns(case: str, shares: Sequence[str]) -> list[Column]:
-    return [
-        Column("model"),
-        Column(case),
-        Column("placement"),
-        Column("trials", formats.count),
-        *(Column(share, formats.percent) for share in shares),
-        Column("mean error", lambda error: f"{100 * error:+.3f} %"),
-        Column("seconds", formats.tenths),
-        Column("launches", formats.tenths),
-        Column("launch sd", lambda deviation: f"{100 * deviation:.2f} %"),
-    ]
+def _table(
+    title: str,
+    case: str,
+    rows: Sequence[SelfcheckRow],
+    *shares: tuple[Column, Callable[[SelfcheckRow], Cell]],
+) -> DataTable:
+    """Return a table of trials; `case` heads what differs, `shares` are what it is about."""
+    return DataTable.of(
+        title,
+        rows,
+        (Column("model"), lambda row: row.model),
+        (Column(case), describe_case),
+        (Column("placement"), lambda row: "averaged" if row.averaged else "as shipped"),
+        (Column("trials", formats.count), lambda row: row.trials),
+        *shares,
+        (Column("inconclusive", formats.percent), lambda row: row.inconclusive),
+        (Column("coverage", formats.percent), lambda row: row.covered),
+        (Column("mean error", lambda error: f"{100 * error:+.3f} %"), lambda row: row.error),
+        (Column("seconds", formats.tenths), lambda row: row.seconds),
+        (Column("launches", formats.tenths), lambda row: row.launches),
+        (Column("launch sd", lambda sd: f"{100 * sd:.2f} %"), lambda row: row.launch_sd),
+    )
 
 
 def describe_case(case: CaseRow) -> str:
@@ -78,18 +92,3 @@ def describe_case(case: CaseRow) -> str:
         case Arm.BETWEEN_BUILDS:
             return f"{case.old} → {case.new}"
     assert_never(case.arm)
-
-
-def _cells(row: SelfcheckRow, shares: Sequence[float | None]) -> Sequence[Cell]:
-    """Return the cells of a row; the shares are what its table is about."""
-    return (
-        row.model,
-        describe_case(row),
-        "averaged" if row.averaged else "as shipped",
-        row.trials,
-        *shares,
-        row.error,
-        row.seconds,
-        row.launches,
-        row.launch_sd,
-    )

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from mjbench.report.formats import short_percent
 from mjbench.simulation.starts import SettleLimit, Starts, Window
 from mjbench.units import count_of, plain
 
@@ -21,10 +22,6 @@ def starts_lines(starts: Starts | None, with_warnings: bool = True) -> list[str]
 
     The first line is such as `64 starts from 1 to 2 s of the model's own run, 100 steps each, 8.1
     contacts a step`; files from before it was stored lack it.
-
-    Args:
-      starts: of a measurement; None where it is unknown.
-      with_warnings: whether to say which warnings MuJoCo raised.
     """
     if starts is None:
         return []
@@ -94,9 +91,10 @@ def _regime_lines(window: Window) -> list[str]:
     """Return what limits how far the figures hold, a line each."""
     lines = []
     if window.solver_limited > _MOST_LIMITED:
+        limited = short_percent(window.solver_limited)
         lines.append(
-            f"The solver stopped at its limit of iterations in {_percent(window.solver_limited)} of"
-            " the steps: states and times depend on that limit"
+            f"The solver stopped at its limit of iterations in {limited} of the steps: states and"
+            " times depend on that limit"
         )
     if window.flat_hfields:
         fields = (
@@ -129,28 +127,20 @@ def _sleep_lines(window: Window) -> list[str]:
     """Return how much of the model slept, where sleeping is enabled."""
     if window.asleep is None:
         return []
-    asleep, in_run = _percent(window.asleep), window.asleep_in_run
+    asleep, in_run = short_percent(window.asleep), window.asleep_in_run
     slept = f"On average {asleep} of the model slept in these steps"
     if in_run is None:
         return [f"{slept}: states do not hold what sleeps, so all of it is awake at each start"]
     if abs(window.asleep - in_run) <= _SAME_SLEEP:
         return [f"{slept}, as in its own run"]
     return [
-        f"{slept}, and {_percent(in_run)} in its own run: states do not hold what sleeps, so these"
-        " steps do not show what sleeping saves; `mjbench ab` of the plain loop does"
+        f"{slept}, and {short_percent(in_run)} in its own run: states do not hold what sleeps, so"
+        " these steps do not show what sleeping saves; `mjbench ab` of the plain loop does"
     ]
 
 
-def _percent(share: float) -> str:
-    return f"{plain(100 * share, 2)} %"
-
-
 def warning_lines(warnings: Mapping[str, int] | None) -> list[str]:
-    """Return what MuJoCo's warnings mean for a measurement, a line each.
-
-    Args:
-      warnings: how many simulations, none of which diverged, raised each; by its name.
-    """
+    """Return what warnings, the number of simulations that raised each, mean, a line each."""
     counts = warnings or {}
     full = {name: count for name, count in counts.items() if name in _MEMORY_WARNINGS}
     other = {name: count for name, count in counts.items() if name not in _MEMORY_WARNINGS}

@@ -27,24 +27,22 @@ def duration(seconds: float) -> str:
 
 def cells_section(cells: Sequence[Cell], done: Mapping[Cell, Outcome]) -> Section:
     """Return the names of all cells, how those that have a result ended, and how many there are."""
-    rows = [
-        (cell.name, "" if (outcome := done.get(cell)) is None else outcome.status.value)
-        for cell in cells
-    ]
+    table = DataTable.of(
+        "Results",
+        cells,
+        (Column("result"), lambda cell: cell.name),
+        (Column("status"), lambda cell: done[cell].status.value if cell in done else None),
+    )
     missing = len(cells) - len(done)
     return Section(
         "Results",
         [Conclusion(f"{count_of(len(cells), 'result')}, {missing} of them missing.")],
-        tables=[DataTable("Results", (Column("result"), Column("status")), rows)],
+        tables=[table],
     )
 
 
 def summary_section(summary: Summary, outcomes: Mapping[Cell, Outcome]) -> Section:
-    """Return what the nodes did, which cells failed, and which are missing.
-
-    Args:
-      outcomes: of all cells that have a result, earlier ones included.
-    """
+    """Return what the nodes did, which of all cells failed, and which are missing."""
     missing = []
     if summary.missing:
         count = len(summary.missing)

@@ -15,6 +15,7 @@ from mjbench.report.content import (
     Snippet,
     Tone,
 )
+from mjbench.report.formats import short_percent
 from mjbench.report.starts import starts_lines
 from mjbench.simulation import package_timer
 from mjbench.simulation.starts import Starts
@@ -146,20 +147,18 @@ def _front_figure(record: TuneRecord, present: Present) -> Figure:
     ]
     data = DataTable("Time and error", columns, rows)
     error, time_ratio = columns[1].title, columns[2].title
-    layer: charts.Spec = {
-        "mark": {"type": "point", "filled": True, "size": 60, "tooltip": {"content": "data"}},
-        "encoding": {
-            "x": charts.quantity(time_ratio, f"{time_ratio}, present settings = 1"),
-            "y": charts.quantity(error, error, log=all(row[1] > 0 for row in rows)),
-            "color": charts.colour("point", _COLOURS),
-        },
+    points = {
+        "x": charts.quantity(time_ratio, f"{time_ratio}, present settings = 1"),
+        "y": charts.quantity(error, error, log=all(row[1] > 0 for row in rows)),
+        "color": charts.colour("point", _COLOURS),
     }
-    return Figure(
-        title=f"{record.model}: time and error of settings",
-        alternative=f"{len(rows)} points: the farther left, the faster; the lower, the more"
-        f" accurate. {len(record.front)} are confirmed from new starts.",
-        specification=charts.chart(data, [layer], height=320),
-        data=data,
+    return charts.figure(
+        f"{record.model}: time and error of settings",
+        f"{len(rows)} points: the farther left, the faster; the lower, the more accurate."
+        f" {len(record.front)} are confirmed from new starts.",
+        data,
+        [charts.layer("point", points, filled=True, size=60, tooltip={"content": "data"})],
+        height=320,
     )
 
 
@@ -477,5 +476,5 @@ def _length(metres: float) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share in percent, in two digits."""
-    return f"{100 * share:.2g} %" if share < 1e-4 else f"{plain(100 * share, 2)} %"
+    """Return a share in percent, in two digits, however small it is."""
+    return f"{100 * share:.2g} %" if share < 1e-4 else short_percent(share)

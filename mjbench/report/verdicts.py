@@ -1,5 +1,6 @@
 """What paired comparisons come to: each verdict in a sentence, and the table of all."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -16,10 +17,10 @@ from mjbench.paired.outcomes import Cause, Metric, Verdict
 from mjbench.paired.records import Pair, TargetRow, VerdictRow
 from mjbench.paths import BASE
 from mjbench.report import charts, formats
-from mjbench.report.content import Cell, Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report.starts import starts_lines, warning_lines
 from mjbench.simulation import agreement
-from mjbench.units import count_of, percent, percent_change, plain
+from mjbench.units import count_of, plain
 
 # What stands behind the name of a comparison of something else than the time of a block.
 _METRICS = {
@@ -48,16 +49,11 @@ _COLOURS = {
 
 
 def section(rows: Sequence[VerdictRow], confidence: float) -> Section:
-    """Return what comparisons come to.
-
-    Args:
-      confidence: of what they show together (see `family.decide`).
-    """
-    timed = [row for row in rows if row.ratio is not None]
+    """Return what comparisons come to, decided together (see `family.decide`)."""
     return Section(
         heading="Verdicts",
         conclusions=[*_conclusions(rows, confidence)],
-        figures=[_forest(timed)] if timed else [],
+        figures=[_forest(rows)] if any(row.ratio for row in rows) else [],
         tables=[_table(rows)],
         notes=[f"{_label(row)}: {line}" for row in rows for line in notes(row)],
     )
@@ -179,7 +175,7 @@ def _spread(comparison: MachineComparison) -> str:
     if len(comparison.ratios) < 2:
         return ""
     least, most = (f(r.estimate for r in comparison.ratios) for f in (min, max))
-    spread = f"from {percent_change(least)} % to {percent_change(most)} %"
+    spread = f"from {formats.change(least)} to {formats.change(most)}"
     return f"machines differ beyond their intervals, {spread}" if comparison.differs else spread
 
 
@@ -279,21 +275,21 @@ def _timesteps(timesteps: Pair[float]) -> str:
 
 
 def _describe_ratio(verdict: Verdict, ratio: Ratio) -> str:
-    ends = [end for end in (ratio.low, ratio.high) if end is not None]
-    if len(ends) == 2 and verdict == Verdict.FASTER and ratio.estimate <= 1 / _LARGE:
-        low, high = _times(1 / ends[1]), _times(1 / ends[0])
-        return f"faster, {_times(1 / ratio.estimate)} times as fast (interval {low} to {high})"
-    if len(ends) == 2 and verdict == Verdict.SLOWER and ratio.estimate >= _LARGE:
-        low, high = map(_times, ends)
-        return f"slower, takes {_times(ratio.estimate)} times as long (interval {low} to {high})"
+    if ratio.low is not None and ratio.high is not None:
+        if verdict == Verdict.FASTER and ratio.estimate <= 1 / _LARGE:
+            low, high = _times(1 / ratio.high), _times(1 / ratio.low)
+            return f"faster, {_times(1 / ratio.estimate)} times as fast (interval {low} to {high})"
+        if verdict == Verdict.SLOWER and ratio.estimate >= _LARGE:
+            interval = formats.ends(ratio, _times, " to ")
+            return f"slower, takes {_times(ratio.estimate)} times as long (interval {interval})"
     if verdict == Verdict.SAME:
-        return f"same within {percent(max(abs(end - 1) for end in ends))} %"
-    interval = (
-        f"{percent_change(ends[0])} to {percent_change(ends[1])} %" if len(ends) == 2 else "unknown"
-    )
+        ends = [end for end in (ratio.low, ratio.high) if end is not None]
+        return f"same within {formats.short_percent(max(abs(end - 1) for end in ends))}"
+    interval = formats.ends(ratio, formats.change, " to ") or "unknown"
     if verdict == Verdict.INCONCLUSIVE:
-        return f"inconclusive, {percent_change(ratio.estimate)} % (interval {interval})"
-    return f"{verdict} by {percent(abs(ratio.estimate - 1))} % (interval {interval})"
+        return f"inconclusive, {formats.change(ratio.estimate)} (interval {interval})"
+    size = formats.short_percent(abs(ratio.estimate - 1))
+    return f"{verdict} by {size} (interval {interval})"
 
 
 def _describe_cause(row: VerdictRow) -> str:
@@ -315,17 +311,10 @@ def _describe_placement(row: VerdictRow) -> str:
         return f"; compared as shipped: {placement.problem}"
     if placement.effect is None:
         return ""
-    ratio = placement.effect
-    ends = [end for end in (ratio.low, ratio.high) if end is not None]
-    interval = (
-        f" (interval {percent_change(ends[0])} to {percent_change(ends[1])} %)"
-        if len(ends) == 2
-        else ""
-    )
-    unsure = "" if interval else " (too few launches for an interval)"
-    return (
-        f"; the placement of these builds adds {percent_change(ratio.estimate)} %{interval}{unsure}"
-    )
+    interval = formats.ends(placement.effect, formats.change, " to ")
+    certainty = f"interval {interval}" if interval else "too few launches for an interval"
+    change = formats.change(placement.effect.estimate)
+    return f"; the placement of these builds adds {change} ({certainty})"
 
 
 def _times(factor: float) -> str:
@@ -344,41 +333,34 @@ def _settings(target: TargetRow) -> Mapping[str, Any]:
 
 
 def _table(rows: Sequence[VerdictRow]) -> DataTable:
-    columns = (
-        Column("model"),
-        Column("old → new", wraps=True),
-        Column("new / old", _four_digits),
-        Column("interval", formats.ends_in(_four_digits)),
-        Column("verdict"),
-        Column("cause"),
-        Column("placement", formats.change),
-        Column("work"),
-        Column("drift", lambda drift: f"{drift:.1g}"),
-        Column("launches", formats.count),
-        Column("seconds", formats.tenths),
-    )
     names = formats.short_names([row.model for row in rows])
-    return DataTable("Verdicts", columns, [(names[row.model], *_cells(row)) for row in rows])
+    return DataTable.of(
+        "Verdicts",
+        rows,
+        (Column("model"), lambda row: names[row.model]),
+        (Column("old → new", wraps=True), describe_targets),
+        (Column("new / old", _four_digits), lambda row: row.ratio.estimate if row.ratio else None),
+        (Column("interval", formats.ends_in(_four_digits)), lambda row: row.ratio),
+        (Column("verdict"), lambda row: (row.verdict or row.status).value),
+        (Column("cause"), lambda row: row.cause.value if row.cause else None),
+        (Column("placement", formats.change), _added_by_placement),
+        (
+            Column("work"),
+            lambda row: None if row.work is None else "changed" if row.changed_work else "same",
+        ),
+        (Column("drift", lambda drift: f"{drift:.1g}"), lambda row: row.drift),
+        (Column("launches", formats.count), lambda row: row.launches),
+        (Column("seconds", formats.tenths), lambda row: row.seconds),
+    )
 
 
 def _four_digits(ratio: float) -> str:
     return f"{ratio:.4f}"
 
 
-def _cells(row: VerdictRow) -> Sequence[Cell]:
-    ratio, effect = row.ratio, row.placement.effect if row.placement else None
-    return (
-        describe_targets(row),
-        ratio.estimate if ratio else None,
-        ratio,
-        (row.verdict or row.status).value,
-        row.cause.value if row.cause else None,
-        effect.estimate if effect else None,
-        None if row.work is None else "changed" if row.changed_work else "same",
-        row.drift,
-        row.launches,
-        row.seconds,
-    )
+def _added_by_placement(row: VerdictRow) -> float | None:
+    effect = row.placement.effect if row.placement else None
+    return effect.estimate if effect else None
 
 
 def _percent(ratio: float | None) -> float | None:
@@ -386,47 +368,33 @@ def _percent(ratio: float | None) -> float | None:
 
 
 def _forest(rows: Sequence[VerdictRow]) -> Figure:
-    columns = (
-        Column("comparison"),
-        Column("change", formats.digits(3)),
-        Column("low", formats.digits(3)),
-        Column("high", formats.digits(3)),
-        Column("verdict"),
-        Column("cause"),
+    """Return the changes of comparisons that have a ratio, with their intervals."""
+    data = DataTable.of(
+        "Changes in percent",
+        [(row, row.ratio) for row in rows if row.ratio is not None],
+        (Column("comparison"), lambda row: _label(row[0])),
+        (Column("change", formats.digits(3)), lambda row: _percent(row[1].estimate)),
+        (Column("low", formats.digits(3)), lambda row: _percent(row[1].low)),
+        (Column("high", formats.digits(3)), lambda row: _percent(row[1].high)),
+        (Column("verdict"), lambda row: (row[0].verdict or Verdict.INCONCLUSIVE).value),
+        (Column("cause"), lambda row: row[0].cause.value if row[0].cause else ""),
     )
-    cells = []
-    for row in rows:
-        assert row.ratio is not None, "rows without a ratio are left out"
-        verdict = (row.verdict or Verdict.INCONCLUSIVE).value
-        ends = (_percent(row.ratio.low), _percent(row.ratio.high))
-        cause = row.cause.value if row.cause else ""
-        cells.append((_label(row), _percent(row.ratio.estimate), *ends, verdict, cause))
-    data = DataTable("Changes in percent", columns, cells)
-    y = charts.names(data)
     title = "change, % (above 0 is slower)"
-    colour = charts.colour("verdict", _COLOURS, "verdict")
-    layers: list[charts.Spec] = [
-        charts.rule_at(0.0),
-        {
-            "mark": {"type": "rule", "strokeWidth": 3},
-            "transform": [{"filter": "isValid(datum.low) && isValid(datum.high)"}],
-            "encoding": {
-                "x": charts.quantity("low", title),
-                "x2": {"field": "high"},
-                "y": y,
-                "color": colour,
+    shared = {"y": charts.names(data), "color": charts.colour("verdict", _COLOURS, "verdict")}
+    intervals = {"x": charts.quantity("low", title), "x2": {"field": "high"}, **shared}
+    points = {"x": charts.quantity("change", title), **shared}
+    counts = Counter(row[4] for row in data.rows)
+    summary = ", ".join(f"{counts[verdict]} {verdict}" for verdict in _COLOURS if counts[verdict])
+    return charts.figure(
+        "Changes with their intervals",
+        f"{len(data.rows)} comparisons: {summary}.",
+        data,
+        [
+            charts.rule_at(0.0),
+            {
+                **charts.layer("rule", intervals, strokeWidth=3),
+                "transform": [{"filter": "isValid(datum.low) && isValid(datum.high)"}],
             },
-        },
-        {
-            "mark": {"type": "point", "filled": True, "size": 70},
-            "encoding": {"x": charts.quantity("change", title), "y": y, "color": colour},
-        },
-    ]
-    counts = {v: sum(cell[4] == v for cell in cells) for v in _COLOURS}
-    summary = ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if count)
-    return Figure(
-        title="Changes with their intervals",
-        alternative=f"{len(cells)} comparisons: {summary}.",
-        specification=charts.chart(data, layers),
-        data=data,
+            charts.layer("point", points, filled=True, size=70),
+        ],
     )

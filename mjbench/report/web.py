@@ -3,15 +3,13 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.comparison.plan import Variant
-from mjbench.measuring.stats import Estimate
 from mjbench.report import formats
-from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section, Tone
+from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.report.starts import starts_lines
 from mjbench.status import Status
 from mjbench.web.records import C_PATH, WebPath, WebRecord
 from mjbench.web.rounding_check import FirstDifference, RoundingCheck
 
-_MIB = 1 << 20
 # What the flat table has of a path.
 _ROW_KEYS = (
     *("path", "options", "status", "detail", "is_identical", "difference"),
@@ -71,9 +69,8 @@ def conclusion(record: WebRecord) -> str:
     parts = ["" if first.check is None else _agreement(first.check)]
     if first.ratio is not None:
         name = "WebAssembly" if first is wasm[0] else f"WebAssembly ({_name(first)})"
-        times = (
-            f"{formats.factor(first.ratio.median)} times as long as in C{_interval(first.ratio)}"
-        )
+        interval = formats.in_brackets(first.ratio)
+        times = f"{formats.factor(first.ratio.median)} times as long as in C{interval}"
         parts.insert(0, f"in {name}, a step takes {times}")
     if others := [_name(path) for path in wasm if path.status == Status.DISAGREES]:
         verb = "disagrees" if len(others) == 1 else "disagree"
@@ -163,52 +160,49 @@ def _place(first: FirstDifference | None) -> tuple[int, str, int] | None:
 
 
 def _table(record: WebRecord) -> DataTable:
-    columns = (
-        Column("path"),
-        Column("ns/step", formats.count),
-        Column("× C", formats.factor),
-        Column("95 %", formats.ends),
-        Column("agrees"),
-        Column("difference", _small),
-        Column("start ms", formats.count),
-        Column("model ms", formats.count),
-        Column("first ns/step", formats.count),
-        Column("heap MiB", formats.count),
-        Column("process MiB", formats.count),
+    return DataTable.of(
+        f"Steps of {record.model}, and times over those of C",
+        record.path_results,
+        (Column("path"), _name),
+        (Column("ns/step", formats.count), lambda path: path.step_ns),
+        (Column("× C", formats.factor), lambda path: path.ratio.median if path.ratio else None),
+        (Column("95 %", formats.ends), lambda path: path.ratio if path.is_wasm else None),
+        (Column("agrees"), _agrees),
+        (
+            Column("difference", _small),
+            lambda path: path.check.final.difference if path.check else None,
+        ),
+        (
+            Column("start ms", formats.count),
+            lambda path: s.import_ms + s.instantiate_ms if (s := path.start_up) else None,
+        ),
+        (
+            Column("model ms", formats.count),
+            lambda path: s.compile_ms if (s := path.start_up) else None,
+        ),
+        (
+            Column("first ns/step", formats.count),
+            lambda path: s.first_ns if (s := path.start_up) else None,
+        ),
+        (Column("heap MiB", _mebibytes), lambda path: path.heap_bytes),
+        (Column("process MiB", _mebibytes), lambda path: path.rss_bytes),
     )
-    title = f"Steps of {record.model}, and times over those of C"
-    return DataTable(title, columns, [[*_cells(path)] for path in record.path_results])
 
 
-def _cells(path: WebPath) -> Iterator[Cell]:
-    """Yield the cells of a path's row."""
-    yield _name(path)
-    yield path.step_ns
-    yield None if path.ratio is None else path.ratio.median
-    yield path.ratio if path.is_wasm else None
+def _agrees(path: WebPath) -> str | None:
+    """Return whether a path agrees with C, or why that is not known; None of C itself."""
     if path.check is None:
-        yield None if path.status == Status.OK else path.status.value
-        yield None
-    else:
-        identical = "identical" if path.check.first is None else "yes"
-        yield "NO" if path.status == Status.DISAGREES else identical
-        yield path.check.final.difference
-    start = path.start_up
-    yield None if start is None else start.import_ms + start.instantiate_ms
-    yield None if start is None else start.compile_ms
-    yield None if start is None else start.first_ns
-    for size in (path.heap_bytes, path.rss_bytes):
-        yield None if size is None else size / _MIB
+        return None if path.status == Status.OK else path.status.value
+    identical = "identical" if path.check.first is None else "yes"
+    return "NO" if path.status == Status.DISAGREES else identical
+
+
+def _mebibytes(size: int) -> str:
+    return formats.count(size / 2**20)
 
 
 def _name(path: WebPath) -> str:
     return str(Variant(path.path, path.options))
-
-
-def _interval(ratio: Estimate) -> str:
-    if ratio.low is None or ratio.high is None:
-        return ""
-    return f" ({formats.factor(ratio.low)} to {formats.factor(ratio.high)})"
 
 
 def _small(value: float) -> str:

@@ -163,7 +163,7 @@ def test_the_budget_bounds_each_model(
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--budget", "0"], "'0' is not above 0"),
+        (["--budget", "0"], "'0' is not a time such as 60s, above 0"),
         (["--quick", "--budget", "3s"], "--quick is a budget of 5 s"),
     ],
 )

@@ -130,7 +130,7 @@ def test_selfcheck_reports_a_row_for_each_model_and_slowdown(tmp_path: Path) -> 
 
 @pytest.mark.parametrize(
     ("slowdowns", "message"),
-    [("-0.3", "must be from 0% to 1000%"), ("0,tea", "not a list of percentages")],
+    [("-0.3", "each from 0% to 1000%"), ("0,tea", "not a list of percentages")],
 )
 def test_a_slowdown_that_cannot_be_injected_is_bad_input(
     tmp_path: Path, slowdowns: str, message: str

@@ -11,10 +11,6 @@ from hypothesis import strategies as st
 
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
-    MAX_COUNT,
-    MAX_HERTZ,
-    MAX_LARGE_COUNT,
-    MAX_SECONDS,
     Hertz,
     LargeCount,
     Names,
@@ -23,7 +19,7 @@ from mjbench.cli.shared import (
     Share,
     Shares,
 )
-from mjbench.limits import MAX_THREADS
+from mjbench.limits import COUNT, HERTZ, LARGE_COUNT, MAX_SECONDS, THREADS, Bounds
 
 
 @pytest.mark.parametrize(
@@ -56,26 +52,26 @@ def test_words_become_values(kind: click.ParamType[Any], words: Any, value: Any)
     ("kind", "words", "message"),
     [
         (Numbers(), "1,two", "not a list of whole numbers"),
-        (Numbers(), "0,1", "0 is below 1"),
-        (Names(), ",", "no name given"),
+        (Numbers(), "0,1", "each at least 1 and at most"),
+        (Names(), ",", "is not a name"),
         (Share(), "much", "not a percentage"),
-        (Share(), "0", "not between 0% and 100%"),
-        (Share(), "100%", "not between 0% and 100%"),
-        (Share(), "nan", "not between 0% and 100%"),
+        (Share(), "0", "above 0% and below 100%"),
+        (Share(), "100%", "above 0% and below 100%"),
+        (Share(), "nan", "above 0% and below 100%"),
         (Shares(), "0,tea", "not a list of percentages"),
         (Shares(), "-1", "from 0% to 1000%"),
         (Shares(), "inf", "from 0% to 1000%"),
         (Shares(), "1e300", "from 0% to 1000%"),
         (Shares(), "nan", "from 0% to 1000%"),
         (Seconds(), "soon", "not a time such as 60s"),
-        (Seconds(), "0s", "not above 0"),
-        (Seconds(), "-1", "not above 0"),
-        (Seconds(), "inf", "at most 86400s, a day"),
-        (Seconds(), "1e300", "at most 86400s, a day"),
-        (Seconds(zero=True), "-1", "not at least 0"),
-        (Numbers(8), "1,9", "9 is above 8"),
-        (Numbers(), str(10**30), "is above"),
-        (Seconds(), "nan", "not above 0"),
+        (Seconds(), "0s", "above 0 and at most 86400, a day"),
+        (Seconds(), "-1", "above 0 and at most 86400, a day"),
+        (Seconds(), "inf", "at most 86400, a day in seconds"),
+        (Seconds(), "1e300", "at most 86400, a day in seconds"),
+        (Seconds(zero=True), "-1", "at least 0 and"),
+        (Numbers(Bounds(1, 8)), "1,9", "at least 1 and at most 8"),
+        (Numbers(), str(10**30), "at most 2147483647"),
+        (Seconds(), "nan", "above 0 and at most 86400, a day"),
     ],
 )
 def test_words_that_are_no_value_are_bad_usage(
@@ -147,10 +143,10 @@ TEXTS = st.one_of(
 @pytest.mark.parametrize(
     ("kind", "low", "high"),
     [
-        (Numbers(), 1, MAX_COUNT),
-        (Numbers(MAX_THREADS), 1, MAX_THREADS),
-        (LargeCount(), 1, MAX_LARGE_COUNT),
-        (Hertz(), 0, MAX_HERTZ),
+        (Numbers(), 1, COUNT.most),
+        (Numbers(THREADS), 1, THREADS.most),
+        (LargeCount(), 1, LARGE_COUNT.most),
+        (Hertz(), 0, HERTZ.most),
         (Share(), 0, 1),
         (Share(below=100.0), 0, 100),
         (Shares(), 0, 10),

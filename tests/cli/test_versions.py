@@ -85,7 +85,7 @@ def test_a_target_that_fails_ends_in_exit_code_3(tmp_path: Path) -> None:
         (("installed", "."), ". is a folder without wheels; name wheels of mujoco, or a model's"),
         (("missing.whl", "installed"), "no such wheel"),
         (("installed", "installed", "--fail-on", "tea"), "'tea' is not one of"),
-        (("installed", "installed", "--min-effect", "0"), "not between 0% and 100%"),
+        (("installed", "installed", "--min-effect", "0"), "above 0% and below 100%"),
         (("installed", "installed", "--time-limit", "soon"), "not a time such as 60s"),
         (("installed", "installed", "--paths", "mjx"), "cannot alternate"),
         (("installed", "installed", "--nstep", "5", "--hold", "2"), "not a multiple"),

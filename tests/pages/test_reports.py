@@ -10,7 +10,11 @@ import example_races
 import pytest
 from click.testing import CliRunner
 from commands import ROOT
-from example_records import model_record
+from example_records import measurement, model_record
+from set_files import labelled, run_file, set_of
+from speed_histories import VERSIONS
+from speed_histories import record as ratio_record
+from verdict_records import FAILED, FASTER, OPEN, SAME, SLOWER, of_model
 
 from mjbench.cli import cli
 from mjbench.host import machine
@@ -18,6 +22,7 @@ from mjbench.pages import html as as_html
 from mjbench.pages import markdown as as_markdown
 from mjbench.pages import reports
 from mjbench.pages.reports import NamedRun
+from mjbench.report.content import Report, Tone
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 from mjbench.store import runs
@@ -47,7 +52,7 @@ class Page(html.parser.HTMLParser):
         return sum(name == tag for name, _ in self.tags)
 
 
-def run_file(folder: Path, *records: Record, command: str = "compare") -> Path:
+def run_file_here(folder: Path, *records: Record, command: str = "compare") -> Path:
     header = RunHeader(
         runs.SCHEMA, command, machine.describe(), {}, command_line=(command, "a model.xml")
     )
@@ -93,7 +98,7 @@ def test_a_committed_run_becomes_one_page_that_needs_nothing_else(file: Path) ->
 
 
 def test_names_are_text_and_no_markup(tmp_path: Path) -> None:
-    file = run_file(tmp_path, *compared(HOSTILE))
+    file = run_file_here(tmp_path, *compared(HOSTILE))
     report = reports.build([named(file)])
     text = as_html.render(report)
     page = Page(text)
@@ -111,7 +116,7 @@ def test_what_went_wrong_comes_first(tmp_path: Path) -> None:
         "agrees": False,
         "agreement": "qpos[0] of simulation 0 differs after step 3",
     }
-    file = run_file(
+    file = run_file_here(
         tmp_path,
         *compared("fine"),
         *compared("spoilt", **wrong),
@@ -127,7 +132,7 @@ def test_what_went_wrong_comes_first(tmp_path: Path) -> None:
 
 
 def test_a_run_without_records_says_so(tmp_path: Path) -> None:
-    report = reports.build([named(run_file(tmp_path))])
+    report = reports.build([named(run_file_here(tmp_path))])
     assert report.conclusions[0].text == "Nothing was measured."
     assert "Nothing was measured." in Page(as_html.render(report)).text
 
@@ -137,14 +142,14 @@ def test_a_report_of_many_models_has_all_tables_and_some_charts(
 ) -> None:
     monkeypatch.setattr(reports, "_MOST_FIGURES", 2)
     records = [record for name in "abc" for record in compared(name)]
-    report = reports.build([named(run_file(tmp_path, *records))])
+    report = reports.build([named(run_file_here(tmp_path, *records))])
     assert [len(section.figures) for section in report.sections] == [1, 1, 0, 0]
     assert len(report.sections[2].tables) == 1
     assert "Not drawn" in report.sections[2].notes[-1]
 
 
 def test_several_runs_are_one_report(tmp_path: Path) -> None:
-    files = [run_file(tmp_path, *compared(name)) for name in ("first", "second")]
+    files = [run_file_here(tmp_path, *compared(name)) for name in ("first", "second")]
     report = reports.build([named(file) for file in files])
     assert len(report.sections) == 2
     assert len(report.machines.rows) == 2
@@ -154,7 +159,7 @@ def test_the_command_writes_a_file_or_markdown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    file = run_file(tmp_path / "results/runs", *compared("cartpole"))
+    file = run_file_here(tmp_path / "results/runs", *compared("cartpole"))
     result = CliRunner().invoke(cli, ["report", "-o", "page.html"])
     assert result.exit_code == 0, result.output
     assert (tmp_path / "page.html").read_text().startswith("<!doctype html>")
@@ -172,6 +177,179 @@ def test_the_only_section_keeps_what_the_head_of_a_report_has_no_room_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(reports, "_MOST_CONCLUSIONS", 1)
-    report = reports.build([named(run_file(tmp_path, *compared("m")))])
+    report = reports.build([named(run_file_here(tmp_path, *compared("m")))])
     assert report.conclusions[-1].text.endswith("further conclusions are in their sections.")
     assert len(report.sections[0].conclusions) > 1
+
+
+# several machines
+
+
+OF_A_HISTORY = (
+    "What changed between releases",
+    "Change points of a step",
+    "Single releases that are off",
+    "Drifts",
+    "Changed by placement",
+    "From the first release to the last",
+    "Plots",
+    "Time of a step",
+    "Instructions of a step",
+    "Releases that compute something else",
+)
+
+
+def verdict_runs(folder: Path, **records: Record) -> list[Path]:
+    """Return run files of machines with a verdict each."""
+    return [
+        run_file(folder, labelled(name), one, command="versions") for name, one in records.items()
+    ]
+
+
+def report(*files: Path) -> Report:
+    return reports.build(reports.read(files))
+
+
+def texts(content: Report) -> list[str]:
+    return [conclusion.text for conclusion in content.conclusions]
+
+
+def test_a_set_is_reported_side_by_side_first_and_then_run_by_run(tmp_path: Path) -> None:
+    files = verdict_runs(tmp_path, a=SLOWER, b=SAME)
+    content = report(set_of(tmp_path / "set.jsonl", files))
+    assert [section.heading for section in content.sections] == [
+        "Across machines",
+        "a: Verdicts",
+        "b: Verdicts",
+    ]
+    first, *_ = content.sections
+    assert [table.title for table in first.tables] == [
+        "Verdicts by machine",
+        "On how many machines",
+    ]
+    assert [column.title for column in first.tables[0].columns] == ["comparison", "a", "b"]
+    assert [row[0] for row in content.machines.rows] == ["a", "b"]
+    assert first.command.startswith("mjbench report ")
+    # what runs show alone is in their sections
+    assert len(content.conclusions) == 2
+    assert "slower on 1 of 2 machines, same on 1" in texts(content)[1]
+    assert content == replace(report(*files), sections=content.sections, machines=content.machines)
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "tone"),
+    [
+        ((SLOWER, FASTER), Tone.BAD),
+        ((FASTER, OPEN), Tone.GOOD),
+        ((SAME, SAME), Tone.NEUTRAL),
+        ((SAME, FAILED), Tone.UNSURE),
+    ],
+)
+def test_a_conclusion_has_the_tone_of_the_worst_machine(
+    tmp_path: Path, verdicts: tuple[Record, Record], tone: Tone
+) -> None:
+    a, b = verdicts
+    assert report(*verdict_runs(tmp_path, a=a, b=b)).conclusions[1].tone == tone
+
+
+def test_runs_of_one_machine_are_reported_as_before(tmp_path: Path) -> None:
+    files = [*verdict_runs(tmp_path, a=SLOWER), *verdict_runs(tmp_path, a=of_model(SAME, "n"))]
+    content = report(*files)
+    assert [section.heading for section in content.sections] == ["Verdicts", "Verdicts"]
+    assert texts(content)[0].startswith("m, 1.0.0 → 2.0.0: slower by 3 %")
+
+
+def test_a_run_that_is_in_two_files_is_reported_once(tmp_path: Path) -> None:
+    files = verdict_runs(tmp_path, a=SLOWER, b=SAME)
+    content = report(*files, set_of(tmp_path / "set.jsonl", files))
+    assert len(content.sections) == 3
+
+
+def test_paths_that_disagree_stand_at_the_head_whichever_machine(tmp_path: Path) -> None:
+    wrong = measurement(
+        path="rollout", status=Status.DISAGREES, agrees=False, agreement="qpos differs"
+    )
+    plain = measurement(samples_s=[0.01, 0.011, 0.012])
+    files = [
+        run_file(tmp_path, labelled("a"), model_record(), plain, wrong),
+        run_file(tmp_path, labelled("b"), model_record(), plain),
+    ]
+    content = report(*files)
+    assert [section.heading for section in content.sections] == [
+        "Across machines",
+        "a: m: 10 simulations × 100 steps",
+        "b: m: 10 simulations × 100 steps",
+    ]
+    assert content.sections[0].tables[0].title == "Advised paths by machine"
+    bad = [c.text for c in content.conclusions if c.tone == Tone.BAD]
+    assert bad == [
+        "a: m, 10 simulations: rollout does other work than the plain loop: qpos differs"
+    ]
+
+
+def test_a_set_of_many_runs_leaves_sections_out_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reports, "_MOST_SECTIONS", 4)
+    files = [
+        run_file(tmp_path, labelled(name), of_model(SAME, model), command="versions")
+        for name in "ab"
+        for model in "mno"
+    ]
+    failed = run_file(tmp_path, labelled("b"), of_model(FAILED, "p"), command="versions")
+    content = report(*files, failed)
+    assert [section.heading for section in content.sections] == [
+        "Across machines",
+        *["a: Verdicts"] * 3,
+        "b: Verdicts",
+    ]
+    assert content.sections[-1].conclusions[0].text.endswith("signal 11")
+    assert texts(content)[-1].startswith("Left out: 3 of 7 sections of single runs.")
+    # all comparisons are in the first tables
+    assert len(content.sections[0].tables[0].rows) == 4
+
+
+def test_many_comparisons_have_some_sentences_and_all_rows(tmp_path: Path) -> None:
+    records = [of_model(SAME, f"m{n}") for n in range(40)]
+    files = [run_file(tmp_path, labelled(name), *records, command="versions") for name in "ab"]
+    content = report(*files)
+    assert "10 further comparisons are only in the tables." in texts(content)
+    assert len(content.sections[0].tables[0].rows) == 40
+
+
+def test_of_many_machines_each_cell_is_a_row(tmp_path: Path) -> None:
+    files = verdict_runs(tmp_path, **{f"m{n}": SAME for n in range(9)})
+    table = report(*files).sections[0].tables[0]
+    assert [column.title for column in table.columns] == ["comparison", "machine", "result"]
+    assert len(table.rows) == 9
+
+
+def test_histories_of_several_machines_are_apart(tmp_path: Path) -> None:
+    step = [1.0] * 4 + [1.1] * 4
+    files = [
+        run_file(
+            tmp_path,
+            labelled(name),
+            *(ratio_record(v, r) for v, r in zip(VERSIONS, ratios, strict=False)),
+            command="history",
+        )
+        for name, ratios in (("a", step), ("b", [1.0] * 8))
+    ]
+    content = report(*files)
+    assert [section.heading for section in content.sections] == [
+        "What changed between releases, by machine",
+        *(f"{name}: {heading}" for name in "ab" for heading in OF_A_HISTORY),
+    ]
+    assert texts(content) == ["1 change is listed on 2 machines: 1 on one machine alone."]
+    (row,) = content.sections[0].tables[0].rows
+    assert row[0] == "1.3 → 1.4, pile: slower on 1 of 2"
+
+
+def test_the_command_of_a_section_names_some_files(tmp_path: Path) -> None:
+    runs = [
+        NamedRun(Path(f"{n}.jsonl"), named.run)
+        for n, named in enumerate(
+            reports.read(verdict_runs(tmp_path, a=SAME, b=SAME, c=SAME, d=SAME))
+        )
+    ]
+    assert reports.build(runs).sections[0].command == ("mjbench report 0.jsonl 1.jsonl 2.jsonl …")

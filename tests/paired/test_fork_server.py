@@ -18,7 +18,7 @@ from mjbench.errors import MachineError
 from mjbench.host import child, platforms
 from mjbench.host.child_connection import ChildError
 from mjbench.paired import fork_server, release_python
-from mjbench.paired.fork_server_process import ForkServerProcess
+from mjbench.paired.fork_server_process import ForkedWorker, ForkServerProcess
 from mjbench.paired.launch_seeds import LaunchSeeds
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
@@ -243,6 +243,32 @@ def test_an_interrupt_that_loses_a_worker_leaves_its_server_to_the_others(
     assert not server.has_ended
     for descriptor in descriptors:
         os.close(descriptor)
+    server.end()
+
+
+@pytest.mark.parametrize("is_adopted", [False, True])
+def test_an_answer_that_ctrl_c_interrupts_is_not_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_adopted: bool
+) -> None:
+    ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
+    process = child.Child([sys.executable, "-c", "import time; time.sleep(600)"])
+    server = ForkServerProcess(process, ours, 60.0, tmp_path / "server.output")
+    adopt = ForkedWorker.adopt
+
+    def interrupted(worker: ForkedWorker, pid: int) -> None:
+        if is_adopted:
+            adopt(worker, pid)
+        raise KeyboardInterrupt
+
+    with theirs:
+        workers = [server.fork(theirs.fileno(), tmp_path / f"{i}.output") for i in range(2)]
+        for worker in workers:
+            theirs.send(fork_server.PID.pack(os.getpid()) + worker.mark.encode())
+        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+            patch.setattr(ForkedWorker, "adopt", interrupted)
+            workers[0].pid  # noqa: B018
+        assert [worker.pid for worker in workers] == [os.getpid()] * 2
+    assert not server.has_ended
     server.end()
 
 

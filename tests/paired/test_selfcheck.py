@@ -10,7 +10,7 @@ import process_tree
 import pytest
 from paired_examples import CARTPOLE, CUBES
 
-from mjbench.errors import InputError, MachineError
+from mjbench.errors import Failure, InputError, MachineError
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import selfcheck, selfcheck_cases
 from mjbench.paired.judgement import Judgement
@@ -196,7 +196,7 @@ def test_what_fails_costs_only_its_own_trials(monkeypatch: pytest.MonkeyPatch) -
         selfcheck_cases.inside_step(CUBES.model, "mj_energyPos"),
         selfcheck_cases.inside_step(CARTPOLE.model, "mj_factorM"),
     ]
-    tried, done, failed = [], [], []
+    tried = []
 
     def try_once(pool: WorkerPool, case: Case, plan: VerdictPlan) -> TrialRecord:
         tried.append(case)
@@ -206,13 +206,11 @@ def test_what_fails_costs_only_its_own_trials(monkeypatch: pytest.MonkeyPatch) -
 
     monkeypatch.setattr(selfcheck, "trial", try_once)
     with WorkerPool() as pool:
-        selfcheck.run(
-            *(pool, [broken, broken_too, *sound] * 2, VerdictPlan(), done.append),
-            lambda case, error: failed.append((case, str(error))),
-        )
+        ended = list(selfcheck.run(pool, [broken, broken_too, *sound] * 2, VerdictPlan()))
     assert tried == [broken, *sound, *sound]
-    assert len(done) == 4
-    assert failed == [(broken.row(), "it has no such function")]
+    assert ended[0] == (broken.row(), Failure(Status.INPUT, "it has no such function"))
+    assert all(isinstance(each, TrialRecord) for _, each in ended[1:])
+    assert len(ended) == 5
 
 
 def test_a_model_that_fails_is_not_tried_again_with_another_slowdown(
@@ -227,7 +225,7 @@ def test_a_model_that_fails_is_not_tried_again_with_another_slowdown(
 
     monkeypatch.setattr(selfcheck, "trial", fail)
     with WorkerPool() as pool:
-        selfcheck.run(pool, cases, VerdictPlan(), lambda record: None, lambda case, error: None)
+        assert len(list(selfcheck.run(pool, cases, VerdictPlan()))) == 1
     assert tried == cases[:1]
 
 

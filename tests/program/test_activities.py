@@ -66,6 +66,13 @@ def library(function, file):
             ],
             Activity.PROCESSES,
         ),
+        (
+            [
+                Frame("get", f"{STANDARD}/multiprocessing/pool.py", 765),
+                Frame("wait", f"{STANDARD}/threading.py", 320),
+            ],
+            Activity.PROCESSES,
+        ),
         ([Frame("wait", f"{STANDARD}/threading.py", 320)], Activity.THREADS),
         ([library("clock_nanosleep", LIBC)], Activity.SLEEPING),
         ([library("gc_collect_main", "/usr/lib/libpython3.11.so.1.0")], Activity.COLLECTION),

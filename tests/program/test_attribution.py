@@ -1,11 +1,13 @@
 """Samples become shares of a loop's time."""
 
+from dataclasses import replace
+
 import pytest
 
 from mjbench.program import activities, attribution
 from mjbench.program.activities import Activity, Place
 from mjbench.program.calls import CallTime
-from mjbench.program.hook.call_clock import COMPILE
+from mjbench.program.hook.call_clock import COMPILE, PROCESS_START
 from mjbench.program.samples import Frame, Thread, ThreadSamples
 from mjbench.program.source_loops import SourceLoop
 
@@ -270,6 +272,21 @@ def test_a_loop_that_compiles_is_shown_though_it_does_not_step(file):
     timed = [call(COMPILE, 8, 0.9)]
     (time,) = attribution.loop_times([], 1, calls=timed)
     assert time.activities[Activity.COMPILING] == pytest.approx(0.9)
+
+
+def test_what_jax_compiles_outside_loops_is_an_activity_of_its_own(file):
+    of = stacks(file)
+    seen = [samples([of["setup"]] * 10 + [of["step"]] * 10)]
+    (time,) = attribution.loop_times(seen, 1)
+    (setup,) = attribution.outside_loops(seen, 1, [time], 2.0, [call(COMPILE, 6, 0.9)])
+    assert (setup.place.line, setup.main_activity) == (6, Activity.COMPILING)
+
+
+def test_a_loop_that_starts_processes_is_shown_where_they_step(file):
+    workers = [samples([stacks(file)["step"]] * 4, pid, pid) for pid in (2, 3)]
+    started = replace(call(PROCESS_START, 12, 0.9), loop=SourceLoop("program.py", 12, 13))
+    first, _ = attribution.loop_times(workers, 1, {2, 3}, [started])
+    assert (first.loop.first, first.in_main) == (12, True)
 
 
 def test_calls_on_several_threads_add_up(file):

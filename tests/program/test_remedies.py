@@ -293,6 +293,15 @@ def test_functions_after_a_step_save_what_their_pair_with_a_step_does():
     assert remedies.remedies(time) == [], "only lint knows what is read afterwards"
 
 
+def test_functions_in_a_loop_that_does_not_step_are_compared_alone():
+    found = finding("MJB007", instead=("mj_kinematics",))
+    time = loop_of(call("mj_forward", calls=1000, seconds=6.0))
+    (question,) = call_remedies.questions([time], [found])
+    assert (question.trial, question.steps) == (Trial.FUNCTIONS, 0)
+    (remedy,) = remedies.remedies(time, [found], Measured({question: ratio(0.2)}))
+    assert remedy.gain == pytest.approx(0.99 * 0.8)
+
+
 def test_a_function_that_jax_compiles_again_is_named_where_lint_finds_it():
     time = loop_of(call(call_clock.COMPILE, number=16, calls=10, seconds=9.0))
     (remedy,) = remedies.remedies(time, [finding("MJB013", number=15)])
@@ -522,3 +531,19 @@ def test_order_with_confirmed_remedies():
     unsure = remedy(RemedyKind.CLOCK, 0.9, confirmed=Confirmed(0.1, -0.1, 0.3, 8))
     listed = sorted([unsure, small, sure, large, wrong], key=lambda each: each.rank)
     assert listed == [wrong, sure, large, small, unsure]
+
+
+def test_a_wait_for_processes_saves_no_steps_of_theirs():
+    waiting = line(13, {Activity.PROCESSES: 0.9})
+    time = loop(line(12, {PHYSICS: 0.1}), waiting)
+    (wait,) = remedies.remedies(time, others_busy_s=4.0)
+    assert (wait.share, wait.gain) == (pytest.approx(0.9), pytest.approx(0.6))
+
+
+def test_processes_that_are_started_again_and_again_cost_their_whole_line():
+    """The end of a pool is on the line that starts it, and the loop waits while they begin."""
+    pool = line(15, {Activity.STARTING: 0.1, PYTHON: 0.2})
+    time = loop(pool, line(16, {Activity.PROCESSES: 0.7}))
+    time = replace(time, calls=[call(call_clock.PROCESS_START, seconds=1.0)])
+    (remedy,) = remedies.remedies(time)
+    assert (remedy.place.line, remedy.gain) == (15, pytest.approx(0.3))

@@ -109,11 +109,11 @@ def test_cells_have_ratio_interval_and_outcome() -> None:
     no_interval = replace(SAME, ratio=Ratio(1.0, None, None))
     records = (SLOWER, weak, FAILED, no_interval)
     runs = [run(name, record) for name, record in zip("abcd", records, strict=True)]
-    (matrix,) = across_machines.matrices(side_by_side(runs))
-    assert [row[1:] for row in matrix.table().rows] == [
+    (table,) = across_machines.tables_by_machine(side_by_side(runs))
+    assert [row[1:] for row in table.rows] == [
         [
-            "+3.00 % (+2.00 to +4.00) slower",
-            "+3.00 % (+2.00 to +4.00) undecided (slower if judged alone)",
+            "+3.00 % (+2.00 to +4.00 %) slower",
+            "+3.00 % (+2.00 to +4.00 %) undecided (slower if judged alone)",
             "undecided (signal 11)",
             "+0.00 % same",
         ]
@@ -122,21 +122,25 @@ def test_cells_have_ratio_interval_and_outcome() -> None:
 
 def test_what_a_machine_did_not_measure_is_a_dash() -> None:
     runs = [run("a", SAME), run("b", of_model(SAME, "n"))]
-    (matrix,) = across_machines.matrices(side_by_side(runs))
-    assert [row[1:] for row in matrix.table().rows] == [
-        ["+0.00 % (-0.40 to +0.40) same", "–"],
-        ["–", "+0.00 % (-0.40 to +0.40) same"],
+    (table,) = across_machines.tables_by_machine(side_by_side(runs))
+    assert [row[1:] for row in table.rows] == [
+        ["+0.00 % (-0.40 to +0.40 %) same", "–"],
+        ["–", "+0.00 % (-0.40 to +0.40 %) same"],
     ]
 
 
 def test_a_table_that_is_too_wide_for_the_terminal_has_a_row_for_each_cell() -> None:
     few, many = (
-        next(across_machines.matrices(side_by_side([run(f"machine {n}", SAME) for n in range(n)])))
+        next(
+            across_machines.tables_by_machine(
+                side_by_side([run(f"machine {n}", SAME) for n in range(n)])
+            )
+        )
         for n in (2, 9)
     )
-    assert [column.title for column in few.table().columns][1:] == ["machine 0", "machine 1"]
-    assert [column.title for column in many.table().columns] == ["comparison", "machine", "result"]
-    assert len(many.table().rows) == 9
+    assert [column.title for column in few.columns][1:] == ["machine 0", "machine 1"]
+    assert [column.title for column in many.columns] == ["comparison", "machine", "result"]
+    assert len(many.rows) == 9
 
 
 # advised paths
@@ -160,7 +164,7 @@ def test_advised_paths_stand_side_by_side() -> None:
     found = answers(run("a", *compared()), run("b", *compared(1.0)))
     assert list(found) == ["m, 10 × 100 steps, open loop", "m, 10 × 100 steps, closed loop"]
     cells = found["m, 10 × 100 steps, open loop"]
-    assert cells["a"] == "✓ rollout threads=2 pool=kept 2.00× (2.00–2.00)"
+    assert cells["a"] == "✓ rollout threads=2 pool=kept 2.00× (2.00 to 2.00)"
     assert cells["b"] == "✓ python_loop"
 
 
@@ -196,7 +200,7 @@ def test_software_of_one_machine_is_kept_apart() -> None:
 def test_runs_of_one_machine_that_advise_different_paths_are_undecided() -> None:
     runs = [run("a", *compared()), run("a", *compared(1.0)), run("b", *compared())]
     cells = answers(*runs)["m, 10 × 100 steps, open loop"]
-    assert cells["a"].startswith("✓ rollout threads=2 pool=kept 2.00× (2.00–2.00); ✓ python")
+    assert cells["a"].startswith("✓ rollout threads=2 pool=kept 2.00× (2.00 to 2.00); ✓ python")
     sentence = next(iter(advice_across.describe(side_by_side(runs).advice)))
     assert sentence.endswith("undecided on 1 of 2 machines, rollout on 1")
 

@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 from example_races import BATCH_STEP, CLEAR, ROLLOUT, derived, raced
 from example_records import measurement
-from rich.console import Console, Group
+from rich.console import Console
 
-from mjbench.cli.context import ProgressBar
-from mjbench.cli.terminal_progress import terminal_progress
+from mjbench.api.session import Observer
+from mjbench.cli.progress import PhaseLines, progress
 from mjbench.comparison.plan import WITHOUT_TIMER
 from mjbench.pages import terminal
 from mjbench.paired.race import MAX_LAUNCHES
@@ -133,24 +133,22 @@ def test_what_turning_the_timer_off_gains_is_a_conclusion_and_how_a_note() -> No
 # while it is measured
 
 
-def shown_by(bar: ProgressBar, *models: ModelResults) -> None:
-    bar(0, "m", 0.5)
-    section = comparison.section_so_far(models)
-    assert section is not None
-    bar.show(lambda: Group(*terminal.section_parts(section, 100)))
-    bar.show(None)
+def shown_by(observer: Observer, *models: ModelResults) -> None:
+    observer("m", 0.5)
+    observer.show(lambda: comparison.section_so_far(models))
+    observer.show(None)
 
 
 def test_results_so_far_stand_above_the_bar_of_a_terminal() -> None:
     out = Console(file=io.StringIO(), width=100, force_terminal=True)
-    with terminal_progress(out, 1) as bar:
+    with progress(out) as bar:
         shown_by(bar, derived(raced(cores=1.2)))
     text = out.file.getvalue()  # type: ignore[attr-defined]
     assert text.index("Disturbed: ") < text.index("For RL") < text.index(str(ROLLOUT))
 
 
 def test_without_a_terminal_nothing_is_shown_so_far(capsys: pytest.CaptureFixture[str]) -> None:
-    shown_by(ProgressBar(), derived(raced()))
+    shown_by(PhaseLines(), derived(raced()))
     assert capsys.readouterr() == ("", "")
 
 

@@ -63,7 +63,7 @@ def test_sentences_come_first_and_the_table_has_every_residue() -> None:
     assert first.startswith("cloth, MuJoCo 3.3.1: where")
     assert second == "pile, MuJoCo 3.3.1: killed"
     assert "moved by 16" in headings
-    for text in ("12 %", "9.9–15 %", "+0.0 (-1.0 to +1.0)", "+12.4 (+11.0 to +14.0)", "+5.0 "):
+    for text in ("12 %", "9.9–15 %", "+0.0 % (-1.0 to +1.0 %)", "+12.4 % (+11.0", "+5.0 "):
         assert text in cells
     assert cells.split()[-2:] == ["30", "12.3"]
 

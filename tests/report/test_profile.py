@@ -1,8 +1,11 @@
 """What `mjbench profile` prints."""
 
+from drawn_charts import drawn
+from example_records import WORK
 from step_profiles import step_profile
 
-from mjbench.loop.profile import ProfileRow
+from mjbench.loop import profile as loop_profile
+from mjbench.loop.profile import ProfileRow, StepTimes
 from mjbench.pages import terminal
 from mjbench.report import profile
 
@@ -24,3 +27,15 @@ def test_step_stages_and_rendering_are_printed() -> None:
 
 def test_a_release_that_installs_no_timer_prints_nothing_about_it() -> None:
     assert "Python package" not in text(step_profile(clock_ns=None))
+
+
+def test_a_profile_has_a_bar_for_each_stage_that_takes_time() -> None:
+    stages = {"collision": 0.6, "velocity": 0.4, "sleep": 0.0}
+    steps = StepTimes(0.002, 2000.0, 1500.0, 400.0, WORK, stages, {})
+    (section,) = profile.sections([loop_profile.row("m", steps, ())])
+    (figure,) = section.figures
+    assert [row[0] for row in figure.data.rows] == ["collision", "velocity"]
+    assert figure.alternative == "Bars of 2 stages; the longest is collision, 60.0 %."
+    assert "engine 1.5 µs (75 %)" in section.conclusions[0].text
+    assert "timer of MuJoCo's Python package takes 20 %" in section.conclusions[1].text
+    assert "collision" in drawn(section)[0]

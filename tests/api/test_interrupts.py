@@ -1,14 +1,15 @@
-"""What signals do to a command: the first ends it through its cleanup, further ones wait."""
+"""What signals do while something is measured: the first interrupts, further ones wait."""
 
 import os
 import pty
 import signal
+import threading
 from collections.abc import Iterator
 from types import SimpleNamespace
 
 import pytest
 
-from mjbench.cli import interrupts
+from mjbench.api import interrupts
 from mjbench.host import child
 
 
@@ -91,3 +92,52 @@ def test_printing_to_a_closed_terminal_goes_nowhere() -> None:
     interrupts._leave_closed_terminal([terminal])
     os.write(terminal, b"nobody reads this")
     os.close(terminal)
+
+
+@pytest.fixture
+def usual_handler() -> Iterator[None]:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+# in a program
+
+
+@pytest.mark.usefixtures("usual_handler")
+def test_the_first_interrupts_and_the_second_does_not() -> None:
+    now = [100.0]
+    with interrupts.one_interrupt(lambda: now[0]):
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        now[0] += interrupts.CLEANUP_S
+        signal.raise_signal(signal.SIGINT)
+        now[0] += 1.0
+        with pytest.raises(KeyboardInterrupt):  # the cleanup hangs
+            signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.usefixtures("usual_handler")
+def test_a_handler_of_the_programs_own_stays() -> None:
+    def own(*arguments: object) -> None:
+        pass
+
+    signal.signal(signal.SIGINT, own)
+    with interrupts.one_interrupt():
+        assert signal.getsignal(signal.SIGINT) is own
+    assert signal.getsignal(signal.SIGINT) is own
+
+
+@pytest.mark.usefixtures("usual_handler")
+def test_another_thread_leaves_the_handler_alone() -> None:
+    seen: list[object] = []
+
+    def work() -> None:
+        with interrupts.one_interrupt():
+            seen.append(signal.getsignal(signal.SIGINT))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert seen == [signal.default_int_handler]

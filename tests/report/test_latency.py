@@ -1,0 +1,33 @@
+"""What the latency of single steps comes to."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from drawn_charts import drawn
+from example_records import WORK
+
+from mjbench.loop import latency
+from mjbench.loop.latency import Pace, StepSamples
+from mjbench.report import latency as report
+from mjbench.report.content import Tone
+
+
+def samples(pace: Pace, latency_ns: Sequence[float]) -> StepSamples:
+    rate = 500.0 if pace == Pace.PACED else None
+    return StepSamples(pace, rate, 0.002, WORK, np.asarray(latency_ns), {})
+
+
+def test_latency_is_drawn_as_far_as_there_are_steps() -> None:
+    ns = np.linspace(10_000, 20_000, 999).tolist()
+    rows = [
+        latency.row("m", samples(Pace.FREE, [*ns, 3e6]), None),
+        latency.row("m", samples(Pace.PACED, [*ns, 20_000.0]), None),
+    ]
+    (section,) = report.sections(rows)
+    assert [c.tone for c in section.conclusions] == [Tone.BAD, Tone.GOOD]
+    assert "1 of 1,000 steps missed 2 ms" in section.conclusions[0].text
+    (figure,) = section.figures
+    steps = [row[0] for row in figure.data.rows]
+    assert max(float(step or 0) for step in steps) == pytest.approx(1000, rel=0.3)
+    assert "free-running" in drawn(section)[0]

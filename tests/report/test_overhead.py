@@ -1,0 +1,26 @@
+"""What the habits of a loop come to."""
+
+from drawn_charts import drawn
+
+from mjbench.loop.overhead import HabitCost, OverheadRow
+from mjbench.report import overhead
+from mjbench.status import Status
+
+COSTS = (
+    HabitCost("data.site('tip').xpos", 900.0, 850.0, 950.0, 0.5, "bind once", 800.0, "code"),
+    HabitCost("np.copy", 300.0, 280.0, 320.0, 0.2, "", None, "code"),
+)
+
+
+def test_a_loops_waste_begins_where_the_bare_loop_ends() -> None:
+    table = OverheadRow("m", Status.OK, "", 1800.0, 1200.0, 200.0, 500, COSTS)
+    rows = [table, OverheadRow("broken", Status.FAILED, "it crashed")]
+    section, failed = overhead.sections(rows)
+    assert [c.text for c in failed.conclusions] == ["broken: failed: it crashed"]
+    (figure,) = section.figures
+    assert figure.data.rows[0] == ("engine", 0.0, 1200.0, "step")
+    assert figure.data.rows[2] == ("+ data.site('tip').xpos", 1800.0, 2700.0, "habit")
+    assert "`bind once` does the same for less" in section.conclusions[1].text
+    (svg,) = drawn(section)
+    assert "engine" in svg
+    assert len(section.tables[0].rows) == 2
