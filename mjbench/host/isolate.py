@@ -165,6 +165,7 @@ def call(
     function: Callable[[*_Arguments, Channel], _Answer],
     *arguments: *_Arguments,
     limit_s: float,
+    import_from: str | None = None,
     environment: Mapping[str, str | None] | None = None,
     memory_bytes: int | None = None,
     otherwise: Callable[[Ended], _Answer] = _refuse,
@@ -172,7 +173,7 @@ def call(
     """Return what a function of a module returns in a child; its last argument is the channel.
 
     Args:
-      limit_s, environment, memory_bytes: as of `run`.
+      limit_s, import_from, environment, memory_bytes: as of `run`.
       otherwise: what to return where the child did not end well; raises as `Ended.check` does,
         unless given.
     """
@@ -182,8 +183,9 @@ def call(
         _Call(function, arguments),
         answers.append,
         limit_s,
-        environment=environment,
-        memory_bytes=memory_bytes,
+        import_from,
+        environment,
+        memory_bytes,
     )
     return answers[0] if ended.status == Status.OK else otherwise(ended)
 
