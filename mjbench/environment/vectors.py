@@ -201,7 +201,7 @@ def measure_in_child(request: VectorRequest, channel: Channel) -> None:
             closing.callback(form.close)
             compared[position] = form
         channel.allow_silence(PATIENCE * request.step_s * nstep * most * len(compared) * _ROUNDS)
-        channel.send(_Turns(compared, singles, channel).launch())
+        channel.send(_timed(compared, singles, channel))
 
 
 def _singles(
@@ -378,43 +378,33 @@ def _compared(
     return form
 
 
-class _Turns:
-    """Rounds in which vectorised forms, by their positions, and single environments take turns."""
-
-    def __init__(self, forms: Mapping[int, _Form], singles: Sequence[_Single], channel: Channel):
-        self._forms, self._singles, self._channel = forms, singles, channel
-
-    def launch(self) -> VectorLaunch | WrongForm:
-        """Time every form and every single environment in each round."""
-        form_s = dict.fromkeys(self._forms, 0.0)
-        single_s = [0.0] * len(self._singles)
-        turns = [(position, True) for position in self._forms]
-        turns += [(i, False) for i in range(len(self._singles))]
-        random.shuffle(turns)
-        for number in range(_ROUNDS):
-            for i, is_form in turns[:: -1 if number % 2 else 1]:
-                if not is_form:
-                    self._channel.doing("timing one environment")
-                    single_s[i] += self._singles[i].run()
-                    continue
-                self._channel.doing("timing a vectorised form", i)
-                form_s[i] += self._forms[i].run()
-            if (wrong := self._wrong()) is not None:
-                return wrong
-        ns, single_ns = {}, {}
-        for position, form in self._forms.items():
-            nenv = len(form.singles)
-            count = _ROUNDS * nenv * len(form.batched)
-            ns[position] = 1e9 * form_s[position] / count
-            single_ns[position] = 1e9 * sum(single_s[:nenv]) / count
-        return VectorLaunch(ns, single_ns)
-
-    def _wrong(self) -> WrongForm | None:
-        """Return a form whose last step did not return what single environments do."""
-        for position, form in self._forms.items():
+def _timed(
+    forms: Mapping[int, _Form], singles: Sequence[_Single], channel: Channel
+) -> VectorLaunch | WrongForm:
+    """Time every form, by its position, and every single environment in each round."""
+    form_s = dict.fromkeys(forms, 0.0)
+    single_s = [0.0] * len(singles)
+    turns = [*((i, False) for i in range(len(singles))), *((i, True) for i in forms)]
+    random.shuffle(turns)
+    for number in range(_ROUNDS):
+        for i, is_form in turns[:: -1 if number % 2 else 1]:
+            if is_form:
+                channel.doing("timing a vectorised form", i)
+                form_s[i] += forms[i].run()
+            else:
+                channel.doing("timing one environment")
+                single_s[i] += singles[i].run()
+        for position, form in forms.items():
             if difference := form.difference_after(len(form.batched)):
-                return WrongForm(position, Status.DISAGREES, f"in a timed block, {difference}")
-        return None
+                detail = f"in a timed block, {difference}"
+                return WrongForm(position, Status.DISAGREES, detail)
+    ns, single_ns = {}, {}
+    for position, form in forms.items():
+        nenv = len(form.singles)
+        count = _ROUNDS * nenv * len(form.batched)
+        ns[position] = 1e9 * form_s[position] / count
+        single_ns[position] = 1e9 * sum(single_s[:nenv]) / count
+    return VectorLaunch(ns, single_ns)
 
 
 def _resets_in_next_step() -> bool:

@@ -17,9 +17,7 @@ from mjbench.paired.across_machines import Outcome
 from mjbench.paired.records import VerdictRecord
 from mjbench.report import rows, verdicts
 from mjbench.report.across_machines import verdict_cell
-from mjbench.report.conclusions import cautions as cautions_of
-from mjbench.report.conclusions import disturbed
-from mjbench.report.results import derive_all
+from mjbench.report.results import derive_all, disturbed
 from mjbench.status import Status
 from mjbench.store.machine_identity import identify
 from mjbench.store.run_set import RunSet
@@ -31,15 +29,7 @@ _FORMULA = tuple("=+-@\t\r\n＝＋－＠")
 
 @dataclass(frozen=True)
 class Metric:
-    """One number of a run.
-
-    Attributes:
-      name: what it is of.
-      unit: of it; smaller is better.
-      low: lower end of its interval; None without one.
-      high: upper end.
-      disturbances: what disturbed its measurement, a clause each.
-    """
+    """One number of a run, smaller being better, with its interval if it has one."""
 
     name: str
     unit: str
@@ -80,7 +70,7 @@ def cautions(stored: RunSet) -> list[str]:
         f"{prefix}{model_results.model.model}: {caution}"
         for run, prefix in _prefixed(stored.runs)
         for model_results in derive_all(run.records)
-        for caution in cautions_of(model_results)
+        for caution in model_results.cautions
     )
     return list(dict.fromkeys(lines))
 

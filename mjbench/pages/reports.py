@@ -28,11 +28,7 @@ _MOST_FIGURES = 20
 
 @dataclass(frozen=True)
 class NamedRun:
-    """A run that was read.
-
-    Attributes:
-      file: path of its run file, or of the set that it is in.
-    """
+    """A run that was read, and its run file, or the set that it is in."""
 
     file: Path
     run: Run
@@ -53,10 +49,7 @@ class _Part:
 
 
 def read(files: Sequence[Path]) -> list[NamedRun]:
-    """Return the runs of files, each once.
-
-    Args:
-      files: run files and run sets.
+    """Return the runs of run files and run sets, each once.
 
     Raises:
       InputError: a file is neither.
@@ -66,11 +59,7 @@ def read(files: Sequence[Path]) -> list[NamedRun]:
 
 
 def build(named_runs: Sequence[NamedRun]) -> Report:
-    """Return the report of runs, of one machine or of several.
-
-    Args:
-      named_runs: in the order of their sections.
-    """
+    """Return the report of runs, of one machine or of several."""
     results = across.side_by_side([named.run for named in named_runs])
     parts = [
         part
@@ -162,9 +151,8 @@ def _history_parts(named_runs: Sequence[NamedRun]) -> list[_Part]:
 def _parts(named: NamedRun, machine: str) -> Iterator[_Part]:
     """Yield the sections of a run.
 
-    Args:
-      machine: its name, where there are several: then what machines show side by side stands at the
-        head, in place of what one of them shows.
+    `machine` is its name where there are several: what they show side by side then stands at the
+    head, in place of what one of them shows.
     """
     for kind in kinds.kinds_of(named.run):
         if kind is kinds.HISTORY:  # of all runs together

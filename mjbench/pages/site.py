@@ -74,11 +74,9 @@ class Project:
     """What a site is of.
 
     Attributes:
-      folder: of the project, whose documents are in `docs`.
-      runs: of run files and run sets, the newest last.
-      history: of releases; None without one.
-      asv_pages: folder that `asv publish` wrote; None without one.
-      lab: page that `make lab` wrote; None without one.
+      runs: the newest last.
+      asv_pages: folder that `asv publish` wrote.
+      lab: page that `make lab` wrote.
     """
 
     folder: Path

@@ -19,8 +19,7 @@ from mjbench.errors import MachineError, describe, one_line
 from mjbench.paths import local_ray, snippets
 from mjbench.paths.base import Option, Options, Prepared, Resources, States, SteppingPath
 from mjbench.paths.python_loop import PythonLoopHold
-from mjbench.paths.rollout import Rollout
-from mjbench.paths.rollout_inputs import changed_inputs, inputs_snippet
+from mjbench.paths.rollout import Rollout, changed_inputs, inputs_snippet
 from mjbench.paths.threads import shares
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Product, StepOutputs, Workload

@@ -178,7 +178,8 @@ def _question(context: _Context) -> Question:
     remedy, finding, calls = context.remedy, context.finding, context.calls
     assert remedy.trial is not None, "only calls that are replaced have a question"
     if remedy.trial == Trial.FUNCTIONS:
-        return Question(remedy.trial, () if finding is None else tuple(finding.instead))
+        functions = () if finding is None else tuple(finding.instead)
+        return Question(remedy.trial, functions, steps=int(context.nstep > 0))
     if remedy.trial in (Trial.ONE_CALL, Trial.INVERSE, Trial.UNCENTERED):
         return Question(remedy.trial)
     if remedy.trial in (Trial.POOL, *_OF_WHOLE_CALLS):

@@ -14,8 +14,7 @@ from mjbench.paired.race_record import Loop
 from mjbench.report import formats
 from mjbench.report.advice import Advice, advise
 from mjbench.report.comparison import mark
-from mjbench.report.conclusions import disturbed
-from mjbench.report.results import ModelResults, derive_all
+from mjbench.report.results import ModelResults, derive_all, disturbed
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.workload import Product
 from mjbench.store.machine_identity import RunSoftware, software_names
@@ -99,10 +98,7 @@ def advice_across(runs: Sequence[Run], names: Sequence[str]) -> list[AdviceAcros
     """Return which path is advised on each machine, in the order of the runs.
 
     A model that failed on a machine before its size was known is part of every question about it.
-
-    Args:
-      runs: of any command.
-      names: the name of each run's machine.
+    `names` has that of each run's machine.
     """
     answers: dict[Question, dict[str, MachineAdvice]] = defaultdict(dict)
     failed: list[tuple[Question, MachineAdvice]] = []

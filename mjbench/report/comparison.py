@@ -4,16 +4,14 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
-from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race import MAX_LAUNCHES
-from mjbench.paired.race_record import Loop
-from mjbench.paths import BASE
 from mjbench.paths.accelerated import keyword_arguments
 from mjbench.report import comparison_figures, formats
-from mjbench.report.advice import Advice, advise, advise_clock, advise_threads
-from mjbench.report.conclusions import (
-    FORMER,
-    cautions,
+from mjbench.report.advice import (
+    Advice,
+    advise,
+    advise_clock,
+    advise_threads,
     clock_conclusion,
     conclusion,
     thread_conclusion,
@@ -33,7 +31,7 @@ from mjbench.report.crossovers import (
     describe_work_crossover,
     work_crossovers,
 )
-from mjbench.report.results import ModelResults, PathResult
+from mjbench.report.results import FORMER, ModelResults, PathResult
 from mjbench.report.starts import starts_lines, warning_lines
 from mjbench.simulation import accelerated_limits, package_timer
 from mjbench.simulation.accelerated_limits import Precision
@@ -135,7 +133,7 @@ def _conclusions(model_results: ModelResults, names_size: bool) -> Iterator[Conc
         size = count_of(record.nbatch, "simulation")
         subject += "" if names_size else f", {size}"
     sized = f"{size}: " if names_size and size else ""
-    for text in cautions(model_results):
+    for text in model_results.cautions:
         is_former = text == FORMER
         yield (
             Conclusion(text, Tone.CAUTION)
@@ -287,19 +285,14 @@ def path_table(sizes: Sequence[ModelResults]) -> DataTable:
                 result.nbatch if has_sizes else None,
                 result.step_ns if result.speedup else None,
                 result.speedup.estimate if result.speedup else None,
-                _interval(result),
+                result.interval,
                 result.realtime_factor if result.speedup else None,
-                (Loop.CLOSED if result.closed_loop else Loop.OPEN).value,
+                result.loop.value,
                 None if all_agree else agrees(result),
             )
             for result in _shown(model_results)
         ]
     return DataTable("Paths", columns, rows)
-
-
-def _interval(result: PathResult) -> Ratio | None:
-    """Return a path's speed-up where it has an interval; that of the plain loop is 1."""
-    return None if result.variant == Variant(BASE, {}) else result.speedup
 
 
 def _shown(model_results: ModelResults) -> list[PathResult]:
