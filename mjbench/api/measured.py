@@ -54,15 +54,19 @@ class Measured:
         """
         platforms.check_command(measurement.command)
         observer = _ProgressObserver(on_progress) if on_progress else Observer()
-        items: list[Item] = []
-        with _in_program(), Session(measurement, wait) as session:
-            for item in measurement.measure((), observer):
+        measured: list[Item] = []
+        with (
+            _in_program(),
+            Session(measurement, wait) as session,
+            measurement.items((), observer) as items,
+        ):
+            for item in items:
                 for record in item.records:
                     session.record(record)
                     if getattr(record, "status", None) == Status.INTERRUPTED:
                         raise KeyboardInterrupt
-                items.append(item)
-            _check_any(items)
+                measured.append(item)
+            _check_any(measured)
             return cls(session.run(), (*measurement.notes, *session.notes()))
 
     @property

@@ -6,7 +6,7 @@ all of them together (`mjbench.api.measured`).
 """
 
 import contextlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -73,6 +73,16 @@ class Measurement:
     measure: Callable[[Sequence[Record], Observer], Iterable[Item]] = lambda *_: ()
     select_finished: Callable[[Sequence[Record]], Sequence[Record]] = lambda records: records
     notes: Sequence[str] = ()
+
+    @contextlib.contextmanager
+    def items(self, earlier: Sequence[Record], observer: Observer) -> Iterator[Iterable[Item]]:
+        """Yield the items, as `measure` does; what measures them ends with the block."""
+        items = self.measure(earlier, observer)
+        try:
+            yield items
+        finally:
+            if isinstance(items, Generator):
+                items.close()
 
 
 def pinning_notes() -> list[str]:
