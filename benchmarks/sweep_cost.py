@@ -102,7 +102,7 @@ def by_sweep(of: "Matrix") -> SweepTimes:
         begin = time.perf_counter()
         file = RunSetFile.create(Path(folder) / "set.jsonl")
 
-        def store(result: "CellResult") -> None:
+        def store(result: "CellResult", node: str, ndone: int) -> None:
             file.append(result.section)
 
         with RayCluster() as cluster:

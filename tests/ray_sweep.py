@@ -41,7 +41,7 @@ def main() -> None:
     raylets = [node.all_processes["raylet"][0].process.pid for node in nodes]
     file = RunSetFile.create(folder / "set.jsonl")
 
-    def store(result: CellResult) -> None:
+    def store(result: CellResult, node: str, ndone: int) -> None:
         file.append(result.section)
 
     killer = threading.Thread(target=kill_where_it_hangs, args=(folder, raylets), daemon=True)

@@ -352,7 +352,7 @@ def _outcome(stored: "RaceRecord", truth: Sequence[float], rng: np.random.Genera
     best = [max(group, key=lambda i: truth[i]) for group in record.groups]
     ends = list(zip(best, standings, strict=True))
     final = {i for launch in record.launches if launch.is_final for i in launch.variants}
-    bounded = [(i, s) for i, s in enumerate(record.speedups) if i and s and s.is_bounded]
+    bounded = [(i, s) for i, s in enumerate(record.speedups) if i and s and s.low is not None]
     return _Outcome(
         record,
         seconds,

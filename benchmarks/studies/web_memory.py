@@ -20,8 +20,8 @@ from typing import Any
 
 from mjbench.errors import MachineError, MjbenchError, one_line
 from mjbench.simulation import models
-from mjbench.web import node, npm_package
-from mjbench.web.node import Node
+from mjbench.web import node_process, npm_package
+from mjbench.web.node_process import Node
 from mjbench.web.npm_package import Build, NpmPackage
 
 _SCRIPT = Path(__file__).with_suffix(".mjs")
@@ -89,7 +89,8 @@ def main() -> None:
     parser.add_argument("--node", default="node", metavar="COMMAND")
     options = parser.parse_args()
     try:
-        package, program = npm_package.find(folder=options.package), node.find(options.node)
+        package = npm_package.find(folder=options.package)
+        program = node_process.find_node(options.node)
         tried = [examine(package, program, build) for build in Build]
         print(json.dumps(tried, indent=1))
     except MjbenchError as error:

@@ -47,27 +47,26 @@ class Measured:
     ) -> Self:
         """Measure, and return the records; the first Ctrl-C interrupts.
 
-        Args:
-          wait: whether to wait until no other mjbench measures on this machine.
-          on_progress: called with what is measured now, and the share of all work that is done.
-
         Raises:
           InputError: nothing could be measured, because of the input.
           MachineError: nothing could be measured, or this operating system cannot do it.
           KeyboardInterrupt: no child process is left.
         """
         platforms.check_command(measurement.command)
-        observer = _ProgressObserver(measurement.count, on_progress) if on_progress else Observer()
-        items: list[Item] = []
-        command, arguments, files = measurement.command, measurement.arguments, measurement.files
-        with _in_program(), Session(command, arguments, files, wait) as session:
-            for item in measurement.measure((), observer):
+        observer = _ProgressObserver(on_progress) if on_progress else Observer()
+        measured: list[Item] = []
+        with (
+            _in_program(),
+            Session(measurement, wait) as session,
+            measurement.items((), observer) as items,
+        ):
+            for item in items:
                 for record in item.records:
                     session.record(record)
                     if getattr(record, "status", None) == Status.INTERRUPTED:
                         raise KeyboardInterrupt
-                items.append(item)
-            _check_any(items)
+                measured.append(item)
+            _check_any(measured)
             return cls(session.run(), (*measurement.notes, *session.notes()))
 
     @property
@@ -124,11 +123,11 @@ class Measured:
 class _ProgressObserver(Observer):
     """Tells a function of a program how far a measurement is."""
 
-    def __init__(self, count: int, on_progress: Progress):
-        self._count, self._on_progress = count, on_progress
+    def __init__(self, on_progress: Progress):
+        self._on_progress = on_progress
 
-    def __call__(self, number: int, name: str, share: float) -> None:
-        self._on_progress(name, (number + share) / self._count)
+    def __call__(self, name: str, share: float) -> None:
+        self._on_progress(name, share)
 
 
 @contextlib.contextmanager

@@ -139,24 +139,24 @@ def _measure(
     address: str | None,
 ) -> "Summary":
     """Measure what is missing on a cluster."""
+    from mjbench.cli.progress import progress
     from mjbench.sweep.ray_cluster import RayCluster
     from mjbench.sweep.run import Sweep
 
     count = len(matrix.cells)
     with (
-        run.progress(count) as advance,
+        progress(run.out) as observer,
         RayCluster(address, matrix.plan.rules.tries) as cluster,
     ):
         for left_out in cluster.left_out:
             report_line(f"{left_out.name} is left out: {left_out.reason}")
 
-        def store(result: "CellResult") -> None:
+        def on_result(result: "CellResult", node: str, ndone: int) -> None:
             file.append(result.section)
+            text = f"{ndone} of {count} results; {result.cell.name} from {node}"
+            observer(text, ndone / count)
 
-        def on_result(done: int, cell: "Cell", node: str) -> None:
-            advance(done, f"{done} of {count} results; {cell.name} from {node}", 0.0)
-
-        return Sweep(matrix, done, cluster, store, on_result=on_result).measure()
+        return Sweep(matrix, done, cluster, on_result).measure()
 
 
 def _open(target: Path, on_error: contextlib.ExitStack) -> "RunSetFile":

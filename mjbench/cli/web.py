@@ -90,7 +90,7 @@ def web(
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
         with WorkerPool(time_limit) as pool:
             for number, source in enumerate(sources):
-                observer(number, source.name, 0.0)
+                observer(source.name, number / len(sources))
                 yield Item([builds.measure(pool, source, plan)])
 
     arguments = {
@@ -101,7 +101,7 @@ def web(
         "budget_s": budget_s,
     }
     files = input_files(sources, [], sizes.starts)
-    measurement = Measurement("web", arguments, files, len(sources), items)
+    measurement = Measurement("web", arguments, files, items)
     run = measure(measurement, output, each=WEB.sections)
     records = run.session.run().of_type(WebRecord)
     run.exit(status for record in records for status in record.statuses())
@@ -112,8 +112,8 @@ def _engine(
 ) -> "Engine":
     """Return the builds of a release, and the Node that runs them."""
     from mjbench.host import machine
-    from mjbench.web import node, npm_package
+    from mjbench.web import node_process, npm_package
     from mjbench.web.build_run import Engine
 
     package = npm_package.find(None if release is None else release.version, package_folder)
-    return Engine(package, node.find(node_command), limit_s, machine.usable_cores())
+    return Engine(package, node_process.find_node(node_command), limit_s, machine.usable_cores())

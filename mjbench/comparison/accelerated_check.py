@@ -13,12 +13,18 @@ from mjbench.paths.accelerated import Advance, Compiled, StepOutcome, start_fiel
 from mjbench.simulation import accelerated_limits, agreement, compat, trajectory
 from mjbench.simulation import workload as workloads
 from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
-from mjbench.simulation.trajectory import COMPARED, Contacts, SingleSteps, Trajectory
+from mjbench.simulation.trajectory import (
+    COMPARED,
+    MAX_SINGLE_STEPS,
+    Contacts,
+    SingleSteps,
+    Trajectory,
+)
 from mjbench.simulation.workload import Workload
 
-# Simulations followed step by step, spread over the batch, and the most single steps taken from
-# their states; these are taken again in every simulation that remains.
-FOLLOWED, MAX_SINGLE_STEPS = 32, 256
+# Simulations followed step by step, spread over the batch. Single steps from their states are taken
+# again in every simulation that remains.
+FOLLOWED = 32
 
 # Contacts that change velocities by a smaller share than this are lost in float32.
 _LEAST_IMPULSE = 1e-4
@@ -37,23 +43,6 @@ class CheckedRun:
 
     check: AcceleratedCheck
     final_fields: Fields
-
-
-@dataclass(frozen=True)
-class _RunError:
-    """Distance from the reference run after some steps, over the simulations that are followed.
-
-    Attributes:
-      nstep: steps of the run.
-      difference: of the compiled run, the largest.
-      shadow: of C with states rounded to float32, the largest.
-      shadow_median: the same, the median.
-    """
-
-    nstep: int
-    difference: float
-    shadow: float
-    shadow_median: float
 
 
 def check_run(workload: Workload, advance: Advance, precision: Precision) -> CheckedRun:
@@ -75,10 +64,10 @@ def check_run(workload: Workload, advance: Advance, precision: Precision) -> Che
         unconstrained_fields = advance(
             starts, workload.control, reference.unconstrained_nstep
         ).fields
-    unconstrained = _run_error(
+    unconstrained, unconstrained_shadow = _run_errors(
         workload, reference, shadow, reference.unconstrained_nstep, unconstrained_fields
     )
-    final = _run_error(workload, reference, shadow, workload.nstep, final_fields)
+    final, final_shadow = _run_errors(workload, reference, shadow, workload.nstep, final_fields)
     compared = [final_fields[name] for name in COMPARED if name in final_fields]
     is_finite = np.isfinite(np.hstack(compared)).all(axis=1)
     steps = _judge_single_steps(workload, singles, outcome)
@@ -104,13 +93,13 @@ def check_run(workload: Workload, advance: Advance, precision: Precision) -> Che
         unconstrained_error=steps.unconstrained.max_error,
         constrained_error=steps.constrained.max_error,
         contact_error=steps.contact.max_error,
-        unconstrained_nstep=unconstrained.nstep,
-        unconstrained_difference=unconstrained.difference,
-        unconstrained_shadow=unconstrained.shadow,
-        final_nstep=final.nstep,
-        final_difference=final.difference,
-        final_shadow=final.shadow,
-        final_shadow_median=final.shadow_median,
+        unconstrained_nstep=reference.unconstrained_nstep,
+        unconstrained_difference=float(unconstrained.max()),
+        unconstrained_shadow=float(unconstrained_shadow.max()),
+        final_nstep=workload.nstep,
+        final_difference=float(final.max()),
+        final_shadow=float(final_shadow.max()),
+        final_shadow_median=float(np.median(final_shadow)),
         lost=int((~is_finite).sum()),
     )
     return CheckedRun(check, final_fields)
@@ -129,19 +118,20 @@ def _followed_states(reference: Trajectory, final_fields: Fields, workload: Work
     return np.asarray(states[np.isfinite(states).all(axis=1)])
 
 
-def _run_error(
+def _run_errors(
     workload: Workload, reference: Trajectory, shadow: Trajectory, nstep: int, fields: Fields
-) -> _RunError:
-    """Return how far `fields`, reached after `nstep` steps, are from the reference run."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (nsim,) how far simulations are from the reference run after `nstep` steps.
+
+    Returns:
+      The errors of `fields`, and those of the shadow.
+    """
     expected = workloads.fields(workload.model, reference.states[:, nstep])
-    rounding = workloads.fields(workload.model, shadow.states[:, nstep])
+    rounded = workloads.fields(workload.model, shadow.states[:, nstep])
     reached = {name: values[reference.simulation] for name, values in fields.items()}
-    shadow_errors = agreement.max_relative_error(rounding, expected, COMPARED)
-    return _RunError(
-        nstep,
-        float(agreement.max_relative_error(reached, expected, COMPARED).max()),
-        float(shadow_errors.max()),
-        float(np.median(shadow_errors)),
+    return (
+        agreement.max_relative_error(reached, expected, COMPARED),
+        agreement.max_relative_error(rounded, expected, COMPARED),
     )
 
 

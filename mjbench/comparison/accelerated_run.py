@@ -18,10 +18,11 @@ from mjbench.comparison.accelerated_check import (
     reordered_end_problem,
     timed_end_problem,
 )
-from mjbench.comparison.plan import LIMIT_S, Variant
+from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import MeasurementRecord
 from mjbench.host import isolate, machine
 from mjbench.host.isolate import Channel
+from mjbench.limits import TIME_LIMIT_S
 from mjbench.measuring import timing
 from mjbench.paths.accelerated import (
     CPU,
@@ -64,7 +65,7 @@ class AcceleratedRequest:
     variant: Variant
     workload_file: Path
     is_named: bool = True
-    limit_s: float = LIMIT_S
+    limit_s: float = TIME_LIMIT_S
 
 
 def run(
@@ -74,17 +75,13 @@ def run(
 ) -> isolate.Ended:
     """Measure one path on one model in a child; whatever becomes of it, this process goes on.
 
-    Args:
-      on_record: called with what the child knows (see `measure_in_child`).
-      import_from: a folder that a path of the user's own may be imported from.
-
     Raises:
       InputError: the path does not compile.
     """
     source = ModelSource(request.source.name, request.source.path.resolve())
     return isolate.run(
-        "mjbench.comparison.accelerated_run:measure_in_child",
-        dataclasses.replace(request, source=source),
+        measure_in_child,
+        (dataclasses.replace(request, source=source),),
         on_record,
         request.limit_s,
         import_from,

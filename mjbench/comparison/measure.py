@@ -15,7 +15,6 @@ from mjbench.comparison.messages import MeasureRequest
 from mjbench.comparison.records import ModelRecord
 from mjbench.comparison.sizes import BlockSizes, check_memory, choose_sizes
 from mjbench.comparison.verification import FurtherCases, ReferenceCase, verify
-from mjbench.errors import MachineError
 from mjbench.host.isolate import Channel
 from mjbench.paths.accelerated import save_workload
 from mjbench.simulation import agreement, models, sampling, starts, work, workload
@@ -72,8 +71,7 @@ def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
         channel.doing(f"preparing {variant} on {name}", index)
         channel.allow_silence(patience_s)
         report, _ = verify(index, variant, case, further)
-        if field := guard.change():
-            raise MachineError(f"changes the model, which all paths share: {field}")
+        guard.check()
         channel.send(report)
     further.close()
     case.resources.close()

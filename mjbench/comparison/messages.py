@@ -39,7 +39,6 @@ class MeasureRequest:
 
     Attributes:
       exclude: variants not to touch: those that killed a child before, and accelerated ones.
-      files: to write.
     """
 
     source: ModelSource

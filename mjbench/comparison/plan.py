@@ -12,8 +12,6 @@ from mjbench.simulation.workload import Product
 
 # Seconds for each model, agreement included, that paths which run C may take; and with --quick.
 BUDGET_S, QUICK_BUDGET_S = 24.0, 5.0
-# A child process that is silent for longer, in seconds, is killed.
-LIMIT_S = TIME_LIMIT_S
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,7 @@ class ComparisonPlan:
     starts: StartPlan = DEFAULT_STARTS
     returns: Product = Product.FINAL
     budget_s: float = BUDGET_S
-    limit_s: float = LIMIT_S
+    limit_s: float = TIME_LIMIT_S
     import_from: str | None = None
     named: tuple[str, ...] = ()
     total_steps: int | None = None

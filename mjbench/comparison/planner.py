@@ -51,23 +51,12 @@ class PlannerSettings:
 
 
 class Planner:
-    """A planner with its nominal controls.
-
-    Attributes:
-      nominal: (knots, nu) controls, the best so far.
-    """
+    """A planner with its nominal controls, (knots, nu), which are the best so far."""
 
     def __init__(
         self, settings: PlannerSettings, start: np.ndarray, low: np.ndarray, high: np.ndarray
     ):
-        """Begin at constant controls.
-
-        Args:
-          settings: of the planner.
-          start: (nu,) controls to begin at.
-          low: (nu,) smallest controls.
-          high: (nu,) largest controls.
-        """
+        """Begin at constant controls; `start` and the limits are (nu,)."""
         self._settings, self._low, self._high = settings, low, high
         self._rng = np.random.default_rng(settings.seed)
         self._initial_sd = settings.noise * 0.5 * (high - low)
@@ -82,11 +71,9 @@ class Planner:
         return np.clip(self.nominal + self._sd * noise, self._low, self._high)
 
     def improve(self, candidates: np.ndarray, costs: np.ndarray) -> None:
-        """Improve the nominal controls.
+        """Improve the nominal controls by the (samples,) costs of what `candidates` returned.
 
-        Args:
-          candidates: (samples, knots, nu) that `candidates` returned.
-          costs: (samples,) of each; one that is not finite counts as the worst.
+        A cost that is not finite counts as the worst.
         """
         worst = np.max(costs[np.isfinite(costs)], initial=0.0)
         costs = np.where(np.isfinite(costs), costs, worst)
@@ -114,33 +101,19 @@ class Planner:
 
 @dataclass(frozen=True)
 class States:
-    """States by field.
-
-    Attributes:
-      qpos: (…, nq).
-      qvel: (…, nv).
-    """
+    """States by field: (…, nq) and (…, nv)."""
 
     qpos: np.ndarray
     qvel: np.ndarray
 
     @classmethod
     def of(cls, columns: Mapping[str, slice], physics: np.ndarray) -> "States":
-        """Return the fields of states.
-
-        Args:
-          columns: of each field in a row of mjSTATE_FULLPHYSICS (see `compat.state_columns`).
-          physics: (…, nphysics) rows.
-        """
+        """Return the fields of (…, nphysics) rows of mjSTATE_FULLPHYSICS."""
         return cls(physics[..., columns["qpos"]], physics[..., columns["qvel"]])
 
 
 class PlanningTask(ABC):
-    """A task on a model.
-
-    Attributes:
-      name: such as `swing-up`.
-    """
+    """A task on a model."""
 
     name: str
 
@@ -150,12 +123,7 @@ class PlanningTask(ABC):
 
     @abstractmethod
     def cost(self, states: States, controls: np.ndarray) -> np.ndarray:
-        """Return (n,) costs.
-
-        Args:
-          states: of n simulations, (n, nstep, …).
-          controls: (n, knots, nu).
-        """
+        """Return (n,) costs of (n, nstep, …) states and (n, knots, nu) controls."""
 
     @abstractmethod
     def is_achieved(self, states: States) -> bool:

@@ -18,11 +18,12 @@ import mujoco
 import numpy as np
 
 from mjbench import paths
-from mjbench.comparison.plan import LIMIT_S, Variant
+from mjbench.comparison.plan import Variant
 from mjbench.comparison.planner import Algorithm, Planner, PlannerSettings, States, task_of
-from mjbench.errors import InputError, MachineError, describe, one_line
+from mjbench.errors import InputError, describe, one_line
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
+from mjbench.limits import TIME_LIMIT_S
 from mjbench.loop.loop_starts import LoopStarts
 from mjbench.simulation import agreement, compat, models
 from mjbench.simulation.model_guard import ModelGuard
@@ -90,30 +91,18 @@ class PlanningRow:
 
 
 def run(
-    request: PlanningRequest, import_from: str | None = None, limit_s: float = LIMIT_S
+    request: PlanningRequest, import_from: str | None = None, limit_s: float = TIME_LIMIT_S
 ) -> list[PlanningRow]:
-    """Run a planner in a child process, and return a row for each variant.
-
-    Args:
-      import_from: a folder that a path of the user's own may be imported from.
-      limit_s: seconds of silence after which the child is killed.
+    """Run a planner in a child process (see `isolate.call`), and return a row for each variant.
 
     Raises:
       MjbenchError: the child failed.
     """
-    rows: list[PlanningRow] = []
-    isolate.run(
-        "mjbench.comparison.planning_run:plan_in_child",
-        request,
-        rows.append,
-        limit_s,
-        import_from,
-    ).check()
-    return rows
+    return isolate.call(plan_in_child, request, limit_s=limit_s, import_from=import_from)
 
 
-def plan_in_child(request: PlanningRequest, channel: Channel) -> None:
-    """Run the loop; sends a `PlanningRow` for each variant."""
+def plan_in_child(request: PlanningRequest, channel: Channel) -> list[PlanningRow]:
+    """Run the loop; return a row for each variant."""
     channel.doing("loading the model")
     model = models.load(request.source)
     if not model.nu:
@@ -123,8 +112,8 @@ def plan_in_child(request: PlanningRequest, channel: Channel) -> None:
     channel.doing("planning")
     of_loop = _Loop(model, request, planned).run(channel)
     for path in planned:
-        channel.send(path.row(of_loop, planned[0]))
         path.close()
+    return [path.row(of_loop, planned[0]) for path in planned]
 
 
 class _PlannedPath:
@@ -150,12 +139,9 @@ class _PlannedPath:
     def roll_out(
         self, start: np.ndarray, candidates: np.ndarray, cost: Callable[[np.ndarray], np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the states of candidates, and their costs; None where the path fails.
+        """Return the (samples, nstep, nphysics) states of candidates, and their (samples,) costs.
 
-        Args:
-          start: (nstate,) to start from.
-          candidates: (samples, knots, nu) controls.
-          cost: returns (samples,) costs of (samples, nstep, nphysics) states.
+        None where the path fails.
         """
         try:
             workload = self._workload
@@ -184,9 +170,7 @@ class _PlannedPath:
         self._workload.initial_state[:] = start
         self._workload.control[:] = candidates
         path = paths.find(self._variant.path)
-        reason = path.unavailable() or path.cannot_return(self._workload.returns)
-        reason = reason or path.unsuited(self._workload, self._variant.options)
-        if reason:
+        if reason := path.cannot_run(self._workload, self._variant.options):
             self.fail(Status.UNAVAILABLE, one_line(reason))
             return
         self._prepared = path.prepare(self._workload, self._variant.options, self._resources)
@@ -298,11 +282,7 @@ class _Loop:
         base: tuple[np.ndarray, np.ndarray] | None = None
         for i in order:
             rolled_out = self._planned[i].roll_out(start, candidates, cost)
-            field = self._guard.change()
-            if field:
-                raise MachineError(
-                    f"{self._request.variants[i]} changes the model, which all paths share: {field}"
-                )
+            self._guard.check(f"{self._request.variants[i]} ")
             if rolled_out is not None:
                 digests[i] = agreement.digest(rolled_out[0])
             if i == 0 and rolled_out is not None:

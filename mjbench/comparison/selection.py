@@ -40,9 +40,6 @@ def variants(
       names: path names, or names for several (see `expand`); empty for the C paths.
       threads: thread counts for every path that has them; None for the default ones.
       choices: further option values by option name.
-
-    Raises:
-      InputError: an unknown path.
     """
     counts = list(threads or default_threads())
     # one Python thread or process is the plain loop with overhead: unless asked, only the most
@@ -74,9 +71,8 @@ def plans(
     Args:
       plan: with all but variants and size.
       path_names: as the user gave them; none for the C paths.
-      threads: see `variants`.
       chunk_sizes: simulations that a thread takes at a time; None for the default.
-      option_words: see `choices`.
+      option_words: such as `pool=new,kept` (see `choices`).
       nbatches: simulations; None for one size that is chosen later.
 
     Raises:
@@ -130,7 +126,6 @@ def choices(arguments: Sequence[str], names: Sequence[str]) -> dict[str, list[An
     """Return option values by option name from arguments such as `pool=new,kept`.
 
     Args:
-      arguments: of `--option` on the command line.
       names: of paths that may be the user's own.
 
     Raises:

@@ -75,14 +75,7 @@ def check_memory(
     nthread: int = 1,
     returns: Product = Product.FINAL,
 ) -> None:
-    """Refuse sizes whose states, controls and outputs would not fit into memory.
-
-    Args:
-      nthread: threads, which have an MjData each.
-
-    Raises:
-      InputError: they would not.
-    """
+    """Refuse sizes whose states, controls, outputs and MjData would not fit into memory."""
     nstate = compat.state_size(model)
     nphysics = compat.state_size(model, compat.FULLPHYSICS)
     # of what is returned of every step: mujoco.rollout's; else also the reference's, those that

@@ -4,11 +4,7 @@ Sizes of blocks follow from these costs and not from a measurement of their own,
 commands do identical work. A cost is rounded to a power of two, and a model has the same one in
 every release. The costs of the shipped models come with the package; those of others are kept in a
 file of the user's. Nothing depends on that file: where it cannot be read or written, costs are
-measured again.
-
-    python -m mjbench.comparison.step_costs
-
-measures the shipped models anew, and writes their table. Do it when a model changed.
+measured again. `benchmarks/shipped_step_costs.py` measures those of the shipped models.
 """
 
 import contextlib
@@ -25,7 +21,8 @@ from mjbench.store import files
 
 # Names another file than the one in the cache folder.
 FILE_VARIABLE = "MJBENCH_STEP_COSTS"
-_SHIPPED = Path(__file__).with_name("step_costs.json")
+# The table of the shipped models.
+SHIPPED = Path(__file__).with_name("step_costs.json")
 _FILE_NAME = "step-costs.json"
 # Costs that a step can have, in seconds; others are those of a damaged file.
 _LEAST_S, _MOST_S = 1e-9, 1e6
@@ -35,10 +32,9 @@ def step_cost_s(digest: str, measure: Callable[[], float]) -> float:
     """Return about how many seconds a step of a model takes, a power of two.
 
     Args:
-      digest: of the model (see `model_digest`).
       measure: returns the seconds of a step; called where no table has them.
     """
-    for table in (_read(_SHIPPED), _read(_user_file())):
+    for table in (_read(SHIPPED), _read(_user_file())):
         if digest in table:
             return rounded_s(table[digest])
     return rounded_s(_remember(digest, max(_LEAST_S, measure())))
@@ -49,18 +45,8 @@ def rounded_s(seconds: float) -> float:
     return 2.0 ** round(math.log2(seconds))
 
 
-def main() -> None:
-    """Write the table of the shipped models."""
-    from mjbench.simulation import models, sampling
-    from mjbench.simulation.model_digest import model_digest
-
-    loaded = [models.load(models.resolve(name)) for name in models.shipped()]
-    costs = {model_digest(model): sampling.settled_step_s(model) for model in loaded}
-    table = {digest: float(f"{seconds:.2g}") for digest, seconds in costs.items()}
-    _SHIPPED.write_text(_as_text(table))
-
-
-def _as_text(table: Mapping[str, float]) -> str:
+def as_text(table: Mapping[str, float]) -> str:
+    """Return a table as its file holds it."""
     return json.dumps(table, indent=1, sort_keys=True) + "\n"
 
 
@@ -106,7 +92,7 @@ def _remember(digest: str, seconds: float) -> float:
                 return table[digest]
             table[digest] = seconds
             with files.replacing(file) as partial:
-                partial.write_text(_as_text(table))
+                partial.write_text(as_text(table))
     return seconds
 
 
@@ -124,7 +110,3 @@ def _locked(file: Path) -> Iterator[None]:
         yield
     finally:
         os.close(descriptor)
-
-
-if __name__ == "__main__":
-    main()

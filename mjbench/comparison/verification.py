@@ -73,12 +73,9 @@ class ReferenceCase:
         return cls.create(healthy, observation, f"in contact ({CONTACT_MODEL})")
 
     def difference(self, states: paths.States, prepared: paths.Prepared) -> Difference | None:
-        """Return where a run first differs from the reference run, or None.
+        """Return where a run that ended in `states` first differs from the reference run, or None.
 
-        Args:
-          states: that the run ended in.
-          prepared: the run, whose outputs of every step are compared where the workload asks for
-            them.
+        Its outputs of every step are compared where the workload asks for them.
         """
         difference = self._output_difference(prepared) or agreement.first_differing_entry(
             states.values, self.final_state, self._state_columns, states.mask
@@ -191,12 +188,7 @@ class FurtherCases:
 
     @classmethod
     def create(cls, case: ReferenceCase, step_s: float) -> "FurtherCases":
-        """Return the further cases of the user's own.
-
-        Args:
-          case: the user's.
-          step_s: seconds that a step of it takes.
-        """
+        """Return the further cases of the user's own, of which a step takes `step_s`."""
         needs_contact = case.start_contacts == 0
         hold, seed = case.workload.hold, case.workload.seed
         contact = ReferenceCase.in_contact(hold, seed) if needs_contact else None
@@ -253,16 +245,11 @@ def _input_cases(own: Workload, step_s: float) -> dict[Product, ReferenceCase]:
 def verify(
     index: int, variant: Variant, case: ReferenceCase, further: FurtherCases
 ) -> tuple[AgreementReport, paths.Prepared | None]:
-    """Compare a variant with the reference run.
+    """Compare a variant with the reference run; return also the prepared run if it may be timed.
 
     Args:
-      index: of the variant.
-      variant: to prepare and run.
       case: that it is to be timed on.
       further: cases in which it must agree as well.
-
-    Returns:
-      The report, and the prepared run if it may be timed.
     """
     try:
         path = paths.find(variant.path)

@@ -8,6 +8,7 @@ Needs capstone and pyelftools.
 """
 
 import difflib
+import functools
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -38,58 +39,48 @@ MIN_INSTRUCTIONS = 10
 # How the name of the engine's library begins.
 _PREFIX = "libmujoco."
 
-# Libraries that are held, with the functions that were decoded: each takes 60 MB or more.
-_MAX_LIBRARIES = 3
-
 # Where each executed function lies, by Callgrind's name.
 Places = Mapping[str, Sequence[CodePlace]]
 # The code of functions, by name.
 Codes = Mapping[str, Sequence[Instruction]]
 
 
-class CodeComparer:
-    """Compares the code of releases.
+@functools.lru_cache(maxsize=3)  # with the functions that were decoded, each takes 60 MB or more
+def _read(file: Path) -> SharedLibrary:
+    return shared_library.read(file)
 
-    It reads a library, and decodes each of its functions, once while it compares the same few.
+
+def compare(
+    baseline: Places, candidate: Places, read: Callable[[Path], SharedLibrary] = _read
+) -> CodeChanges:
+    """Return how the code of the executed functions changed.
+
+    Functions of other libraries than the engine's, such as memcpy of the C library, are identical
+    where both releases execute the same file, and otherwise unknown.
+
+    Raises:
+      MachineError: a library cannot be read, or has no symbol table.
     """
+    functions = _engine_changes(_executed(baseline, read), _executed(candidate, read))
+    of_engine = {*functions.changes, *functions.old_names.values()}
+    elsewhere = [name for name in {**baseline, **candidate} if name not in of_engine]
+    return CodeChanges(
+        {**_file_changes(elsewhere, baseline, candidate), **functions.changes},
+        functions.old_names,
+    )
 
-    def __init__(self, read: Callable[[Path], SharedLibrary] = shared_library.read) -> None:
-        """Start without libraries; `read` returns that of a file."""
-        self._read = read
-        self._libraries: dict[str, SharedLibrary] = {}
 
-    def compare(self, baseline: Places, candidate: Places) -> CodeChanges:
-        """Return how the code of the executed functions changed.
-
-        Functions of other libraries than the engine's, such as memcpy of the C library, are
-        identical where both releases execute the same file, and otherwise unknown.
-
-        Raises:
-          MachineError: a library cannot be read, or has no symbol table.
-        """
-        old, new = self._executed(baseline), self._executed(candidate)
-        functions = _engine_changes(old, new)
-        of_engine = {*functions.changes, *functions.old_names.values()}
-        elsewhere = [name for name in {**baseline, **candidate} if name not in of_engine]
-        return CodeChanges(
-            {**_file_changes(elsewhere, baseline, candidate), **functions.changes},
-            functions.old_names,
-        )
-
-    def _executed(self, places: Places) -> "_Executed":
-        """Return the functions of the engine that a release executes."""
-        file = _engine_file(places)
-        library = self._libraries.pop(file, None) or self._read(Path(file))
-        self._libraries[file] = library  # the one used last comes last
-        if len(self._libraries) > _MAX_LIBRARIES:
-            del self._libraries[next(iter(self._libraries))]
-        functions = {
-            name: sorted({symbol for at in place.addresses for symbol in library.at(at)})
-            for name, in_files in places.items()
-            for place in in_files
-            if place.library == file
-        }
-        return _Executed(library, {name: symbols for name, symbols in functions.items() if symbols})
+def _executed(places: Places, read: Callable[[Path], SharedLibrary]) -> "_Executed":
+    """Return the functions of the engine that a release executes."""
+    file = _engine_file(places)
+    library = read(Path(file))
+    functions = {
+        name: sorted({symbol for at in place.addresses for symbol in library.at(at)})
+        for name, in_files in places.items()
+        for place in in_files
+        if place.library == file
+    }
+    return _Executed(library, {name: symbols for name, symbols in functions.items() if symbols})
 
 
 def _engine_file(places: Places) -> str:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from mjbench import extras
 from mjbench.counts import counted_program
@@ -32,9 +31,6 @@ from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work_check import StateDrift
 from mjbench.status import Status
 from mjbench.units import percent_change
-
-if TYPE_CHECKING:
-    from mjbench.counts.code_comparison import CodeComparer
 
 # Two counts of the same work differ by less, as a share (tests/counts/test_instructions.py).
 REPEATABILITY = 0.001
@@ -119,11 +115,7 @@ def _time_lines(time: VerdictRow, instruction_ratio: float) -> list[str]:
 
 
 class Explainer:
-    """Explains models one by one; reads the libraries of releases once."""
-
-    def __init__(self) -> None:
-        """Start without libraries."""
-        self._comparer: CodeComparer | None = None
+    """Explains models one by one."""
 
     def row(
         self, baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None
@@ -166,13 +158,12 @@ class Explainer:
           MachineError: it cannot be read here.
         """
         try:
-            from mjbench.counts.code_comparison import CodeComparer
+            from mjbench.counts.code_comparison import compare
         except ImportError as error:
             raise MachineError(
                 f"{error.name} is missing; install it by `{extras.install_command('cli')}`"
             ) from error
-        self._comparer = self._comparer or CodeComparer()
-        return self._comparer.compare(baseline.places, candidate.places)
+        return compare(baseline.places, candidate.places)
 
 
 def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) -> VerdictRow:

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mjbench.environment.layers import Layer, layer_of
+from mjbench.loop.script_syntax import dotted_name
 
 # Layers whose functions' own callees are timed, too; other functions include what they call.
 _ENTERED = {Layer.STEPPING, Layer.ACTION, Layer.INFO, Layer.TERMINATION, Layer.REST}
@@ -174,11 +175,12 @@ def _calls(function: Callable[..., Any]) -> Sequence[_Call]:
     for node in ast.walk(tree):
         if not isinstance(node, ast.Call):
             continue
-        names = _dotted(node.func)
-        if names and names[0] == own and len(names) > 1:
-            calls.append(_Call(names[1:], True, results.get(node, ())))
-        elif len(names) == 1:
-            calls.append(_Call(names, False, results.get(node, ())))
+        name = dotted_name(node.func)
+        first, *path = name.split(".")
+        if path and first == own:
+            calls.append(_Call(tuple(path), True, results.get(node, ())))
+        elif name and not path:
+            calls.append(_Call((name,), False, results.get(node, ())))
     return tuple(calls)
 
 
@@ -202,13 +204,10 @@ def _results(tree: ast.AST) -> dict[ast.Call, tuple[str, ...]]:
             targets = [node.target]
         else:
             continue
-        assigned = tuple(_names(target) for target in targets)
-        flat = tuple(name for group in assigned for name in group)
-        if node.value is None:
-            continue
-        for inner in ast.walk(node.value):
+        assigned = tuple(name for target in targets for name in _names(target))
+        for inner in ast.walk(node.value) if node.value else ():
             if isinstance(inner, ast.Call):
-                names[inner] = flat
+                names[inner] = assigned
     return names
 
 
@@ -224,17 +223,6 @@ def _names(target: ast.expr) -> list[str]:
     return []
 
 
-def _dotted(node: ast.expr) -> tuple[str, ...]:
-    """Return the names of `a.b.c`; none of anything else."""
-    match node:
-        case ast.Name(id=name):
-            return (name,)
-        case ast.Attribute(value=value, attr=attribute):
-            before = _dotted(value)
-            return (*before, attribute) if before else ()
-    return ()
-
-
 def _calls_base_step(function: Callable[..., Any]) -> bool:
     """Return whether a step calls that of a base class."""
     tree = _tree(function)
@@ -244,6 +232,6 @@ def _calls_base_step(function: Callable[..., Any]) -> bool:
         isinstance(node, ast.Attribute)
         and node.attr == "step"
         and isinstance(node.value, ast.Call)
-        and _dotted(node.value.func) == ("super",)
+        and dotted_name(node.value.func) == "super"
         for node in ast.walk(tree)
     )

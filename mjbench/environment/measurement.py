@@ -17,9 +17,9 @@ from mjbench.environment.physics_comparison import CHOICES, PATHS
 from mjbench.environment.records import EnvironmentRecord, PathSamples
 from mjbench.environment.run import (
     EnvironmentPlan,
-    EnvironmentReady,
     EnvironmentRequest,
     EnvironmentRound,
+    measure_in_child,
 )
 from mjbench.environment.source import EnvironmentSource
 from mjbench.host import isolate
@@ -36,8 +36,8 @@ def measure(source: EnvironmentSource, plan: EnvironmentPlan) -> EnvironmentReco
     messages: list[object] = []
     try:
         ended = isolate.run(
-            "mjbench.environment.run:measure_in_child",
-            EnvironmentRequest(source, plan, variants),
+            measure_in_child,
+            (EnvironmentRequest(source, plan, variants),),
             messages.append,
             plan.limit_s,
         )
@@ -57,27 +57,26 @@ def _record(
 ) -> EnvironmentRecord:
     """Return what the messages of the child say; `ended` is None where the user interrupted."""
     rounds = [each for each in messages if isinstance(each, EnvironmentRound)]
-    record = EnvironmentRecord(
-        environment=source.name,
+    untimed = next(
+        (each for each in messages if isinstance(each, EnvironmentRecord)),
+        EnvironmentRecord(environment=source.name),
+    )
+    record = dataclasses.replace(
+        untimed,
         status=ended.status if ended else Status.INTERRUPTED,
         detail=ended.detail if ended else f"after {len(rounds)} rounds",
     )
-    ready = next((each for each in messages if isinstance(each, EnvironmentReady)), None)
-    if ready is None:
+    if record.facts is None:
         return record
     reports = {each.index: each for each in messages if isinstance(each, AgreementReport)}
     return dataclasses.replace(
         record,
-        facts=ready.facts,
-        check=ready.check,
-        changes=ready.changes,
         step_ns=[each.step_ns for each in rounds],
         compared_ns=[each.compared_ns for each in rounds if each.compared_ns is not None],
         reset_ns=[each.reset_ns for each in rounds],
         layered_ns=[each.layered_ns for each in rounds],
         timer_ns=[each.timer_ns for each in rounds],
-        timer_cost=ready.timer_cost,
-        layers=_layers(rounds, ready.facts.nstep),
+        layers=_layers(rounds, record.facts.nstep),
         paths=[_path(variants[index], report, rounds) for index, report in reports.items()],
         cores=[each.cores for each in rounds],
     )

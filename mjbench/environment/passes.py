@@ -7,7 +7,7 @@ import contextlib
 import random
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -62,19 +62,20 @@ def in_random_order(turns: Sequence[Callable[[], _T]], rng: random.Random) -> li
 
 @dataclass(frozen=True, eq=False)
 class Pass:
-    """A pass over the recorded actions.
+    """A pass over the recorded actions, filled episode by episode.
 
     Attributes:
       step_ns: (nstep,) of each step of the environment.
+      reset_ns: of the reset that begins each episode.
       lengths: steps of each episode that ended.
       returned: fingerprint of what the steps returned; of nothing where passes took turns.
       layers: what each function that was called took, with the timer's cost, where it was timed.
     """
 
     step_ns: np.ndarray
-    reset_ns: Sequence[int]
-    lengths: Sequence[int]
-    returned: Fingerprint
+    reset_ns: list[int] = field(default_factory=list)
+    lengths: list[int] = field(default_factory=list)
+    returned: Fingerprint = field(default_factory=Fingerprint)
     layers: Sequence[LayerTime] = ()
 
 
@@ -103,7 +104,7 @@ class EnvironmentPasses:
         Args:
           heartbeat: called after every step, untimed.
         """
-        return _Replay(self, self._begin_plain, heartbeat, Fingerprint()).run()
+        return self._compared(self._begin_plain, heartbeat)
 
     def recorded(self, watch: EngineWatch, heartbeat: Callable[[], None]) -> Pass:
         """Return a pass that `watch` watches; its times include the watching."""
@@ -114,7 +115,7 @@ class EnvironmentPasses:
             return self._timed(lambda action: watch.run(lambda: step(action)))
 
         with watch.watching():
-            return _Replay(self, begin_episode, heartbeat, Fingerprint()).run()
+            return self._compared(begin_episode, heartbeat)
 
     def side_by_side(self, elsewhere: Sequence[Binding], rng: random.Random) -> tuple[Pass, Pass]:
         """Return a plain pass and a layered one, which take turns from episode to episode.
@@ -123,16 +124,15 @@ class EnvironmentPasses:
           rng: draws which of the two is first in each episode.
         """
         timer = LayerTimer(self.clock_ns)
-        plain = _Replay(self, self._begin_plain)
-        layered = _Replay(self, lambda: self._begin_layered(timer, elsewhere))
-        both = [plain, layered]
-        more_follow = True
-        while more_follow:
-            rng.shuffle(both)
-            remaining = [replay.run_episode() for replay in both]
-            more_follow = any(remaining)
-        called = [layer for layer in timer.layers() if layer.calls]
-        return plain.result(), replace(layered.result(), layers=called)
+        plain, layered = self._empty_pass(), self._empty_pass()
+        replays = [
+            self._episodes(plain, self._begin_plain),
+            self._episodes(layered, lambda: self._begin_layered(timer, elsewhere)),
+        ]
+        while replays:
+            rng.shuffle(replays)
+            replays = [replay for replay in replays if next(replay, False)]
+        return plain, replace(layered, layers=[each for each in timer.layers() if each.calls])
 
     def _begin_plain(self) -> contextlib.AbstractContextManager[_TimedStep]:
         """Prepare an episode whose steps are timed as a whole."""
@@ -165,66 +165,55 @@ class EnvironmentPasses:
         step: Callable[[Any], Any] = self.adapter.environment.step
         return step
 
+    def _empty_pass(self) -> Pass:
+        return Pass(np.zeros(len(self.actions), dtype=np.int64))
 
-class _Replay:
-    """A pass, episode by episode."""
+    def _compared(self, begin_episode: _BeginEpisode, heartbeat: Callable[[], None]) -> Pass:
+        """Return a pass with the fingerprint of what its steps returned."""
+        result = self._empty_pass()
 
-    def __init__(
-        self,
-        passes: EnvironmentPasses,
-        begin_episode: _BeginEpisode,
-        heartbeat: Callable[[], None] = lambda: None,
-        returned: Fingerprint | None = None,
-    ):
-        self._passes, self._actions = passes, passes.actions
-        self._begin_episode, self._heartbeat = begin_episode, heartbeat
-        self._returned = returned
-        self._step_ns = np.zeros(len(self._actions), dtype=np.int64)
-        self._reset_ns: list[int] = []
-        self._lengths: list[int] = []
-        self._number = 0
+        def add(outcome: Any) -> None:
+            for name, value in self.adapter.fields(outcome).items():
+                result.returned.add(name, value)
 
-    def run(self) -> Pass:
-        """Run all episodes."""
-        while self.run_episode():
+        for _ in self._episodes(result, begin_episode, add, heartbeat):
             pass
-        return self.result()
+        return result
 
-    def run_episode(self) -> bool:
-        """Reset, take the steps of the next episode, and return whether more follow."""
-        if self._number == len(self._actions):
-            return False
-        first = self._number
-        self._reset_ns.append(self._reset())
-        with self._begin_episode() as step:
-            is_over = False
-            while not is_over and self._number < len(self._actions):
-                with as_input_error("its step"):
-                    outcome, self._step_ns[self._number] = step(self._actions[self._number])
-                    is_over = self._passes.adapter.is_over(outcome)
-                    self._note(outcome)
-                self._number += 1
-                self._heartbeat()
-        if is_over:
-            self._lengths.append(self._number - first)
-        return self._number < len(self._actions)
+    def _episodes(
+        self,
+        result: Pass,
+        begin_episode: _BeginEpisode,
+        inspect: Callable[[Any], None] = lambda outcome: None,
+        heartbeat: Callable[[], None] = lambda: None,
+    ) -> Iterator[bool]:
+        """Replay one episode after the other; yield after each whether more follow.
 
-    def _note(self, outcome: Any) -> None:
-        """Add what a step returned to the fingerprint, if there is one."""
-        if self._returned is not None:
-            for field, value in self._passes.adapter.fields(outcome).items():
-                self._returned.add(field, value)
+        Args:
+          result: to add times to.
+          inspect: called with what each step returned, untimed.
+        """
+        number = 0
+        while number < len(self.actions):
+            first = number
+            result.reset_ns.append(self._reset(len(result.reset_ns)))
+            with begin_episode() as step:
+                is_over = False
+                while not is_over and number < len(self.actions):
+                    with as_input_error("its step"):
+                        outcome, result.step_ns[number] = step(self.actions[number])
+                        is_over = self.adapter.is_over(outcome)
+                        inspect(outcome)
+                    number += 1
+                    heartbeat()
+            if is_over:
+                result.lengths.append(number - first)
+            yield number < len(self.actions)
 
-    def _reset(self) -> int:
+    def _reset(self, episode: int) -> int:
         """Reset the environment, and return how many nanoseconds it took."""
         with as_input_error("its reset"):
-            passes = self._passes
-            reset = passes.adapter.resetting(passes.seed + len(self._reset_ns))
-            begin = passes.clock_ns()
+            reset = self.adapter.resetting(self.seed + episode)
+            begin = self.clock_ns()
             reset()
-            return passes.clock_ns() - begin
-
-    def result(self) -> Pass:
-        """Return the pass, now that it is over."""
-        returned = self._returned or Fingerprint()
-        return Pass(self._step_ns, self._reset_ns, self._lengths, returned)
+            return self.clock_ns() - begin

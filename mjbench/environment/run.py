@@ -21,7 +21,6 @@ from mjbench.environment import (
     construction,
     engine,
     physics_comparison,
-    workload,
 )
 from mjbench.environment.adapters import EnvironmentAdapter
 from mjbench.environment.passes import (
@@ -30,13 +29,12 @@ from mjbench.environment.passes import (
     in_random_order,
     send_rounds,
 )
-from mjbench.environment.physics_comparison import PhysicsComparison
-from mjbench.environment.recording import EngineWatch, ModelChange, Recording, StepTrace
-from mjbench.environment.records import EnvironmentFacts, PhysicsCheck
+from mjbench.environment.physics_comparison import PhysicsAlone, PhysicsComparison
+from mjbench.environment.recording import EngineWatch, Recording, StepTrace
+from mjbench.environment.records import EnvironmentFacts, EnvironmentRecord, PhysicsCheck
 from mjbench.environment.repetition import FieldDifference, physics_differences
 from mjbench.environment.source import EnvironmentSource
-from mjbench.environment.timer import LayerTime, TimerCost, measure_cost
-from mjbench.environment.workload import PhysicsAlone
+from mjbench.environment.timer import LayerTime, measure_cost
 from mjbench.errors import InputError
 from mjbench.host import machine
 from mjbench.host.isolate import Channel
@@ -87,16 +85,6 @@ class EnvironmentRequest:
 
 
 @dataclass(frozen=True)
-class EnvironmentReady:
-    """What was recorded of an environment, and whether a plain loop does its physics."""
-
-    facts: EnvironmentFacts
-    check: PhysicsCheck
-    changes: tuple[ModelChange, ...]
-    timer_cost: TimerCost
-
-
-@dataclass(frozen=True)
 class EnvironmentRound:
     """One round; nanoseconds are per step of the environment.
 
@@ -122,9 +110,9 @@ class EnvironmentRound:
 def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
     """Measure one environment.
 
-    Messages: `EnvironmentReady`; where a plain loop does its physics, an `AgreementReport` per
-    variant; an `EnvironmentRound` for each round; another `AgreementReport` for each path of which
-    a timed block did not reach the states of the plain loop.
+    Messages: an `EnvironmentRecord` without times; where a plain loop does its physics, an
+    `AgreementReport` per variant; an `EnvironmentRound` for each round; another `AgreementReport`
+    for each path of which a timed block did not reach the states of the plain loop.
     """
     channel.doing("making the environment")
     adapter = adapters.adapt(construction.make(request.source))
@@ -138,9 +126,14 @@ def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
     _check_steps_engine(recording, nstep)
     unrepeated = _unrepeated(times, recording, *_recorded(passes, heartbeat))
     physics = _physics_alone(recording, unrepeated, seed, request.most_threads)
-    facts = _facts(adapter, recording, times, seed, unrepeated)
-    check = _check(recording, physics)
-    channel.send(EnvironmentReady(facts, check, tuple(recording.changes), measure_cost()))
+    record = EnvironmentRecord(
+        environment=request.source.name,
+        facts=_facts(adapter, recording, times, seed, unrepeated),
+        check=_check(recording, physics),
+        changes=recording.changes,
+        timer_cost=measure_cost(),
+    )
+    channel.send(record)
     comparison = None
     if isinstance(physics, PhysicsAlone):
         comparison = physics_comparison.prepare(physics, request.variants, channel)
@@ -211,7 +204,7 @@ def _physics_alone(
     """Return the physics to compare with; or why there is no comparison, in one line."""
     if any(difference.is_physics for difference in unrepeated):
         return "with the same seed and actions, its physics is not the same again"
-    physics = workload.alone(recording, seed, nthread)
+    physics = physics_comparison.physics_of(recording, seed, nthread)
     if isinstance(physics, str):
         return physics
     if not np.isfinite(physics.final_state).all():

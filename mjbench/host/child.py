@@ -89,10 +89,7 @@ class Child(ChildProcess):
         preexec_fn: Callable[[], None] | None = None,
         **arguments: Any,
     ):
-        """Start the command.
-
-        Args:
-          preexec_fn: called in the child before the program starts.
+        """Start the command; `preexec_fn` is called in the child before the program starts.
 
         Raises:
           MachineError: no process can be started.
@@ -130,12 +127,7 @@ class AdoptedChild(ChildProcess):
     """A process that a child of this one forked, orphaned, and thereby gave to this one (Linux)."""
 
     def __init__(self, pid: int, mark: str):
-        """Take over a process.
-
-        Args:
-          pid: of a process that is a child of this one by now, and leads a session.
-          mark: that what it starts has as MARK in its environment.
-        """
+        """Take over a process that is a child of this one by now, and leads a session."""
         super().__init__(mark)
         self.pid = pid
         self._exit_code: int | None = None
@@ -316,11 +308,7 @@ def die_with_parent(parent: int | None = None) -> None:
 
 
 def describe_exit(code: int) -> str:
-    """Describe how a process ended.
-
-    Args:
-      code: its exit code, or minus the signal that killed it.
-    """
+    """Describe how a process ended: by an exit code, or minus the signal that killed it."""
     if code >= 0:
         return f"the process ended with exit code {code}"
     try:

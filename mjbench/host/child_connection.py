@@ -61,8 +61,7 @@ class ChildConnection:
     def __init__(self, connection: Connection, process: Process, output_file: Path, name: str = ""):
         """Take over a connection, which `pair` made, of a child that prints to a file.
 
-        Args:
-          name: of the child, for error messages.
+        Error messages begin with its name, if it has one.
         """
         self.connection, self.process, self._name = connection, process, name
         self._output_file = output_file
@@ -104,11 +103,7 @@ class ChildConnection:
         raise self.failure(Status.CRASHED, cause, activity)
 
     def unpickled(self, content: bytes, activity: str = "", *kinds: type) -> Any:
-        """Return what a message stands for, of one of some kinds if any are given.
-
-        Raises:
-          ChildError: it is not.
-        """
+        """Return what a message stands for; raise ChildError where it is of none of these kinds."""
         try:
             message = pickle.loads(content)
         except Exception as error:  # damaged bytes raise whatever they spell

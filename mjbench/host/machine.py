@@ -115,15 +115,7 @@ def available_memory_bytes(cgroup: Path = _CGROUP) -> int:
 
 
 def check_memory(bytes_needed: float, work: str, remedy: str) -> None:
-    """Refuse work that does not fit into memory.
-
-    Args:
-      work: such as `64 simulations`.
-      remedy: such as `reduce --nbatch`.
-
-    Raises:
-      InputError: it does not fit.
-    """
+    """Refuse work, such as `64 simulations`, that does not fit into memory, and say a remedy."""
     available_bytes = available_memory_bytes()
     if bytes_needed > MEMORY_SHARE * available_bytes:
         raise InputError(

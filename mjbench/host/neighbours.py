@@ -61,11 +61,7 @@ def shared_folder() -> Path:
 
 
 def measuring_now(folder: Path | None = None) -> list[Neighbour]:
-    """Return the processes that measure, without taking part; none where nothing is noticed.
-
-    Args:
-      folder: shared by all that measure; None for this machine's.
-    """
+    """Return the processes that measure, without taking part; none where nothing is noticed."""
     if sys.platform == "win32":
         return []
     folder = folder or shared_folder()
@@ -81,11 +77,7 @@ class Presence:
     """This process among those that measure; a context manager, which leaves at its end."""
 
     def __init__(self, command: str, folder: Path | None = None):
-        """Prepare to take part.
-
-        Args:
-          folder: shared by all that measure; None for this machine's.
-        """
+        """Prepare to take part; `folder` is shared by all that measure, None for this machine's."""
         self._me = Neighbour(os.getpid(), command)
         self._folder = folder or shared_folder()
         self._file: Path | None = None

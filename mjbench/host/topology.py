@@ -50,11 +50,7 @@ class Topology:
 
 
 def read(usable: AbstractSet[int] | None = None, system: Path = _SYSTEM) -> Topology:
-    """Return the cores that this process may use.
-
-    Args:
-      usable: numbers of hardware threads; None for those of this process.
-    """
+    """Return the cores of some hardware threads; None for those that this process may use."""
     usable = platforms.affinity() if usable is None else usable
     quota_cores = cgroup_quota()
     if not usable:
@@ -73,11 +69,7 @@ def read(usable: AbstractSet[int] | None = None, system: Path = _SYSTEM) -> Topo
 
 
 def siblings(thread: int, system: Path = _SYSTEM) -> frozenset[int]:
-    """Return the hardware threads of the core that one belongs to, itself included.
-
-    Returns:
-      Their numbers; none where the kernel does not say.
-    """
+    """Return the hardware threads of the core of one; none where the kernel does not say."""
     return _numbers(system / f"cpu/cpu{thread}/topology/thread_siblings_list")
 
 

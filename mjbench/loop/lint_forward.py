@@ -16,6 +16,7 @@ from mjbench.loop.script_syntax import block_around, is_call, last_name, names_i
 from mjbench.loop.stepping_script import SteppingScript
 
 _RECOMPUTES = ("mj_forward", "mj_step1", "mj_fwdPosition")
+_STEPS = {"mj_step", "mj_step1", "mj_step2"}
 # Fields of the state and the inputs, which no such function changes.
 STATE = {
     *("qpos", "qvel", "act", "time", "ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos"),
@@ -60,6 +61,9 @@ def forward_after_step(script: SteppingScript) -> Iterator[Match]:
         mujoco.mj_forward(model, data)  # write: mujoco.mj_kinematics(model, data)
         height = data.body("torso").xpos[2]
 
+    A loop that sets positions and does not step, as one of inverse kinematics, does not need all of
+    `mj_forward` either.
+
     There is no finding where the script reads anything else, such as contacts or sensors, or gives
     the MjData to code that is not in the file.
 
@@ -70,23 +74,37 @@ def forward_after_step(script: SteppingScript) -> Iterator[Match]:
     """
     for call in script.calls:
         name = last_name(call.func)
-        if name not in _RECOMPUTES or not _follows_step(script, call):
+        if name not in _RECOMPUTES or not _is_statement(script, call):
             continue
         if any("set_mjcb" in each for each in script.bindings.identifiers):
             return  # mj_forward calls what the script installs
         data = call.args[1]
-        loops = (each.loop for each in iterations(script, call))
-        if isinstance(data, ast.Name) and any(map(script.steps_inside, loops)):
-            instead = _enough(uses_of(script, data))
-            if instead is not None:
-                yield Match(call, None, _message(name, call, instead), name, instead)
+        if not isinstance(data, ast.Name):
+            continue
+        uses = uses_of(script, data)
+        instead = _enough(uses)
+        if uses is None or instead is None:
+            continue
+        loops = [each.loop for each in iterations(script, call)]
+        if _follows_step(script, call):
+            if any(map(script.steps_inside, loops)):
+                yield Match(
+                    call, None, _message(name, call, instead, follows_step=True), name, instead
+                )
+        elif loops and instead and name == "mj_forward" and uses.functions.isdisjoint(_STEPS):
+            yield Match(
+                call, None, _message(name, call, instead, follows_step=False), name, instead
+            )
+
+
+def _is_statement(script: SteppingScript, call: ast.Call) -> bool:
+    return isinstance(script.parents.get(call), ast.Expr) and len(call.args) == 2
 
 
 def _follows_step(script: SteppingScript, call: ast.Call) -> bool:
     """Return whether a call is a statement after mj_step, of the same model and MjData."""
-    statement = script.parents.get(call)
-    if not isinstance(statement, ast.Expr) or len(call.args) != 2:
-        return False
+    statement = script.parents[call]
+    assert isinstance(statement, ast.Expr), "the call is a statement"
     block = block_around(statement, script.parents.get(statement))
     for before in reversed(block[: block.index(statement)] if block else []):
         if isinstance(before, ast.For | ast.While) and not before.orelse:
@@ -130,14 +148,12 @@ def enough_for(computed: Set[str], with_jacobians: bool = False) -> tuple[str, .
     return tuple(name for name in COMPUTED if name in needed)
 
 
-def _message(name: str, call: ast.Call, instead: tuple[str, ...]) -> str:
+def _message(name: str, call: ast.Call, instead: tuple[str, ...], *, follows_step: bool) -> str:
+    when, worth = (" after mj_step", "another") if follows_step else ("", "a")
     if not instead:
-        return f"{name} after mj_step computes what nothing reads; delete it"
+        return f"{name}{when} computes what nothing reads; delete it"
     arguments = ", ".join(ast.unparse(argument) for argument in call.args)
     calls = ", ".join(f"{function}({arguments})" for function in instead)
     kind = "positions are" if instead == ("mj_kinematics",) else "what follows from positions is"
     verb = "is" if len(instead) == 1 else "are"
-    return (
-        f"{name} after mj_step computes another step's worth; only {kind} read: {calls} {verb}"
-        " enough"
-    )
+    return f"{name}{when} computes {worth} step's worth; only {kind} read: {calls} {verb} enough"

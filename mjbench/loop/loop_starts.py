@@ -5,15 +5,12 @@ the habits that are measured. So each run holds the controls of its start, and r
 simulation stays where it started.
 """
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 
 from mjbench.simulation import compat, sampling, starts, work
-from mjbench.simulation.models import ModelSource
 from mjbench.simulation.sampling import SampleRequest
-from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
+from mjbench.simulation.starts import StartPlan, Starts
 from mjbench.simulation.work import Observation
 
 # Start states that are drawn; fewer where to step from all of them would take more seconds than
@@ -22,15 +19,6 @@ NSTART, LEAST_NSTART, DRAWING_S = 256, 16, 1.0
 # Steps of a run: at least so many, and as many as take about so long, in seconds. Restoring a
 # state, which every run begins with, then counts for less than one percent.
 LEAST_NSTEP, RUN_S = 5, 1e-4
-
-
-@dataclass(frozen=True)
-class LoopRequest:
-    """What a child process of `profile` or `overhead` measures."""
-
-    source: ModelSource
-    starts: StartPlan = DEFAULT_STARTS
-    seed: int = 0
 
 
 class StartsInTurn:

@@ -12,12 +12,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.loop import habits
-from mjbench.loop.compiled_loop import compile_loop, script
-from mjbench.loop.habits import BARE, ONE_CALL, ZERO_STEPS, Habit
-from mjbench.loop.loop_starts import LoopRequest, LoopStarts
+from mjbench.loop.habits import BARE, ONE_CALL, ZERO_STEPS, Habit, compile_loop, script
+from mjbench.loop.loop_starts import LoopStarts
 from mjbench.measuring import stats, timing
 from mjbench.simulation import models, work
 from mjbench.simulation.models import ModelSource
@@ -121,17 +122,16 @@ def measure(
       InputError: the model cannot be loaded, or the file does not fit it.
       MachineError: a launch crashed or hung.
     """
-    measured: list[Launch] = []
-    for seed in range(launches):
-        request = LoopRequest(source, starts, seed)
-        isolate.run("mjbench.loop.overhead:launch", request, measured.append, limit_s).check()
+    measured = [
+        isolate.call(launch, source, starts, seed, limit_s=limit_s) for seed in range(launches)
+    ]
     bare_ns = statistics.median(launch.bare_ns for launch in measured)
     added_ns = {
         name: [launch.added_ns[name] for launch in measured] for name in measured[0].added_ns
     }
     mean_ns = {name: statistics.mean(values) for name, values in added_ns.items()}
     costs = [
-        _cost(habits.find(name), values, bare_ns, mean_ns)
+        _cost(habits.BY_NAME[name], values, bare_ns, mean_ns)
         for name, values in added_ns.items()
         if name != ZERO_STEPS.name
     ]
@@ -146,11 +146,11 @@ def measure(
     )
 
 
-def launch(request: LoopRequest, channel: Channel) -> None:
+def launch(source: ModelSource, plan: StartPlan, seed: int, channel: Channel) -> Launch:
     """Time every habit against the bare loop; runs in the child."""
-    model, file = models.load(request.source), str(request.source.path)
+    model, file = models.load(source), str(source.path)
     nstep = max(LEAST_NSTEP, int(BLOCK_S / work.step_s(model)))
-    starts = LoopStarts(model, request.starts, nstep, request.seed)
+    starts = LoopStarts(model, plan, nstep, seed)
     start = starts.in_turn(repeats=_BLOCKS_PER_QUAD)
     run_bare = compile_loop(BARE, model, nstep, start=start).run
     runs = {
@@ -166,12 +166,12 @@ def launch(request: LoopRequest, channel: Channel) -> None:
         for warm_up in (run_bare, runs[name]):
             warm_up()
         start.count = len(bare_ns) * _BLOCKS_PER_QUAD  # all blocks of a quad start from one state
-        quads = timing.quads(run_bare, runs[name], QUADS)
-        bare_ns += [1e9 * quad.baseline_s / nstep for quad in quads]
-        added_ns[name] = statistics.median(
-            1e9 * (quad.candidate_s - quad.baseline_s) / nstep for quad in quads
-        )
-    channel.send(Launch(nstep, statistics.median(bare_ns), added_ns, starts.starts))
+        orders = timing.draw_orders(QUADS)
+        seconds = np.array(timing.block_times(run_bare, runs[name], orders))
+        bare_s, habit_s = (s.mean(axis=1) for s in stats.blocks_by_target(orders, seconds))
+        bare_ns += (1e9 * bare_s / nstep).tolist()
+        added_ns[name] = float(np.median(1e9 * (habit_s - bare_s) / nstep))
+    return Launch(nstep, statistics.median(bare_ns), added_ns, starts.starts)
 
 
 def _cost(

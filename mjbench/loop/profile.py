@@ -21,9 +21,8 @@ from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.loop import engine_stages, habits, rendering
-from mjbench.loop.compiled_loop import compile_loop
-from mjbench.loop.habits import Habit
-from mjbench.loop.loop_starts import LoopRequest, LoopStarts
+from mjbench.loop.habits import Habit, compile_loop
+from mjbench.loop.loop_starts import LoopStarts
 from mjbench.loop.rendering import FrameTime
 from mjbench.measuring import timing
 from mjbench.simulation import compat, models, work
@@ -147,11 +146,9 @@ def measure(
       InputError: it cannot be loaded, diverges, or the file does not fit it.
       MachineError: the process that steps it crashed or hung.
     """
-    messages: list[StepTimes] = []
-    request = LoopRequest(source, starts)
-    isolate.run("mjbench.loop.profile:step", request, messages.append, limit_s).check()
+    steps = isolate.call(step, source, starts, limit_s=limit_s)
     frames = [rendering.measure(source, backend, limit_s) for backend in rendering.BACKENDS]
-    return row(source.name, messages[0], frames)
+    return row(source.name, steps, frames)
 
 
 @dataclass(frozen=True)
@@ -176,12 +173,12 @@ class Block:
         return runs
 
 
-def step(request: LoopRequest, channel: Channel) -> None:
+def step(source: ModelSource, plan: StartPlan, channel: Channel) -> StepTimes:
     """Time steps with and without MuJoCo's timer, and the loop; runs in a child."""
     channel.doing("loading the model")
-    model = models.load(request.source)
+    model = models.load(source)
     channel.doing("stepping the model")
-    starts = LoopStarts(model, request.starts, seed=request.seed)
+    starts = LoopStarts(model, plan)
     observation = starts.observation
     nrun = max(1, int(BLOCK_S / (starts.nstep * work.step_s(model))))
     block = Block(nrun, starts.nstep, starts.in_turn)
@@ -190,18 +187,16 @@ def step(request: LoopRequest, channel: Channel) -> None:
     loop_ns, engine_ns, *clockless_ns = _step_ns(
         model, block, habits.BARE, habits.ONE_CALL, *clock_off
     )
-    channel.send(
-        StepTimes(
-            timestep=float(model.opt.timestep),
-            loop_ns=loop_ns,
-            engine_ns=engine_ns,
-            clock_ns=loop_ns - clockless_ns[0] if clockless_ns else None,
-            work=observation.work,
-            stages=shares,
-            warnings=observation.other_warnings(),
-            starts=starts.starts,
-            run_nstep=block.nstep,
-        )
+    return StepTimes(
+        timestep=float(model.opt.timestep),
+        loop_ns=loop_ns,
+        engine_ns=engine_ns,
+        clock_ns=loop_ns - clockless_ns[0] if clockless_ns else None,
+        work=observation.work,
+        stages=shares,
+        warnings=observation.other_warnings(),
+        starts=starts.starts,
+        run_nstep=block.nstep,
     )
 
 

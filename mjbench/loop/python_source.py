@@ -10,7 +10,7 @@ import stat
 import tokenize
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench.errors import InputError, one_line
@@ -152,15 +152,13 @@ def _parse(parts: Sequence[Part], data: bytes, encoding: str | None) -> Program:
         raise ValueError(f"more than {MAX_PYTHON_BYTES // 10**6} MB of Python")
     tree = ast.Module(body=[], type_ignores=[])
     lines: list[SourceLine] = []
-    placed = []
     for part in parts:
         body = _parse_part(part)
         if lines:
             ast.increment_lineno(body, len(lines))
         tree.body += body.body
-        placed.append(replace(part, lines_before=len(lines)))
         lines += _source_lines(part)
-    return Program(tree, lines, placed, data, encoding)
+    return Program(tree, lines, parts, data, encoding)
 
 
 def _source_lines(part: Part) -> list[SourceLine]:

@@ -36,39 +36,29 @@ class FrameTime:
     height: int = HEIGHT
 
 
-@dataclass(frozen=True)
-class RenderRequest:
-    """To the child: the model to render, and the backend to render it by."""
-
-    model: ModelSource
-    backend: str
-
-
 def measure(model: ModelSource, backend: str, limit_s: float) -> FrameTime:
     """Return how long a frame takes; a backend that does not work, crashes or hangs says why."""
-    messages: list[FrameTime] = []
-    request = RenderRequest(model, backend)
-    ended = isolate.run(
-        "mjbench.loop.rendering:render",
-        request,
-        messages.append,
-        limit_s,
+    return isolate.call(
+        render,
+        model,
+        backend,
+        limit_s=limit_s,
         # MuJoCo sets the second to the backend that it loads; this process may have loaded another
         environment={"MUJOCO_GL": backend, "PYOPENGL_PLATFORM": None},
+        otherwise=lambda ended: FrameTime(backend, None, ended.detail),
     )
-    return FrameTime(backend, messages[0].seconds if messages else None, ended.detail)
 
 
-def render(request: RenderRequest, channel: Channel) -> None:
+def render(source: ModelSource, backend: str, channel: Channel) -> FrameTime:
     """Time the rendering of a frame; runs in a child whose MUJOCO_GL names the backend."""
     try:  # late: these imports fail where the backend's library is missing
         import mujoco
         from mujoco import gl_context  # noqa: F401
     except Exception as error:
-        raise _not_available(request.backend, error) from error
+        raise _not_available(backend, error) from error
     from mjbench.simulation import models, workload
 
-    model = models.load(request.model)
+    model = models.load(source)
     model.vis.global_.offwidth = max(WIDTH, model.vis.global_.offwidth)
     model.vis.global_.offheight = max(HEIGHT, model.vis.global_.offheight)
     data = workload.start_data(model)
@@ -76,14 +66,14 @@ def render(request: RenderRequest, channel: Channel) -> None:
     try:
         renderer = mujoco.Renderer(model, HEIGHT, WIDTH)
     except Exception as error:
-        raise _not_available(request.backend, error) from error
+        raise _not_available(backend, error) from error
     seconds = []
     for _ in range(1 + FRAMES):
         begin = time.perf_counter()
         renderer.update_scene(data)
         renderer.render()
         seconds.append(time.perf_counter() - begin)
-    channel.send(FrameTime(request.backend, statistics.median(seconds[1:])))
+    return FrameTime(backend, statistics.median(seconds[1:]))
 
 
 def _not_available(backend: str, error: Exception) -> MachineError:

@@ -22,11 +22,6 @@ class Ratio:
         ends = math.exp(estimate - half_width), math.exp(estimate + half_width)
         return cls(math.exp(estimate), *ends)
 
-    @property
-    def is_bounded(self) -> bool:
-        """Whether it has both ends."""
-        return self.low is not None and self.high is not None
-
     def covers(self, value: float) -> bool:
         """Return whether a value lies within; a missing end is no bound."""
         return (self.low is None or self.low <= value) and (self.high is None or value <= self.high)

@@ -26,10 +26,7 @@ class Estimate:
 
 
 def speedup(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> Estimate:
-    """Return how many times faster the candidate is than the baseline, round by round.
-
-    Args:
-      baseline_s: of each round; `candidate_s` is of the same rounds.
+    """Return how many times faster the candidate is than the baseline in the same rounds.
 
     Raises:
       ValueError: the two differ in length, or are empty.
@@ -44,11 +41,7 @@ def speedup(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> Estima
 
 
 def median_speedup(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> float:
-    """Return the median of `speedup` alone, in the rounds that both have, the first of each.
-
-    Raises:
-      ValueError: one of the two is empty.
-    """
+    """Return the median of `speedup_in_common` alone."""
     count = min(len(baseline_s), len(candidate_s))
     return float(np.exp(np.median(_log_ratios(baseline_s[:count], candidate_s[:count]))))
 

@@ -67,14 +67,6 @@ def rounds(
         yield seconds
 
 
-@dataclass(frozen=True)
-class Quad:
-    """Mean times of four blocks in the order ABBA or BAAB, in which a linear drift cancels out."""
-
-    baseline_s: float
-    candidate_s: float
-
-
 # Not seeded: an order that is the same in every process could favour one side in all of them.
 _RANDOM = random.Random()
 
@@ -99,21 +91,3 @@ def block_times(
     """
     contenders = {"A": Contender(baseline, before), "B": Contender(candidate, before)}
     return [[block_s(contenders[letter], clock) for letter in order] for order in orders]
-
-
-def quads(
-    baseline: Callable[[], None],
-    candidate: Callable[[], None],
-    count: int,
-    rng: random.Random = _RANDOM,
-    clock: Clock = time.perf_counter,
-) -> list[Quad]:
-    """Time two blocks against each other in this process, in quads of random order."""
-    orders = draw_orders(count, rng)
-    timed = []
-    for order, times in zip(orders, block_times(baseline, candidate, orders, clock), strict=True):
-        seconds = dict.fromkeys("AB", 0.0)
-        for letter, block in zip(order, times, strict=True):
-            seconds[letter] += block
-        timed.append(Quad(seconds["A"] / 2, seconds["B"] / 2))
-    return timed

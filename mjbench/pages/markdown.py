@@ -9,7 +9,7 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 
 from mjbench.errors import printable
-from mjbench.report import history_plots
+from mjbench.report import charts
 from mjbench.report.content import DataTable, Report, Section, Tone
 
 _MARKS = {
@@ -65,7 +65,7 @@ def document(sections: Iterable[Section], plots: str = "") -> Iterator[str]:
             yield escaped(text)
         for figure in section.figures:
             yield ""
-            yield f"![{escaped(figure.title)}]({plots}/{history_plots.file_name(figure.title)})"
+            yield f"![{escaped(figure.title)}]({plots}/{charts.file_name(figure.title)})"
         if not section.figures:
             yield from _tables(section)
         for note in section.notes:

@@ -15,7 +15,6 @@ import numpy as np
 
 from mjbench.errors import MachineError
 from mjbench.paths import Resources
-from mjbench.paths.base import needs_reset
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Workload
 
@@ -60,7 +59,7 @@ class _Stretch:
 def can_divide(workload: Workload, count: int) -> bool:
     """Return whether a run can be divided: sections end in the states that it has there."""
     count = min(count, workload.nbatch * workload.ncontrol)
-    if count < 2 or needs_reset(workload.model):
+    if count < 2 or compat.has_sleep(workload.model):
         return False
     resources = Resources(workload)
     try:
@@ -209,7 +208,7 @@ class TimedSteps:
         self.final_state = np.empty_like(workload.initial_state)
         self._workload = workload
         self._data = mujoco.MjData(workload.model)
-        self._has_reset = needs_reset(workload.model)
+        self._has_reset = compat.has_sleep(workload.model)
         self._ns = np.empty(workload.nbatch * workload.nstep, dtype=np.int64)
 
     def run(self) -> None:

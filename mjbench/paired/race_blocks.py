@@ -15,7 +15,7 @@ import numpy as np
 
 from mjbench import paths
 from mjbench.comparison.verification import ReferenceCase
-from mjbench.errors import InputError, MachineError
+from mjbench.errors import InputError
 from mjbench.paired.worker_answers import TimedEntrant
 from mjbench.simulation.model_guard import ModelGuard
 
@@ -44,16 +44,14 @@ class RaceBlocks:
           MachineError: it changes the model, which all paths share.
         """
         path, workload = paths.find(path_name), self.case.workload
-        reason = path.unavailable() or path.cannot_return(workload.returns)
-        reason = reason or path.unsuited(workload, options)
-        if reason:
+        if reason := path.cannot_run(workload, options):
             raise InputError(reason)
         prepared = path.prepare(workload, options, self.case.resources)
         if difference := self.case.difference(prepared.verified_states(), prepared):
             raise InputError(f"in a fresh process: {difference}")
         prepared.clear()
         prepared.run()
-        self._check_model()
+        self._guard.check()
         self._prepared.append(prepared)
 
     def time(self, number: int, reorders: bool) -> TimedEntrant:
@@ -70,10 +68,6 @@ class RaceBlocks:
         begin = clock()
         run()
         ns = clock() - begin
-        self._check_model()
+        self._guard.check()
         difference = self.case.difference(prepared.final_states(), prepared)
         return TimedEntrant(ns, f"in a timed block: {difference}" if difference else "")
-
-    def _check_model(self) -> None:
-        if changed := self._guard.change():
-            raise MachineError(f"changes the model, which all paths share: {changed}")

@@ -355,9 +355,7 @@ class Worker:
             workload.lead_in,
         )
         path = paths.find(path_name)
-        reason = path.unavailable() or path.cannot_return(selected.returns)
-        reason = reason or path.unsuited(selected, options)
-        if reason:
+        if reason := path.cannot_run(selected, options):
             raise InputError(reason)
         if callback:
             engine_library.install_callback(model, callback)

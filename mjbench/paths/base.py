@@ -219,6 +219,11 @@ class SteppingPath(ABC):
         able = " or ".join(self.products)
         return f"returns {able}, not {returns}"
 
+    def cannot_run(self, workload: Workload, options: Options) -> str | None:
+        """Return why this path cannot run this workload here and return what it asks for."""
+        reason = self.unavailable() or self.cannot_return(workload.returns)
+        return reason or self.unsuited(workload, options)
+
     @abstractmethod
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
         """Return a run of `workload`, with everything allocated and started."""
@@ -288,7 +293,8 @@ def make_simulate(model: mujoco.MjModel, hold: int, returns: Product) -> Simulat
     step. What it needs to know of the model is looked up here, so that a timed call does nothing
     but step and record.
     """
-    spec, has_reset = compat.INTEGRATION, needs_reset(model)
+    # a state does not hold what sleeps
+    spec, has_reset = compat.INTEGRATION, compat.has_sleep(model)
     physics = compat.FULLPHYSICS
 
     def simulate(
@@ -334,8 +340,3 @@ def make_simulate(model: mujoco.MjModel, hold: int, returns: Product) -> Simulat
             mujoco.mj_getState(model, data, final_state[i], spec)
 
     return simulate if returns == Product.FINAL else record
-
-
-def needs_reset(model: mujoco.MjModel) -> bool:
-    """Return whether an MjData must be reset between simulations: sleep is not in the state."""
-    return compat.has_sleep(model)

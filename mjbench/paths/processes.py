@@ -93,14 +93,11 @@ class _SharedWorkload:
     initial_state: _SharedArray
     control: _SharedArray
     final_state: _SharedArray
-    state: _SharedArray | None
-    sensordata: _SharedArray | None
+    step_outputs: tuple[_SharedArray, ...]
 
     def outputs(self) -> StepOutputs:
-        return StepOutputs(
-            None if self.state is None else self.state.as_array(),
-            None if self.sensordata is None else self.sensordata.as_array(),
-        )
+        state, sensordata = (*(array.as_array() for array in self.step_outputs), None, None)[:2]
+        return StepOutputs(state, sensordata)
 
 
 class _StepperPool:
@@ -108,8 +105,6 @@ class _StepperPool:
 
     def __init__(self, workload: Workload, count: int):
         context = multiprocessing.get_context("spawn")
-        outputs = [_SharedArray.copy_of(context, a) for a in StepOutputs.empty(workload).arrays]
-        state, sensordata = (*outputs, None, None)[:2]
         self._workload = workload
         # referenced here for as long as the workers use it: the allocator reuses free memory
         self._shared = _SharedWorkload(
@@ -119,8 +114,7 @@ class _StepperPool:
             _SharedArray.copy_of(context, workload.initial_state),
             _SharedArray.copy_of(context, workload.control),
             _SharedArray.copy_of(context, np.full_like(workload.initial_state, np.nan)),
-            state,
-            sensordata,
+            tuple(_SharedArray.copy_of(context, a) for a in StepOutputs.empty(workload).arrays),
         )
         self.final_state = self._shared.final_state.as_array()
         self.outputs = self._shared.outputs()

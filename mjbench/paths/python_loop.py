@@ -12,7 +12,6 @@ from mjbench.paths.base import (
     Resources,
     SteppingPath,
     make_simulate,
-    needs_reset,
     prepared_arrays,
 )
 from mjbench.simulation import compat, package_timer
@@ -44,7 +43,7 @@ class PythonLoop(SteppingPath):
         model, hold = workload.model, workload.hold
         (data,) = resources.datas(1)
         final_state, outputs = resources.final_state(), resources.step_outputs()
-        spec, has_reset = compat.INTEGRATION, needs_reset(model)
+        spec, has_reset = compat.INTEGRATION, compat.has_sleep(model)
         record = make_simulate(model, hold, workload.returns)
 
         def run() -> None:

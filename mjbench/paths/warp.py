@@ -39,7 +39,6 @@ class Warp(AcceleratedPath):
     packages = ("warp", "mujoco_warp")
 
     def device_kind(self) -> str:
-        """Return the kind of device that Warp chooses."""
         import warp as wp
 
         _print_warnings_only()
@@ -55,7 +54,6 @@ class Warp(AcceleratedPath):
         return super().unsuited(workload, options)
 
     def data_fields(self, model: mujoco.MjModel) -> Mapping[str, Any]:
-        """Return the fields of MuJoCo Warp's Data for a model."""
         import mujoco_warp
 
         _print_warnings_only()
@@ -63,7 +61,6 @@ class Warp(AcceleratedPath):
         return dict(vars(mujoco_warp.make_data(model)))
 
     def default_buffer_sizes(self, model: mujoco.MjModel) -> dict[str, int]:
-        """Return the sizes that make_data chooses, for each world."""
         import mujoco_warp
 
         _print_warnings_only()
@@ -85,7 +82,7 @@ class Warp(AcceleratedPath):
         graph = _StepGraph(workload, buffer_sizes)
         device = wp.get_device()
         return Compiled(
-            graph.timed_call(),
+            graph.run,
             graph.clear,
             graph.final_states,
             advance=graph.advance,
@@ -140,10 +137,9 @@ class _StepGraph:
         self._start = self._fields_on_device(start_fields(self._workload))
         self._controls = self._controls_on_device(self._workload.control)
 
-    def timed_call(self) -> Callable[[], None]:
-        """Return the timed region."""
-        rollout, nstep = self._rollout, self._workload.nstep
-        return lambda: rollout(self._start, self._controls, nstep)
+    def run(self) -> None:
+        """Step the workload; this is the timed region."""
+        self._rollout(self._start, self._controls, self._workload.nstep)
 
     def clear(self) -> None:
         """Invalidate the output of the last run."""

@@ -108,14 +108,6 @@ class PhysicsCost:
         return next((cost for cost in self.costs if cost.kind in kinds), None)
 
 
-@dataclass(frozen=True)
-class _Request:
-    """To the child: which model to step, and the stages of a step, where they are known."""
-
-    model: RecordedModel
-    stages: Mapping[str, float]
-
-
 def measure(models: Sequence[RecordedModel], stages: Mapping[str, float]) -> PhysicsCost | None:
     """Return what costs in steps of a program; None where its models cannot be stepped here.
 
@@ -123,17 +115,18 @@ def measure(models: Sequence[RecordedModel], stages: Mapping[str, float]) -> Phy
       models: of the program; the first that this process's MuJoCo can load is used.
       stages: shares of a step that were timed in the program; empty where none were.
     """
-    model, messages = loadable(models), list[PhysicsCost]()
-    if model is not None and len(model.states):
-        request = _Request(model, stages)
-        isolate.run("mjbench.program.physics_cost:answer", request, messages.append, LIMIT_S)
-    return messages[0] if messages else None
+    model = loadable(models)
+    if model is None or not len(model.states):
+        return None
+    return isolate.call(measure_model, model, stages, limit_s=LIMIT_S, otherwise=lambda _: None)
 
 
-def answer(request: _Request, channel: Channel) -> None:
+def measure_model(
+    recorded: RecordedModel, stages: Mapping[str, float], channel: Channel
+) -> PhysicsCost:
     """Measure what costs; runs in a child."""
-    model, states = request.model.load(), request.model.states
-    stages = request.stages or _stages(model, states)
+    model, states = recorded.load(), recorded.states
+    stages = stages or _stages(model, states)
     step_s, of_sensors = _sensors(model, states)
     narrow_share = stages["narrow-phase collision"]
     has_pairs = narrow_share >= LEAST_SHARE
@@ -141,7 +134,7 @@ def answer(request: _Request, channel: Channel) -> None:
     costs = [*of_pairs, *of_sensors]
     largest = sorted(costs, key=lambda cost: -cost.share)
     notable = [cost for cost in largest if cost.share >= LEAST_SHARE]
-    channel.send(PhysicsCost(1e9 * step_s, stages, notable[:MOST_COSTS]))
+    return PhysicsCost(1e9 * step_s, stages, notable[:MOST_COSTS])
 
 
 def _stages(model: mujoco.MjModel, states: np.ndarray) -> Mapping[str, float]:

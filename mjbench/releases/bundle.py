@@ -48,7 +48,8 @@ def read(bundle: Path) -> list[Release]:
 def hashes(bundle: Path) -> dict[str, str]:
     """Return the commit hash of every branch and tag of a history, by name."""
     with _cloned(bundle) as repository:
-        return _references(repository)
+        lines = _git(repository, "for-each-ref", "--format=%(refname:short) %(objectname)")
+    return dict(line.split(" ") for line in lines.splitlines())
 
 
 def write(bundle: Path, releases: Sequence[Release]) -> None:
@@ -105,9 +106,8 @@ def verify(bundle: Path, indexed: Sequence[Release] | None = None) -> list[str]:
     """
     releases = read(bundle)
     with scratch.folder() as folder:
-        repository = folder / "history.git"
-        _build(repository, releases)
-        expected = _references(repository)
+        write(folder / "again.bundle", releases)
+        expected = hashes(folder / "again.bundle")
     actual = hashes(bundle)
     problems = [
         f"{name}: hash {actual.get(name, 'missing')}, expected {expected.get(name, 'none')}"
@@ -155,11 +155,6 @@ def _build(repository: Path, releases: Sequence[Release]) -> None:
 def _data(text: str) -> str:
     """Return `text` as fast-import reads it: behind its length in bytes."""
     return f"data {len(text.encode())}\n{text}\n"
-
-
-def _references(repository: Path) -> dict[str, str]:
-    lines = _git(repository, "for-each-ref", "--format=%(refname:short) %(objectname)")
-    return dict(line.split(" ") for line in lines.splitlines())
 
 
 @contextlib.contextmanager

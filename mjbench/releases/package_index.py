@@ -1,23 +1,21 @@
 """The releases of MuJoCo on the package index that pip installs from."""
 
 import base64
-import json
 import re
 import subprocess
 import sys
 import urllib.parse
 import urllib.request
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from http.client import HTTPException
-from typing import NotRequired, TypedDict, TypeVar
 
 from packaging.version import InvalidVersion, Version
 
 from mjbench.errors import MachineError, one_line
 from mjbench.releases.release import Release, version_key
 
-_T = TypeVar("_T")
 # The history begins one release before the first supported one, 2.3.7: a search such as
 # `asv find v2.3.6..v4.0.0` takes the first commit of its range as the good one.
 FIRST = (2, 3, 6)
@@ -25,38 +23,48 @@ FIRST = (2, 3, 6)
 _TIMEOUT_S = 30.0
 
 
-class Upload(TypedDict):
+@dataclass(frozen=True)
+class Upload:
     """A file of a release, as the index's JSON describes it (other keys are ignored)."""
 
-    upload_time_iso_8601: str
-    filename: NotRequired[str]
-    yanked: NotRequired[bool]
+    upload_time_iso_8601: datetime
+    filename: str = ""
+    yanked: bool = False
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """The index's JSON."""
+
+    releases: Mapping[str, Sequence[Upload]]
 
 
 def releases() -> list[Release]:
     """Return the final releases that pip's package index has, in upload order.
 
     Raises:
-      MachineError: the index cannot be reached, or its answer lacks upload times.
+      MachineError: the index cannot be reached, or its answer is not understood.
     """
-    return _read(_final_releases)
+    return _final_releases(_uploads())
 
 
 def files() -> dict[str, list[str]]:
     """Return the names of all files that pip's package index has, by version.
 
     Raises:
-      MachineError: the index cannot be reached, or its answer lacks the names.
+      MachineError: the index cannot be reached, or its answer is not understood.
     """
-    return _read(_files)
+    return _files(_uploads())
 
 
-def _read(parse: Callable[[Mapping[str, Sequence[Upload]]], _T]) -> _T:
-    """Return what `parse` makes of the index's answer."""
+def _uploads() -> Mapping[str, Sequence[Upload]]:
+    """Return the files of each version that the index has."""
+    import msgspec  # late: asv's environments lack it
+
     try:
         with urllib.request.urlopen(_request(_index_url()), timeout=_TIMEOUT_S) as answer:
-            return parse(json.load(answer)["releases"])
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, HTTPException) as error:
+            return msgspec.json.decode(answer.read(), type=_Answer).releases
+    except (OSError, ValueError, HTTPException) as error:
         reason = re.sub(r"//[^/@\s]*@", "//", one_line(error))  # without credentials
         raise MachineError(
             f"cannot read the releases of mujoco from the package index: {reason}"
@@ -66,7 +74,7 @@ def _read(parse: Callable[[Mapping[str, Sequence[Upload]]], _T]) -> _T:
 def _files(uploads_of: Mapping[str, Sequence[Upload]]) -> dict[str, list[str]]:
     """Return the names of the files of each version that is one."""
     return {
-        version: [upload["filename"] for upload in uploads]
+        version: [upload.filename for upload in uploads]
         for version, uploads in uploads_of.items()
         if _parsed(version) is not None
     }
@@ -76,11 +84,7 @@ def _final_releases(uploads_of: Mapping[str, Sequence[Upload]]) -> list[Release]
     """Return the final releases in upload order, from FIRST on, without yanked ones."""
     final = []
     for version, uploads in uploads_of.items():
-        times = [
-            datetime.fromisoformat(upload["upload_time_iso_8601"])
-            for upload in uploads
-            if not upload.get("yanked")
-        ]
+        times = [upload.upload_time_iso_8601 for upload in uploads if not upload.yanked]
         if times and _is_final(version) and version_key(version) >= FIRST:
             final.append(Release(version, min(times).astimezone(UTC).replace(microsecond=0)))
     return sorted(final, key=lambda r: (r.uploaded, version_key(r.version)))

@@ -12,14 +12,13 @@ from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 
-from packaging import tags
-from packaging.utils import InvalidWheelFilename, parse_wheel_filename
 from packaging.version import Version
 
 from mjbench.errors import InputError, MachineError, one_line
 from mjbench.host import child
 from mjbench.releases import package_index
 from mjbench.releases.release import OLDEST, version_key
+from mjbench.releases.wheels import wheel_of
 
 # How many other versions an error names.
 _NEAREST = 4
@@ -93,19 +92,11 @@ def _error(version: str, local: bool, reason: str) -> InputError | MachineError:
 
 def _available(files_of: Mapping[str, Sequence[str]]) -> list[Version]:
     """Return the versions of which the index has a wheel for this Python, sorted."""
-    accepted = frozenset(tags.sys_tags())
     return sorted(
         Version(version)
         for version, files in files_of.items()
-        if any(not accepted.isdisjoint(_tags(file)) for file in files)
+        if any(wheel is not None and wheel.fits for wheel in map(wheel_of, map(Path, files)))
     )
-
-
-def _tags(file: str) -> frozenset[tags.Tag]:
-    try:
-        return parse_wheel_filename(file)[3]
-    except InvalidWheelFilename:  # a source archive
-        return frozenset()
 
 
 def _nearest(version: str, available: Sequence[Version]) -> str:

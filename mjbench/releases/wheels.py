@@ -4,6 +4,7 @@ What pip could not install (another project's wheel, one for another Python, a b
 refused before anything is measured.
 """
 
+import functools
 import struct
 import zipfile
 from dataclasses import dataclass
@@ -41,7 +42,12 @@ class Wheel:
     @property
     def fits(self) -> bool:
         """Whether this Python can install it."""
-        return not self.tags.isdisjoint(tags.sys_tags())
+        return not self.tags.isdisjoint(_accepted_tags())
+
+
+@functools.cache
+def _accepted_tags() -> frozenset[Tag]:
+    return frozenset(tags.sys_tags())
 
 
 def names_wheels(text: str) -> bool:
@@ -64,7 +70,7 @@ def find(text: str) -> list[Wheel]:
         raise InputError(f"{text} is for another Python or platform than this, {_this_python()}")
     others = [
         other
-        for other in map(_parse, _files(wheel.file.parent, f"{_PROJECT}_*{_SUFFIX}"))
+        for other in map(wheel_of, _files(wheel.file.parent, f"{_PROJECT}_*{_SUFFIX}"))
         if other is not None
         and other.project in install_check.DISTRIBUTIONS
         and other.version == wheel.version
@@ -85,7 +91,7 @@ def is_folder(text: str) -> bool:
 
 def _in_folder(folder: Path) -> Wheel:
     """Return the one wheel of mujoco in a folder that this Python can install."""
-    wheels = [wheel for wheel in map(_parse, _files(folder, _PATTERN)) if wheel is not None]
+    wheels = [wheel for wheel in map(wheel_of, _files(folder, _PATTERN)) if wheel is not None]
     if not wheels:
         raise InputError(f"{folder} holds no wheel of mujoco ({_PATTERN})")
     fitting = [wheel for wheel in wheels if wheel.fits]
@@ -107,7 +113,7 @@ def _named(text: str) -> Wheel:
         raise InputError(f"no such wheel: {shown(text)}")
     if text.endswith(_SOURCE_SUFFIX):
         raise InputError(f"{text} is a source archive: name a wheel that was built from it")
-    wheel = _parse(path)
+    wheel = wheel_of(path)
     if wheel is None:
         raise InputError(
             f"{text}: a wheel is named PROJECT-VERSION-PYTHON-ABI-PLATFORM{_SUFFIX};"
@@ -118,7 +124,7 @@ def _named(text: str) -> Wheel:
     return wheel
 
 
-def _parse(file: Path) -> Wheel | None:
+def wheel_of(file: Path) -> Wheel | None:
     """Return what a wheel's file name says; None if it is not named as a wheel."""
     try:
         project, version, _, wheel_tags = parse_wheel_filename(file.name)

@@ -128,8 +128,12 @@ def _bits(states: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(states, dtype=np.float64).view(np.uint64)
 
 
-def drift(after: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]) -> float:
-    """Return the largest difference between two results of `work.one_step`, in SI units.
+def drift(
+    after: Mapping[str, np.ndarray],
+    reference: Mapping[str, np.ndarray],
+    scales: Mapping[str, float] | None = None,
+) -> float:
+    """Return the largest difference of any field, relative to the field's scale if there is one.
 
     A NaN in either of them counts as an infinite difference.
     """
@@ -137,32 +141,17 @@ def drift(after: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]) 
     for field, values in after.items():
         difference = np.abs(values - reference[field])
         if difference.size:
-            largest = max(largest, float(np.where(np.isnan(difference), np.inf, difference).max()))
+            most = float(np.where(np.isnan(difference), np.inf, difference).max())
+            largest = max(largest, most / scales[field] if scales else most)
     return largest
 
 
 def scales(fields: Mapping[str, np.ndarray]) -> dict[str, float]:
-    """Return what differences of each field are relative to: its largest finite magnitude.
-
-    It is at least LEAST_SCALE.
-    """
+    """Return the scale of each field: its largest finite magnitude, at least LEAST_SCALE."""
     return {
         field: max(LEAST_SCALE, float(np.abs(values[np.isfinite(values)]).max(initial=0.0)))
         for field, values in fields.items()
     }
-
-
-def relative_drift(
-    got: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray], scales: Mapping[str, float]
-) -> float:
-    """Return the largest difference of any field, relative to the field's scale.
-
-    A NaN in either of them counts as an infinite difference.
-    """
-    return max(
-        (drift({field: got[field]}, {field: reference[field]}) / scales[field] for field in got),
-        default=0.0,
-    )
 
 
 def result_changes(baseline_drift: float | None, candidate_drift: float | None) -> list[str]:
@@ -202,21 +191,13 @@ def work_changes(
 
 
 def counter_changes(baseline: Mapping[str, float], candidate: Mapping[str, float]) -> list[str]:
-    """Return the counters of work that differ, such as `contacts 1 → 5`."""
-    return [
-        f"{name.replace('_', ' ')} {_count(baseline[name])} → {_count(candidate[name])}"
-        for name in _changed_counters(baseline, candidate)
-    ]
-
-
-def _changed_counters(baseline: Mapping[str, float], candidate: Mapping[str, float]) -> list[str]:
-    """Return the names of the counters of work that differ, of those that both have."""
-    return [
-        name
-        for name, before in baseline.items()
-        if name in candidate
-        and abs(candidate[name] - before) > SAME_WORK * max(abs(before), abs(candidate[name]))
-    ]
+    """Return which counters that both have differ, such as `contacts 1 → 5`."""
+    changes = []
+    for name, before in baseline.items():
+        after = candidate.get(name, before)
+        if abs(after - before) > SAME_WORK * max(abs(before), abs(after)):
+            changes.append(f"{name.replace('_', ' ')} {_count(before)} → {_count(after)}")
+    return changes
 
 
 def _count(value: float) -> str:

@@ -74,11 +74,15 @@ def _check_size(file: Path, fields: Collection[str]) -> None:
 
 
 def floats(values: np.ndarray, name: str) -> np.ndarray:
-    """Return numbers as float64, in which small integers take eight times their space.
+    """Return finite numbers as float64, in which small integers take eight times their space.
 
     Raises:
-      InputError: they would be too large.
+      InputError: they are others, or would be too large.
     """
+    if values.dtype.kind not in "fiub":
+        raise InputError(f"{name} does not hold numbers")
     if values.size * np.dtype(float).itemsize > MOST_BYTES:
         raise InputError(f"{name} has {values.size:,} numbers, which is too many: save fewer rows")
+    if not np.isfinite(values).all():
+        raise InputError(f"{name} holds numbers that are not finite")
     return values.astype(float)

@@ -101,11 +101,7 @@ class CaptureHeader:
             ) from error
 
     def check(self, model: mujoco.MjModel, file_name: str) -> None:
-        """Refuse a model of another layout.
-
-        Raises:
-          InputError: its sizes, or the types of its joints, are others.
-        """
+        """Refuse a model of another layout."""
         own = ModelLayout.of(model)
         if own == self.layout:
             return

@@ -73,9 +73,7 @@ def read(file: Path, model: mujoco.MjModel) -> GivenControls:
       InputError: it cannot be read, or does not fit the model.
     """
     name = shown(file.name)
-    values = _read_array(file, name)
-    if values.dtype.kind not in "fiub":
-        raise InputError(f"{name} does not hold numbers")
+    values = array_files.floats(_read_array(file, name), name)
     if values.ndim not in (2, 3):
         raise InputError(
             f"{name} has controls of shape {values.shape}; expected (ncontrol, nu), or"
@@ -87,10 +85,7 @@ def read(file: Path, model: mujoco.MjModel) -> GivenControls:
         )
     if values.size == 0:
         raise InputError(f"{name} holds no controls")
-    sequences = array_files.floats(values.reshape(-1, *values.shape[-2:]), name)
-    if not np.isfinite(sequences).all():
-        raise InputError(f"{name} holds controls that are not finite")
-    return GivenControls(sequences, name)
+    return GivenControls(values.reshape(-1, *values.shape[-2:]), name)
 
 
 def _read_array(file: Path, name: str) -> np.ndarray:

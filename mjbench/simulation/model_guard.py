@@ -5,6 +5,8 @@ from collections.abc import Collection
 import mujoco
 import numpy as np
 
+from mjbench.errors import MachineError
+
 # Fields that depend on where the files of a model are, the size of all fields together, and the
 # mark of the MjSpec that a model was compiled from, which no file holds.
 _OF_ORIGIN = (
@@ -26,6 +28,18 @@ class ModelGuard:
     def change(self) -> str | None:
         """Return which field has changed, such as `opt.timestep`, or None if none has."""
         return self.difference(self._model)
+
+    def check(self, culprit: str = "") -> None:
+        """Refuse a change.
+
+        Args:
+          culprit: begins the message, such as `threads `.
+
+        Raises:
+          MachineError: a field has changed.
+        """
+        if field := self.change():
+            raise MachineError(f"{culprit}changes the model, which all paths share: {field}")
 
     def difference(self, model: mujoco.MjModel) -> str | None:
         """Return which field of another model differs from what was remembered, or None."""

@@ -1,6 +1,6 @@
 """Draw the workload of a measurement: starts in the model's typical regime, few that diverge."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -191,14 +191,11 @@ def _candidates(model: mujoco.MjModel, request: SampleRequest, given: _Given) ->
     if asked_s > 0:
         yield from _settled(model, request, asked_s, controls)
     limit = SettleLimit.DIVERGED if asked_s > 0 else None
+    origin = Starts(0.0, asked_s, limit, controls_file=_name(controls))
     nbatch, nstep, hold, seed = request.nbatch, request.total_nstep, request.hold, request.seed
-    yield from _over_spreads(
-        lambda spread: _controlled(
-            workload.make(model, nbatch, nstep, hold, seed, spread), controls
-        ),
-        Starts(0.0, asked_s, limit, controls_file=_name(controls)),
-        request.lead_in,
-    )
+    for spread in SPREADS:
+        drawn = workload.make(model, nbatch, nstep, hold, seed, spread)
+        yield _sample(_controlled(drawn, controls), request.lead_in, spread, origin)
 
 
 def _settled(
@@ -210,20 +207,15 @@ def _settled(
     settled_s = nstep * float(model.opt.timestep)
     origin = Starts(settled_s, asked_s, limit, controls_file=_name(controls))
     nbatch, hold, seed = request.nbatch, request.hold, request.seed
-    asleep: list[float | None] = [None]
-
-    def make(spread: float) -> Workload | None:
+    ncontrol = request.total_nstep // hold
+    for spread in SPREADS:
         settled = starts.settled(model, nbatch, nstep, hold, seed, spread, request.perturbs)
         if settled is None:
-            return None
-        asleep[:] = [settled.asleep]
+            continue
         rng = np.random.default_rng([seed, 1])
-        ncontrol = request.total_nstep // hold
         control = workload.random_controls(model, nbatch, ncontrol, hold, rng, spread)
-        return _controlled(Workload(model, settled.states, control, hold, seed), controls)
-
-    for sample in _over_spreads(make, origin, request.lead_in):
-        yield replace(sample, asleep_in_run=asleep[0])
+        drawn = _controlled(Workload(model, settled.states, control, hold, seed), controls)
+        yield _sample(drawn, request.lead_in, spread, origin, settled.asleep)
 
 
 def _controlled(drawn: Workload, controls: GivenControls | None) -> Workload:
@@ -249,21 +241,11 @@ def _from_file(
         is_other_model=header is not None and not header.is_of(model),
         held_inputs=_held_inputs(header) if header else (),
     )
-    yield from _over_spreads(
-        lambda spread: state_file.draw(
-            model,
-            recorded,
-            request.nbatch,
-            request.total_nstep,
-            request.hold,
-            request.seed,
-            spread,
-            controls,
-        ),
-        origin,
-        request.lead_in,
-        SPREADS if origin.controls_file is None else SPREADS[:1],  # a file's are not scaled
-    )
+    nbatch, nstep, hold, seed = request.nbatch, request.total_nstep, request.hold, request.seed
+    # controls of a file are not scaled
+    for spread in SPREADS if origin.controls_file is None else SPREADS[:1]:
+        drawn = state_file.draw(model, recorded, nbatch, nstep, hold, seed, spread, controls)
+        yield _sample(drawn, request.lead_in, spread, origin)
 
 
 def _held_inputs(header: CaptureHeader) -> tuple[str, ...]:
@@ -279,15 +261,9 @@ def _name(controls: GivenControls | None) -> str | None:
     return None if controls is None else controls.name
 
 
-def _over_spreads(
-    make: Callable[[float], Workload | None],
-    origin: Starts,
-    lead_in: int,
-    spreads: Sequence[float] = SPREADS,
-) -> Iterator[Sample]:
-    """Yield what `make` returns for each spread, without the simulations that diverge."""
-    for spread in spreads:
-        drawn = make(spread)
-        if drawn is not None:
-            healthy, observation = work.observe_healthy(replace(drawn, lead_in=lead_in))
-            yield Sample(healthy, observation, spread, origin)
+def _sample(
+    drawn: Workload, lead_in: int, spread: float, origin: Starts, asleep: float | None = None
+) -> Sample:
+    """Return a workload without the simulations that diverge."""
+    healthy, observation = work.observe_healthy(replace(drawn, lead_in=lead_in))
+    return Sample(healthy, observation, spread, origin, asleep)

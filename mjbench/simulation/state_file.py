@@ -178,15 +178,11 @@ def _rows(name: str, field: str, values: np.ndarray, place: slice) -> np.ndarray
     size = place.stop - place.start
     if values.ndim == 0 or len(values) == 0:
         raise InputError(f"{name}: {field} has no rows")
-    if values.dtype.kind not in "fiub":
-        raise InputError(f"{name}: {field} does not hold numbers")
+    values = array_files.floats(values, f"{name}: {field}")
     width = values.size // len(values)
     if width != size:
         raise InputError(f"{name}: the model's {field} has {size} numbers, the file's {width}")
-    rows = array_files.floats(values.reshape(len(values), size), name)
-    if not np.isfinite(rows).all():
-        raise InputError(f"{name}: {field} holds numbers that are not finite")
-    return rows
+    return values.reshape(len(values), size)
 
 
 def draw(

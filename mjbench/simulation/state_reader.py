@@ -7,11 +7,7 @@ from mjbench.simulation import compat
 
 
 class StateReader:
-    """Reads states of simulations of one model, and compares them.
-
-    Attributes:
-      columns: of each MjData field in a state.
-    """
+    """Reads states of simulations of one model, and compares them."""
 
     def __init__(self, model: mujoco.MjModel):
         self.spec = compat.INTEGRATION

@@ -255,11 +255,7 @@ def step_outputs(workload: Workload) -> StepOutputs:
 
 
 def one_step(model: mujoco.MjModel, states: np.ndarray) -> dict[str, np.ndarray]:
-    """Return qpos, qvel and act, each (nstate, size), one step after each of `states`.
-
-    Args:
-      states: (nstate, size) rows of mjSTATE_INTEGRATION, which include the controls.
-    """
+    """Return qpos, qvel and act, each (n, size), one step after each of (n, nstate) states."""
     data = mujoco.MjData(model)
     after: dict[str, list[np.ndarray]] = {"qpos": [], "qvel": [], "act": []}
     for row in states:
@@ -359,11 +355,7 @@ def _count_steps(
 
 
 def _raised(warnings: np.ndarray, which: np.ndarray) -> dict[str, int]:
-    """Return how many simulations raised each warning, by its name; only those that any raised.
-
-    Args:
-      which: (nwarning,) bool: the warnings to count.
-    """
+    """Return how many simulations raised each of some warnings, if any did, by its name."""
     counts = (warnings > 0).sum(axis=0)
     names = compat.warning_names()
     return {names[i]: int(counts[i]) for i in np.flatnonzero(which) if counts[i]}

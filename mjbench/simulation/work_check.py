@@ -84,11 +84,7 @@ def portable(drawn: Workload) -> PortableWorkload:
 
 
 def follow(own: Workload, probe: Fields) -> Followed:
-    """Return what a target does from the states of a probe.
-
-    Args:
-      probe: states that were recorded along the workload by the target which drew it.
-    """
+    """Return what a target does from the probe of the target that drew the workload."""
     model, nsteps = own.model, points(own.nstep)
     states = states_after(_probed(own), nsteps)
     run = workload.fields(model, states.reshape(-1, states.shape[2]))
@@ -119,15 +115,13 @@ def drift(
     nprobe = next(iter(baseline.stepped.values())).shape[1]
     keep = np.flatnonzero(is_compared[:nprobe])
     scales = agreement.scales(baseline.run)
-    one_step = agreement.relative_drift(
-        _of(candidate.stepped, keep), _of(baseline.stepped, keep), scales
-    )
+    one_step = agreement.drift(_of(candidate.stepped, keep), _of(baseline.stepped, keep), scales)
     if not start_alike:
         return StateDrift(one_step)
     runs = tuple(
         RunDrift(
             nstep,
-            agreement.relative_drift(
+            agreement.drift(
                 {field: values[i, keep] for field, values in candidate.run.items()},
                 {field: values[i, keep] for field, values in baseline.run.items()},
                 scales,

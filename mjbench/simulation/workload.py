@@ -88,11 +88,7 @@ class Workload:
         return np.repeat(self.control, self.hold, axis=1)
 
     def reorder(self, order: np.ndarray) -> None:
-        """Reorder the simulations, in place: row i becomes what row `order[i]` was.
-
-        Args:
-          order: (nbatch,) a permutation of the simulations.
-        """
+        """Reorder the simulations, in place: row i becomes what row `order[i]` was."""
         for array in (self.initial_state, self.control):
             array[...] = array[order]
         self.update_step_control()
@@ -232,11 +228,7 @@ def draw_order(nbatch: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def check_sizes(nbatch: int, nstep: int, hold: int) -> None:
-    """Refuse sizes that no workload has.
-
-    Raises:
-      InputError: one is below 1, or nstep is not a multiple of hold.
-    """
+    """Refuse sizes below 1, and an nstep that is not a multiple of hold."""
     for name, value in (("nbatch", nbatch), ("nstep", nstep), ("hold", hold)):
         if value < 1:
             raise InputError(f"{name} must be at least 1, got {value}")
@@ -299,11 +291,7 @@ class PortableWorkload:
     lead_in: int = 0
 
     def only(self, rows: np.ndarray, final_state: np.ndarray) -> "PortableWorkload":
-        """Return the workload of some simulations.
-
-        Args:
-          final_state: (nbatch, nstate) states that all simulations of this workload must reach.
-        """
+        """Return the workload of some simulations, of those that must reach `final_state`."""
         fields = {name: values[rows] for name, values in self.fields.items()}
         return PortableWorkload(
             fields, self.control[rows], self.hold, final_state[rows], lead_in=self.lead_in

@@ -54,9 +54,8 @@ class Sweep:
         matrix: Matrix,
         done: Sequence[Cell],
         cluster: RayCluster,
-        store: Callable[[CellResult], None],
+        on_result: Callable[[CellResult, str, int], None],
         *,
-        on_result: Callable[[int, Cell, str], None] = lambda done, cell, node: None,
         clock: Callable[[], float] = time.monotonic,
         program: tuple[str, ...] = (),
     ):
@@ -64,14 +63,14 @@ class Sweep:
 
         Args:
           done: those that need not be measured.
-          on_result: called with the number of cells that have a result, earlier ones included, the
-            latest of them, and the node that it comes from.
+          on_result: called with each result, to be stored at once, the node that it comes from,
+            and the number of cells that have one, earlier ones included.
 
         Raises:
           InputError: no node has a label that the plan names.
           MachineError: there is no node that can measure.
         """
-        self._matrix, self._cluster, self._store = matrix, cluster, store
+        self._matrix, self._cluster = matrix, cluster
         self._on_result, self._program = on_result, program
         self._clock, self._patience_s = clock, matrix.plan.rules.patience_s
         self._active_s = clock()
@@ -149,10 +148,10 @@ class Sweep:
         return next(one.machine for one in self._cluster.nodes if label in ("", one.label))
 
     def _keep(self, result: CellResult, node: str = "no node") -> None:
-        self._store(result)
+        ndone = len(self._matrix.cells) - len(self._missing) + 1
+        self._on_result(result, node, ndone)
         self._outcomes[result.cell] = result.outcome
         del self._missing[result.cell]
-        self._on_result(len(self._matrix.cells) - len(self._missing), result.cell, node)
 
     def _note(self, measured: Measured) -> None:
         """Note what a node did."""

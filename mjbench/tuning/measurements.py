@@ -4,7 +4,6 @@ A setting may crash MuJoCo or never return, so each attempt has a process of its
 measured within that process, which is good for choosing what to look at again, and for no more.
 """
 
-import contextlib
 import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +17,6 @@ from mjbench.errors import InputError, MachineError
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.loop import profile
-from mjbench.loop.loop_starts import LoopRequest
 from mjbench.measuring import stats, timing
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import verdict
@@ -101,11 +99,11 @@ class CMeasurements:
 
     def stages(self) -> Mapping[str, float] | None:
         """Return the share of a step by stage; None where it cannot be measured."""
-        times: list[profile.StepTimes] = []
-        request = LoopRequest(self._source, self._starts)
-        with contextlib.suppress(InputError, MachineError):
-            isolate.run("mjbench.loop.profile:step", request, times.append, self._limit_s)
-        return times[0].stages if times else None
+        try:
+            arguments = self._source, self._starts
+            return isolate.call(profile.step, *arguments, limit_s=self._limit_s).stages
+        except (InputError, MachineError):
+            return None
 
     def baseline(self, plan: TrialPlan) -> Present:
         """Draw trials, and return what the present settings do; attempts use them from then on."""

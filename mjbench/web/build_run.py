@@ -4,20 +4,18 @@ import itertools
 import shutil
 import statistics
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from mjbench.comparison.plan import Variant
-from mjbench.errors import MachineError, UnavailableError, writing
+from mjbench.errors import Failure, MachineError, UnavailableError, writing
 from mjbench.status import Status
 from mjbench.web import rounding_check
 from mjbench.web.c_reference import CReference
-from mjbench.web.node import Node
-from mjbench.web.node_process import Instantiated, NodeProcess
+from mjbench.web.node_process import Instantiated, Node, NodeError, NodeProcess, StepsInFiles
 from mjbench.web.npm_package import Build, NpmPackage
 from mjbench.web.records import StartUp
 from mjbench.web.rounding_check import RoundingCheck
@@ -45,31 +43,6 @@ class Engine:
     node: Node
     limit_s: float
     nthread: int
-
-
-@dataclass(frozen=True)
-class WarmUp:
-    """What came before blocks were steady.
-
-    Attributes:
-      seconds: of all blocks before the first that was about as fast as the last ones.
-    """
-
-    first_ns: int
-    seconds: float
-
-    @classmethod
-    def of(cls, blocks: Sequence[int]) -> "WarmUp":
-        """Return what came before blocks were steady, from nanoseconds of each block."""
-        steady = _NEARLY_STEADY * statistics.median(blocks[-_WINDOW:])
-        before = itertools.takewhile(lambda ns: ns > steady, blocks)
-        return cls(blocks[0], sum(before) / 1e9)
-
-
-class BlocksDisagreeError(MachineError):
-    """Timed blocks do not end where the run did that was checked."""
-
-    status = Status.DISAGREES
 
 
 class BuildRun:
@@ -134,36 +107,30 @@ class BuildRun:
         """Prepare blocks, each of which steps the first simulations."""
         run, block = self._reference.traced.run, self._reference.block
         control = run.control[: block.nbatch, : block.nstep // run.hold]
-        arguments = self._steps(run.states[0, : block.nbatch], control, run.hold)
-        self.process.call(type(None), "prepare", **arguments)
+        self.process.prepare(self._steps(run.states[0, : block.nbatch], control, run.hold))
 
     def check_blocks(self) -> None:
-        """Refuse blocks that do not end where the run did that was checked.
-
-        Raises:
-          BlocksDisagreeError: they do not.
-        """
+        """Refuse blocks that do not end where the run did that was checked."""
         assert self._states is not None, "the build was checked"
         file = self._folder / "block.f64"
-        self.process.call(type(None), "save", states_file=str(file))
+        self.process.save(file)
         block = self._reference.block
         final = _read(file, (block.nbatch, self._states.shape[2]))
         if not np.array_equal(final, self._states[block.nstep, : block.nbatch]):
-            raise BlocksDisagreeError(
-                "timed blocks do not end where the run ended that was checked"
-            )
+            detail = "timed blocks do not end where the run ended that was checked"
+            raise NodeError(self.process.name, Failure(Status.DISAGREES, detail))
 
     def warm_up(self, least_s: float) -> StartUp:
         """Run blocks until they are steady, for some seconds at least; return what came before."""
         assert self._loaded is not None, "the build was loaded"
         instantiated, compile_ms = self._loaded
-        warmed, block = warm_up(self.process.time_block, least_s), self._reference.block
+        blocks_ns, block = warm_up(self.process.time_block, least_s), self._reference.block
         return StartUp(
             import_ms=instantiated.import_ms,
             instantiate_ms=instantiated.instantiate_ms,
             compile_ms=compile_ms,
-            first_ns=warmed.first_ns / (block.nbatch * block.nstep),
-            warm_up_s=warmed.seconds,
+            first_ns=blocks_ns[0] / (block.nbatch * block.nstep),
+            warm_up_s=seconds_before_steady(blocks_ns),
             heap_bytes=instantiated.heap_bytes,
         )
 
@@ -175,10 +142,7 @@ class BuildRun:
             folder.mkdir()
         process = NodeProcess(engine.node, f"{build} ({self._model})", folder, engine.limit_s)
         self._processes.append(process)
-        script = str(engine.package.script(build))
-        instantiated = process.call(
-            Instantiated, "instantiate", script=script, nthread=engine.nthread
-        )
+        instantiated = process.instantiate(engine.package.script(build), engine.nthread)
         if instantiated.version != engine.package.version:
             raise MachineError(
                 f"{engine.package.folder} says that it is {engine.package.version}, and its engine"
@@ -187,10 +151,7 @@ class BuildRun:
         threads = self.variant.options.get(ENGINE_THREADS, 0)
         if threads and not instantiated.has_threadpool:
             raise UnavailableError(f"MuJoCo {instantiated.version} has no mju_threadpool")
-        pairs = [(_path_there(file), file) for file in files]
-        model = pairs[0][0]
-        compile_ms = process.call(float, "load", files=pairs, model=model, engine_threads=threads)
-        return instantiated, compile_ms
+        return instantiated, process.load(files, int(threads))
 
     def _run(self, process: NodeProcess) -> np.ndarray:
         """Return (nstep + 1, nbatch, nstate) states of the workload."""
@@ -204,38 +165,39 @@ class BuildRun:
         starts: np.ndarray,
         control: np.ndarray,
         hold: int,
-        points: Collection[int],
+        points: Sequence[int],
     ) -> np.ndarray:
         """Step in a process, and return (npoint, nbatch, nstate) states."""
         file = self._folder / "states.f64"
-        arguments = self._steps(starts, control, hold) | {"points": list(points)}
-        process.call(type(None), "record", **arguments, states_file=str(file))
+        process.record(self._steps(starts, control, hold), points, file)
         states = _read(file, (len(points), *starts.shape))
         file.unlink()
         return states
 
-    def _steps(self, starts: np.ndarray, control: np.ndarray, hold: int) -> dict[str, Any]:
-        """Write a workload to files; return the arguments of a request that steps it."""
+    def _steps(self, starts: np.ndarray, control: np.ndarray, hold: int) -> StepsInFiles:
+        """Write a workload to files."""
         arrays = {"starts_file": starts, "control_file": control}
         files = {name: self._folder / f"{name}.f64" for name in arrays}
         for name, array in arrays.items():
             with writing(files[name]):
                 files[name].write_bytes(np.ascontiguousarray(array, dtype=float).tobytes())
-        return {
+        return StepsInFiles(
             **{name: str(file) for name, file in files.items()},
-            "nbatch": len(starts),
-            "ncontrol": control.shape[1],
-            "hold": hold,
-            "has_reset": self._reference.traced.run.has_reset,
-        }
+            nbatch=len(starts),
+            ncontrol=control.shape[1],
+            hold=hold,
+            has_reset=self._reference.traced.run.has_reset,
+        )
 
 
 def warm_up(
     time_block: Callable[[], int],
     least_s: float,
     clock: Callable[[], float] = time.perf_counter,
-) -> WarmUp:
+) -> list[int]:
     """Run blocks until they are steady: until they get no faster, or for ten seconds.
+
+    Return their nanoseconds.
 
     V8 compiles WebAssembly quickly first, and functions that run often again, meanwhile.
 
@@ -247,8 +209,14 @@ def warm_up(
         spent_s = clock() - begin
         enough = len(blocks) >= 2 * _WINDOW and spent_s >= least_s
         if (enough and _is_steady(blocks)) or spent_s >= _MAX_S:
-            return WarmUp.of(blocks)
+            return blocks
         blocks.append(time_block())
+
+
+def seconds_before_steady(blocks_ns: Sequence[int]) -> float:
+    """Return how long blocks took before the first that was about as fast as the last ones."""
+    steady_ns = _NEARLY_STEADY * statistics.median(blocks_ns[-_WINDOW:])
+    return sum(itertools.takewhile(lambda ns: ns > steady_ns, blocks_ns)) / 1e9
 
 
 def _is_steady(blocks: list[int]) -> bool:
@@ -270,8 +238,3 @@ def _read(file: Path, shape: tuple[int, ...]) -> np.ndarray:
     if values.size != np.prod(shape):
         raise MachineError(f"{file} has {values.size} numbers instead of {np.prod(shape)}")
     return values.reshape(shape)
-
-
-def _path_there(file: str) -> str:
-    """Return where a file is put in the module's own file system: where it is here."""
-    return Path(file).absolute().as_posix()

@@ -26,7 +26,7 @@ from mjbench.status import Status
 from mjbench.web import c_reference, rounding_check
 from mjbench.web.build_run import ENGINE_THREADS, MIN_WARM_UP_S, BuildRun, Engine
 from mjbench.web.c_reference import CReference
-from mjbench.web.node_process import Memory, NodeError
+from mjbench.web.node_process import NodeError
 from mjbench.web.npm_package import Build
 from mjbench.web.records import WebPathRecord, WebRecord
 
@@ -167,7 +167,7 @@ class _Measurement:
         path = self._paths[position]
         try:
             run.check_blocks()
-            memory = run.process.call(Memory, "memory")
+            memory = run.process.memory()
         except MjbenchError as error:
             self._paths[position] = _failed(path, error)
             return
@@ -205,15 +205,19 @@ def rounds(
         if len(rows) >= _LEAST_ROUNDS and pair_begin - begin + longest_s > budget_s:
             break
         order = rng.sample(sorted(going_on), len(going_on))
+        pair: list[dict[int, int]] = [{}, {}]
         try:
-            rows += [_turn(going_on, turn) for turn in (order, order[::-1])]
-        except _BlockError as error:
-            on_failure(error.key, error.cause)
-            del going_on[error.key]
-        longest_s = max(longest_s, clock() - pair_begin)
-        key = _longest(rows) if len(rows) == _LEAST_ROUNDS else None
-        if key in going_on and key not in required:
+            for row, turn in zip(pair, (order, order[::-1]), strict=True):
+                for key in turn:
+                    row[key] = going_on[key]()
+            rows += pair
+        except NodeError as error:
+            on_failure(key, error)
             del going_on[key]
+        longest_s = max(longest_s, clock() - pair_begin)
+        longest = _longest(rows) if len(rows) == _LEAST_ROUNDS else None
+        if longest in going_on and longest not in required:
+            del going_on[longest]
             longest_s = 0.0
     return rows
 
@@ -224,25 +228,6 @@ def _longest(rows: Sequence[Mapping[int, int]]) -> int | None:
     longest = max(medians, key=medians.__getitem__)
     others = sum(medians.values()) - medians[longest]
     return longest if len(medians) > 2 and medians[longest] > others else None
-
-
-class _BlockError(Exception):
-    """A block failed: its key, and why."""
-
-    def __init__(self, key: int, cause: NodeError):
-        super().__init__(key, cause)
-        self.key, self.cause = key, cause
-
-
-def _turn(blocks: Mapping[int, Callable[[], int]], order: Sequence[int]) -> Mapping[int, int]:
-    """Return the nanoseconds of one block of each, run in an order."""
-    row = {}
-    for key in order:
-        try:
-            row[key] = blocks[key]()
-        except NodeError as error:
-            raise _BlockError(key, error) from error
-    return row
 
 
 def _failed(record: WebPathRecord, error: MjbenchError) -> WebPathRecord:

@@ -1,41 +1,44 @@
-"""A Node process that steps a WebAssembly build, seen from its parent (see runner.mjs).
+"""Which Node runs WebAssembly builds, and a process of it that steps one (see runner.mjs).
 
-It does what it is asked for in an empty folder, and dies with its parent. Requests and answers are
-messages of JSON (see `child_connection`); arrays are in files, as float64 of this processor.
+The process does what it is asked for in an empty folder, and dies with its parent. Requests and
+answers are messages of JSON (see `child_connection`); arrays are in files, as float64 of this
+processor.
 """
 
 import contextlib
 import json
 import os
+import re
+import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TypeVar
 
-import msgspec
-
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt
-from mjbench.errors import Failure, MachineError, one_line
+from mjbench.errors import Failure, InputError, MachineError, one_line, shown
 from mjbench.host import child, child_connection
 from mjbench.host.child_connection import ChildError
 from mjbench.paired import cores
 from mjbench.status import Status
-from mjbench.web.node import Node
 
 _T = TypeVar("_T")
 _RUNNER = Path(__file__).with_name("runner.mjs")
-# What the process can be asked for, and what it is doing then, for error messages.
-_ACTIVITIES = {
-    "instantiate": "instantiating the module",
-    "load": "loading the model",
-    "record": "stepping the model",
-    "prepare": "preparing a run",
-    "block": "running a block",
-    "save": "saving states",
-    "memory": "measuring memory",
-}
+# The command that is looked for, unless the user names another.
+COMMAND = "node"
+_PIN = Path(__file__).with_name("package.json")
+# A Node that does not say its version within so many seconds does not work.
+_VERSION_LIMIT_S = 30.0
+
+
+@dataclass(frozen=True)
+class Node:
+    """An installed Node; its version is such as `20.20.2`."""
+
+    file: Path
+    version: str
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,22 @@ class Instantiated:
     instantiate_ms: NonNegativeFloat
     heap_bytes: NonNegativeInt
     has_threadpool: bool
+
+
+@dataclass(frozen=True)
+class StepsInFiles:
+    """A workload: start states and controls, in files as float64, row by row.
+
+    Attributes:
+      has_reset: whether the state leaves something out, which a reset sets.
+    """
+
+    starts_file: str
+    control_file: str
+    nbatch: int
+    ncontrol: int
+    hold: int
+    has_reset: bool
 
 
 @dataclass(frozen=True)
@@ -73,6 +92,9 @@ class NodeError(MachineError):
 
 class NodeProcess:
     """A process of Node that runs our program.
+
+    What it is asked for raises NodeError where that fails, or where the process crashes or does not
+    answer in time.
 
     Attributes:
       name: for error messages, such as `wasm (cartpole)`.
@@ -101,34 +123,48 @@ class NodeProcess:
         """The process id."""
         return self._answers.process.pid
 
-    def call(self, kind: type[_T], action: str, **arguments: object) -> _T:
-        """Have an action done, and return its answer.
+    def instantiate(self, script: Path, nthread: int) -> Instantiated:
+        """Import and instantiate a build; one with threads starts so many workers."""
+        arguments = {"script": str(script), "nthread": nthread}
+        return self._call(Instantiated, "instantiate", "instantiating the module", **arguments)
 
-        Raises:
-          NodeError: the action failed, or the process crashed or did not answer in time.
+    def load(self, files: Sequence[str], engine_threads: int) -> float:
+        """Compile a model, whose own file is the first; return the milliseconds that it took.
+
+        The module's own file system has the files where they are here.
+
+        Args:
+          engine_threads: of the engine's own pool; 0 for none.
         """
-        if self._failure is not None:
-            raise NodeError(self.name, self._failure)
-        with contextlib.suppress(OSError):  # its end is reported where its answer is read
-            content = json.dumps({"action": action, **arguments})
-            self._answers.connection.send_bytes(content.encode())
-        try:
-            return self._answer(kind, _ACTIVITIES[action])
-        except ChildError as error:
-            self._failure = Failure(error.ending, str(error))
-            raise NodeError(self.name, self._failure) from None
+        pairs = [(Path(file).absolute().as_posix(), file) for file in files]
+        model = pairs[0][0]
+        arguments = {"files": pairs, "model": model, "engine_threads": engine_threads}
+        return self._call(float, "load", "loading the model", **arguments)
+
+    def record(self, steps: StepsInFiles, points: Sequence[int], states_file: Path) -> None:
+        """Step a workload; write the states after some numbers of steps to a file."""
+        arguments = {**asdict(steps), "points": list(points), "states_file": str(states_file)}
+        self._call(type(None), "record", "stepping the model", **arguments)
+
+    def prepare(self, steps: StepsInFiles) -> None:
+        """Prepare blocks that step a workload."""
+        self._call(type(None), "prepare", "preparing a run", **asdict(steps))
 
     def time_block(self) -> int:
-        """Have one block run; return its nanoseconds.
-
-        Raises:
-          NodeError: the process failed, crashed or did not answer in time.
-        """
-        ns = self.call(int, "block")
+        """Have one block run; return its nanoseconds."""
+        ns = self._call(int, "block", "running a block")
         if ns <= 0:
             detail = f"reports that a block took {ns} ns"
             raise NodeError(self.name, Failure(Status.FAILED, detail))
         return ns
+
+    def save(self, states_file: Path) -> None:
+        """Write the final states of the last block to a file."""
+        self._call(type(None), "save", "saving states", states_file=str(states_file))
+
+    def memory(self) -> Memory:
+        """Return how much memory the module and the process take."""
+        return self._call(Memory, "memory", "measuring memory")
 
     def confine(self, allowed: Collection[int]) -> None:
         """Have the thread that steps run on these cores only; compilers of Node are others."""
@@ -138,7 +174,22 @@ class NodeProcess:
         """End the process, whatever it is doing."""
         self._answers.end()
 
+    def _call(self, kind: type[_T], action: str, activity: str, **arguments: object) -> _T:
+        """Have an action of the runner done, and return its answer."""
+        if self._failure is not None:
+            raise NodeError(self.name, self._failure)
+        with contextlib.suppress(OSError):  # its end is reported where its answer is read
+            content = json.dumps({"action": action, **arguments})
+            self._answers.connection.send_bytes(content.encode())
+        try:
+            return self._answer(kind, activity)
+        except ChildError as error:
+            self._failure = Failure(error.ending, str(error))
+            raise NodeError(self.name, self._failure) from None
+
     def _answer(self, kind: type[_T], activity: str) -> _T:
+        import msgspec  # late: asv's environments lack it
+
         content = self._answers.receive(self.limit_s, activity)
         try:
             answer = json.loads(content)
@@ -146,10 +197,65 @@ class NodeProcess:
                 detail = f"{one_line(answer['error'])} while {activity}"
                 raise NodeError(self.name, Failure(Status.FAILED, detail))
             return msgspec.convert(answer["value"], kind)
-        except (ValueError, TypeError, KeyError, msgspec.ValidationError):
+        except (ValueError, TypeError, KeyError):
             raise self._answers.invalid(content, activity) from None
 
 
 def _die_with(parent: int) -> Callable[[], None]:
-    """Return what a child calls before it becomes Node; the end of its input ends it elsewhere."""
+    """Return what a child calls before it becomes Node; elsewhere its connection's end ends it."""
     return lambda: child.die_with_parent(parent)
+
+
+def _oldest_node() -> int:
+    """Return the oldest major version that will do."""
+    wanted = json.loads(_PIN.read_text(encoding="utf-8"))["engines"]["node"]
+    return int(wanted.removeprefix(">="))
+
+
+def find_node(command: str = COMMAND, limit_s: float = _VERSION_LIMIT_S) -> Node:
+    """Return the Node of a command, which may be a path.
+
+    Raises:
+      InputError: there is no such program, and it is not `node`.
+      MachineError: Node is missing, too old, or does not work.
+    """
+    file = shutil.which(command)
+    if file is None:
+        if command == COMMAND:
+            raise MachineError(
+                f"Node is not installed: install Node.js {_oldest_node()} or newer with its npm,"
+                " or name it by --node"
+            )
+        raise InputError(f"--node: there is no program {shown(command)}")
+    version = _version(file, limit_s)
+    if int(version.partition(".")[0]) < _oldest_node():
+        raise MachineError(
+            f"{file} is Node {version}; MuJoCo's WebAssembly builds need {_oldest_node()} or newer"
+        )
+    return Node(Path(file).absolute(), version)
+
+
+def _version(file: str, limit_s: float) -> str:
+    """Return the version that a program says.
+
+    Raises:
+      MachineError: it says none.
+    """
+    try:
+        done = subprocess.run(
+            [file, "--version"],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=limit_s,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise MachineError(f"{file} did not say its version within {limit_s:g} s") from None
+    except OSError as error:
+        raise MachineError(f"cannot run {file}: {one_line(error)}") from error
+    said = done.stdout.decode(errors="replace").strip()
+    match = re.fullmatch(r"v(\d+\.\d+\.\d+\S*)", said)
+    if match is None or done.returncode:
+        output = one_line(said or done.stderr.decode(errors="replace"), 100)
+        raise MachineError(f"{file} is not Node: `--version` printed {output!r}")
+    return match[1]

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 from assembly import ADD, COPY, LOAD_FAR_FIELD, LOAD_FIELD, RETURN, ROOT, SUBTRACT, call, library
 
+from mjbench.counts import shared_library
 from mjbench.counts.callgrind import CodePlace
-from mjbench.counts.code_comparison import CodeComparer, Places, renamed_functions
+from mjbench.counts.code_comparison import Places, compare, renamed_functions
 from mjbench.counts.machine_code import Instruction, Surroundings, decode
 from mjbench.counts.records import CodeChange
 from mjbench.counts.shared_library import SharedLibrary
@@ -44,7 +45,7 @@ def compared(
         {**executed(file, libraries[Path(file)], *names), **others}
         for file, names, others in zip((OLD, NEW), (old_names, new_names), elsewhere, strict=True)
     ]
-    changes = CodeComparer(libraries.__getitem__).compare(*places)
+    changes = compare(*places, libraries.__getitem__)
     return dict(changes.changes), dict(changes.old_names)
 
 
@@ -122,10 +123,12 @@ def test_a_function_in_another_library_is_known_by_its_file() -> None:
 
 def test_without_addresses_there_is_nothing_to_compare() -> None:
     with pytest.raises(MachineError, match="Callgrind does not say"):
-        CodeComparer().compare({"mj_step": [CodePlace(OLD, ())]}, {})
+        compare({"mj_step": [CodePlace(OLD, ())]}, {})
 
 
-def test_a_library_is_read_once_while_it_is_compared_and_again_after_many_others() -> None:
+def test_a_library_is_read_once_while_it_is_compared_and_again_after_many_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     files = [f"/{number}/libmujoco.so.1" for number in range(5)]
     content = library({"mj_step": STEP})
     read: list[str] = []
@@ -134,12 +137,12 @@ def test_a_library_is_read_once_while_it_is_compared_and_again_after_many_others
         read.append(str(file))
         return content
 
-    comparer = CodeComparer(reading)
+    monkeypatch.setattr(shared_library, "read", reading)
     for old, new in pairwise(files):
         for _ in range(2):
-            comparer.compare(executed(old, content), executed(new, content))
+            compare(executed(old, content), executed(new, content))
     assert read == files
-    comparer.compare(executed(files[0], content), executed(files[4], content))
+    compare(executed(files[0], content), executed(files[4], content))
     assert read == [*files, files[0]]
 
 

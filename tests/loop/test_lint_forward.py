@@ -260,3 +260,25 @@ def test_an_mjdata_that_comes_from_elsewhere_is_no_finding(tmp_path: Path) -> No
         "            mujoco.mj_step(model, data)\n            mujoco.mj_forward(model, data)\n"
     )
     assert findings(tmp_path, method, "MJB007") == []
+
+
+SOLVING = """
+data = mujoco.MjData(model)
+for _ in range(9):
+    mujoco.mj_forward(model, data)
+    mujoco.mj_jacBody(model, data, jacobian, None, 3)
+    {line}
+    mujoco.mj_integratePos(model, data.qpos, velocity, 0.1)
+"""
+
+
+def test_a_loop_that_sets_positions_and_does_not_step_needs_no_forces(tmp_path):
+    text = SOLVING.format(line="error = target - data.xpos[3]")
+    (finding,) = findings(tmp_path, text, "MJB007")
+    assert finding.instead == ("mj_kinematics", "mj_comPos")
+    assert "mj_step" not in finding.message
+
+
+@pytest.mark.parametrize("line", ["mujoco.mj_step(model, data)", "x = data.qacc", "solve(data)"])
+def test_a_loop_that_steps_or_reads_forces_needs_all_of_mj_forward(tmp_path, line):
+    assert findings(tmp_path, SOLVING.format(line=line), "MJB007") == []

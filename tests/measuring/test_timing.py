@@ -1,6 +1,8 @@
 import random
 
-from mjbench.measuring import timing
+import numpy as np
+
+from mjbench.measuring import stats, timing
 
 
 class FakeClock:
@@ -73,18 +75,18 @@ def test_the_orders_of_quads_are_both_drawn_and_follow_the_generator() -> None:
     assert set(orders) == {"ABBA", "BAAB"}
 
 
-def test_quads_time_both_blocks_twice_in_the_order_drawn() -> None:
+def test_blocks_of_a_quad_run_in_the_order_drawn() -> None:
     clock, log = FakeClock(), list[str]()
 
     def spend(name: str, seconds: float) -> None:
         clock.now += seconds
         log.append(name)
 
-    quads = timing.quads(
-        lambda: spend("A", 2.0), lambda: spend("B", 3.0), 20, random.Random(3), clock
+    times = timing.block_times(
+        lambda: spend("A", 2.0), lambda: spend("B", 3.0), ["ABBA", "BAAB"], clock
     )
-    assert quads == [timing.Quad(2.0, 3.0)] * 20
-    assert "".join(log) == "".join(timing.draw_orders(20, random.Random(3)))
+    assert times == [[2.0, 3.0, 3.0, 2.0], [3.0, 2.0, 2.0, 3.0]]
+    assert "".join(log) == "ABBABAAB"
 
 
 def test_a_linear_drift_cancels_out_in_a_quad() -> None:
@@ -94,5 +96,7 @@ def test_a_linear_drift_cancels_out_in_a_quad() -> None:
         blocks.append(1.0 + len(blocks))
         clock.now += blocks[-1]
 
-    for quad in timing.quads(drift, drift, 10, random.Random(4), clock):
-        assert quad.baseline_s == quad.candidate_s
+    orders = timing.draw_orders(10, random.Random(4))
+    times = np.array(timing.block_times(drift, drift, orders, clock))
+    baseline_s, candidate_s = stats.blocks_by_target(orders, times)
+    np.testing.assert_array_equal(baseline_s.mean(axis=1), candidate_s.mean(axis=1))

@@ -129,7 +129,7 @@ def test_a_run_whose_states_lack_something_only_in_its_middle_is_not_divided(
 def test_a_run_that_must_be_reset_is_not_divided(
     pile: Workload, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(loop_sections, "needs_reset", lambda model: True)
+    monkeypatch.setattr(loop_sections.compat, "has_sleep", lambda model: True)
     assert not loop_sections.can_divide(pile, 6)
 
 

@@ -70,9 +70,7 @@ class Case:
         )
 
     def skip_unless_possible(self, path: paths.SteppingPath, options: dict[str, Any]) -> None:
-        reason = path.unavailable() or path.cannot_return(self.workload.returns)
-        reason = reason or path.unsuited(self.workload, options)
-        if reason:
+        if reason := path.cannot_run(self.workload, options):
             pytest.skip(reason)
 
 

@@ -293,6 +293,15 @@ def test_functions_after_a_step_save_what_their_pair_with_a_step_does():
     assert remedies.remedies(time) == [], "only lint knows what is read afterwards"
 
 
+def test_functions_in_a_loop_that_does_not_step_are_compared_alone():
+    found = finding("MJB007", instead=("mj_kinematics",))
+    time = loop_of(call("mj_forward", calls=1000, seconds=6.0))
+    (question,) = call_remedies.questions([time], [found])
+    assert (question.trial, question.steps) == (Trial.FUNCTIONS, 0)
+    (remedy,) = remedies.remedies(time, [found], Measured({question: ratio(0.2)}))
+    assert remedy.gain == pytest.approx(0.99 * 0.8)
+
+
 def test_a_function_that_jax_compiles_again_is_named_where_lint_finds_it():
     time = loop_of(call(call_clock.COMPILE, number=16, calls=10, seconds=9.0))
     (remedy,) = remedies.remedies(time, [finding("MJB013", number=15)])

@@ -44,7 +44,8 @@ def engine(clock, calls):
         call.__name__ = name
         return call
 
-    for name in ("mj_step", "mj_step1", "mj_step2", "mj_resetData", "mj_resetDataKeyframe"):
+    resets = ("mj_resetData", "mj_resetDataKeyframe")
+    for name in ("mj_step", "mj_step1", "mj_step2", "mj_forward", *resets):
         setattr(module, name, function(name))
     return module
 
@@ -401,3 +402,17 @@ def test_the_names_of_timers_are_written(started):
     stored = json.loads((started.folder / "engine.json").read_text())
     assert stored == {"version": "", "timers": {}, "warnings": {}}
     assert gc.isenabled()
+
+
+def test_a_program_that_never_steps_is_looked_at_in_its_loop(started, monkeypatch):
+    seen = []
+    monkeypatch.setattr(started.clock._watch, "look", lambda *arguments: seen.append(arguments[:2]))
+    model, data = simulation()
+    for _ in range(pacing.BURST_CALLS):
+        started.module.mj_forward(model, data)
+    assert not seen, "that may be set-up"
+    started.module.mj_forward(model, data)
+    assert seen == [(model, data)]
+    started.module.mj_step(model, data)
+    started.module.mj_forward(model, data)
+    assert len(seen) == 1

@@ -12,7 +12,7 @@ INDEX, OTHER_INDEX = (f"https://{name}.invalid" for name in ("one", "two"))
 
 
 def upload(time: str, yanked: bool = False) -> Upload:
-    return {"upload_time_iso_8601": time, "yanked": yanked}
+    return Upload(datetime.fromisoformat(time), "mujoco.whl", yanked)
 
 
 def test_releases_are_the_final_ones_that_were_not_yanked_in_upload_order() -> None:
@@ -36,7 +36,7 @@ def test_releases_are_the_final_ones_that_were_not_yanked_in_upload_order() -> N
 def test_the_names_of_all_files_are_known_by_version() -> None:
     files = package_index._files(
         {
-            "3.0.0": [upload("2024-01-01T00:00:00Z") | {"filename": "mujoco-3.0.0.tar.gz"}],
+            "3.0.0": [Upload(datetime.now(UTC), "mujoco-3.0.0.tar.gz")],
             "3.0.2rc1": [],
             "not-a-version": [],
         }

@@ -2,7 +2,7 @@
 
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import pytest
@@ -25,11 +25,14 @@ def measure(
     cells: Matrix,
     cluster: FakeCluster,
     done: Sequence[Cell] = (),
-    on_result: Callable[[int, Cell, str], None] = lambda done, cell, node: None,
 ) -> tuple[Summary, list[CellResult]]:
     stored: list[CellResult] = []
-    sweep = Sweep(cells, done, cluster, stored.append, on_result=on_result)
+    sweep = Sweep(cells, done, cluster, lambda result, node, ndone: stored.append(result))
     return sweep.measure(), stored
+
+
+def fail_to_store(result: CellResult, node: str, ndone: int) -> None:
+    raise MachineError("cannot write sweep.jsonl: No space left on device")
 
 
 def test_every_cell_is_stored_once_with_its_key() -> None:
@@ -82,10 +85,8 @@ def test_what_failed_with_its_node_is_stored_of_a_machine_with_its_label() -> No
 def test_a_sweep_in_which_all_nodes_are_busy_ends_with_what_is_missing_and_why() -> None:
     times = itertools.count(step=NodeRules().patience_s)
     cluster = FakeCluster([node("one")], lambda request: [Refused(request, "one: it is busy")])
-    stored: list[CellResult] = []
-    sweep = Sweep(matrix(CELLS), (), cluster, stored.append, clock=lambda: next(times))
+    sweep = Sweep(matrix(CELLS), (), cluster, fail_to_store, clock=lambda: next(times))
     summary = sweep.measure()
-    assert stored == []
     assert (summary.missing, summary.reasons) == (tuple(CELLS), ("one: it is busy",))
 
 
@@ -120,20 +121,18 @@ def test_interrupted_it_keeps_what_came_before() -> None:
 
 
 def test_a_result_that_cannot_be_stored_ends_the_sweep() -> None:
-    def store(result: CellResult) -> None:
-        raise MachineError("cannot write sweep.jsonl: No space left on device")
-
-    sweep = Sweep(matrix(CELLS), (), FakeCluster([node("one")]), store)
+    sweep = Sweep(matrix(CELLS), (), FakeCluster([node("one")]), fail_to_store)
     with pytest.raises(MachineError, match="No space left"):
         sweep.measure()
 
 
 def test_progress_counts_what_was_done_before() -> None:
-    seen: list[tuple[int, Cell, str]] = []
-    measure(
-        matrix(CELLS), FakeCluster([node("one")]), CELLS[:7], lambda *result: seen.append(result)
-    )
-    assert seen == [(8, CELLS[7], "one"), (9, CELLS[8], "one")]
+    seen: list[tuple[Cell, str, int]] = []
+    cluster = FakeCluster([node("one")])
+    Sweep(
+        matrix(CELLS), CELLS[:7], cluster, lambda result, *rest: seen.append((result.cell, *rest))
+    ).measure()
+    assert seen == [(CELLS[7], "one", 8), (CELLS[8], "one", 9)]
 
 
 def test_what_nodes_did_is_summed_up_also_of_those_that_joined_later() -> None:

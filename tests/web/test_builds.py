@@ -17,7 +17,7 @@ from mjbench.releases import installs
 from mjbench.simulation import models
 from mjbench.simulation.starts import KEYFRAME_STARTS
 from mjbench.status import Status
-from mjbench.web import measure, node, npm_package
+from mjbench.web import measure, node_process, npm_package
 from mjbench.web.build_run import Engine
 from mjbench.web.measure import WebPlan
 from mjbench.web.records import WebPathRecord, WebRecord
@@ -35,7 +35,7 @@ def pool() -> Iterator[WorkerPool]:
 def measured(pool: WorkerPool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Measure:
     """Return a function that measures a model with a build that misbehaves."""
     package = npm_package.find(folder=pretending_node.package(tmp_path / "app", mujoco.__version__))
-    command = node.find(str(pretending_node.program(tmp_path)))
+    command = node_process.find_node(str(pretending_node.program(tmp_path)))
     release = installs.parse_release(installs.INSTALLED)
 
     def run(

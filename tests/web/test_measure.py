@@ -8,7 +8,6 @@ import pytest
 from mjbench.errors import Failure
 from mjbench.status import Status
 from mjbench.web import build_run, measure
-from mjbench.web.build_run import WarmUp
 from mjbench.web.node_process import NodeError
 
 
@@ -101,8 +100,8 @@ def test_a_block_may_fail_right_after_another_was_left_out() -> None:
     assert {len(row) for row in rows[8:]} == {1}
 
 
-def warmed(block_ns: list[int], least_s: float) -> tuple[WarmUp, int]:
-    """Return what is said of blocks that took so long, and how many were run."""
+def warmed(block_ns: list[int], least_s: float) -> tuple[list[int], int]:
+    """Return the blocks of warming up, of blocks that take so long, and how many were run."""
     clock, ran = Clock(), []
 
     def block() -> int:
@@ -116,15 +115,16 @@ def warmed(block_ns: list[int], least_s: float) -> tuple[WarmUp, int]:
 
 def test_warming_up_ends_when_blocks_get_no_faster() -> None:
     falling = [900_000_000 // (i + 1) for i in range(15)]
-    warm_up, count = warmed([*falling, 1_000_000], 0.1)
-    assert warm_up.first_ns == 900_000_000
+    blocks_ns, count = warmed([*falling, 1_000_000], 0.1)
+    assert blocks_ns[0] == 900_000_000
     assert 25 <= count <= 35
-    assert warm_up.seconds == pytest.approx(sum(falling) / 1e9)
+    assert build_run.seconds_before_steady(blocks_ns) == pytest.approx(sum(falling) / 1e9)
 
 
 def test_steady_blocks_are_warm_at_once_but_run_for_the_least_time() -> None:
-    warm_up, count = warmed([1_000_000], 0.1)
-    assert (warm_up.first_ns, warm_up.seconds) == (1_000_000, 0.0)
+    blocks_ns, count = warmed([1_000_000], 0.1)
+    assert blocks_ns[0] == 1_000_000
+    assert build_run.seconds_before_steady(blocks_ns) == 0.0
     assert count == pytest.approx(101, abs=1)
 
 

@@ -12,7 +12,7 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs
 from mjbench.simulation import models
 from mjbench.status import Status
-from mjbench.web import measure, node, npm_package
+from mjbench.web import measure, node_process, npm_package
 from mjbench.web.build_run import Engine
 from mjbench.web.measure import WebPlan
 from mjbench.web.npm_package import Build
@@ -21,7 +21,7 @@ from mjbench.web.npm_package import Build
 @pytest.fixture(scope="module")
 def engine() -> Engine:
     try:
-        return Engine(npm_package.find(), node.find(), 120.0, 2)
+        return Engine(npm_package.find(), node_process.find_node(), 120.0, 2)
     except MjbenchError as error:
         pytest.skip(str(error))
 

@@ -75,7 +75,7 @@ class StepClock:
         self._process_ns = self._now_ns()
         self._pacer.begin()
         self._first_ns = self._last_ns = 0
-        self._calls_timed = self._calls_passed = 0
+        self._calls_timed = self._calls_passed = self._calls_before_steps = 0
         self._to_pass = self._planned_to_pass = 0
         self._burst_begin_ns = 0
         self._burst_calls = 0
@@ -191,13 +191,20 @@ class StepClock:
     def _noting(self, function: Any, name: str) -> Any:
         """Return what stands for another function of the engine, timed while steps are."""
         now_ns, add, get_frame = self._now_ns, self._burst.add, sys._getframe
+        watch = self._watch
 
         def call(_: Any, *args: Any, **kwargs: Any) -> Any:
             if self._to_pass:
                 return function(*args, **kwargs)
             begin_ns = now_ns()
             result = function(*args, **kwargs)
-            add(name, get_frame(1), begin_ns, now_ns(), 0)
+            frame, end_ns = get_frame(1), now_ns()
+            add(name, frame, begin_ns, end_ns, 0)
+            if not self._first_ns:
+                self._calls_before_steps += 1
+                is_loop = self._calls_before_steps > BURST_CALLS  # of a program that may not step
+                if is_loop and end_ns >= watch.next_look_ns and len(args) > 1:
+                    watch.look(args[0], args[1], frame, end_ns)
             return result
 
         return engine_function(call, function)

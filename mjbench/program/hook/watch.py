@@ -37,7 +37,7 @@ class Watch:
         # number by model, and how many states of each kind were written
         self._models: dict[int, tuple[int, dict[str, int]]] = {}
         self._first_bytes = 0  # of memory, at the first look
-        self._next_look_ns = 0
+        self.next_look_ns = 0
 
     def install_copies(self, module: ModuleType) -> None:
         """Note copies of environments, which begin anew, in the module `gymnasium.utils.ezpickle`.
@@ -76,8 +76,8 @@ class Watch:
         """Look at a simulation after a burst of steps, and at the process from time to time."""
         with contextlib.suppress(Exception):
             self.look_for_warnings(data, frame, now_ns)
-            if now_ns >= self._next_look_ns:
-                self._next_look_ns = now_ns + LOOK_NS
+            if now_ns >= self.next_look_ns:
+                self.next_look_ns = now_ns + LOOK_NS
                 latest_bytes = _resident_bytes()
                 self._first_bytes = self._first_bytes or latest_bytes
                 self._calls.write_memory(self._first_bytes, latest_bytes)

@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks.studies import web_memory
 from mjbench.errors import MjbenchError
-from mjbench.web import node, npm_package
+from mjbench.web import node_process, npm_package
 from mjbench.web.npm_package import Build
 
 
@@ -30,7 +30,7 @@ def test_differences_are_counted_by_function() -> None:
 @pytest.mark.parametrize("build", [*Build])
 def test_the_memory_of_the_pinned_builds_behaves_as_the_guide_says(build: Build) -> None:
     try:
-        package, program = npm_package.find(), node.find()
+        package, program = npm_package.find(), node_process.find_node()
     except MjbenchError as error:
         pytest.skip(str(error))
     tried = web_memory.examine(package, program, build)
