@@ -16,7 +16,6 @@ from mjbench.report.advice import (
     thread_conclusion,
 )
 from mjbench.report.content import (
-    Cell,
     Column,
     Conclusion,
     DataTable,
@@ -253,35 +252,19 @@ def path_table(sizes: Sequence[ModelResults]) -> DataTable:
     Advised paths have a mark (see `marks`). Whether paths agree is a column where one does not.
     """
     has_sizes, all_agree = len(sizes) > 1, not any(map(_unlike, sizes))
-    columns = (
-        Column(""),
-        Column("path", wraps=True),
-        Column("simulations", formats.count),
-        Column("ns/step", formats.count),
-        Column("speed-up", formats.factor),
-        Column("95 %", formats.ends),
-        Column("× real", times_real_time),
-        Column("loop"),
-        Column("agrees"),
+    return DataTable.of(
+        "Paths",
+        [(marks(each).get(str(r.variant)), r, r.speedup) for each in sizes for r in _shown(each)],
+        (Column(""), lambda row: row[0]),
+        (Column("path", wraps=True), lambda row: str(row[1].variant)),
+        (Column("simulations", formats.count), lambda row: row[1].nbatch if has_sizes else None),
+        (Column("ns/step", formats.count), lambda row: row[1].step_ns if row[2] else None),
+        (Column("speed-up", formats.factor), lambda row: row[2].estimate if row[2] else None),
+        (Column("95 %", formats.ends), lambda row: row[1].interval),
+        (Column("× real", times_real_time), lambda row: row[1].realtime_factor),
+        (Column("loop"), lambda row: row[1].loop.value),
+        (Column("agrees"), lambda row: None if all_agree else agrees(row[1])),
     )
-    rows: list[Sequence[Cell]] = []
-    for model_results in sizes:
-        of_paths = marks(model_results)
-        rows += [
-            (
-                of_paths.get(str(result.variant)),
-                str(result.variant),
-                result.nbatch if has_sizes else None,
-                result.step_ns if result.speedup else None,
-                result.speedup.estimate if result.speedup else None,
-                result.interval,
-                result.realtime_factor if result.speedup else None,
-                result.loop.value,
-                None if all_agree else agrees(result),
-            )
-            for result in _shown(model_results)
-        ]
-    return DataTable("Paths", columns, rows)
 
 
 def _shown(model_results: ModelResults) -> list[PathResult]:
@@ -323,24 +306,19 @@ def agrees(result: PathResult) -> str:
 
 def _compile_table(results: Sequence[PathResult]) -> DataTable:
     """Return what compiling cost, and after how many steps of the plain loop it breaks even."""
-    columns = (
-        *(Column(title) for title in ("compiled", "precision", "device")),
-        *(Column(title, formats.tenths) for title in ("trace s", "compile s", "cached s")),
-        Column("steady ns/step", formats.count),
-        Column("memory"),
-        Column("break-even"),
+    return DataTable.of(
+        "Compiling",
+        results,
+        (Column("compiled"), lambda result: result.path),
+        (Column("precision"), lambda result: result.precision),
+        (Column("device"), lambda result: result.device),
+        (Column("trace s", formats.tenths), lambda result: result.trace_s),
+        (Column("compile s", formats.tenths), lambda result: result.compile_s),
+        (Column("cached s", formats.tenths), lambda result: result.cached_compile_s),
+        (Column("steady ns/step", formats.count), lambda result: result.step_ns),
+        (Column("memory"), _memory),
+        (Column("break-even"), _break_even),
     )
-    rows = [
-        (
-            *(result.path, result.precision, result.device),
-            *(result.trace_s, result.compile_s, result.cached_compile_s),
-            result.step_ns,
-            _memory(result),
-            _break_even(result),
-        )
-        for result in results
-    ]
-    return DataTable("Compiling", columns, rows)
 
 
 def _break_even(result: PathResult) -> str:
