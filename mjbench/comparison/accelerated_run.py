@@ -84,8 +84,8 @@ def run(
     """
     source = ModelSource(request.source.name, request.source.path.resolve())
     return isolate.run(
-        "mjbench.comparison.accelerated_run:measure_in_child",
-        dataclasses.replace(request, source=source),
+        measure_in_child,
+        (dataclasses.replace(request, source=source),),
         on_record,
         request.limit_s,
         import_from,

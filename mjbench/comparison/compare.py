@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 
 from mjbench import paths
-from mjbench.comparison import accelerated_run
+from mjbench.comparison import accelerated_run, measure
 from mjbench.comparison.accelerated_run import AcceleratedRequest
 from mjbench.comparison.messages import AgreementReport, MeasureRequest, ModelFiles
 from mjbench.comparison.plan import ComparisonPlan
@@ -80,8 +80,8 @@ class ModelChildren:
         while True:
             exclude = frozenset([*fatal, *self.plan.accelerated])
             ended = isolate.run(
-                "mjbench.comparison.measure:measure_in_child",
-                MeasureRequest(source, self.plan, exclude, self.files),
+                measure.measure_in_child,
+                (MeasureRequest(source, self.plan, exclude, self.files),),
                 receive,
                 self.plan.limit_s,
                 self.plan.import_from,

@@ -99,13 +99,7 @@ def run(
       MjbenchError: the child failed.
     """
     rows: list[PlanningRow] = []
-    isolate.run(
-        "mjbench.comparison.planning_run:plan_in_child",
-        request,
-        rows.append,
-        limit_s,
-        import_from,
-    ).check()
+    isolate.run(plan_in_child, (request,), rows.append, limit_s, import_from).check()
     return rows
 
 

@@ -114,8 +114,8 @@ class _VectorLaunches(Targets[VectorLaunch]):
         """See `Targets.launch`."""
         answers: list[object] = []
         ended = isolate.run(
-            "mjbench.environment.vectors:measure_in_child",
-            dataclasses.replace(self._request, forms=positions),
+            measure_in_child,
+            (dataclasses.replace(self._request, forms=positions),),
             answers.append,
             self._request.plan.limit_s,
         )

@@ -187,37 +187,12 @@ class _RolloutRun:
 
     def verify(self) -> States:
         """Run the timed call, and each simulation alone for the entries it does not return."""
-        alone = self._final_states_alone()
+        nstep = self.workload.nstep
+        alone = whole_final_states(self.model, self.datas[0], self.inputs, nstep)
         self.clear()
         self.run()
         timed = self.final_states()
         return States(np.where(np.asarray(timed.mask), timed.values, alone))
-
-    def _final_states_alone(self) -> np.ndarray:
-        """Return (nbatch, nstate) final states in full, of simulations that are rolled out alone.
-
-        What a rollout does not return, such as the warm-start, is in its MjData afterwards.
-        """
-        from mujoco import rollout
-
-        data, inputs, nstep = self.datas[0], self.inputs, self.workload.nstep
-        values = np.empty_like(self.final_state)
-        state = np.empty((1, nstep, len(self.physics)))
-        sensordata = np.empty((1, nstep, self.model.nsensordata))
-        for i, row in enumerate(values):
-            rollout.rollout(
-                self.model,
-                [data] if compat.rollout_threads() else data,
-                inputs.start[i : i + 1],
-                None if inputs.control is None else inputs.control[i : i + 1],
-                control_spec=inputs.control_spec,
-                nstep=nstep,
-                initial_warmstart=inputs.warmstart[i : i + 1],
-                state=state,
-                sensordata=sensordata,
-            )
-            compat.get_state(self.model, data, row)
-        return values
 
 
 def _rollout_function(options: Options, resources: Resources) -> Callable[..., Any]:
@@ -277,6 +252,11 @@ class RolloutInputs:
     control_spec: int
     control: np.ndarray | None
 
+    def part(self, rows: slice) -> "RolloutInputs":
+        """Return the inputs of some simulations, which share their memory with these."""
+        control = None if self.control is None else self.control[rows]
+        return RolloutInputs(self.start[rows], self.warmstart[rows], self.control_spec, control)
+
 
 def shared_inputs(workload: Workload, resources: Resources) -> RolloutInputs:
     """Return the inputs of a workload's rollout, the same ones to every caller.
@@ -306,6 +286,35 @@ def _make_inputs(workload: Workload, resources: Resources) -> RolloutInputs:
 
     resources.at_change(follow)
     return inputs
+
+
+def whole_final_states(
+    model: mujoco.MjModel, data: mujoco.MjData, inputs: RolloutInputs, nstep: int
+) -> np.ndarray:
+    """Return (nbatch, nstate) final states in full, of simulations that are rolled out alone.
+
+    What a rollout does not return, such as the warm-start, is in its MjData afterwards.
+    """
+    from mujoco import rollout
+
+    values = np.empty((len(inputs.start), compat.state_size(model)))
+    state = np.empty((1, nstep, inputs.start.shape[1]))
+    sensordata = np.empty((1, nstep, model.nsensordata))
+    for i, row in enumerate(values):
+        one = inputs.part(slice(i, i + 1))
+        rollout.rollout(
+            model,
+            [data] if compat.rollout_threads() else data,
+            one.start,
+            one.control,
+            control_spec=one.control_spec,
+            nstep=nstep,
+            initial_warmstart=one.warmstart,
+            state=state,
+            sensordata=sensordata,
+        )
+        compat.get_state(model, data, row)
+    return values
 
 
 def changed_inputs(workload: Workload) -> list[str]:

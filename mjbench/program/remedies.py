@@ -323,8 +323,8 @@ def _gain_of_line(
     steps = [(call.place.file, call.place.line) for call in loop.calls if call.is_step]
     if not count or not nstep or runs_within_step(line.place.position, steps):
         return share * ratio.saved, Basis.PAIRED
-    saved_s = ratio.saved_s if ratio.saved else 0.0
-    return min(share, count * saved_s * nstep / loop.seconds), Basis.PAIRED
+    gain = count * ratio.certainly_saved_s * nstep / loop.seconds
+    return min(share, gain), Basis.PAIRED
 
 
 def _of_function(loop: LoopTime, lines: Sequence[LineTime]) -> Remedy:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
 from mjbench.paired.race import MAX_LAUNCHES
 from mjbench.paths.accelerated import keyword_arguments
@@ -63,7 +62,10 @@ def sections_together(models: Sequence[ModelResults]) -> Iterator[Section]:
             models,
         )
     if len({each.model.model for each in models}) > 1:
-        yield from _advice_section(models)
+        advice = advice_table(models)
+        if advice.rows:
+            heading_of_advice = "Advice: speed-ups over the plain loop; ? is not certain"
+            yield Section(heading_of_advice, tables=[advice])
 
 
 def _crossover_section(
@@ -159,38 +161,25 @@ def _conclusions(model_results: ModelResults, names_size: bool) -> Iterator[Conc
         yield Conclusion(clock_conclusion(clock, names_size), Tone.GOOD, subject)
 
 
-def _advice_section(models: Sequence[ModelResults]) -> Iterator[Section]:
-    """Yield what is advised on every model, one row a model and loop."""
+def advice_table(models: Sequence[ModelResults]) -> DataTable:
+    """Return what is advised on every model, one row a model and loop."""
     advice = [row for model_results in models for row in advise(model_results)]
-    if not advice:
-        return
     sizes = {(row.model, row.nbatch) for row in advice}
     has_sizes = len({name for name, _ in sizes}) < len(sizes)
-    columns = (
-        Column("model"),
-        Column("simulations", formats.count),
-        Column("loop"),
-        Column("advised"),
-        Column("speed-up", formats.factor),
-        Column("95 %", formats.ends),
-        Column("× real time", times_real_time),
-    )
     names = formats.short_names([row.model for row in advice])
-    rows = [
+    return DataTable.of(
+        "Advice",
+        advice,
+        (Column("model"), lambda row: names[row.model]),
+        (Column("simulations", formats.count), lambda row: row.nbatch if has_sizes else None),
+        (Column("loop"), lambda row: row.loop.value),
+        (Column("advised"), lambda row: f"{mark(row.is_certain)} {row.variant}"),
         (
-            names[row.model],
-            row.nbatch if has_sizes else None,
-            row.loop.value,
-            f"{mark(row.is_certain)} {Variant(row.path, row.options)}",
-            row.speedup.estimate if row.speedup else 1.0,
-            row.speedup,
-            row.realtime_factor,
-        )
-        for row in advice
-    ]
-    yield Section(
-        "Advice: speed-ups over the plain loop; ? is not certain",
-        tables=[DataTable("Advice", columns, rows)],
+            Column("speed-up", formats.factor),
+            lambda row: row.speedup.estimate if row.speedup else 1.0,
+        ),
+        (Column("95 %", formats.ends), lambda row: row.speedup),
+        (Column("× real time", times_real_time), lambda row: row.realtime_factor),
     )
 
 
@@ -205,7 +194,7 @@ def marks(model_results: ModelResults) -> dict[str, str]:
     The keys are the paths, each with its options.
     """
     return {
-        str(Variant(row.path, row.options)): mark(row.is_certain)
+        str(row.variant): mark(row.is_certain)
         for row in sorted(advise(model_results), key=lambda row: not row.is_certain)
     }
 
@@ -372,7 +361,7 @@ def notes(model_results: ModelResults) -> list[str]:
     """Return what a reader of the table must know: reasons, and how many cores there were."""
     model, results = model_results.model, model_results.results
     lines = [
-        f"{Variant(r.path, r.options)}: {r.status}: {r.detail}"
+        f"{r.variant}: {r.status}: {r.detail}"
         for r in results
         if r.detail
         and not _is_unavailable(r)
@@ -456,4 +445,4 @@ def _snippets(all_advice: Sequence[Advice]) -> Iterator[Snippet]:
     for snippet in dict.fromkeys(advice.snippet for advice in all_advice):
         same = [advice for advice in all_advice if advice.snippet == snippet]
         loops = " and ".join(dict.fromkeys(f"{advice.loop} loop" for advice in same))
-        yield Snippet(f"{Variant(same[0].path, same[0].options)} ({loops})", snippet)
+        yield Snippet(f"{same[0].variant} ({loops})", snippet)
