@@ -75,10 +75,6 @@ def run(
 ) -> isolate.Ended:
     """Measure one path on one model in a child; whatever becomes of it, this process goes on.
 
-    Args:
-      on_record: called with what the child knows (see `measure_in_child`).
-      import_from: a folder that a path of the user's own may be imported from.
-
     Raises:
       InputError: the path does not compile.
     """

@@ -56,11 +56,7 @@ class ModelChildren:
         return len(self.measured) / len(self.plan.variants)
 
     def verify(self, on_message: Callable[[], None] = lambda: None) -> isolate.Ended:
-        """Verify all paths that run C; start again without a path that ended the child.
-
-        Args:
-          on_message: called after each message of the child.
-        """
+        """Verify all paths that run C; start again without a path that ended the child."""
 
         def receive(message: ModelRecord | AgreementReport) -> None:
             if isinstance(message, ModelRecord):

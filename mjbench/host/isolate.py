@@ -156,6 +156,7 @@ def call(
     function: Callable[[*_Arguments, Channel], _Answer],
     *arguments: *_Arguments,
     limit_s: float,
+    import_from: str | None = None,
     environment: Mapping[str, str | None] | None = None,
     memory_bytes: int | None = None,
     otherwise: Callable[[Ended], _Answer] = _refuse,
@@ -171,8 +172,9 @@ def call(
         arguments,
         lambda message: None,
         limit_s,
-        environment=environment,
-        memory_bytes=memory_bytes,
+        import_from,
+        environment,
+        memory_bytes,
     )
     if ended.status != Status.OK:
         return otherwise(ended)

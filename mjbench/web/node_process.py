@@ -17,7 +17,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TypeVar
 
-
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt
 from mjbench.errors import Failure, InputError, MachineError, one_line, shown
 from mjbench.host import child, child_connection
