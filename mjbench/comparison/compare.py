@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from mjbench import paths
 from mjbench.comparison import accelerated_run, measure
 from mjbench.comparison.accelerated_run import AcceleratedRequest
-from mjbench.comparison.messages import AgreementReport, MeasureRequest, ModelFiles
+from mjbench.comparison.messages import AgreementReport, ModelFiles
 from mjbench.comparison.plan import ComparisonPlan
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.errors import Failure, failure_of
@@ -74,10 +74,10 @@ class ModelChildren:
         source = ModelSource(self.source.name, self.source.path.resolve())
         fatal: dict[int, MeasurementRecord] = {}
         while True:
-            exclude = frozenset([*fatal, *self.plan.accelerated])
+            excluded = frozenset([*fatal, *self.plan.accelerated])
             ended = isolate.run(
                 measure.measure_in_child,
-                (MeasureRequest(source, self.plan, exclude, self.files),),
+                (source, self.plan, excluded, self.files),
                 receive,
                 self.plan.limit_s,
                 self.plan.import_from,
