@@ -6,7 +6,6 @@ from collections.abc import Callable
 from benchmarks import stored
 from benchmarks.settings import Timed
 from mjbench.loop import habits
-from mjbench.loop.compiled_loop import compile_loop
 from mjbench.simulation import models
 
 NSTEP = 1000
@@ -19,11 +18,11 @@ def _loop(habit_name: str, model_name: str) -> Callable[[], None]:
     Raises:
       NotImplementedError: the release or the model lacks what the habit needs.
     """
-    habit, model = habits.find(habit_name), stored.load(model_name)
+    habit, model = habits.BY_NAME[habit_name], stored.load(model_name)
     file = str(models.resolve(model_name).path)
     if not habit.requires(model, file):
         raise NotImplementedError(f"{habit_name}: not with this model or release")
-    return compile_loop(habit, model, NSTEP, file).run
+    return habits.compile_loop(habit, model, NSTEP, file).run
 
 
 class Overhead(Timed):

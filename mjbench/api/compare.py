@@ -1,6 +1,7 @@
 """`mjbench.compare`: the ways of stepping a model: do they agree, and which is fastest?"""
 
 import functools
+import itertools
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -173,16 +174,16 @@ def measurement(sources: Sequence[ModelSource], plans: Sequence[ComparisonPlan])
     nvariant = len(plans[0].variants)
 
     def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+        count = len(sources) * len(plans)
         with WorkerPool(plans[0].limit_s) as pool:
             for position, source in enumerate(sources):
-                turns = list(enumerate(plans, position * len(plans)))
-                yield from _measure_model(pool, source, turns, earlier, observer)
+                shares = [(position * len(plans) + i) / count for i in range(len(plans) + 1)]
+                yield from _measure_model(pool, source, plans, shares, earlier, observer)
 
     return Measurement(
         "compare",
         arguments,
         files,
-        len(sources) * len(plans),
         measure,
         lambda records: path_comparison.finished(records, nvariant),
     )
@@ -191,28 +192,32 @@ def measurement(sources: Sequence[ModelSource], plans: Sequence[ComparisonPlan])
 def _measure_model(
     pool: WorkerPool,
     source: ModelSource,
-    turns: Sequence[tuple[int, ComparisonPlan]],
+    plans: Sequence[ComparisonPlan],
+    shares: Sequence[float],
     earlier: Sequence[Record],
     observer: Observer,
 ) -> Iterator[Item]:
     """Yield what a model comes to at one size after the other.
 
     Args:
-      turns: a plan for each size, with its number among those of all models.
+      shares: of all work that is done before each plan, and after the last.
     """
     of_sizes: list[Record] = []
-    for number, plan in turns:
+    for plan, (begin, end) in zip(plans, itertools.pairwise(shares), strict=True):
+
+        def on_progress(name: str, share: float, begin: float = begin, end: float = end) -> None:
+            observer(name, begin + share * (end - begin))
+
         known = path_comparison.stored(source, plan, earlier)
         if known is None:
-            on_progress = functools.partial(observer, number)
             for known in path_comparison.compare_model(
                 pool, source, plan, on_progress, observer.begin
             ):
                 observer.show(functools.partial(_section_so_far, [*of_sizes, *known.records]))
-            observer(number, source.name, 1.0)
+            observer(source.name, end)
         assert known is not None, "the last that it yields is complete"
         of_sizes += known.records
-        yield Item(known.records, is_part=plan is not turns[-1][1])
+        yield Item(known.records, is_part=plan is not plans[-1])
 
 
 def _section_so_far(records: Sequence[Record]) -> Section | None:

@@ -47,27 +47,25 @@ class Measured:
     ) -> Self:
         """Measure, and return the records; the first Ctrl-C interrupts.
 
-        Args:
-          wait: whether to wait until no other mjbench measures on this machine.
-          on_progress: called with what is measured now, and the share of all work that is done.
-
         Raises:
           InputError: nothing could be measured, because of the input.
           MachineError: nothing could be measured, or this operating system cannot do it.
           KeyboardInterrupt: no child process is left.
         """
         platforms.check_command(measurement.command)
-        observer = _ProgressObserver(measurement.count, on_progress) if on_progress else Observer()
-        items: list[Item] = []
-        command, arguments, files = measurement.command, measurement.arguments, measurement.files
-        with _in_program(), Session(command, arguments, files, wait) as session:
-            for item in measurement.measure((), observer):
+        measured: list[Item] = []
+        with (
+            _in_program(),
+            Session(measurement, wait) as session,
+            measurement.items((), Observer(on_progress)) as items,
+        ):
+            for item in items:
                 for record in item.records:
                     session.record(record)
                     if getattr(record, "status", None) == Status.INTERRUPTED:
                         raise KeyboardInterrupt
-                items.append(item)
-            _check_any(items)
+                measured.append(item)
+            _check_any(measured)
             return cls(session.run(), (*measurement.notes, *session.notes()))
 
     @property
@@ -119,16 +117,6 @@ class Measured:
 
     def _repr_pretty_(self, printer: Any, cycle: bool) -> None:  # IPython in a terminal
         printer.text("…" if cycle else str(self))
-
-
-class _ProgressObserver(Observer):
-    """Tells a function of a program how far a measurement is."""
-
-    def __init__(self, count: int, on_progress: Progress):
-        self._count, self._on_progress = count, on_progress
-
-    def __call__(self, number: int, name: str, share: float) -> None:
-        self._on_progress(name, (number + share) / self._count)
 
 
 @contextlib.contextmanager

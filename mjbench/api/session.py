@@ -6,7 +6,7 @@ all of them together (`mjbench.api.measured`).
 """
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,26 +14,33 @@ from typing import Any
 
 from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printable
 from mjbench.host import machine, neighbours, platforms
-from mjbench.host.machine import Machine, ProcessorTime
+from mjbench.host.machine import ProcessorTime
 from mjbench.host.neighbours import Neighbour, Presence
+from mjbench.measuring import progress
+from mjbench.measuring.progress import Progress
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.report.content import Section
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
-from mjbench.store import run_file, runs
-from mjbench.store.run_file import RunFile
+from mjbench.store import runs
+from mjbench.store.run_file import RunFile, check_continues
 from mjbench.store.runs import Record, Run, RunHeader
 
 
 class Observer:
-    """What is told of a measurement as it goes on; this one ignores it."""
+    """What is told of a measurement as it goes on; this one tells a function of a program."""
 
-    def __call__(self, number: int, name: str, share: float) -> None:
-        """Hear that an item is measured: its number, what is done now, and the share done."""
+    def __init__(self, on_progress: Progress | None = None):
+        """Take the function; None where nobody asks."""
+        self._on_progress = on_progress or progress.ignore
+
+    def __call__(self, name: str, share: float) -> None:
+        """Note what is measured now, and the share of all work that is done."""
+        self._on_progress(name, share)
 
     def begin(self, phase: str) -> None:
-        """Hear in a line what begins now."""
+        """Note in a line what begins now."""
 
     def show(self, section: Callable[[], Section | None] | None) -> None:
         """Show what is known so far, until it is called again; None ends that."""
@@ -61,20 +68,28 @@ class Measurement:
     Attributes:
       arguments: stored in the run file's header: a dataclass or JSON-ready values.
       files: that it is made from.
-      count: number of items.
       measure: yields items as they are measured. It is given records that need not be measured
         again. It may raise KeyboardInterrupt, or end after a record that says so.
-      select_finished: which records of a run are not measured again when it is continued.
+      select_finished: which records of a continued run are not measured again.
       notes: what makes the results unreliable here, a sentence each.
     """
 
     command: str
     arguments: Any
     files: Sequence[Path]
-    count: int
-    measure: Callable[[Sequence[Record], Observer], Iterator[Item]]
+    measure: Callable[[Sequence[Record], Observer], Iterable[Item]] = lambda *_: ()
     select_finished: Callable[[Sequence[Record]], Sequence[Record]] = lambda records: records
     notes: Sequence[str] = ()
+
+    @contextlib.contextmanager
+    def items(self, earlier: Sequence[Record], observer: Observer) -> Iterator[Iterable[Item]]:
+        """Yield the items, as `measure` does; what measures them ends with the block."""
+        items = self.measure(earlier, observer)
+        try:
+            yield items
+        finally:
+            if isinstance(items, Generator):
+                items.close()
 
 
 def pinning_notes() -> list[str]:
@@ -108,7 +123,7 @@ def of_each_model(
 
     def items(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
         for number, source in enumerate(sources):
-            observer(number, source.name, 0.0)
+            observer(source.name, number / len(sources))
             try:
                 item = Item(measure(source))
             except MjbenchError as error:
@@ -121,30 +136,13 @@ def of_each_model(
     names = {"models": [source.name for source in sources]}
     all_arguments = {**names, **(arguments or {}), "starts": starts}
     files = input_files(sources, [], starts)
-    return Measurement(command, all_arguments, files, len(sources), items)
+    return Measurement(command, all_arguments, files, items)
 
 
 def failure_of_model(name: str, error: MjbenchError) -> Failure:
     """Return how the measurement of a model failed, in a line that names it."""
     failure = failure_of(error)
     return Failure(failure.status, f"{name}: {failure.detail.removeprefix(f'{name}: ')}")
-
-
-@dataclass(frozen=True)
-class Storage:
-    """Where a session stores its records.
-
-    Attributes:
-      folder: for a new run file.
-      resume: run file to continue; None to begin one.
-      command_line: the words after `mjbench`.
-      select_finished: which records of a continued run are not measured again.
-    """
-
-    folder: Path
-    resume: Path | None = None
-    command_line: Sequence[str] = ()
-    select_finished: Callable[[Sequence[Record]], Sequence[Record]] = lambda records: records
 
 
 class Session:
@@ -159,26 +157,28 @@ class Session:
 
     def __init__(
         self,
-        command: str,
-        arguments: Any = (),
-        files: Sequence[Path] = (),
+        measurement: Measurement,
         wait: bool | None = False,
-        storage: Storage | None = None,
+        folder: Path | None = None,
+        resume: Path | None = None,
+        command_line: Sequence[str] = (),
         report: Callable[[str], None] = lambda line: None,
     ):
         """Prepare to measure.
 
         Args:
-          arguments: for the header, as are `files`; see `Measurement`.
           wait: whether to wait for another mjbench that measures here, and not to warn; None where
             no time is measured.
-          storage: None to store no records.
+          folder: for a new run file; None to store no records.
+          resume: run file to continue instead.
+          command_line: the words after `mjbench`.
           report: called at once with what people should know, in a line.
         """
         self.earlier: Sequence[Record] = ()
         self.records: list[Record] = []
-        self._command, self._arguments, self._files = command, arguments, files
-        self._wait, self._storage, self._report = wait, storage, report
+        self._measurement, self._wait = measurement, wait
+        self._folder, self._resume = folder, resume
+        self._command_line, self._report = command_line, report
         self._file: RunFile | None = None
         self._presence: Presence | None = None
         self._others: Sequence[Neighbour] = ()
@@ -192,12 +192,12 @@ class Session:
         """
         with contextlib.ExitStack() as closing:
             if self._wait is not None:
-                self._presence = closing.enter_context(Presence(self._command))
+                self._presence = closing.enter_context(Presence(self._measurement.command))
                 self._others = self._enter(self._presence, self._wait)
             self._begin = ProcessorTime.now()
             self.header = self._new_header()
-            if self._storage is not None:
-                self._file = self._open(self._storage)
+            if self._folder is not None:
+                self._file = self._open(self._folder)
                 closing.callback(self._file.close)
             self._closing = closing.pop_all()
         return self
@@ -219,35 +219,30 @@ class Session:
         return others
 
     def _new_header(self) -> RunHeader:
-        words = self._storage.command_line if self._storage else ()
         return RunHeader(
             runs.SCHEMA,
-            self._command,
+            self._measurement.command,
             machine.describe(),
-            runs.to_json(self._arguments),
-            tuple(runs.InputFile.of(path) for path in dict.fromkeys(self._files)),
-            tuple(map(printable, words)),
+            runs.to_json(self._measurement.arguments),
+            tuple(runs.InputFile.of(path) for path in dict.fromkeys(self._measurement.files)),
+            tuple(map(printable, self._command_line)),
             datetime.now(UTC).isoformat(timespec="seconds"),
         )
 
-    def _open(self, storage: Storage) -> RunFile:
+    def _open(self, folder: Path) -> RunFile:
         """Begin a run file, or continue one with those of its records that are finished."""
-        if storage.resume is None:
-            return RunFile.create(storage.folder, self.header)
-        if storage.resume.is_fifo():
-            raise InputError(f"cannot continue {storage.resume}: it is a pipe, not a file")
-        stored = runs.load(storage.resume, RECORD_TYPES)
-        run_file.check_continues(storage.resume, stored.header, self.header)
+        file = self._resume
+        if file is None:
+            return RunFile.create(folder, self.header)
+        if file.is_fifo():
+            raise InputError(f"cannot continue {file}: it is a pipe, not a file")
+        stored = runs.load(file, RECORD_TYPES)
+        check_continues(file, stored.header, self.header)
         if stored.is_torn:
-            self._report(f"{storage.resume}: the last line was cut short; it is left out")
-        self.earlier = tuple(storage.select_finished(stored.records))
+            self._report(f"{file}: the last line was cut short; it is left out")
+        self.earlier = tuple(self._measurement.select_finished(stored.records))
         self.records = [*self.earlier]
-        return RunFile.rewrite(storage.resume, stored.header, self.earlier)
-
-    @property
-    def machine(self) -> Machine:
-        """What it is measured on."""
-        return self.header.machine
+        return RunFile.rewrite(file, stored.header, self.earlier)
 
     @property
     def file(self) -> Path | None:

@@ -13,7 +13,7 @@ a lap adds one reading of the clock to it.
 import html
 import time
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -48,6 +48,12 @@ class Laps:
         """Number of laps."""
         return len(self.ns)
 
+    @property
+    def quantiles(self) -> Sequence[tuple[str, str]]:
+        """Names and durations of quantiles, for people."""
+        figures = ("p50", self.p50_ns), ("p99", self.p99_ns), ("max", self.max_ns)
+        return [(name, duration(ns)) for name, ns in figures]
+
 
 @dataclass(frozen=True, eq=False)
 class Timing:
@@ -79,7 +85,10 @@ class Timing:
         return self.simulated_s / self.elapsed_s
 
     def __str__(self) -> str:
-        return "; ".join([self._conclusion(), *([self._of_laps()] if self.laps else [])])
+        if self.laps is None:
+            return self._conclusion()
+        quantiles = ", ".join(f"{name} {shown}" for name, shown in self.laps.quantiles)
+        return f"{self._conclusion()}; {self.laps.count:,} laps: {quantiles}"
 
     def _conclusion(self) -> str:
         parts = [duration(1e9 * self.elapsed_s)]
@@ -89,20 +98,12 @@ class Timing:
             parts.append(f"{plain(self.realtime_factor, 3)} times real time")
         return ", ".join(parts)
 
-    def _of_laps(self) -> str:
-        laps = self.laps
-        assert laps is not None, "there are laps"
-        figures = ("p50", laps.p50_ns), ("p99", laps.p99_ns), ("max", laps.max_ns)
-        listed = ", ".join(f"{name} {duration(ns)}" for name, ns in figures)
-        return f"{laps.count:,} laps: {listed}"
-
     def _repr_html_(self) -> str:
         shown = f"<div>{html.escape(self._conclusion())}</div>"
         if self.laps is not None:
-            titles = "".join(f"<th>{title}</th>" for title in ("laps", "p50", "p99", "max"))
-            times = self.laps.p50_ns, self.laps.p99_ns, self.laps.max_ns
-            cells = f"{self.laps.count:,}", *map(duration, times)
-            row = "".join(f"<td>{html.escape(cell)}</td>" for cell in cells)
+            cells = [("laps", f"{self.laps.count:,}"), *self.laps.quantiles]
+            titles = "".join(f"<th>{title}</th>" for title, _ in cells)
+            row = "".join(f"<td>{html.escape(cell)}</td>" for _, cell in cells)
             shown += f"<table><tr>{titles}</tr><tr>{row}</tr></table>"
         return f'<div class="mjbench">{shown}</div>'
 

@@ -161,7 +161,6 @@ def verdicts(
         command,
         {**asdict(plan), "targets": [target.row() for target in sides]},
         [*(file for target in sides for file in target.files), *plan.sizes.starts.files],
-        len(pairs),
         measure,
         finished,
         pinning_notes(),
@@ -174,7 +173,8 @@ def instructions(comparison: InstructionComparison, plan: VerdictPlan) -> Measur
 
     def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
         def on_candidate(number: int) -> None:
-            observer(number, f"MuJoCo {comparison.candidates[number].version}", 0.0)
+            version = comparison.candidates[number].version
+            observer(f"MuJoCo {version}", number / len(comparison.candidates))
 
         with InstructionCounter(plan.sizes) as counter:
             for record in explain.verdicts(comparison, counter, finished(earlier), on_candidate):
@@ -189,7 +189,6 @@ def instructions(comparison: InstructionComparison, plan: VerdictPlan) -> Measur
             "models": [source.name for source in sources],
         },
         input_files(sources, builds, plan.sizes.starts),
-        len(comparison.candidates),
         measure,
         finished,
     )

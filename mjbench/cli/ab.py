@@ -8,23 +8,21 @@ import click
 from mjbench.cli.context import OutputOptions
 from mjbench.cli.fail_on import FAIL_ON, FailOn, measure_verdicts
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JUDGING, SIZES, STORING, with_options
+from mjbench.cli.shared import STORING, VERDICT_PLAN, with_options
 
 if TYPE_CHECKING:
-    from mjbench.paired.run_sizes import Sizes
     from mjbench.paired.verdict import VerdictPlan
 
 
 @cli.command()
 @click.argument("baseline", metavar="BASELINE")
 @click.argument("candidate", metavar="CANDIDATE")
-@with_options(FAIL_ON, JUDGING, SIZES, STORING)
+@with_options(FAIL_ON, VERDICT_PLAN, STORING)
 def ab(
     baseline: str,
     candidate: str,
     fail_on: FailOn,
     plan: "VerdictPlan",
-    sizes: "Sizes",
     output: OutputOptions,
 ) -> None:
     """Is CANDIDATE faster or slower than BASELINE, each given as KEY=VALUE,KEY=VALUE?
@@ -45,5 +43,5 @@ def ab(
 
     pair = targets.parse(baseline, candidate)
     has_one_build = len({target.release.key for target in pair}) == 1  # its code stays where it is
-    plan = replace(plan, sizes=sizes, as_shipped=plan.as_shipped or has_one_build)
+    plan = replace(plan, as_shipped=plan.as_shipped or has_one_build)
     measure_verdicts(verdicts("ab", [pair], plan), plan.confidence, fail_on, output)

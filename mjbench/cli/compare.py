@@ -157,7 +157,7 @@ def compare(
         summary=lambda run: report.sections_together(derive_all(run.records)),
         code=code,
     )
-    results = derive_all(run.records)
+    results = derive_all(run.session.records)
     run.exit(status for model in results for status in model.statuses)
 
 

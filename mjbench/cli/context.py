@@ -41,19 +41,6 @@ class OutputOptions:
     wait: bool | None = None
     resume: Path | None = None
 
-    def session(
-        self,
-        command: str,
-        arguments: Any,
-        files: Sequence[Path],
-        select_finished: "Callable[[Sequence[Record]], Sequence[Record]]" = lambda records: records,
-    ) -> "Session":
-        """Return the session of a command, whose records are stored; see `Measurement`."""
-        from mjbench.api.session import Session, Storage
-
-        storage = Storage(self.results, self.resume, command_line(), select_finished)
-        return Session(command, arguments, files, self.wait, storage, report_line)
-
 
 class RunContext:
     """The frame of one command, used as a context manager.
@@ -129,38 +116,26 @@ class RunContext:
         assert self._session is not None, "this command measures nothing"
         return self._session
 
-    @property
-    def records(self) -> "Sequence[Record]":
-        """All that was measured."""
-        return self.session.records
-
     def take(self, item: "Item") -> None:
-        """Store what was measured, and say why another thing could not be."""
+        """Store what was measured, or say why it could not be.
+
+        Where it cannot be stored, the command ends once it has printed what it measured.
+        """
         if item.failure is not None:
             report_line(item.failure.detail)
             self._failures.append(item.failure.status)
-        for record in item.records:
-            self.record(record)
-        if Status.INTERRUPTED in map(_status, item.records):
-            self.interrupt()
-
-    def record(self, record: "Record") -> None:
-        """Append a record to the run file; a failure ends the command, once it has printed all."""
         try:
-            self.session.record(record)
+            for record in item.records:
+                self.session.record(record)
         except MachineError as error:
             self._write_error, self.is_stopped = error, True
+        if Status.INTERRUPTED in map(_status, item.records):
+            self.interrupt()
 
     def interrupt(self) -> None:
         """Note that the user stopped the work, and tell them that results are saved."""
         self.interrupted = self.is_stopped = True
         report_line("interrupted; what was measured is saved")
-
-    def progress(self, count: int) -> "contextlib.AbstractContextManager[Observer]":
-        """Return what shows the progress of `count` items."""
-        from mjbench.cli.progress import progress
-
-        return progress(self.out, count)
 
     def show(self, sections: Iterable["Section"], code: bool = False) -> None:
         """Print sections; `code`: with their snippets."""
@@ -189,14 +164,6 @@ class RunContext:
         if self._json.is_wanted:
             self._json.write(json.dumps(json_form(document), indent=1) + "\n")
 
-    def write_results(self) -> None:
-        """Write the JSON document of all that was measured, where one was asked for."""
-        from mjbench.report import kinds
-
-        if self._json.is_wanted:
-            stored = self.session.run()
-            self.write(kinds.kind_of(stored).document(stored))
-
     def exit(self, statuses: Iterable[Status] | None = None) -> None:
         """End the process with the exit code that statuses, and what failed, stand for.
 
@@ -204,7 +171,7 @@ class RunContext:
           statuses: None for those of all records.
         """
         if statuses is None:
-            statuses = map(_status, self.records)
+            statuses = map(_status, self.session.records)
         self.exit_with(exit_code([*statuses, *self._failures]))
 
     def exit_with(self, code: int) -> None:
@@ -230,6 +197,7 @@ def measure(
     each: "Sections | None" = None,
     summary: "Sections | None" = None,
     code: bool | None = None,
+    to_stderr: bool = False,
 ) -> RunContext:
     """Measure as the options of a command say; print and store what comes of it.
 
@@ -237,38 +205,53 @@ def measure(
       each: what an item comes to; None to print nothing before the end.
       summary: what all items come to, printed at the end; None for nothing.
       code: whether snippets are printed, too; None for a command without that option.
+      to_stderr: see `RunContext`.
     """
+    from mjbench.api.session import Session
+    from mjbench.cli.progress import progress
+    from mjbench.report import kinds
+
     for note in measurement.notes:
         report_line(note)
-    arguments, files = measurement.arguments, measurement.files
-    session = output.session(measurement.command, arguments, files, measurement.select_finished)
-    inputs = [*files, *([output.resume] if output.resume else [])]
-    with RunContext(output.json_file, inputs, session) as run:
+    session = Session(
+        measurement, output.wait, output.results, output.resume, command_line(), report_line
+    )
+    inputs = [*measurement.files, *([output.resume] if output.resume else [])]
+    with RunContext(output.json_file, inputs, session, to_stderr) as run:
         try:
-            _measure_items(run, measurement, each, bool(code))
+            with (
+                progress(run.out) as observer,
+                measurement.items(session.earlier, observer) as items,
+            ):
+                _measure_items(run, items, observer, each, bool(code))
         except KeyboardInterrupt:
             run.interrupt()
         if summary:
             run.show(summary(session.run()))
         if code is False:
             run.hint_at_code()
-        run.write_results()
+        if output.json_file is not None:
+            stored = session.run()
+            run.write(kinds.kind_of(stored).document(stored))
     return run
 
 
 def _measure_items(
-    run: RunContext, measurement: "Measurement", each: "Sections | None", code: bool
+    run: RunContext,
+    items: "Iterable[Item]",
+    observer: "Observer",
+    each: "Sections | None",
+    code: bool,
 ) -> None:
     """Store items as they are measured, and print what each comes to."""
     unshown: list[Record] = []
-    with run.progress(measurement.count) as observer:
-        for item in measurement.measure(run.session.earlier, observer):
-            run.take(item)
-            unshown += item.records
-            if run.is_stopped or not item.is_part:
-                observer.show(None)
-                if each and unshown and not item.failure:
-                    run.show(each(run.session.run(unshown)), code)
-                unshown = []
-            if run.is_stopped:
-                return
+    for item in items:
+        run.take(item)
+        unshown += item.records
+        if run.is_stopped or not item.is_part:
+            observer.show(None)
+            if each and unshown and not item.failure:
+                run.show(each(run.session.run(unshown)), code)
+            unshown = []
+        if run.is_stopped:
+            return

@@ -98,11 +98,11 @@ def env(
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
         for number, source in enumerate(sources):
-            observer(number, source.name, 0.0)
+            observer(source.name, number / len(sources))
             yield _measured(source, plan)
 
     arguments = {"environments": list(names), "plan": plan}
-    measurement = Measurement("env", arguments, [], len(sources), items)
+    measurement = Measurement("env", arguments, [], items)
     run = measure(measurement, output, each=ENVIRONMENT.sections)
     records = run.session.run().of_type(EnvironmentRecord)
     run.exit(status for record in records for status in record.statuses())

@@ -1,14 +1,13 @@
 """`mjbench explain`: what changed from one release to another, by function."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import click
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli, report_line
-from mjbench.cli.shared import COUNT, JSON, JUDGING, SIZES, WAIT, with_options
+from mjbench.cli.shared import COUNT, JSON, VERDICT_PLAN, WAIT, with_options
 from mjbench.cli.versions import releases_and_models
 from mjbench.errors import InputError
 from mjbench.status import Status
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from mjbench.counts.instructions import InstructionCounter
     from mjbench.counts.records import ExplainRecord
     from mjbench.paired.records import VerdictRow
-    from mjbench.paired.run_sizes import Sizes
     from mjbench.paired.targets import Target
     from mjbench.paired.verdict import VerdictPlan
     from mjbench.paired.worker_pool import WorkerPool
@@ -35,13 +33,12 @@ if TYPE_CHECKING:
 @click.option(
     "--clock/--no-clock", default=True, show_default=True, help="Compare wall-clock times too."
 )
-@with_options(JUDGING, SIZES, WAIT, JSON)
+@with_options(VERDICT_PLAN, WAIT, JSON)
 def explain(
     names: tuple[str, ...],
     top: int,
     clock: bool,
     plan: "VerdictPlan",
-    sizes: "Sizes",
     wait: bool,
     json_file: str | None,
 ) -> None:
@@ -56,7 +53,7 @@ def explain(
     Example:
       mjbench explain 3.17.0 4.0.0 pile
     """
-    from mjbench.api.session import Session, input_files
+    from mjbench.api.session import Measurement, Session, input_files
     from mjbench.counts.explain import Explainer
     from mjbench.counts.instructions import InstructionCounter
     from mjbench.paired.targets import Target
@@ -69,15 +66,14 @@ def explain(
     if len(release_names) != 2:
         raise InputError("name an OLD and a NEW release, such as `mjbench explain 3.17.0 4.0.0`")
     specs = [installs.parse_release(name) for name in release_names]
-    plan = replace(plan, sizes=sizes)
-    files = input_files(sources, specs, sizes.starts)
-    session = Session("explain", files=files, wait=wait, report=report_line)
+    files = input_files(sources, specs, plan.sizes.starts)
+    session = Session(Measurement("explain", {}, files), wait, report=report_line)
     rows: list[ExplainRecord] = []
     statuses: list[Status] = []
     with (
         RunContext(json_file, files, session) as run,
         WorkerPool() as pool,  # workloads last as long as the pool
-        InstructionCounter(sizes) as counter,
+        InstructionCounter(plan.sizes) as counter,
     ):
         times = [
             _compare_times(pool, counter, [Target(spec, source) for spec in specs], plan)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mjbench.cli.context import OutputOptions, measure
-from mjbench.cli.shared import as_one
+from mjbench.cli.shared import Text, as_one
 from mjbench.paired.outcomes import Verdict
 from mjbench.status import ExitCode, exit_code
 
@@ -26,14 +26,17 @@ class Finding(StrEnum):
     INCONCLUSIVE = Verdict.INCONCLUSIVE
 
 
-def _findings(ctx: click.Context, param: click.Parameter, value: str | None) -> list[Finding]:
-    names = [name.strip() for name in (value or "").split(",") if name.strip()]
-    for name in names:
-        if name not in list(Finding):
-            raise click.BadParameter(f"{name!r} is not one of {', '.join(Finding)}")
-    if value is not None and not names:
-        raise click.BadParameter(f"no finding given; name one or more of {', '.join(Finding)}")
-    return [Finding(name) for name in names]
+class _Findings(Text[list[Finding]]):
+    """Comma-separated findings."""
+
+    name = "FINDING,…"
+    expected = f"one of {', '.join(Finding)}, or several with commas"
+
+    def _parse(self, text: str) -> list[Finding]:
+        findings = [Finding(name.strip()) for name in text.split(",") if name.strip()]
+        if not findings:
+            raise ValueError
+        return findings
 
 
 @dataclass(frozen=True)
@@ -85,8 +88,8 @@ FAIL_ON = as_one(
     click.option(
         "--fail-on",
         "findings",
-        metavar="FINDING,…",
-        callback=_findings,
+        type=_Findings(),
+        default=[],
         help=f"Exit 1 for one of these: {', '.join(Finding)}. Exit 3 when it cannot be decided:"
         " the verdict is inconclusive, it may be due to where a build's code lies in memory, or the"
         " work was not compared.",

@@ -272,7 +272,6 @@ def measure(selection: _Selection, output: OutputOptions) -> None:
         "history",
         selection.arguments(),
         input_files(selection.sources, selection.releases, DEFAULT_STARTS),
-        len(selection.releases),
         lambda earlier, observer: _measured(selection, earlier, observer),
         release_ratios.finished,
         pinning_notes(),
@@ -305,7 +304,7 @@ def _measured(
     def on_launch(index: int, share: float) -> None:
         shares[index] = share
         _, release = remaining[index][0].releases
-        observer(len(by_release) - len(remaining), f"MuJoCo {release.version}", sum(shares))
+        observer(f"MuJoCo {release.version}", sum(shares) / len(remaining))
 
     with WorkerPool() as pool:
         for records in release_ratio.measure_each(pool, remaining, on_launch):
@@ -349,7 +348,6 @@ def explain(selection: _Selection, output: OutputOptions) -> None:
         "history-explain",
         selection.arguments(),
         [source.path for source in selection.sources],
-        len(selection.releases),
         lambda earlier, observer: _explained(selection, earlier, observer),
         records.finished,
     )
@@ -375,7 +373,7 @@ def _explained(
         if missing and selection.sources:
             counter.count(selection.reference, selection.sources)  # draws the workloads
         for number, release in enumerate(selection.releases):
-            observer(number, f"MuJoCo {release.version}", 0.0)
+            observer(f"MuJoCo {release.version}", number / len(selection.releases))
             if release.version not in missing:
                 before = ()
                 continue

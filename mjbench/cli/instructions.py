@@ -67,10 +67,9 @@ def instructions(
     specs = [installs.parse_release(name) for name in releases or (installs.INSTALLED,)]
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
-        with InstructionCounter(sizes) as counter:
-            for number, spec in enumerate(specs):
-                observer(number, f"MuJoCo {spec.version}", 0.0)
-                yield Item([count.record() for count in counter.count(spec, sources, limit_s)])
+        for number, spec in enumerate(specs):
+            observer(f"MuJoCo {spec.version}", number / len(specs))
+            yield Item([count.record() for count in counter.count(spec, sources, limit_s)])
 
     arguments = {
         "sizes": sizes,
@@ -78,9 +77,11 @@ def instructions(
         "models": [source.name for source in sources],
     }
     files = input_files(sources, specs, sizes.starts)
-    measurement = Measurement("instructions", arguments, files, len(specs), items)
-    measure(
-        measurement,
-        output,
-        summary=lambda run: counts.sections(run.of_type(InstructionsRecord), top),
-    ).exit()
+    measurement = Measurement("instructions", arguments, files, items)
+    with InstructionCounter(sizes) as counter:
+        run = measure(
+            measurement,
+            output,
+            summary=lambda run: counts.sections(run.of_type(InstructionsRecord), top),
+        )
+    run.exit()

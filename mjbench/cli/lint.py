@@ -10,6 +10,7 @@ from mjbench.cli.group import cli, report_line
 from mjbench.cli.shared import JSON
 from mjbench.errors import InputError, MachineError, printable
 from mjbench.status import ExitCode, Status, exit_code
+from mjbench.units import count_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -153,7 +154,7 @@ def lint(
             click.echo(FORMATS[form](document), nl=False)
         run.write(document)
     if fix:
-        report_line(f"fixed {_findings(fixed)}")
+        report_line(f"fixed {count_of(fixed, 'finding')}")
     if is_unwritten:
         sys.exit(ExitCode.ENVIRONMENT)
     if findings:
@@ -163,10 +164,6 @@ def lint(
 
 def _split(text: str) -> tuple[str, ...]:
     return tuple(code.strip() for code in text.split(",") if code.strip())
-
-
-def _findings(count: int) -> str:
-    return f"{count} finding{'' if count == 1 else 's'}"
 
 
 def _write(file: "FixedFile") -> bool:
@@ -209,7 +206,7 @@ def _print_diff(files: "Sequence[str | UncheckedFile]", choice: "RuleChoice") ->
         would_fix += result.fixed
         click.echo(_shown(result.diff()), nl=False)
         _report_unfixed(result.unfixed)
-    report_line(f"would fix {_findings(would_fix)}")
+    report_line(f"would fix {count_of(would_fix, 'finding')}")
     if would_fix:
         sys.exit(ExitCode.FINDING)
     sys.exit(exit_code(Status.INPUT for _ in unchecked))

@@ -8,12 +8,19 @@ import click
 
 from mjbench.cli.context import OutputOptions, measure
 from mjbench.cli.group import cli
-from mjbench.cli.shared import COUNT, STARTS, STORING, Seconds, models_argument, with_options
+from mjbench.cli.shared import (
+    COUNT,
+    SIZES_OF_STARTS,
+    STORING,
+    Seconds,
+    models_argument,
+    with_options,
+)
 
 if TYPE_CHECKING:
     from mjbench.api.session import Observer
+    from mjbench.paired.run_sizes import Sizes
     from mjbench.simulation.models import ModelSource
-    from mjbench.simulation.starts import StartPlan
     from mjbench.store.runs import Record
 
 
@@ -41,13 +48,13 @@ if TYPE_CHECKING:
     show_default=True,
     help="Time for each model, once it is loaded; after it, no launch begins.",
 )
-@with_options(STARTS, STORING)
+@with_options(SIZES_OF_STARTS, STORING)
 def placement(
     sources: "list[ModelSource]",
     release_name: str,
     launches: int,
     time_limit: float,
-    starts: "StartPlan",
+    sizes: "Sizes",
     output: OutputOptions,
 ) -> None:
     """How far does the time of a step depend on where MuJoCo's machine code lies in memory?
@@ -64,7 +71,6 @@ def placement(
     from mjbench.api.session import Item, Measurement, pinning_notes
     from mjbench.paired import placement_spread
     from mjbench.paired.placement_spread import SpreadPlan
-    from mjbench.paired.run_sizes import Sizes
     from mjbench.paired.targets import Target
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.releases.installs import parse_release
@@ -72,7 +78,7 @@ def placement(
 
     release = parse_release(release_name)
     targets = [Target(release, source) for source in sources]
-    plan = SpreadPlan(launches, time_limit, Sizes(starts=starts))
+    plan = SpreadPlan(launches, time_limit, sizes)
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
         finished = {record.model for record in placement_spread.finished(earlier)}
@@ -83,15 +89,14 @@ def placement(
                     continue
 
                 def on_launch(count: int, number: int = number, name: str = name) -> None:
-                    observer(number, name, count / plan.most_launches)
+                    observer(name, (number + count / plan.most_launches) / len(targets))
 
                 yield Item([placement_spread.measure(pool, target, plan, on_launch)])
 
     measurement = Measurement(
         "placement",
         {**asdict(plan), "targets": [target.row() for target in targets]},
-        [*(file for target in targets for file in target.files), *starts.files],
-        len(targets),
+        [*(file for target in targets for file in target.files), *sizes.starts.files],
         items,
         placement_spread.finished,
         pinning_notes(),

@@ -123,7 +123,7 @@ def plan(
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
         for number, request in enumerate(requests):
-            observer(number, request.source.name, 0.0)
+            observer(request.source.name, number / len(requests))
             yield _planned(request, import_from, time_limit)
 
     arguments = {
@@ -136,7 +136,7 @@ def plan(
     }
     files = input_files(sources, [], starts)
     measure(
-        Measurement("plan", arguments, files, len(requests), items),
+        Measurement("plan", arguments, files, items),
         output,
         each=lambda run: [planning.section(run.of_type(PlanningRow))],
         summary=lambda run: planning.sizes_sections(run.of_type(PlanningRow)),

@@ -25,12 +25,14 @@ class PhaseLines(Observer):
 class _TerminalBar(Observer):
     """A progress bar in a terminal, which names what is done."""
 
-    def __init__(self, live: Live, bar: Progress, count: int):
+    def __init__(self, live: Live, bar: Progress):
+        super().__init__()
         self._live, self._bar = live, bar
-        self._task = bar.add_task("starting", total=count)
+        self._task = bar.add_task("starting", total=1.0)
 
-    def __call__(self, number: int, name: str, share: float) -> None:
-        self._bar.update(self._task, completed=number + share, description=name)
+    def __call__(self, name: str, share: float) -> None:
+        self._bar.update(self._task, completed=share, description=name)
+        self._live.start()  # the first time; until then a program may print
         self._live.refresh()
 
     def show(self, section: Callable[[], Section | None] | None) -> None:
@@ -40,8 +42,8 @@ class _TerminalBar(Observer):
 
 
 @contextlib.contextmanager
-def progress(out: Console, count: int) -> Iterator[Observer]:
-    """Yield what shows the progress of `count` items: a bar, which is gone at the end, or lines."""
+def progress(out: Console) -> Iterator[Observer]:
+    """Yield what shows progress: a bar, which is gone at the end, or lines."""
     if not out.is_terminal:
         yield PhaseLines()
         return
@@ -55,5 +57,7 @@ def progress(out: Console, count: int) -> Iterator[Observer]:
         auto_refresh=False,
     )
     # no refresh thread: it would take time from the blocks being timed
-    with Live(bar, console=out, auto_refresh=False, transient=True) as live:
-        yield _TerminalBar(live, bar, count)
+    live = Live(bar, console=out, auto_refresh=False, transient=True)
+    with contextlib.ExitStack() as closing:
+        closing.callback(live.stop)
+        yield _TerminalBar(live, bar)

@@ -1,21 +1,23 @@
 """`mjbench run`: where the time of the user's own program goes."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, RunContext
+from mjbench.cli.context import OutputOptions, measure
 from mjbench.cli.group import cli
 from mjbench.cli.shared import OUTPUT, Seconds
 from mjbench.errors import InputError
 from mjbench.status import ExitCode
 
 if TYPE_CHECKING:
+    from mjbench.api.session import Item, Observer
     from mjbench.program.launch import Program
     from mjbench.program.records import ProgramRow
+    from mjbench.store.runs import Record
 
 
 class _ProgramCommand(click.Command):
@@ -37,26 +39,6 @@ class _ProgramCommand(click.Command):
         while i < len(args) and args[i].startswith("-") and args[i] not in ("-m", "--"):
             i += 1 if args[i] in flags or "=" in args[i] else 2
         return [*args[:i], *([] if args[i : i + 1] == ["--"] else ["--"]), *args[i:]]
-
-
-def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "ProgramRow":
-    """Return the row, with what the remedies of its first loop save."""
-    from mjbench.host import machine
-    from mjbench.program import confirm, remedies
-
-    if not row.loops:
-        return row
-    tried = list(row.loops[0].remedies)
-    copies = remedies.copies(row.steps, machine.usable_cores())
-    if copies is not None:
-        tried.append(copies)
-    try:
-        with context.progress(confirm.most_runs(tried)) as advance:
-            confirmed = confirm.confirm(program, tried, advance)
-    except KeyboardInterrupt:
-        context.interrupt()
-        return row
-    return row.with_remedies(confirmed)
 
 
 @cli.command(cls=_ProgramCommand)
@@ -135,6 +117,7 @@ def run(
       mjbench run --output flame.svg train.py
       mjbench run --attach 4242
     """
+    from mjbench.api.session import Item, Measurement
     from mjbench.program import launch
     from mjbench.program.profiling import Sampling
     from mjbench.program.records import ProgramRow
@@ -153,6 +136,21 @@ def run(
     if confirm and of_program is None:
         raise InputError("--confirm runs the program again, which --attach cannot")
     sampling = Sampling(rate_hz, has_native)
+
+    def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
+        if of_program is not None:
+            name, seen = of_program.name, launch.run(of_program, seconds, sampling)
+        else:
+            assert pid is not None, "one of both is given"
+            name, seen = f"process {pid}", launch.attach(pid, seconds or 10.0, sampling)
+        row = ProgramRow.of(name, seen)
+        if confirm and of_program is not None:
+            yield from _confirmed(of_program, row, observer)
+        else:
+            yield Item([row])
+        if flame_graph is not None:
+            flame.write(flame_graph, seen.threads)
+
     arguments = {
         "program": program,
         "seconds": seconds,
@@ -162,19 +160,36 @@ def run(
         "confirm": confirm,
     }
     files = [Path(program[0])] if program and Path(program[0]).is_file() else []
-    session = output.session("run", arguments, files)
-    with RunContext(output.json_file, files, session, to_stderr=True) as context:
-        if of_program is not None:
-            name, seen = of_program.name, launch.run(of_program, seconds, sampling)
-        else:
-            assert pid is not None, "one of both is given"
-            name, seen = f"process {pid}", launch.attach(pid, seconds or 10.0, sampling)
-        row = ProgramRow.of(name, seen)
-        if confirm and of_program is not None:
-            row = _confirmed(context, of_program, row)
-        context.show(PROGRAM.sections(session.run([row])))
-        if flame_graph is not None:
-            flame.write(flame_graph, seen.threads)
-        context.record(row)
-        context.write_results()
-    context.exit_with(ExitCode.OK if row.was_ended else row.exit_code)
+    measurement = Measurement("run", arguments, files, items)
+    context = measure(measurement, output, each=PROGRAM.sections, to_stderr=True)
+    codes = [
+        ExitCode.OK if row.was_ended else row.exit_code
+        for row in context.session.run().of_type(ProgramRow)
+    ]
+    context.exit_with(codes[0] if codes else ExitCode.INTERRUPTED)
+
+
+def _confirmed(program: "Program", row: "ProgramRow", observer: "Observer") -> "Iterator[Item]":
+    """Yield the row, with what the remedies of its first loop save."""
+    from mjbench.api.session import Item
+    from mjbench.host import machine
+    from mjbench.program import confirm, remedies
+
+    if not row.loops:
+        yield Item([row])
+        return
+    tried = list(row.loops[0].remedies)
+    copies = remedies.copies(row.steps, machine.usable_cores())
+    if copies is not None:
+        tried.append(copies)
+    most = confirm.most_runs(tried)
+
+    def advance(number: int, name: str, share: float) -> None:
+        observer(name, (number + share) / most)
+
+    try:
+        confirmed = confirm.confirm(program, tried, advance)
+    except KeyboardInterrupt:
+        yield Item([row])
+        raise
+    yield Item([row.with_remedies(confirmed)])

@@ -2,14 +2,14 @@
 
 import contextlib
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import click
 
 from mjbench.cli.context import OutputOptions, measure
 from mjbench.cli.group import cli
-from mjbench.cli.shared import COUNT, JUDGING, STARTS, STORING, Shares, with_options
+from mjbench.cli.shared import COUNT, STORING, TRIAL_PLAN, Shares, with_options
 from mjbench.errors import Failure
 from mjbench.simulation import engine_library
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from mjbench.api.session import Observer
     from mjbench.paired.selfcheck_cases import Case
     from mjbench.paired.verdict import VerdictPlan
-    from mjbench.simulation.starts import StartPlan
     from mjbench.store.runs import Record
 
 # The arm of known slowdowns, unless other arms are asked for.
@@ -55,7 +54,7 @@ _SLOWDOWNS = (0.0, 0.005, 0.01, 0.02, 0.05)
     help="Compare releases whose steps execute equally many instructions, which should be `same`.",
 )
 @click.option("--busy", is_flag=True, help="Keep the last core busy during the trials.")
-@with_options(JUDGING, STARTS, STORING)
+@with_options(TRIAL_PLAN, STORING)
 def selfcheck(
     names: tuple[str, ...],
     trials: int,
@@ -64,7 +63,6 @@ def selfcheck(
     between_builds: bool,
     busy: bool,
     plan: "VerdictPlan",
-    starts: "StartPlan",
     output: OutputOptions,
 ) -> None:
     """How often are verdicts wrong or undecided on this machine, now, and how long do they take?
@@ -84,7 +82,6 @@ def selfcheck(
     from mjbench.api.session import Item, Measurement, input_files, pinning_notes
     from mjbench.paired import selfcheck as checks
     from mjbench.paired import selfcheck_cases
-    from mjbench.paired.run_sizes import Sizes
     from mjbench.paired.selfcheck_records import trial_records
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.report.kinds import SELFCHECK
@@ -95,7 +92,6 @@ def selfcheck(
     functions = tuple(dict.fromkeys(functions))
     cases = _cases(names, slowdowns, functions, between_builds)
     sources = list(dict.fromkeys(case.candidate.model for case in cases))
-    plan = replace(plan, sizes=Sizes(starts=starts))
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
         done = trial_records(earlier)
@@ -109,7 +105,7 @@ def selfcheck(
                 if isinstance(ended, Failure):
                     yield Item(failure=Failure(ended.status, f"{name}: {ended.detail}"))
                     continue
-                observer(number + 1, name, 0.0)
+                observer(name, (number + 1) / (trials * len(cases)))
                 yield Item([ended])
 
     measurement = Measurement(
@@ -123,8 +119,7 @@ def selfcheck(
             "inside_step": list(functions),
             "between_builds": between_builds,
         },
-        input_files(sources, [], starts),
-        trials * len(cases),
+        input_files(sources, [], plan.sizes.starts),
         items,
         trial_records,
         pinning_notes(),

@@ -30,7 +30,7 @@ RESULTS_FOLDER = Path("results/runs")
 MAX_SLOWDOWN = 10.0
 
 
-class _Text(click.ParamType[_Value]):
+class Text(click.ParamType[_Value]):
     """A text that stands for a value.
 
     Attributes:
@@ -60,7 +60,7 @@ def _within(number: _Number, bounds: Bounds) -> _Number:
     return number
 
 
-class Numbers(_Text[list[int]]):
+class Numbers(Text[list[int]]):
     """Comma-separated whole numbers, each of them once."""
 
     name = "N,N,…"
@@ -73,7 +73,7 @@ class Numbers(_Text[list[int]]):
         return list(dict.fromkeys(_within(int(word), self._bounds) for word in text.split(",")))
 
 
-class LargeCount(_Text[int]):
+class LargeCount(Text[int]):
     """A whole number, also written as `1e9`."""
 
     name = "N"
@@ -86,7 +86,7 @@ class LargeCount(_Text[int]):
         return int(number)
 
 
-class Names(_Text[list[str]]):
+class Names(Text[list[str]]):
     """Comma-separated names."""
 
     name = "NAME,…"
@@ -99,7 +99,7 @@ class Names(_Text[list[str]]):
         return names
 
 
-class Share(_Text[float]):
+class Share(Text[float]):
     """A percentage such as `1%` or `0.5`, as a share above 0 and below `below`."""
 
     name = "PERCENT"
@@ -112,7 +112,7 @@ class Share(_Text[float]):
         return _within(_share(text), self._bounds)
 
 
-class Shares(_Text[list[float]]):
+class Shares(Text[list[float]]):
     """Comma-separated percentages such as `0,0.5%`, as shares, each of them once."""
 
     name = "PERCENT,…"
@@ -133,7 +133,7 @@ def _share(word: str) -> float:
 _SECONDS_PER = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "s": 1.0}
 
 
-class Seconds(_Text[float]):
+class Seconds(Text[float]):
     """A time such as `60s`, `1ms` or `0.5`, in seconds; above 0 unless `zero`."""
 
     name = "SECONDS"
@@ -149,7 +149,7 @@ class Seconds(_Text[float]):
         return abs(_within(seconds, self._bounds))  # abs: -0 is 0
 
 
-class Hertz(_Text[float]):
+class Hertz(Text[float]):
     """A number of times per second, such as `1000` or `500Hz`."""
 
     name = "HZ"
@@ -190,6 +190,7 @@ def as_one(
 
     Args:
       build: returns the argument; its parameters are named as the options.
+      options: among them may be others that are one argument.
     """
     names = inspect.signature(build).parameters
 
@@ -240,26 +241,29 @@ def _start_plan(
 
 
 def _sizes(
-    nbatch: int | None,
-    nstep: int | None,
-    hold: int,
-    seed: int,
-    settle_s: float | None,
-    states_file: Path | None,
-    actions_file: Path | None,
+    starts: "StartPlan",
+    nbatch: int | None = None,
+    nstep: int | None = None,
+    hold: int = 1,
+    seed: int = 0,
 ) -> "Sizes":
     from mjbench.paired.run_sizes import Sizes
 
     check_sizes(nstep, hold)
-    return Sizes(nbatch, nstep, hold, seed, _start_plan(settle_s, states_file, actions_file))
+    return Sizes(nbatch, nstep, hold, seed, starts)
 
 
 def _verdict_plan(
-    min_effect: float, confidence: float, precision: float, time_limit: float, as_shipped: bool
+    min_effect: float,
+    confidence: float,
+    precision: float,
+    time_limit: float,
+    as_shipped: bool,
+    sizes: "Sizes",
 ) -> "VerdictPlan":
     from mjbench.paired.verdict import VerdictPlan
 
-    return VerdictPlan(min_effect, confidence, precision, time_limit, as_shipped=as_shipped)
+    return VerdictPlan(min_effect, confidence, precision, time_limit, sizes, as_shipped)
 
 
 COUNT = click.IntRange(int(limits.COUNT.least), int(limits.COUNT.most))
@@ -316,9 +320,7 @@ SEED = click.option(
     show_default=True,
     help="Seed of start states and controls.",
 )
-JUDGING = as_one(
-    "plan",
-    _verdict_plan,
+_JUDGING = (
     click.option(
         "--min-effect",
         type=Share(),
@@ -386,10 +388,13 @@ SETTLE = click.option(
 STARTS = as_one("starts", _start_plan, SETTLE, STATES, ACTIONS)
 LOOP_STARTS = as_one("starts", _start_plan, SETTLE, STATES)
 PLANNING_STARTS = as_one("starts", _start_plan, STATES)
+SIZES_OF_STARTS = as_one("sizes", _sizes, STARTS)
 SIZES = as_one(
     "sizes",
     _sizes,
     click.option("--nbatch", type=COUNT, help="Simulations of a run."),
     click.option("--nstep", type=COUNT, help="Steps of each simulation."),
-    *(HOLD, SEED, SETTLE, STATES, ACTIONS),
+    *(HOLD, SEED, STARTS),
 )
+VERDICT_PLAN = as_one("plan", _verdict_plan, *_JUDGING, SIZES)
+TRIAL_PLAN = as_one("plan", _verdict_plan, *_JUDGING, SIZES_OF_STARTS)

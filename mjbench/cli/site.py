@@ -84,11 +84,10 @@ def _read(folder: Path) -> "Project":
     causes = next(iter(own([folder / "benchmarks/causes.toml"])), None)
     if files := own(history_files.run_files(folder / "results/history")):
         with _left_out_if_unreadable():
-            first, *others = history_files.read_each(files, causes)
-            history = first.history
+            history, *others = history_files.read_each(files, causes)
             if others:
                 names = ", ".join(each.name for each in others)
-                report_line(f"the history is that of {first.name}; left out: {names}")
+                report_line(f"the history is that of {history.name}; left out: {names}")
     asv_pages = own([folder / ".asv/html/index.html"])
     if not (named_runs or history or (folder / "docs").is_dir()):
         raise InputError(

@@ -139,12 +139,13 @@ def _measure(
     address: str | None,
 ) -> "Summary":
     """Measure what is missing on a cluster."""
+    from mjbench.cli.progress import progress
     from mjbench.sweep.ray_cluster import RayCluster
     from mjbench.sweep.run import Sweep
 
     count = len(matrix.cells)
     with (
-        run.progress(count) as advance,
+        progress(run.out) as observer,
         RayCluster(address, matrix.plan.rules.tries) as cluster,
     ):
         for left_out in cluster.left_out:
@@ -152,7 +153,8 @@ def _measure(
 
         def on_result(result: "CellResult", node: str, ndone: int) -> None:
             file.append(result.section)
-            advance(ndone, f"{ndone} of {count} results; {result.cell.name} from {node}", 0.0)
+            text = f"{ndone} of {count} results; {result.cell.name} from {node}"
+            observer(text, ndone / count)
 
         return Sweep(matrix, done, cluster, on_result).measure()
 

@@ -139,19 +139,20 @@ def tune(
             raise InputError("--write takes one model")
         variants.check_source(sources[0])
         _see_whether_writable(OutputFile("--write", target, files))
-        variants.copy_in_child(sources[0], None, Path(target), time_limit)
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
+        if target is not None:
+            variants.copy_in_child(sources[0], None, Path(target), time_limit)
         with WorkerPool() as pool:
             for number, source in enumerate(sources):
 
                 def advance(done: int, text: str, share: float, number: int = number) -> None:
-                    observer(PARTS * number + done, text, share)
+                    observer(text, (number + (done + share) / PARTS) / len(sources))
 
                 yield Item([tune_model(pool, source, plan, time_limit, advance)])
 
     arguments = {"models": [source.name for source in sources], "plan": plan}
-    measurement = Measurement("tune", arguments, files, PARTS * len(sources), items)
+    measurement = Measurement("tune", arguments, files, items)
     run = measure(measurement, output, each=TUNE.sections)
     if target is not None and not run.is_stopped:
         _write(run, sources[0], Path(target), time_limit)

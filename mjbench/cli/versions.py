@@ -9,12 +9,11 @@ import click
 from mjbench.cli.context import OutputOptions
 from mjbench.cli.fail_on import FAIL_ON, FailOn, measure_verdicts
 from mjbench.cli.group import cli
-from mjbench.cli.shared import COUNT, JUDGING, SIZES, STORING, Names, with_options
+from mjbench.cli.shared import COUNT, STORING, VERDICT_PLAN, Names, with_options
 from mjbench.errors import InputError, shown, suggestion
 from mjbench.paired.outcomes import Metric
 
 if TYPE_CHECKING:
-    from mjbench.paired.run_sizes import Sizes
     from mjbench.paired.verdict import VerdictPlan
     from mjbench.releases.installs import ReleaseSpec
     from mjbench.simulation.models import ModelSource
@@ -52,7 +51,7 @@ if TYPE_CHECKING:
     help="Number of comparisons that are decided together, where other commands do some of them: a"
     " change needs more evidence  [default: those of this command]",
 )
-@with_options(FAIL_ON, JUDGING, SIZES, STORING)
+@with_options(FAIL_ON, VERDICT_PLAN, STORING)
 def versions(
     names: tuple[str, ...],
     old: str | None,
@@ -62,7 +61,6 @@ def versions(
     family: int | None,
     fail_on: FailOn,
     plan: "VerdictPlan",
-    sizes: "Sizes",
     output: OutputOptions,
 ) -> None:
     """Is MODEL slower with a NEW release of MuJoCo than with the OLD one?
@@ -92,7 +90,7 @@ def versions(
     baseline, *candidates = _releases(old, news, release_names)
     path_names = path_names or [BASE]
     targets.check_metric(Metric(metric), path_names)
-    plan = replace(plan, sizes=replace(sizes, metric=Metric(metric)))
+    plan = replace(plan, sizes=replace(plan.sizes, metric=Metric(metric)))
     if metric == Metric.INSTRUCTIONS:
         comparison = InstructionComparison(baseline, candidates, sources, plan.min_effect)
         measurement = instructions(comparison, plan)

@@ -90,7 +90,7 @@ def web(
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
         with WorkerPool(time_limit) as pool:
             for number, source in enumerate(sources):
-                observer(number, source.name, 0.0)
+                observer(source.name, number / len(sources))
                 yield Item([builds.measure(pool, source, plan)])
 
     arguments = {
@@ -101,7 +101,7 @@ def web(
         "budget_s": budget_s,
     }
     files = input_files(sources, [], sizes.starts)
-    measurement = Measurement("web", arguments, files, len(sources), items)
+    measurement = Measurement("web", arguments, files, items)
     run = measure(measurement, output, each=WEB.sections)
     records = run.session.run().of_type(WebRecord)
     run.exit(status for record in records for status in record.statuses())

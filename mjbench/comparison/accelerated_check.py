@@ -13,12 +13,18 @@ from mjbench.paths.accelerated import Advance, Compiled, StepOutcome, start_fiel
 from mjbench.simulation import accelerated_limits, agreement, compat, trajectory
 from mjbench.simulation import workload as workloads
 from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
-from mjbench.simulation.trajectory import COMPARED, Contacts, SingleSteps, Trajectory
+from mjbench.simulation.trajectory import (
+    COMPARED,
+    MAX_SINGLE_STEPS,
+    Contacts,
+    SingleSteps,
+    Trajectory,
+)
 from mjbench.simulation.workload import Workload
 
-# Simulations followed step by step, spread over the batch, and the most single steps taken from
-# their states; these are taken again in every simulation that remains.
-FOLLOWED, MAX_SINGLE_STEPS = 32, 256
+# Simulations followed step by step, spread over the batch. Single steps from their states are taken
+# again in every simulation that remains.
+FOLLOWED = 32
 
 # Contacts that change velocities by a smaller share than this are lost in float32.
 _LEAST_IMPULSE = 1e-4

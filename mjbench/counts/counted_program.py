@@ -3,11 +3,16 @@
 It runs inside the environment of any release (see instructions.py). It does each task, the steps of
 a model or an operation around the step, once to warm up, then twice between markers. Callgrind's
 options make it write out its counts, and start again from zero, whenever the marker is called. Only
-the work and the markers run with its instrumentation, where that can be switched.
+the work and the markers run with its instrumentation, where that can be switched: without it,
+Callgrind runs a program several times faster, and counts nothing.
 """
 
+import ctypes
 import gc
+import mmap
 import pickle
+import platform
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -18,7 +23,6 @@ import numpy as np
 
 from mjbench import paths
 from mjbench.comparison.sizes import check_memory
-from mjbench.counts.instrumentation import Instrumentation
 from mjbench.errors import Failure, MjbenchError, failure_of
 from mjbench.paired import operations
 from mjbench.releases import install_check
@@ -36,6 +40,18 @@ MARKERS = 3
 WARM_UPS = 10
 # The way of stepping that is counted.
 PATH = paths.BASE
+# Of callgrind.h: the base of its requests, and their numbers.
+_BASE = ord("C") << 24 | ord("T") << 16
+_START, _STOP = _BASE + 4, _BASE + 5
+# A function of the address of a request: six numbers of 64 bits, the request first.
+_X86_64 = bytes.fromhex(
+    "4889f8"  # mov rax, rdi
+    "31d2"  # xor edx, edx
+    "48c1c703 48c1c70d 48c1c73d 48c1c733"  # rol rdi by 3, 13, 61 and 51: together, nothing
+    "4887db"  # xchg rbx, rbx
+    "4889d0"  # mov rax, rdx
+    "c3"  # ret
+)
 
 
 @dataclass(frozen=True)
@@ -95,6 +111,42 @@ class CountedOperation:
 CountAnswer = CountedWork | CountedOperation | Failure
 
 
+def can_switch_instrumentation() -> bool:
+    """Return whether a program can ask for the change on this machine's kind of processor."""
+    return sys.platform == "linux" and platform.machine() == "x86_64"
+
+
+class Instrumentation:
+    """Callgrind's instrumentation of this process, off at first where it can be switched.
+
+    A program asks for the change by instructions that do nothing outside Valgrind
+    (`VALGRIND_DO_CLIENT_REQUEST` of valgrind.h, and callgrind.h).
+    """
+
+    def __init__(self) -> None:
+        self._request = None
+        if can_switch_instrumentation():
+            self._code = mmap.mmap(
+                -1, len(_X86_64), prot=mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC
+            )
+            self._code.write(_X86_64)
+            address = ctypes.addressof(ctypes.c_char.from_buffer(self._code))
+            self._request = ctypes.CFUNCTYPE(ctypes.c_uint64, ctypes.c_void_p)(address)
+
+    def start(self) -> None:
+        """Count from here on."""
+        self._ask(_START)
+
+    def stop(self) -> None:
+        """Count no more."""
+        self._ask(_STOP)
+
+    def _ask(self, request: int) -> None:
+        if self._request is not None:
+            arguments = (ctypes.c_uint64 * 6)(request)
+            self._request(ctypes.addressof(arguments))
+
+
 def main(descriptor: int) -> None:
     """Do the tasks that come over a connection, with the version of the release; answer each."""
     connection = Connection(descriptor)
@@ -123,7 +175,7 @@ def _answer(task: TaskRequest, instrumentation: Instrumentation) -> CountAnswer:
 
 def _step_between_markers(request: ModelRequest, instrumentation: Instrumentation) -> CountedWork:
     model = models.load(request.source)
-    shared, probe, came_from = _workload(model, request)
+    shared, probe, starts = _workload(model, request)
     observation = work.observe(shared)
     run = paths.find(PATH).prepare(shared, {}, paths.Resources(shared)).run
     _run_between_markers(run, instrumentation)
@@ -134,7 +186,7 @@ def _step_between_markers(request: ModelRequest, instrumentation: Instrumentatio
         warnings=observation.other_warnings(),
         healthy=observation.healthy,
         followed=None if probe is None else work_check.follow(shared, probe),
-        starts=came_from,
+        starts=starts,
     )
 
 
@@ -165,14 +217,14 @@ def _workload(
 
     A missing file is created; of any other it is not known where its starts came from.
     """
-    file, came_from = request.workload_file, None
+    file, starts = request.workload_file, None
     if not file.is_file():
         check_memory(model, request.sample.nbatch, request.sample.nstep)
         sample = sampling.draw(model, request.sample)
-        created, came_from = work_check.portable(sample.workload), sample.starts
+        created, starts = work_check.portable(sample.workload), sample.starts
         partial = file.with_suffix(".part")  # a killed program must leave no half of a file
         partial.write_bytes(pickle.dumps(created))
         partial.rename(file)
     # read back even if it was just created: every release restores the same numbers
     portable: workload.PortableWorkload = pickle.loads(file.read_bytes())
-    return workload.restore(model, portable), portable.probe, came_from
+    return workload.restore(model, portable), portable.probe, starts

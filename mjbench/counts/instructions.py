@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjbench.counts import callgrind, counted_program, instrumentation
+from mjbench.counts import callgrind, counted_program
 from mjbench.counts.callgrind import CallgrindProfile, CodePlace
 from mjbench.counts.counted_program import (
     CountAnswer,
@@ -261,7 +261,7 @@ def _callgrind(folder: Path) -> list[str]:
         *("valgrind", "--tool=callgrind", "--quiet"),
         "--dump-instr=yes",  # addresses, by which explain finds the code of functions
         f"--dump-before={counted_program.MARKER}",
-        f"--instr-atstart={'no' if instrumentation.can_switch() else 'yes'}",
+        f"--instr-atstart={'no' if counted_program.can_switch_instrumentation() else 'yes'}",
         f"--callgrind-out-file={folder / 'callgrind.out'}",
     ]
 

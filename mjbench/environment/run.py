@@ -21,7 +21,6 @@ from mjbench.environment import (
     construction,
     engine,
     physics_comparison,
-    workload,
 )
 from mjbench.environment.adapters import EnvironmentAdapter
 from mjbench.environment.passes import (
@@ -30,13 +29,12 @@ from mjbench.environment.passes import (
     in_random_order,
     send_rounds,
 )
-from mjbench.environment.physics_comparison import PhysicsComparison
+from mjbench.environment.physics_comparison import PhysicsAlone, PhysicsComparison
 from mjbench.environment.recording import EngineWatch, Recording, StepTrace
 from mjbench.environment.records import EnvironmentFacts, EnvironmentRecord, PhysicsCheck
 from mjbench.environment.repetition import FieldDifference, physics_differences
 from mjbench.environment.source import EnvironmentSource
 from mjbench.environment.timer import LayerTime, measure_cost
-from mjbench.environment.workload import PhysicsAlone
 from mjbench.errors import InputError
 from mjbench.host import machine
 from mjbench.host.isolate import Channel
@@ -206,7 +204,7 @@ def _physics_alone(
     """Return the physics to compare with; or why there is no comparison, in one line."""
     if any(difference.is_physics for difference in unrepeated):
         return "with the same seed and actions, its physics is not the same again"
-    physics = workload.alone(recording, seed, nthread)
+    physics = physics_comparison.physics_of(recording, seed, nthread)
     if isinstance(physics, str):
         return physics
     if not np.isfinite(physics.final_state).all():

@@ -45,9 +45,9 @@ class TimerCost:
         return self.inside_ns + self.outside_ns
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class LayerTime:
-    """What one function, or the lines of the step itself, took in a pass.
+    """What one function, or the lines of the step itself, took in a pass; counts up while it runs.
 
     Attributes:
       timed_calls: calls of it that were timed, and so cost inside it.
@@ -57,10 +57,10 @@ class LayerTime:
 
     layer: Layer
     name: str
-    calls: int
-    timed_calls: int
-    inner_calls: int
-    ns: int
+    calls: int = 0
+    timed_calls: int = 0
+    inner_calls: int = 0
+    ns: int = 0
 
 
 class LayerTimer:
@@ -70,37 +70,28 @@ class LayerTimer:
         """Time by `clock_ns`, which returns nanoseconds."""
         self._clock_ns = clock_ns
         self._thread = threading.get_ident()
-        self._keys: dict[tuple[Layer, str], int] = {}
-        self._own_ns: list[int] = []
-        self._calls: list[int] = []
-        self._timed_calls: list[int] = []
-        self._inner_calls: list[int] = []
-        self._stack: list[int] = []
+        self._times: dict[tuple[Layer, str], LayerTime] = {}
+        self._stack: list[LayerTime] = []
         self._last = [0]
 
-    def _index(self, layer: Layer, name: str) -> int:
-        index = self._keys.setdefault((layer, name), len(self._keys))
-        if index == len(self._own_ns):
-            for column in (self._own_ns, self._calls, self._timed_calls, self._inner_calls):
-                column.append(0)
-        return index
+    def _time_of(self, layer: Layer, name: str) -> LayerTime:
+        return self._times.setdefault((layer, name), LayerTime(layer, name))
 
     def outermost(
         self, function: Callable[[Any], Any], layer: Layer, name: str
     ) -> Callable[[Any], tuple[Any, int]]:
         """Return a function that runs a whole step, and returns its result and its nanoseconds."""
-        index = self._index(layer, name)
-        own_ns, calls, stack, last = self._own_ns, self._calls, self._stack, self._last
+        own, stack, last = self._time_of(layer, name), self._stack, self._last
         clock_ns = self._clock_ns
 
         def run(action: Any) -> tuple[Any, int]:
-            stack.append(index)
-            calls[index] += 1
+            stack.append(own)
+            own.calls += 1
             begin = last[0] = clock_ns()
             try:
                 outcome = function(action)
                 end = clock_ns()
-                own_ns[index] += end - last[0]
+                own.ns += end - last[0]
                 return outcome, end - begin
             finally:
                 stack.clear()
@@ -112,9 +103,7 @@ class LayerTimer:
 
         Outside of a step, and in another thread, it does nothing else.
         """
-        index = self._index(layer, name)
-        own_ns, calls, stack, last = self._own_ns, self._calls, self._stack, self._last
-        timed_calls, inner_calls = self._timed_calls, self._inner_calls
+        own, stack, last = self._time_of(layer, name), self._stack, self._last
         clock_ns, thread, get_ident = self._clock_ns, self._thread, threading.get_ident
 
         def run(*args: Any, **keywords: Any) -> Any:
@@ -122,17 +111,17 @@ class LayerTimer:
                 return function(*args, **keywords)
             now = clock_ns()
             caller = stack[-1]
-            own_ns[caller] += now - last[0]
-            inner_calls[caller] += 1
-            calls[index] += 1
-            timed_calls[index] += 1
-            stack.append(index)
+            caller.ns += now - last[0]
+            caller.inner_calls += 1
+            own.calls += 1
+            own.timed_calls += 1
+            stack.append(own)
             last[0] = now
             try:
                 return function(*args, **keywords)
             finally:
                 now = clock_ns()
-                own_ns[index] += now - last[0]
+                own.ns += now - last[0]
                 if stack:
                     stack.pop()
                 last[0] = now
@@ -143,10 +132,7 @@ class LayerTimer:
 
     def layers(self) -> list[LayerTime]:
         """Return what every function took since the timer was made, with the timer's cost."""
-        columns = zip(
-            self._keys, self._calls, self._timed_calls, self._inner_calls, self._own_ns, strict=True
-        )
-        return [LayerTime(*key, *values) for key, *values in columns]
+        return list(self._times.values())
 
 
 def measure_cost(clock_ns: ClockNs = time.perf_counter_ns) -> TimerCost:

@@ -29,7 +29,7 @@ from mjbench.environment.run import EnvironmentPlan
 from mjbench.environment.source import EnvironmentSource
 from mjbench.errors import Failure, InputError, describe
 from mjbench.host import isolate, machine
-from mjbench.host.isolate import Channel
+from mjbench.host.isolate import Channel, Ended
 from mjbench.paired.launches import StopRule, Targets, UnableError, launch
 from mjbench.status import Status
 
@@ -112,21 +112,23 @@ class _VectorLaunches(Targets[VectorLaunch]):
 
     def launch(self, positions: Sequence[int]) -> VectorLaunch:
         """See `Targets.launch`."""
-        answers: list[object] = []
-        ended = isolate.run(
-            "mjbench.environment.vectors:measure_in_child",
+        answer = isolate.call(
+            measure_in_child,
             dataclasses.replace(self._request, forms=positions),
-            answers.append,
-            self._request.plan.limit_s,
+            limit_s=self._request.plan.limit_s,
+            otherwise=_ended_by,
         )
-        if ended.status != Status.OK and ended.item is not None:
-            raise UnableError(ended.item, ended.status, ended.detail)
-        ended.check()
-        (answer,) = answers
         if isinstance(answer, WrongForm):
             raise UnableError(answer.position, answer.status, answer.detail)
-        assert isinstance(answer, VectorLaunch), "a child sends nothing else"
         return answer
+
+
+def _ended_by(ended: Ended) -> WrongForm:
+    """Return the form that ended a child; raises as `Ended.check` does where none did."""
+    if ended.item is None:
+        ended.check()
+    assert ended.item is not None, "it did not end well"
+    return WrongForm(ended.item, ended.status, ended.detail)
 
 
 class _VectorRule(StopRule[VectorLaunch]):
@@ -175,8 +177,8 @@ class _VectorRule(StopRule[VectorLaunch]):
 # -- in the child ---------------------------------------------------------------------------------
 
 
-def measure_in_child(request: VectorRequest, channel: Channel) -> None:
-    """Make vectorised forms, compare and time them; send a `VectorLaunch`, or a `WrongForm`.
+def measure_in_child(request: VectorRequest, channel: Channel) -> VectorLaunch | WrongForm:
+    """Make vectorised forms, compare and time them.
 
     Raises:
       InputError: there are no such forms of this environment.
@@ -196,12 +198,11 @@ def measure_in_child(request: VectorRequest, channel: Channel) -> None:
             channel.allow_silence(PATIENCE * request.step_s * nstep * nenv)
             form = _compared(position, kind, request.source, singles[:nenv])
             if isinstance(form, WrongForm):
-                channel.send(form)
-                return
+                return form
             closing.callback(form.close)
             compared[position] = form
         channel.allow_silence(PATIENCE * request.step_s * nstep * most * len(compared) * _ROUNDS)
-        channel.send(_Turns(compared, singles, channel).launch())
+        return _timed(compared, singles, channel)
 
 
 def _singles(
@@ -378,43 +379,33 @@ def _compared(
     return form
 
 
-class _Turns:
-    """Rounds in which vectorised forms, by their positions, and single environments take turns."""
-
-    def __init__(self, forms: Mapping[int, _Form], singles: Sequence[_Single], channel: Channel):
-        self._forms, self._singles, self._channel = forms, singles, channel
-
-    def launch(self) -> VectorLaunch | WrongForm:
-        """Time every form and every single environment in each round."""
-        form_s = dict.fromkeys(self._forms, 0.0)
-        single_s = [0.0] * len(self._singles)
-        turns = [(position, True) for position in self._forms]
-        turns += [(i, False) for i in range(len(self._singles))]
-        random.shuffle(turns)
-        for number in range(_ROUNDS):
-            for i, is_form in turns[:: -1 if number % 2 else 1]:
-                if not is_form:
-                    self._channel.doing("timing one environment")
-                    single_s[i] += self._singles[i].run()
-                    continue
-                self._channel.doing("timing a vectorised form", i)
-                form_s[i] += self._forms[i].run()
-            if (wrong := self._wrong()) is not None:
-                return wrong
-        ns, single_ns = {}, {}
-        for position, form in self._forms.items():
-            nenv = len(form.singles)
-            count = _ROUNDS * nenv * len(form.batched)
-            ns[position] = 1e9 * form_s[position] / count
-            single_ns[position] = 1e9 * sum(single_s[:nenv]) / count
-        return VectorLaunch(ns, single_ns)
-
-    def _wrong(self) -> WrongForm | None:
-        """Return a form whose last step did not return what single environments do."""
-        for position, form in self._forms.items():
+def _timed(
+    forms: Mapping[int, _Form], singles: Sequence[_Single], channel: Channel
+) -> VectorLaunch | WrongForm:
+    """Time every form, by its position, and every single environment in each round."""
+    form_s = dict.fromkeys(forms, 0.0)
+    single_s = [0.0] * len(singles)
+    turns = [*((i, False) for i in range(len(singles))), *((i, True) for i in forms)]
+    random.shuffle(turns)
+    for number in range(_ROUNDS):
+        for i, is_form in turns[:: -1 if number % 2 else 1]:
+            if is_form:
+                channel.doing("timing a vectorised form", i)
+                form_s[i] += forms[i].run()
+            else:
+                channel.doing("timing one environment")
+                single_s[i] += singles[i].run()
+        for position, form in forms.items():
             if difference := form.difference_after(len(form.batched)):
-                return WrongForm(position, Status.DISAGREES, f"in a timed block, {difference}")
-        return None
+                detail = f"in a timed block, {difference}"
+                return WrongForm(position, Status.DISAGREES, detail)
+    ns, single_ns = {}, {}
+    for position, form in forms.items():
+        nenv = len(form.singles)
+        count = _ROUNDS * nenv * len(form.batched)
+        ns[position] = 1e9 * form_s[position] / count
+        single_ns[position] = 1e9 * sum(single_s[:nenv]) / count
+    return VectorLaunch(ns, single_ns)
 
 
 def _resets_in_next_step() -> bool:

@@ -254,8 +254,8 @@ def measure_in_child(request: LatencyRequest, channel: Channel) -> list[StepSamp
             count = max(LEAST_NSTEP, min(nstep, int(BUDGET_S * rate_hz)))
         total = count + WARM_UP_NSTEP
         channel.allow_silence(_PATIENCE * step_s * total + 2 * total / rate_hz)
-        recorder = _Recorder(sample.workload, count, 1e9 / rate_hz if pace == Pace.PACED else 0.0)
-        latency_ns, features = recorder.steps()
+        period_ns = 1e9 / rate_hz if pace == Pace.PACED else 0.0
+        latency_ns, features = record_steps(sample.workload, count, period_ns)
         samples.append(
             StepSamples(
                 pace,
@@ -270,65 +270,53 @@ def measure_in_child(request: LatencyRequest, channel: Channel) -> list[StepSamp
     return samples
 
 
-class _Recorder:
-    """Steps simulations one after the other, and records every step."""
+def record_steps(
+    workload: Workload,
+    nstep: int,
+    period_ns: float,
+    clock: Callable[[], int] = time.perf_counter_ns,
+    sleep: Callable[[float], None] = time.sleep,
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Step simulations one after the other; `period_ns` is between two paced steps, 0 for no pace.
 
-    def __init__(
-        self,
-        workload: Workload,
-        nstep: int,
-        period_ns: float,
-        clock: Callable[[], int] = time.perf_counter_ns,
-        sleep: Callable[[float], None] = time.sleep,
-    ):
-        """Record `nstep` steps; `period_ns` is the time between two paced ones, 0 for no pace."""
-        self._workload, self._nstep, self._period_ns = workload, nstep, period_ns
-        self._clock, self._sleep = clock, sleep
-
-    def steps(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return (nstep,) latencies in ns, and features by name, each (nstep,)."""
-        model, workload = self._workload.model, self._workload
-        data = mujoco.MjData(model)
-        total = self._nstep + WARM_UP_NSTEP
-        latency_ns, counters = np.zeros(total), np.zeros((total, len(_FEATURES)))
-        usage_now = _usage_function()
-        collections = _Collections()
-        with collections:
-            k = 0
-            while k < total:
-                run = (k // workload.nstep) % workload.nbatch
-                compat.restart(model, data, workload.initial_state[run])
-                due = self._clock() + self._period_ns
-                for ctrl in workload.step_control[run][: total - k]:
-                    data.ctrl[:] = ctrl
-                    collected, usage = collections.count, usage_now()
-                    if self._period_ns:
-                        self._wait_until(due)
-                    begin = self._clock()
-                    mujoco.mj_step(model, data)
-                    end = self._clock()
-                    late_ns = begin - due if self._period_ns else 0.0
-                    latency_ns[k] = end - begin + late_ns
-                    later = usage_now()
-                    counters[k] = (
-                        data.ncon,
-                        compat.solver_iterations(data).sum(),
-                        collections.count - collected,
-                        later.ru_minflt + later.ru_majflt - usage.ru_minflt - usage.ru_majflt,
-                        later.ru_nivcsw - usage.ru_nivcsw,
-                        1e-3 * late_ns,
-                    )
-                    due += self._period_ns
-                    k += 1
-        counted = slice(WARM_UP_NSTEP, None)
-        features = {name: counters[counted, i] for i, name in enumerate(_FEATURES)}
-        return latency_ns[counted], features
-
-    def _wait_until(self, due_ns: float) -> None:
-        """Sleep, and then spin, until a step is due; return at once where it is late."""
-        while (left_ns := due_ns - self._clock()) > 0:
-            if left_ns > SPIN_NS:
-                self._sleep((left_ns - SPIN_NS) * 1e-9)
+    Returns:
+      (nstep,) latencies in ns, and features by name, each (nstep,).
+    """
+    model, data = workload.model, mujoco.MjData(workload.model)
+    total = nstep + WARM_UP_NSTEP
+    latency_ns, counters = np.zeros(total), np.zeros((total, len(_FEATURES)))
+    usage_now = _usage_function()
+    with _Collections() as collections:
+        k = 0
+        while k < total:
+            run = (k // workload.nstep) % workload.nbatch
+            compat.restart(model, data, workload.initial_state[run])
+            due = clock() + period_ns
+            for ctrl in workload.step_control[run][: total - k]:
+                data.ctrl[:] = ctrl
+                collected, usage = collections.count, usage_now()
+                while period_ns and (left_ns := due - clock()) > 0:
+                    if left_ns > SPIN_NS:
+                        sleep((left_ns - SPIN_NS) * 1e-9)
+                begin = clock()
+                mujoco.mj_step(model, data)
+                end = clock()
+                late_ns = begin - due if period_ns else 0.0
+                latency_ns[k] = end - begin + late_ns
+                later = usage_now()
+                counters[k] = (
+                    data.ncon,
+                    compat.solver_iterations(data).sum(),
+                    collections.count - collected,
+                    later.ru_minflt + later.ru_majflt - usage.ru_minflt - usage.ru_majflt,
+                    later.ru_nivcsw - usage.ru_nivcsw,
+                    1e-3 * late_ns,
+                )
+                due += period_ns
+                k += 1
+    counted = slice(WARM_UP_NSTEP, None)
+    features = {name: counters[counted, i] for i, name in enumerate(_FEATURES)}
+    return latency_ns[counted], features
 
 
 _FEATURES = (
@@ -358,8 +346,9 @@ class _Collections:
     def _on_phase(self, phase: str, info: Mapping[str, int]) -> None:
         self.count += phase == "stop"
 
-    def __enter__(self) -> None:
+    def __enter__(self) -> "_Collections":
         gc.callbacks.append(self._on_phase)
+        return self
 
     def __exit__(self, *exception: object) -> None:
         gc.callbacks.remove(self._on_phase)

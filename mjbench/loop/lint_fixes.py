@@ -181,19 +181,20 @@ class _Edit:
 class _PartText:
     """The text of a cell, or of a Python file, and the edits of nodes in it."""
 
-    def __init__(self, text: str, lines_before: int):
-        lines = [line.encode() for line in lines_of(text)]
+    def __init__(self, program: Program, part: Part):
+        lines = [line.encode() for line in lines_of(part.text)]
         self.data = b"".join(lines)
-        self._lines_before = lines_before
+        self._program = program
         self._starts = [0, *accumulate(map(len, lines))]
 
     def start(self, node: ast.expr | ast.stmt) -> int:
-        return self._starts[node.lineno - self._lines_before - 1] + node.col_offset
+        return self._starts[self._program.line_of(node).number - 1] + node.col_offset
 
     def end(self, node: ast.expr | ast.stmt) -> int:
         assert node.end_lineno is not None  # the parser sets both
         assert node.end_col_offset is not None
-        return self._starts[node.end_lineno - self._lines_before - 1] + node.end_col_offset
+        line = self._program.lines[node.end_lineno - 1]
+        return self._starts[line.number - 1] + node.end_col_offset
 
     def replacing(self, call: ast.Call, name: str) -> _Edit:
         start, end = self.start(call), self.end(call)
@@ -243,8 +244,7 @@ def changed(program: Program, changes: Changes) -> Program:
     """
     try:
         expected = ast.dump(_expected(program.tree, changes))
-        texts = [_edited(program, number, changes) for number in range(len(program.parts))]
-        result = program.with_texts(texts)
+        result = program.with_texts([_edited(program, part, changes) for part in program.parts])
         actual = ast.dump(result.tree)
     except (RecursionError, MemoryError) as error:
         raise ValueError("it is nested too deeply, or too large") from error
@@ -253,23 +253,16 @@ def changed(program: Program, changes: Changes) -> Program:
     return result
 
 
-def _edited(program: Program, number: int, changes: Changes) -> str:
+def _edited(program: Program, part: Part, changes: Changes) -> str:
     """Return the text of one part after those of the changes that are in it."""
-    part = program.parts[number]
-    following = program.parts[number + 1 :]
-    last_line = following[0].lines_before if following else len(program.lines)
-    text = _PartText(part.text, part.lines_before)
-    ends = [text.end(view) for view in changes.copied if _is_in(view, part, last_line)]
-    edits = [_Edit(end, end, b".copy()") for end in ends]
+    text = _PartText(program, part)
+    in_part = [view for view in changes.copied if program.line_of(view).cell == part.cell]
+    edits = [_Edit(text.end(view), text.end(view), b".copy()") for view in in_part]
     for hoist in changes.hoists:
-        if _is_in(hoist.loop, part, last_line):
+        if program.line_of(hoist.loop).cell == part.cell:
             edits.append(text.binding(hoist))
             edits += [text.replacing(call, hoist.name) for call in hoist.calls]
     return text.edited(edits)
-
-
-def _is_in(node: ast.expr | ast.stmt, part: Part, last_line: int) -> bool:
-    return part.lines_before < node.lineno <= last_line
 
 
 def _expected(tree: ast.Module, changes: Changes) -> ast.AST:

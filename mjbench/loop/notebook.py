@@ -38,13 +38,11 @@ class Part:
       text: as stored.
       python: what is parsed: the same lines without the commands of IPython.
       cell: number in the notebook, from 1, where cells of text count; None for a Python file.
-      lines_before: how many lines of the program are in parts before it.
     """
 
     text: str
     python: str
     cell: int | None = None
-    lines_before: int = 0
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ import numpy as np
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.loop import habits
-from mjbench.loop.compiled_loop import compile_loop, script
-from mjbench.loop.habits import BARE, ONE_CALL, ZERO_STEPS, Habit
+from mjbench.loop.habits import BARE, ONE_CALL, ZERO_STEPS, Habit, compile_loop, script
 from mjbench.loop.loop_starts import LoopStarts
 from mjbench.measuring import stats, timing
 from mjbench.simulation import models, work
@@ -132,7 +131,7 @@ def measure(
     }
     mean_ns = {name: statistics.mean(values) for name, values in added_ns.items()}
     costs = [
-        _cost(habits.find(name), values, bare_ns, mean_ns)
+        _cost(habits.BY_NAME[name], values, bare_ns, mean_ns)
         for name, values in added_ns.items()
         if name != ZERO_STEPS.name
     ]

@@ -21,8 +21,7 @@ from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.loop import engine_stages, habits, rendering
-from mjbench.loop.compiled_loop import compile_loop
-from mjbench.loop.habits import Habit
+from mjbench.loop.habits import Habit, compile_loop
 from mjbench.loop.loop_starts import LoopStarts
 from mjbench.loop.rendering import FrameTime
 from mjbench.measuring import timing

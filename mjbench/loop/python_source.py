@@ -10,7 +10,7 @@ import stat
 import tokenize
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench.errors import InputError, one_line
@@ -30,13 +30,13 @@ class SourceLine:
 
     Attributes:
       text: without its end.
-      python: what is parsed; other than `text` in a line with a command of IPython.
+      is_command: whether it is not Python, but a command of IPython or a part of one.
       number: from 1; of the file, or of the cell.
       cell: of a notebook, from 1; None in a Python file.
     """
 
     text: str
-    python: str
+    is_command: bool
     number: int
     cell: int | None
 
@@ -152,15 +152,13 @@ def _parse(parts: Sequence[Part], data: bytes, encoding: str | None) -> Program:
         raise ValueError(f"more than {MAX_PYTHON_BYTES // 10**6} MB of Python")
     tree = ast.Module(body=[], type_ignores=[])
     lines: list[SourceLine] = []
-    placed = []
     for part in parts:
         body = _parse_part(part)
         if lines:
             ast.increment_lineno(body, len(lines))
         tree.body += body.body
-        placed.append(replace(part, lines_before=len(lines)))
         lines += _source_lines(part)
-    return Program(tree, lines, placed, data, encoding)
+    return Program(tree, lines, parts, data, encoding)
 
 
 def _source_lines(part: Part) -> list[SourceLine]:
@@ -168,7 +166,7 @@ def _source_lines(part: Part) -> list[SourceLine]:
     pythons = _NEWLINE.split(part.python) if part.python is not part.text else texts
     pythons += [""] * (len(texts) - len(pythons))  # a cell that is not Python has none
     return [
-        SourceLine(text, python, number, part.cell)
+        SourceLine(text, text != python, number, part.cell)
         for number, (text, python) in enumerate(zip(texts, pythons, strict=True), 1)
     ]
 

@@ -16,8 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from mjbench.loop.name_bindings import NameBindings
-from mjbench.loop.script_functions import ScriptFunctions
+from mjbench.loop.name_bindings import NameBindings, ScriptFunctions
 from mjbench.loop.script_syntax import (
     FUNCTIONS,
     ancestors,

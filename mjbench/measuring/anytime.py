@@ -142,7 +142,7 @@ def fit(cells: np.ndarray) -> Fit:
 def _disturbed(cells: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Return which cells `fit` leaves out; `counts` has (comparisons, residues) launches."""
     residues = cells.shape[1]
-    distances = np.abs(cells - _medians(cells, counts)[:, :, None])
+    distances = np.abs(cells - _middle(np.sort(cells, axis=2), counts)[:, :, None])
     # as many distances as there are residues say nothing: a median fits its own residue
     free = counts.sum(axis=1) - residues + 1
     ordered = np.sort(distances.reshape(len(cells), -1), axis=1)[:, residues - 1 :]
@@ -155,10 +155,6 @@ def _disturbed(cells: np.ndarray, counts: np.ndarray) -> np.ndarray:
     )
     disturbed: np.ndarray = far & is_allowed[:, None, None]
     return disturbed
-
-
-def _medians(cells: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    return _middle(np.sort(cells, axis=2), counts)
 
 
 def _middle(ordered: np.ndarray, counts: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 
 from mjbench.errors import printable
-from mjbench.report import history_plots
+from mjbench.report import charts
 from mjbench.report.content import DataTable, Report, Section, Tone
 
 _MARKS = {
@@ -45,7 +45,7 @@ def render(report: Report) -> Iterator[str]:
         yield ""
         yield "<details><summary>Machines and versions</summary>"
         yield ""
-        yield from _table(report.machines)
+        yield from data_table(report.machines)
         yield ""
         yield "</details>"
 
@@ -65,7 +65,7 @@ def document(sections: Iterable[Section], plots: str = "") -> Iterator[str]:
             yield escaped(text)
         for figure in section.figures:
             yield ""
-            yield f"![{escaped(figure.title)}]({plots}/{history_plots.file_name(figure.title)})"
+            yield f"![{escaped(figure.title)}]({plots}/{charts.file_name(figure.title)})"
         if not section.figures:
             yield from _tables(section)
         for note in section.notes:
@@ -82,7 +82,7 @@ def _tables(section: Section) -> Iterator[str]:
         if len(section.shown_tables) > 1:
             yield f"{escaped(table.title)}:"
             yield ""
-        yield from _table(table)
+        yield from data_table(table)
     for snippet in section.snippets if section.shows_code else ():
         yield ""
         yield f"{escaped(snippet.title)}:"
@@ -95,7 +95,8 @@ def _conclusions(conclusions: Iterable[tuple[str, Tone]]) -> Iterator[str]:
         yield f"- {_MARKS[tone]}{escaped(text)}"
 
 
-def _table(table: DataTable) -> Iterator[str]:
+def data_table(table: DataTable) -> Iterator[str]:
+    """Yield the lines of a table, without empty columns and bars."""
     table = table.filled_columns(with_bars=False)
     headings = [escaped(column.title) or " " for column in table.columns]
     right = {escaped(column.title) for column in table.columns if column.is_number}

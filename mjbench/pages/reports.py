@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench.errors import printable
-from mjbench.host.machine import Machine
 from mjbench.releases import bundle
 from mjbench.releases.release_ratios import RatioRecord
 from mjbench.report import across_machines as across
@@ -28,11 +27,7 @@ _MOST_FIGURES = 20
 
 @dataclass(frozen=True)
 class NamedRun:
-    """A run that was read.
-
-    Attributes:
-      file: path of its run file, or of the set that it is in.
-    """
+    """A run that was read, and its run file, or the set that it is in."""
 
     file: Path
     run: Run
@@ -53,10 +48,7 @@ class _Part:
 
 
 def read(files: Sequence[Path]) -> list[NamedRun]:
-    """Return the runs of files, each once.
-
-    Args:
-      files: run files and run sets.
+    """Return the runs of run files and run sets, each once.
 
     Raises:
       InputError: a file is neither.
@@ -66,11 +58,7 @@ def read(files: Sequence[Path]) -> list[NamedRun]:
 
 
 def build(named_runs: Sequence[NamedRun]) -> Report:
-    """Return the report of runs, of one machine or of several.
-
-    Args:
-      named_runs: in the order of their sections.
-    """
+    """Return the report of runs, of one machine or of several."""
     results = across.side_by_side([named.run for named in named_runs])
     parts = [
         part
@@ -162,9 +150,8 @@ def _history_parts(named_runs: Sequence[NamedRun]) -> list[_Part]:
 def _parts(named: NamedRun, machine: str) -> Iterator[_Part]:
     """Yield the sections of a run.
 
-    Args:
-      machine: its name, where there are several: then what machines show side by side stands at the
-        head, in place of what one of them shows.
+    `machine` is its name where there are several: what they show side by side then stands at the
+    head, in place of what one of them shows.
     """
     for kind in kinds.kinds_of(named.run):
         if kind is kinds.HISTORY:  # of all runs together
@@ -189,30 +176,19 @@ def _main(kind: kinds.Kind, section: Section, machine: str) -> Sequence[Conclusi
 
 
 def _machines(named_runs: Sequence[NamedRun], identities: Sequence[MachineIdentity]) -> DataTable:
-    columns = (
-        Column("machine"),
-        Column("run file"),
-        Column("processor"),
-        Column("usable cores", formats.count),
-        Column("system"),
-        Column("Python"),
-        Column("versions"),
+    table = DataTable.of(
+        "Machines",
+        [
+            (identity.name, printable(named.file.name), named.run.header.machine)
+            for named, identity in zip(named_runs, identities, strict=True)
+        ],
+        (Column("machine"), lambda row: row[0]),
+        (Column("run file"), lambda row: row[1]),
+        (Column("processor"), lambda row: f"{row[2].cpu}{' (virtual)' * row[2].hypervisor}"),
+        (Column("usable cores", formats.count), lambda row: row[2].usable_cores),
+        (Column("system"), lambda row: row[2].system),
+        (Column("Python"), lambda row: row[2].python),
+        (Column("versions"), lambda row: ", ".join(map(" ".join, row[2].versions.items()))),
     )
-    pairs = zip(named_runs, identities, strict=True)
     # a set may hold many runs of a machine
-    rows = dict.fromkeys((identity.name, *_machine_cells(named)) for named, identity in pairs)
-    return DataTable("Machines", columns, list(rows))
-
-
-def _machine_cells(named: NamedRun) -> tuple[str | int, ...]:
-    machine: Machine = named.run.header.machine
-    versions = ", ".join(f"{name} {version}" for name, version in machine.versions.items())
-    cpu = f"{machine.cpu} (virtual)" if machine.hypervisor else machine.cpu
-    return (
-        printable(named.file.name),
-        cpu,
-        machine.usable_cores,
-        machine.system,
-        machine.python,
-        versions,
-    )
+    return replace(table, rows=list(dict.fromkeys(map(tuple, table.rows))))

@@ -95,16 +95,18 @@ def section_parts(section: Section, width: int) -> Iterator[RenderableType]:
 def rich_table(table: DataTable, width: int) -> Table:
     """Return a table without frames, in which no cell is cut.
 
-    Without any column that wraps, the last one does. Where columns are wider than the console even
-    so, the table is wider, and the terminal wraps its lines.
+    Without any column that wraps, the last one of text does. Where columns are wider than the
+    console even so, the table is wider, and the terminal wraps its lines.
     """
     table = table.filled_columns()
-    has_wrapped = any(column.wraps for column in table.columns)
+    wrapped = [i for i, column in enumerate(table.columns) if column.wraps] or [
+        i for i, column in enumerate(table.columns) if not column.is_number
+    ][-1:]
     printed = Table(box=None, pad_edge=False, header_style="bold")
     rows = table.texts
     least_width = _GAP * (len(table.columns) - 1)
     for i, column in enumerate(table.columns):
-        is_wrapped = column.wraps or (not has_wrapped and i == len(table.columns) - 1)
+        is_wrapped = i in wrapped
         natural = max(cell_len(printable(text)) for text in (column.title, *(r[i] for r in rows)))
         least = min(natural, _LEAST_WRAPPED) if is_wrapped else natural
         least_width += least

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 
 from mjbench.measuring import anytime
 from mjbench.measuring.anytime import Evidence
+from mjbench.measuring.progress import Progress
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import outcomes
 from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, conclude, judge
@@ -251,14 +252,14 @@ def decide_each(
     pairs: Sequence[tuple[Target, Target]],
     plan: VerdictPlan,
     earlier: Sequence[VerdictRecord],
-    on_progress: Callable[[int, str, float], None],
+    on_progress: Progress,
 ) -> Iterator[PairedResult]:
     """Yield the verdict on each pair of baseline and candidate; the last may be interrupted.
 
     Args:
       earlier: verdicts that are not decided again.
-      on_progress: called after each launch with the number of the pair, what all launches say so
-        far, and about which share of the pair is done.
+      on_progress: called after each launch with what all launches say so far, and about which share
+        of all pairs is done.
     """
     done = {_sides_key(record.sides) for record in earlier}
     for number, (baseline, candidate) in enumerate(pairs):
@@ -268,7 +269,8 @@ def decide_each(
 
         def on_launch(judgement: Judgement, number: int = number, name: str = name) -> None:
             share = 1 - 1 / (1 + judgement.launches / _HALFWAY_LAUNCHES)
-            on_progress(number, f"{name} {percent_change(judgement.ratio.estimate)} %", share)
+            text = f"{name} {percent_change(judgement.ratio.estimate)} %"
+            on_progress(text, (number + share) / len(pairs))
 
         result = decide(pool, baseline, candidate, plan, on_launch)
         yield result

@@ -2,7 +2,7 @@
 
 A run sends each actor the start states and controls of its share, and copies what comes back to
 arrays. Both travel by Ray's object store where they are large, and with the call where they are
-small.
+small. An actor keeps nothing but the model, and memory to step in.
 
 Ray is started on this machine (see `local_ray`), also where RAY_ADDRESS names a cluster.
 """
@@ -17,10 +17,22 @@ import numpy as np
 from mjbench import extras
 from mjbench.errors import MachineError, describe, one_line
 from mjbench.paths import local_ray, snippets
-from mjbench.paths.base import Option, Options, Prepared, Resources, States, SteppingPath
-from mjbench.paths.python_loop import PythonLoopHold
-from mjbench.paths.rollout import Rollout
-from mjbench.paths.rollout_inputs import changed_inputs, inputs_snippet
+from mjbench.paths.base import (
+    Option,
+    Options,
+    Prepared,
+    Resources,
+    States,
+    SteppingPath,
+    make_simulate,
+)
+from mjbench.paths.rollout import (
+    RolloutInputs,
+    changed_inputs,
+    inputs_snippet,
+    shared_inputs,
+    whole_final_states,
+)
 from mjbench.paths.threads import shares
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Product, StepOutputs, Workload
@@ -92,109 +104,137 @@ class Ray(SteppingPath):
         )
 
 
-class _Actor:
-    """What an actor's process holds: its share of a workload, and a prepared run of it."""
+# What an actor steps from: of a rollout, or start states and controls for a loop.
+_Inputs = RolloutInputs | tuple[np.ndarray, np.ndarray]
 
-    def __init__(
-        self,
-        path: SteppingPath,
-        model: mujoco.MjModel,
-        initial_state: np.ndarray,
-        control: np.ndarray,
-        hold: int,
-        returns: Product,
-    ):
-        # copies, because the arrays that Ray sends are read-only
-        start, controls = initial_state.copy(), control.copy()
-        self._workload = Workload(model, start, controls, hold, seed=0, returns=returns)
-        self._resources = Resources(self._workload)
-        self._prepared = path.prepare(self._workload, path.complete({}), self._resources)
+
+class _Actor:
+    """What the process of an actor holds, and what it does."""
+
+    def __init__(self, model: mujoco.MjModel, nstep: int, hold: int, returns: Product):
+        self._model, self._nstep, self._hold, self._returns = model, nstep, hold, returns
+        self._data = mujoco.MjData(model)
+        self._simulate = make_simulate(model, hold, returns)
 
     def engine(self) -> tuple[str, str]:
         """Return the release of MuJoCo, and the file that it was imported from."""
         return _engine()
 
-    def step(self, initial_state: np.ndarray, control: np.ndarray) -> tuple[States, StepOutputs]:
-        """Step from these states; return the final ones, and what is recorded of every step."""
-        self._load(initial_state, control)
-        self._prepared.run()
-        return self._prepared.final_states(), self._resources.step_outputs()
+    def step(self, inputs: _Inputs) -> tuple[np.ndarray, ...]:
+        """Step simulations; return their final states, and what a run returns of every step.
 
-    def verify(self, initial_state: np.ndarray, control: np.ndarray) -> np.ndarray:
-        """Step from these states; return (n, nstate) final states in full."""
-        self._load(initial_state, control)
-        return self._prepared.verified_states().values
+        Each array has a row for each simulation. Final states are of mjSTATE_FULLPHYSICS after a
+        rollout, and of mjSTATE_INTEGRATION after a loop.
+        """
+        if isinstance(inputs, RolloutInputs):
+            return self._roll_out(inputs)
+        initial_state, control = inputs
+        final_state = np.empty_like(initial_state)
+        own = Workload(self._model, initial_state, control, self._hold, 0, self._returns)
+        outputs = StepOutputs.empty(own)
+        self._simulate(self._data, initial_state, control, final_state, outputs)
+        return (final_state, *outputs.arrays)
 
-    def _load(self, initial_state: np.ndarray, control: np.ndarray) -> None:
-        self._workload.initial_state[...] = initial_state
-        self._workload.control[...] = control
-        self._resources.changed()
+    def _roll_out(self, inputs: RolloutInputs) -> tuple[np.ndarray, ...]:
+        """Step by one call of `mujoco.rollout`, on one thread."""
+        from mujoco import rollout
+
+        n, nphysics = inputs.start.shape
+        has_threads, has_sensors = compat.rollout_threads(), self._returns == Product.SENSORS
+        state = np.empty((n, self._nstep, nphysics))
+        sensordata = np.empty((n, self._nstep, self._model.nsensordata)) if has_sensors else None
+        rollout.rollout(
+            [self._model] * n if has_threads else self._model,
+            [self._data] if has_threads else self._data,
+            inputs.start,
+            inputs.control,
+            control_spec=inputs.control_spec,
+            nstep=self._nstep,
+            initial_warmstart=inputs.warmstart,
+            state=state,
+            sensordata=sensordata,
+            skip_checks=not has_sensors,
+        )
+        outputs = StepOutputs(None if self._returns == Product.FINAL else state, sensordata)
+        return (state[:, -1], *outputs.arrays)
+
+    def whole_final_states(self, inputs: _Inputs) -> np.ndarray:
+        """Step simulations; return (n, nstate) final states in full."""
+        if isinstance(inputs, RolloutInputs):
+            return whole_final_states(self._model, self._data, inputs, self._nstep)
+        return self.step(inputs)[0]
 
 
 class _ActorPool:
-    """Started actors, and the arrays that what they return is copied to."""
+    """Started actors, what they are sent, and the arrays that what they return is copied to."""
 
     def __init__(self, workload: Workload, count: int, resources: Resources):
-        self.outputs = resources.step_outputs()
-        self._workload, self._final_state = workload, resources.final_state()
-        self._mask = np.zeros(self._final_state.shape, dtype=bool)
+        self.outputs, self._final_state = resources.step_outputs(), resources.final_state()
         self._rows = shares(workload.nbatch, count)
-        sizes = (workload.initial_state, workload.control, self._final_state, *self.outputs.arrays)
+        self._inputs: list[_Inputs]
+        if compat.rollout_unavailable():
+            self._entries = np.arange(self._final_state.shape[1])
+            self._inputs = [(workload.initial_state[r], workload.control[r]) for r in self._rows]
+        else:
+            self._entries = compat.physics_entries(workload.model)
+            inputs = shared_inputs(workload, resources)
+            self._inputs = [inputs.part(rows) for rows in self._rows]
+        self._returned_final = np.empty((workload.nbatch, len(self._entries)))
+        self._returned = (self._returned_final, *self.outputs.arrays)
+        sizes = (workload.initial_state, workload.step_control, *self._returned)
         local_ray.acquire(_STORE_MARGIN * sum(array.nbytes for array in sizes))
         self._actors: list[Any] = []
         self._is_closed = False
         try:
-            self._start()
+            self._start(workload)
         except BaseException:
             self.close()
             raise
 
-    def _start(self) -> None:
+    def _start(self, workload: Workload) -> None:
         import ray
 
-        own, create = self._workload, ray.remote(num_cpus=0)(_Actor)
-        path = PythonLoopHold() if compat.rollout_unavailable() else Rollout()
-        model = ray.put(own.model)
-        for rows in self._rows:
-            arrays = own.initial_state[rows], own.control[rows]
-            self._actors.append(create.remote(path, model, *arrays, own.hold, own.returns))
+        arguments = (ray.put(workload.model), workload.nstep, workload.hold, workload.returns)
+        create = ray.remote(num_cpus=0)(_Actor)
+        self._actors += [create.remote(*arguments) for _ in self._rows]
         for engine in _answers([actor.engine.remote() for actor in self._actors], _START_LIMIT_S):
             if engine != _engine():
                 raise MachineError(f"an actor imports MuJoCo {engine}, this process {_engine()}")
 
     def run(self) -> None:
         """Let every actor step its share, and copy what it returns."""
-        calls = self._calls("step")
-        for rows, (states, outputs) in zip(self._rows, _answers(calls), strict=True):
-            self._final_state[rows] = states.values
-            self._mask[rows] = True if states.mask is None else states.mask
-            own = self.outputs.part(rows)
-            for array, returned in zip(own.arrays, outputs.arrays, strict=True):
-                array[...] = returned
-
-    def _calls(self, method: str) -> list[Any]:
-        """Call a method of every actor with the start states and controls of its share."""
-        workload = self._workload
-        return [
-            getattr(actor, method).remote(workload.initial_state[rows], workload.control[rows])
-            for actor, rows in zip(self._actors, self._rows, strict=True)
+        calls = [
+            actor.step.remote(inputs)
+            for actor, inputs in zip(self._actors, self._inputs, strict=True)
         ]
+        for rows, arrays in zip(self._rows, _answers(calls), strict=True):
+            for own, part in zip(self._returned, arrays, strict=True):
+                own[rows] = part
 
     def clear(self) -> None:
         """Invalidate what an earlier run returned."""
-        self._final_state.fill(np.nan)
-        self.outputs.clear()
+        for array in self._returned:
+            array.fill(np.nan)
 
     def final_states(self) -> States:
         """Return the returned entries of the final states."""
-        return States(self._final_state, self._mask)
+        values, mask = self._final_state, np.zeros(self._final_state.shape, dtype=bool)
+        values[:, self._entries] = self._returned_final
+        mask[:, self._entries] = True
+        return States(values, mask)
 
     def verify(self) -> States:
-        """Run, and have actors verify the entries that no run returns."""
-        alone = np.concatenate(_answers(self._calls("verify")))
+        """Run, and have each simulation stepped alone for the entries that no run returns."""
         self.clear()
         self.run()
-        return States(np.where(self._mask, self._final_state, alone))
+        timed = self.final_states()
+        calls = [
+            actor.whole_final_states.remote(inputs)
+            for actor, inputs in zip(self._actors, self._inputs, strict=True)
+        ]
+        return States(
+            np.where(np.asarray(timed.mask), timed.values, np.concatenate(_answers(calls)))
+        )
 
     def close(self) -> None:
         """End the actors, and Ray where nobody else in this process uses it."""

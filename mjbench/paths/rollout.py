@@ -1,19 +1,29 @@
-"""`mujoco.rollout`: open-loop trajectories, in C, on threads."""
+"""`mujoco.rollout`: open-loop trajectories, in C, on threads.
+
+A rollout resets mocap poses and applied forces, unless they are part of the control; then they are
+sent along with every step's control.
+"""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from mjbench.paths.base import Option, Options, Prepared, Resources, States, SteppingPath
-from mjbench.paths.rollout_inputs import (
-    changed_inputs,
-    inputs_snippet,
-    shared_inputs,
-)
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Product, StepOutputs, Workload
+
+# Inputs that a rollout resets to the model's defaults unless they are part of the control.
+_USER_INPUTS = (
+    "QFRC_APPLIED",
+    "XFRC_APPLIED",
+    "EQ_ACTIVE",
+    "MOCAP_POS",
+    "MOCAP_QUAT",
+    "USERDATA",
+)
 
 
 class Rollout(SteppingPath):
@@ -177,37 +187,12 @@ class _RolloutRun:
 
     def verify(self) -> States:
         """Run the timed call, and each simulation alone for the entries it does not return."""
-        alone = self._final_states_alone()
+        nstep = self.workload.nstep
+        alone = whole_final_states(self.model, self.datas[0], self.inputs, nstep)
         self.clear()
         self.run()
         timed = self.final_states()
         return States(np.where(np.asarray(timed.mask), timed.values, alone))
-
-    def _final_states_alone(self) -> np.ndarray:
-        """Return (nbatch, nstate) final states in full, of simulations that are rolled out alone.
-
-        What a rollout does not return, such as the warm-start, is in its MjData afterwards.
-        """
-        from mujoco import rollout
-
-        data, inputs, nstep = self.datas[0], self.inputs, self.workload.nstep
-        values = np.empty_like(self.final_state)
-        state = np.empty((1, nstep, len(self.physics)))
-        sensordata = np.empty((1, nstep, self.model.nsensordata))
-        for i, row in enumerate(values):
-            rollout.rollout(
-                self.model,
-                [data] if compat.rollout_threads() else data,
-                inputs.start[i : i + 1],
-                None if inputs.control is None else inputs.control[i : i + 1],
-                control_spec=inputs.control_spec,
-                nstep=nstep,
-                initial_warmstart=inputs.warmstart[i : i + 1],
-                state=state,
-                sensordata=sensordata,
-            )
-            compat.get_state(self.model, data, row)
-        return values
 
 
 def _rollout_function(options: Options, resources: Resources) -> Callable[..., Any]:
@@ -248,4 +233,166 @@ data = [mujoco.MjData(model) for _ in range({threads})]
     {model}, data, np.array(start), control if control.size else None,
     initial_warmstart=np.array(warmstart), nstep=control.shape[1]{extra})
 final_state = state[:, -1]  # (nbatch, nphysics)
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class RolloutInputs:
+    """The arrays that a rollout starts from; all variants of a workload share them.
+
+    Attributes:
+      start: (nbatch, nphysics) states.
+      warmstart: (nbatch, nv) accelerations.
+      control_spec: mjtState components in a row of `control`.
+      control: (nbatch, nstep, ncontrol); None without any.
+    """
+
+    start: np.ndarray
+    warmstart: np.ndarray
+    control_spec: int
+    control: np.ndarray | None
+
+    def part(self, rows: slice) -> "RolloutInputs":
+        """Return the inputs of some simulations, which share their memory with these."""
+        control = None if self.control is None else self.control[rows]
+        return RolloutInputs(self.start[rows], self.warmstart[rows], self.control_spec, control)
+
+
+def shared_inputs(workload: Workload, resources: Resources) -> RolloutInputs:
+    """Return the inputs of a workload's rollout, the same ones to every caller.
+
+    They follow changes of the workload's arrays.
+    """
+    return resources.get_or_create(  # type: ignore[no-any-return]
+        "rollout inputs", lambda: _make_inputs(workload, resources)
+    )
+
+
+def _make_inputs(workload: Workload, resources: Resources) -> RolloutInputs:
+    physics = compat.physics_entries(workload.model)
+    warmstart = compat.state_columns(workload.model)["qacc_warmstart"]
+    spec, control, write_control = _control(workload)
+    inputs = RolloutInputs(
+        np.ascontiguousarray(workload.initial_state[:, physics]),
+        np.ascontiguousarray(workload.initial_state[:, warmstart]),
+        spec,
+        control,
+    )
+
+    def follow() -> None:
+        np.take(workload.initial_state, physics, axis=1, out=inputs.start)
+        inputs.warmstart[...] = workload.initial_state[:, warmstart]
+        write_control()
+
+    resources.at_change(follow)
+    return inputs
+
+
+def whole_final_states(
+    model: mujoco.MjModel, data: mujoco.MjData, inputs: RolloutInputs, nstep: int
+) -> np.ndarray:
+    """Return (nbatch, nstate) final states in full, of simulations that are rolled out alone.
+
+    What a rollout does not return, such as the warm-start, is in its MjData afterwards.
+    """
+    from mujoco import rollout
+
+    values = np.empty((len(inputs.start), compat.state_size(model)))
+    state = np.empty((1, nstep, inputs.start.shape[1]))
+    sensordata = np.empty((1, nstep, model.nsensordata))
+    for i, row in enumerate(values):
+        one = inputs.part(slice(i, i + 1))
+        rollout.rollout(
+            model,
+            [data] if compat.rollout_threads() else data,
+            one.start,
+            one.control,
+            control_spec=one.control_spec,
+            nstep=nstep,
+            initial_warmstart=one.warmstart,
+            state=state,
+            sensordata=sensordata,
+        )
+        compat.get_state(model, data, row)
+    return values
+
+
+def changed_inputs(workload: Workload) -> list[str]:
+    """Return the inputs (by mjtState name) that differ from what a rollout resets them to."""
+    default, columns = mujoco.MjData(workload.model), compat.state_columns(workload.model)
+    changed = []
+    for name in _USER_INPUTS:
+        field = name.lower()
+        if field in columns:
+            values = workload.initial_state[:, columns[field]]
+            if np.any(values != np.asarray(getattr(default, field), dtype=float).ravel()):
+                changed.append(name)
+    return changed
+
+
+def inputs_snippet(workload: Workload) -> str:
+    """Return lines that make the inputs of a rollout in Python code for people to paste.
+
+    They use `data`, a list of MjData, and leave `start`, `warmstart` and `control`; and `spec`, the
+    components in a row of `control`, where these are not those of `ctrl` alone.
+    """
+    lines = _SNIPPET_STARTS
+    if workload.hold > 1:
+        lines += f"control = np.repeat(control, {workload.hold}, axis=1)\n"
+    inputs = changed_inputs(workload)
+    if inputs:
+        bits = "".join(f" | mujoco.mjtState.mjSTATE_{name}" for name in inputs)
+        lines += _SNIPPET_CONTROL.format(bits=bits)
+    return lines
+
+
+def _control(workload: Workload) -> tuple[int, np.ndarray | None, Callable[[], None]]:
+    """Return the control specification of a rollout, its controls, and how they are written.
+
+    Returns:
+      The specification; (nbatch, nstep, ncontrol) controls, which are the workload's own where they
+      are all that is sent; and a function that writes them where they are not.
+    """
+    spec = compat.state_spec("CTRL")
+    inputs = changed_inputs(workload)
+    if not inputs:
+        return spec, workload.step_control if workload.model.nu else None, lambda: None
+    for name in inputs:
+        spec |= compat.state_spec(name)
+    columns = compat.state_columns(workload.model)
+    places = compat.state_columns(workload.model, spec)
+    size = compat.state_size(workload.model, spec)
+    control = np.empty((workload.nbatch, workload.nstep, size))
+
+    def write() -> None:
+        for field, place in places.items():
+            if field == "ctrl":
+                control[:, :, place] = workload.step_control
+            else:
+                control[:, :, place] = workload.initial_state[:, None, columns[field]]
+
+    write()
+    return spec, control, write
+
+
+_SNIPPET_STARTS = """\
+start, warmstart = [], []
+for row in initial_state:
+    mujoco.mj_setState(model, data[0], row, int(full))
+    start.append(np.empty(mujoco.mj_stateSize(model, int(physics))))
+    mujoco.mj_getState(model, data[0], start[-1], int(physics))
+    warmstart.append(data[0].qacc_warmstart.copy())
+"""
+
+_SNIPPET_CONTROL = """\
+# a rollout resets mocap poses and applied forces, unless they are part of the control
+spec = mujoco.mjtState.mjSTATE_CTRL{bits}
+inputs = np.empty((*control.shape[:2], mujoco.mj_stateSize(model, int(spec))))
+for i, row in enumerate(initial_state):
+    mujoco.mj_setState(model, data[0], row, int(full))
+    given = np.empty(inputs.shape[2])
+    mujoco.mj_getState(model, data[0], given, int(spec))
+    inputs[i] = given
+inputs[:, :, : model.nu] = control
+control = inputs
 """

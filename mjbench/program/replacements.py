@@ -95,8 +95,8 @@ def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> M
     for backend in dict.fromkeys(["", *(question.backend for question in questions)]):
         messages: list[Measured] = []
         isolate.run(
-            "mjbench.program.replacements:answer",
-            _Request(model, [question for question in questions if question.backend == backend]),
+            answer,
+            (_Request(model, [question for question in questions if question.backend == backend]),),
             messages.append,
             LIMIT_S,
             environment={"MUJOCO_GL": backend, "PYOPENGL_PLATFORM": None} if backend else None,

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from http.client import HTTPException
 
-import msgspec
 from packaging.version import InvalidVersion, Version
 
 from mjbench.errors import MachineError, one_line
@@ -60,6 +59,8 @@ def files() -> dict[str, list[str]]:
 
 def _uploads() -> Mapping[str, Sequence[Upload]]:
     """Return the files of each version that the index has."""
+    import msgspec  # late: asv's environments lack it
+
     try:
         with urllib.request.urlopen(_request(_index_url()), timeout=_TIMEOUT_S) as answer:
             return msgspec.json.decode(answer.read(), type=_Answer).releases

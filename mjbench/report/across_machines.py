@@ -31,13 +31,7 @@ _MOST_SENTENCES = 30
 
 @dataclass(frozen=True)
 class SideBySide:
-    """Results of several machines, side by side.
-
-    Attributes:
-      machines: of each run, in the order of the runs.
-      verdicts: of paired comparisons.
-      advice: of runs of `compare`.
-    """
+    """Results of several machines, side by side; `machines` has that of each run."""
 
     machines: Sequence[MachineIdentity]
     verdicts: AcrossMachines
@@ -207,12 +201,7 @@ def comparison_names(comparisons: Sequence[MachineComparison]) -> list[str]:
 
 
 def runs_table(runs: Sequence[Run], names: Sequence[str]) -> DataTable:
-    """Return a list of runs.
-
-    Args:
-      runs: of any command.
-      names: the name of each run's machine.
-    """
+    """Return a list of runs; `names` has that of each run's machine."""
     return DataTable.of(
         "Runs",
         zip(names, runs, strict=True),

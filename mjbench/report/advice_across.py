@@ -8,14 +8,12 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
 from mjbench.paired.race_record import Loop
 from mjbench.report import formats
 from mjbench.report.advice import Advice, advise
 from mjbench.report.comparison import mark
-from mjbench.report.conclusions import disturbed
-from mjbench.report.results import ModelResults, derive_all
+from mjbench.report.results import ModelResults, derive_all, disturbed
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.workload import Product
 from mjbench.store.machine_identity import RunSoftware, software_names
@@ -99,10 +97,7 @@ def advice_across(runs: Sequence[Run], names: Sequence[str]) -> list[AdviceAcros
     """Return which path is advised on each machine, in the order of the runs.
 
     A model that failed on a machine before its size was known is part of every question about it.
-
-    Args:
-      runs: of any command.
-      names: the name of each run's machine.
+    `names` has that of each run's machine.
     """
     answers: dict[Question, dict[str, MachineAdvice]] = defaultdict(dict)
     failed: list[tuple[Question, MachineAdvice]] = []
@@ -131,7 +126,7 @@ def advice_across(runs: Sequence[Run], names: Sequence[str]) -> list[AdviceAcros
 
 def cell(machine: MachineAdvice) -> str:
     """Return the path that is advised on a machine, with its speed-up, for a cell of a table."""
-    texts = [f"{mark(a.is_certain)} {Variant(a.path, a.options)}{_gain(a)}" for a in machine.advice]
+    texts = [f"{mark(a.is_certain)} {a.variant}{_gain(a)}" for a in machine.advice]
     return "; ".join(dict.fromkeys(texts)) or machine.detail
 
 

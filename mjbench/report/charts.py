@@ -4,6 +4,8 @@ The colours are told apart with any colour vision (after Okabe and Ito, 2008), o
 a dark one.
 """
 
+import hashlib
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -26,6 +28,15 @@ _ROW_HEIGHT = 22
 _MOST_TEXT = 300
 # Pixels of a label, at most, and of a letter of a wide font.
 _LABEL_WIDTH, _LETTER_WIDTH = 300, 7
+
+# Names that Windows keeps for devices.
+_DEVICES = {
+    "CON",
+    "PRN",
+    "AUX",
+    "NUL",
+    *(f"{kind}{n}" for kind in ("COM", "LPT") for n in range(10)),
+}
 
 
 def values(table: DataTable) -> list[dict[str, Cell]]:
@@ -84,12 +95,7 @@ def share_bars(title: str, data: DataTable, noun: str, drawn: str, axis: str) ->
 
 
 def quantity(field: str, title: str, *, log: bool = False, **scale: Any) -> Spec:
-    """Return the encoding of a number.
-
-    Args:
-      field: title of the column.
-      scale: further properties of the scale.
-    """
+    """Return the encoding of the number in the column that `field` names."""
     kind = {"type": "log"} if log else {}
     return {
         "field": _escaped(field),
@@ -193,3 +199,12 @@ _CONFIG: Spec = {
     "legend": {"labelColor": _TEXT, "titleColor": _TEXT, "labelFontSize": 12},
     "title": {"color": _TEXT, "anchor": "start"},
 }
+
+
+def file_name(model: str) -> str:
+    """Return the name of a model's plot; a name of one's own may hold any characters."""
+    name = re.sub(r"[^\w.-]+", "-", model)[:80]
+    if name != model or name.upper() in _DEVICES:
+        digest = hashlib.blake2b(model.encode(errors="replace"), digest_size=4)
+        name = f"{name}-{digest.hexdigest()}"
+    return f"{name}.svg"

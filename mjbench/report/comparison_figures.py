@@ -3,29 +3,13 @@
 import itertools
 from collections.abc import Iterator, Sequence
 
-from mjbench.comparison.plan import Variant
 from mjbench.paired.race_record import Loop
-from mjbench.paths import BASE
 from mjbench.report import charts, formats
 from mjbench.report.content import Column, DataTable, Figure
-from mjbench.report.results import ModelResults, PathResult
+from mjbench.report.results import ModelResults
 
 # Colours of paths by whether a policy can choose each control.
 _LOOPS = {Loop.OPEN.value: charts.ORANGE, Loop.CLOSED.value: charts.BLUE}
-
-
-def _ends(result: PathResult) -> tuple[float | None, float | None, float | None]:
-    """Return a path's speed-up, and the ends of its interval."""
-    speedup = result.speedup
-    if speedup is None:
-        return None, None, None
-    if result.variant == Variant(BASE, {}):  # 1 by definition
-        return speedup.estimate, None, None
-    return speedup.estimate, speedup.low, speedup.high
-
-
-def _loop(result: PathResult) -> str:
-    return (Loop.CLOSED if result.closed_loop else Loop.OPEN).value
 
 
 def speedup_figures(model_results: ModelResults) -> Iterator[Figure]:
@@ -38,10 +22,19 @@ def speedup_figures(model_results: ModelResults) -> Iterator[Figure]:
         "Speed-ups",
         timed,
         (Column("path"), lambda result: str(result.variant)),
-        (Column("speed-up", formats.factor), lambda result: _ends(result)[0]),
-        (Column("low", formats.factor), lambda result: _ends(result)[1]),
-        (Column("high", formats.factor), lambda result: _ends(result)[2]),
-        (Column("loop"), lambda result: _loop(result)),
+        (
+            Column("speed-up", formats.factor),
+            lambda result: result.speedup.estimate if result.speedup else None,
+        ),
+        (
+            Column("low", formats.factor),
+            lambda result: result.interval.low if result.interval else None,
+        ),
+        (
+            Column("high", formats.factor),
+            lambda result: result.interval.high if result.interval else None,
+        ),
+        (Column("loop"), lambda result: result.loop.value),
     )
     axis = "times as fast as the plain loop"
     y = charts.names(data)
@@ -52,12 +45,14 @@ def speedup_figures(model_results: ModelResults) -> Iterator[Figure]:
     }
     layers = [charts.rule_at(1.0), charts.layer("bar", bars, height=10)]
     intervals = ""
-    if any(low is not None for _, low, _ in map(_ends, timed)):
+    if any(row[2] is not None for row in data.rows):
         intervals = " Lines are 95 % intervals."
         ends = {"x": charts.quantity("low", axis, zero=True), "x2": {"field": "high"}, "y": y}
         lines = charts.layer("rule", ends, strokeWidth=2, color="currentColor")
         layers.append({**lines, "transform": [{"filter": "isValid(datum.low)"}]})
-    fastest, speedup = max(((r.variant, _ends(r)[0] or 0.0) for r in timed), key=lambda r: r[1])
+    fastest, speedup = max(
+        ((r.variant, r.speedup.estimate) for r in timed if r.speedup), key=lambda r: r[1]
+    )
     yield charts.figure(
         f"{model}: speed-up over the plain loop",
         f"Bars of {len(timed)} paths; the longest is {fastest}, {speedup:.2f}×.{intervals}",

@@ -172,12 +172,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Report:
-    """All that a report says.
-
-    Attributes:
-      conclusions: the main ones of its sections.
-      sections: in the order of their runs.
-    """
+    """All that a report says; its conclusions are the main ones of its sections."""
 
     title: str
     conclusions: Sequence[Conclusion]

@@ -20,11 +20,7 @@ _MOST_LISTED, _MOST_DRAWN = 10, 12
 
 
 def sections(counts: Sequence[InstructionsRecord], top: int = _MOST_LISTED) -> Iterator[Section]:
-    """Yield the instructions of all models and releases, then the functions of each count.
-
-    Args:
-      top: functions that are listed of each.
-    """
+    """Yield the instructions of all models and releases, then the first functions of each count."""
     if not counts:
         return
     table = DataTable.of(

@@ -23,11 +23,7 @@ _OWN, _PACKAGE, _OTHER = "#8ab6e8", "#b9d8a8", "#d9d9d9"
 
 @dataclass
 class _Node:
-    """A frame with what it calls.
-
-    Attributes:
-      frame: None for all threads together.
-    """
+    """A frame with what it calls; all threads together without a frame."""
 
     frame: Frame | None
     seconds: float = 0.0

@@ -27,12 +27,7 @@ _LARGEST_CHANGES = 3
 
 
 def sections(history: SpeedHistory, has_plots: bool = True) -> Iterator[Section]:
-    """Yield what a history comes to, its changes, and then its figures.
-
-    Args:
-      history: one or more models.
-      has_plots: whether there is a section with a plot of each model.
-    """
+    """Yield what a history of one or more models comes to, its changes, and then its figures."""
     first = history.releases()[0]
     measure = f"mjbench history measure --since {first}"
     explain = f"mjbench history explain --since {first}"
@@ -112,11 +107,7 @@ def sections(history: SpeedHistory, has_plots: bool = True) -> Iterator[Section]
 
 
 def release_sections(history: SpeedHistory, release: str) -> Iterator[Section]:
-    """Yield what one release changed, beside the release before it: what is listed, all models.
-
-    Args:
-      release: not the first of the history.
-    """
+    """Yield what one release, not the first, changed beside the release before it."""
     measure = f"mjbench history measure {release}"
     conclusion = Conclusion(release_conclusion(history, release))
     yield Section(f"MuJoCo {release}", [conclusion], command=measure)
@@ -163,11 +154,7 @@ def _section(
 def _change_points(
     history: SpeedHistory, command: str, only: str | None = None
 ) -> Iterator[Section]:
-    """Yield the change points of steps, and of operations where some were timed.
-
-    Args:
-      only: the release that they came with; None for all.
-    """
+    """Yield the change points of steps, and of operations if any; all, or those of a release."""
     nothing = f"None from {_percent(MIN_CHANGE)} on."
     yield _section(
         tables.step_changes(history, only),

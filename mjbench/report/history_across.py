@@ -12,8 +12,7 @@ from mjbench.releases.speed_history import SpeedSeries, order
 from mjbench.report import formats, history
 from mjbench.report.across_machines import by_machine
 from mjbench.report.content import Column, Conclusion, DataTable, Section
-from mjbench.report.history_files import MachineHistory
-from mjbench.report.speed_history import Listed, listed_changes
+from mjbench.report.speed_history import Listed, SpeedHistory, listed_changes
 
 _NOT_LISTED = "not listed"
 
@@ -59,13 +58,13 @@ class ChangeAcross:
         }
 
 
-def changes(histories: Sequence[MachineHistory]) -> list[ChangeAcross]:
+def changes(histories: Sequence[SpeedHistory]) -> list[ChangeAcross]:
     """Return the changes that any machine's history lists: by release, steps before operations."""
     listed = {
         (is_operation, change.series.name, change.after.release, each.name): change
         for each in histories
         for is_operation, series in _kinds(each)
-        for change in listed_changes(each.history, series)
+        for change in listed_changes(each, series)
     }
     keys = dict.fromkeys(key[:3] for key in listed)
     across = []
@@ -81,13 +80,13 @@ def changes(histories: Sequence[MachineHistory]) -> list[ChangeAcross]:
     return across
 
 
-def _kinds(each: MachineHistory) -> Iterator[tuple[bool, Sequence[SpeedSeries]]]:
+def _kinds(each: SpeedHistory) -> Iterator[tuple[bool, Sequence[SpeedSeries]]]:
     """Yield the models, and the operations, each with whether it is these."""
-    yield False, each.history.models
-    yield True, each.history.operations
+    yield False, each.models
+    yield True, each.operations
 
 
-def section(histories: Sequence[MachineHistory]) -> Section:
+def section(histories: Sequence[SpeedHistory]) -> Section:
     """Return on how many machines each change is listed."""
     all_changes = changes(histories)
     cells = {change.name: change.cells for change in all_changes}
@@ -111,19 +110,19 @@ def section(histories: Sequence[MachineHistory]) -> Section:
     )
 
 
-def sections(histories: Sequence[MachineHistory]) -> Iterator[Section]:
+def sections(histories: Sequence[SpeedHistory]) -> Iterator[Section]:
     """Yield the history of each machine; of several, first on how many each change is listed."""
     if len(histories) == 1:
-        yield from history.sections(histories[0].history)
+        yield from history.sections(histories[0])
         return
     yield section(histories)
     for each in histories:
-        for own in history.sections(each.history):
+        for own in history.sections(each):
             # what is listed on how many machines stands at the head
             yield replace(own, heading=f"{each.name}: {own.heading}", conclusions=())
 
 
-def conclusion(histories: Sequence[MachineHistory], listed: Sequence[ChangeAcross]) -> str:
+def conclusion(histories: Sequence[SpeedHistory], listed: Sequence[ChangeAcross]) -> str:
     """Return how many changes are listed, and on how many machines."""
     count = len(histories)
     if not listed:
@@ -141,20 +140,20 @@ def conclusion(histories: Sequence[MachineHistory], listed: Sequence[ChangeAcros
     return f"{len(listed)} {noun} listed on {count} machines: {', '.join(parts)}."
 
 
-def _machines(histories: Sequence[MachineHistory]) -> DataTable:
+def _machines(histories: Sequence[SpeedHistory]) -> DataTable:
     """Return the machines, by the names that `--machine` takes."""
     return DataTable.of(
         "Machines of these histories",
         histories,
         (Column("machine"), lambda each: each.name),
-        (Column("processor"), lambda each: m.cpu if (m := each.history.machine) else None),
+        (Column("processor"), lambda each: m.cpu if (m := each.machine) else None),
         (
             Column("cores", formats.count),
-            lambda each: m.usable_cores if (m := each.history.machine) else None,
+            lambda each: m.usable_cores if (m := each.machine) else None,
         ),
-        (Column("releases"), lambda each: _releases(each.history.releases())),
-        (Column("models", formats.count), lambda each: len(each.history.models)),
-        (Column("operations", formats.count), lambda each: len(each.history.operations)),
+        (Column("releases"), lambda each: _releases(each.releases())),
+        (Column("models", formats.count), lambda each: len(each.models)),
+        (Column("operations", formats.count), lambda each: len(each.operations)),
     )
 
 

@@ -2,7 +2,6 @@
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench.counts.records import ExplainRecord
@@ -25,52 +24,25 @@ def run_files(folder: Path) -> list[Path]:
     )
 
 
-@dataclass(frozen=True)
-class MachineHistory:
-    """The history of one machine.
-
-    Attributes:
-      name: of the machine, among those of the files.
-      history: what was measured on it; counts of instructions are of any machine.
-    """
-
-    name: str
-    history: SpeedHistory
-
-
 def read(
     files: Sequence[Path],
     causes: Path | None,
     since: str | None = None,
     machine: str | None = None,
 ) -> SpeedHistory:
-    """Return the history that files hold of one machine; see `read_each`.
-
-    Args:
-      files: in the order that they were written.
-      causes: a table of causes that no measurement names; None for none.
-      since: the first release whose changes are listed; None for all.
-      machine: its name; None where all is of one.
-
-    Raises:
-      InputError: as `read_each` does, or they do not hold this machine, or several and none is
-        named.
-    """
+    """Return the history that files hold of one machine; see `read_each` and `choose`."""
     return choose(read_each(files, causes, since), machine)
 
 
-def choose(histories: Sequence[MachineHistory], machine: str | None) -> SpeedHistory:
-    """Return the history of one machine.
-
-    Args:
-      machine: its name; None where there is only one.
+def choose(histories: Sequence[SpeedHistory], machine: str | None) -> SpeedHistory:
+    """Return the history of the machine of some name, or of the only one.
 
     Raises:
       InputError: there is no such machine, or several and none is named.
     """
-    named = {each.name: each.history for each in histories}
+    named = {each.name: each for each in histories}
     if machine is None and len(histories) == 1:
-        return histories[0].history
+        return histories[0]
     if machine in named:
         return named[machine]
     names = ", ".join(named)
@@ -81,7 +53,7 @@ def choose(histories: Sequence[MachineHistory], machine: str | None) -> SpeedHis
 
 def read_each(
     files: Sequence[Path], causes: Path | None, since: str | None = None
-) -> list[MachineHistory]:
+) -> list[SpeedHistory]:
     """Return the histories that run files and run sets hold.
 
     Args:
@@ -101,7 +73,7 @@ def read_each(
 
 def of_runs(
     runs: Sequence[Run], causes: Path | None, since: str | None = None
-) -> list[MachineHistory]:
+) -> list[SpeedHistory]:
     """Return the histories that runs hold; see `read_each`.
 
     A machine on which only operations were timed has no history of its own: its operations are
@@ -123,15 +95,16 @@ def of_runs(
         history = speed_history.from_records(
             [*counts, *records],
             known,
+            machine.name,
             of_machine[0].header.machine,
             since,
             borrowed[0].header.machine if borrowed else None,
         )
-        histories.append(MachineHistory(machine.name, history))
-    histories = [each for each in histories if each.history.releases()]
-    if not any(each.history.models for each in histories):
+        histories.append(history)
+    histories = [each for each in histories if each.releases()]
+    if not any(each.models for each in histories):
         raise InputError("there are no times of steps; `mjbench history measure` measures some")
-    releases = in_order({r for each in histories for r in each.history.releases()})
+    releases = in_order({r for each in histories for r in each.releases()})
     if since is not None and since not in releases:
         raise InputError(f"{since} was not measured; these releases were: {', '.join(releases)}")
     return histories

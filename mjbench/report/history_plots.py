@@ -3,9 +3,7 @@
 Each plot is a Vega-Lite specification (see `charts`).
 """
 
-import hashlib
 import math
-import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -41,7 +39,7 @@ def draw(history: SpeedHistory, folder: Path) -> None:
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     for series, svg in zip(history.models, svgs, strict=True):
-        file = folder / file_name(series.name)
+        file = folder / charts.file_name(series.name)
         with writing(file):
             file.write_text(svg, encoding="utf-8")
 
@@ -69,25 +67,6 @@ def figure(history: SpeedHistory, series: SpeedSeries) -> Figure:
         specification={**specification(history, series), **charts.page_colours()},
         data=data,
     )
-
-
-# Names that Windows keeps for devices.
-_DEVICES = {
-    "CON",
-    "PRN",
-    "AUX",
-    "NUL",
-    *(f"{kind}{n}" for kind in ("COM", "LPT") for n in range(10)),
-}
-
-
-def file_name(model: str) -> str:
-    """Return the name of a model's plot; a name of one's own may hold any characters."""
-    name = re.sub(r"[^\w.-]+", "-", model)[:80]
-    if name != model or name.upper() in _DEVICES:
-        digest = hashlib.blake2b(model.encode(errors="replace"), digest_size=4)
-        name = f"{name}-{digest.hexdigest()}"
-    return f"{name}.svg"
 
 
 def specification(history: SpeedHistory, series: SpeedSeries) -> Spec:

@@ -56,7 +56,7 @@ def _change_points(heading: str, noun: str, listed: Sequence[Listed]) -> DataTab
 
 def all_models(history: SpeedHistory, release: str) -> DataTable:
     """Return the change of each model from the release before one."""
-    counts = history.background.counts
+    counts = history.counts
     return DataTable(
         "All models",
         (
@@ -209,11 +209,7 @@ def _by_release(
     all_series: Sequence[SpeedSeries],
     columns: Sequence[Mapping[str, str]],
 ) -> DataTable:
-    """Return a table with a row for each release.
-
-    Args:
-      columns: the cells of each series, by release.
-    """
+    """Return a table with a row for each release; `columns` has the cells of each series by it."""
     releases = [release for release in history.releases() if history.lists(release)]
     return DataTable(
         heading,
@@ -251,7 +247,7 @@ def _times(series: SpeedSeries) -> Mapping[str, str]:
 
 def instructions(history: SpeedHistory) -> DataTable:
     """Return thousands of instructions of a step, by release and model; empty without counts."""
-    if not history.background.counts:
+    if not history.counts:
         return DataTable("Instructions of a step", (), ())
     columns = [_instructions(history, series.name) for series in history.models]
     return _by_release("Instructions of a step", history, history.models, columns)

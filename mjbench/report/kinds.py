@@ -42,7 +42,7 @@ from mjbench.report import (
 )
 from mjbench.report.content import Section
 from mjbench.report.lint import LintDocument
-from mjbench.report.results import derive_all
+from mjbench.report.results import derive_all, path_results
 from mjbench.store.runs import SCHEMA, Record, Run
 from mjbench.tuning.records import TuneRecord
 from mjbench.web.records import WebRecord
@@ -50,15 +50,11 @@ from mjbench.web.records import WebRecord
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of results.
+    """A kind of results: what of a run file it is of, and what becomes of a run.
 
     Attributes:
       commands: those whose `--json` writes its document.
-      records: of a run file.
-      document_type: what `--json` writes.
-      document: of a run.
-      sections: what a run comes to.
-      rows: of the flat table of a run (`mjbench.load`).
+      rows: of the flat table (`mjbench.load`).
     """
 
     commands: tuple[str, ...]
@@ -79,8 +75,7 @@ def _kind(
 ) -> Kind:
     """Return a kind whose document has the records themselves as results.
 
-    Args:
-      rows: of a record in the flat table; None where the record is its row.
+    Each record is a row of the flat table, or has `rows`.
     """
     document_type = documents.results_document(record, schema, has_machine)
 
@@ -132,7 +127,7 @@ COMPARE = Kind(
     documents.CompareDocument,
     _compare_document,
     lambda run: comparison.sections(derive_all(run.records)),
-    lambda run: (result for each in derive_all(run.records) for result in each.results),
+    lambda run: path_results(run.records),
 )
 OVERHEAD = _kind(OverheadRow, overhead.sections, "overhead")
 PROFILE = _kind(ProfileRow, profile.sections, "profile")

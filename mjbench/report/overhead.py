@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 
 from mjbench.loop import habits
-from mjbench.loop.compiled_loop import script
 from mjbench.loop.overhead import HabitCost, OverheadRow
 from mjbench.report import charts, content, formats
 from mjbench.report.content import (
@@ -88,9 +87,8 @@ def _table(table: OverheadRow) -> DataTable:
 def _snippets(cost: HabitCost) -> Iterator[Snippet]:
     """Yield the loop of a habit, and that of its cheaper form."""
     yield Snippet(cost.source, cost.code)
-    known = {habit.name: habit for habit in habits.HABITS}
-    if cost.cheaper in known:  # a later version may know others
-        yield Snippet(f"cheaper, {cost.cheaper}", script(known[cost.cheaper]))
+    if cost.cheaper in habits.BY_NAME:  # a later version may know others
+        yield Snippet(f"cheaper, {cost.cheaper}", habits.script(habits.BY_NAME[cost.cheaper]))
 
 
 def _waterfall(table: OverheadRow) -> Figure:

@@ -5,7 +5,7 @@ A speed is derived only for a measurement whose final states agree.
 
 import math
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -24,6 +24,17 @@ from mjbench.simulation.work import Work
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
 from mjbench.store.runs import Record
+
+# A model on whose free bodies gravity acts falls where it has fewer contacts than this in a step.
+_FALLING_CONTACTS = 0.05
+FORMER = (
+    "Timed by an earlier version of mjbench, in one process: speed-ups have no interval, and no"
+    " path is advised."
+)
+_FALLING = (
+    "Warning: a free body falls, and touches nothing: these are the speeds of free fall. Let it"
+    " settle (--settle 3s), or give states of your own (--states)."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,6 +112,21 @@ class PathResult:
         return Variant(self.path, self.options)
 
     @property
+    def is_base(self) -> bool:
+        """Whether it is that of the plain loop, over which speed-ups are."""
+        return self.variant == Variant(BASE, {})
+
+    @property
+    def interval(self) -> Ratio | None:
+        """The speed-up with its interval; None of the plain loop, whose speed-up is 1."""
+        return None if self.is_base else self.speedup
+
+    @property
+    def loop(self) -> Loop:
+        """The loop that it is for: a path for closed loop serves open loop, too."""
+        return Loop.CLOSED if self.closed_loop else Loop.OPEN
+
+    @property
     def is_timed(self) -> bool:
         """Whether it has a speed."""
         return self.steps_per_s is not None
@@ -115,9 +141,9 @@ class PathResult:
         return self.steps_per_s / other.steps_per_s
 
     def pays_after_steps(self, other_ns: float) -> float:
-        """Return the break-even: infinity where another path is faster, or nothing is compiled.
+        """Return how many steps take another path as long as compiling and they take this one.
 
-        It is the number of steps that take the other path as long as compiling and they take this.
+        It is infinity where the other path is faster, or nothing is compiled.
 
         Args:
           other_ns: nanoseconds of a step of the other path.
@@ -205,6 +231,21 @@ class ModelResults:
         return lines
 
     @property
+    def cautions(self) -> list[str]:
+        """What to know before the numbers, a sentence each."""
+        sentences = []
+        if self.disturbances:
+            sentences.append(disturbed(self.disturbances))
+        if self.is_former:
+            sentences.append(FORMER)
+        model = self.model
+        if model.facts is None or model.work is None or not model.facts.can_fall:
+            return sentences
+        if not model.start_contacts and model.work.contacts < _FALLING_CONTACTS:
+            sentences.append(_FALLING)
+        return sentences
+
+    @property
     def base(self) -> PathResult | None:
         """The plain loop, where it was timed."""
         return self.timed(Variant(BASE, {}))
@@ -238,11 +279,7 @@ def derive(
 
 
 def derive_all(records: Sequence[Record]) -> list[ModelResults]:
-    """Return the results of a whole run, model by model, in the order they were measured.
-
-    Args:
-      records: of a run file; those of other types are ignored.
-    """
+    """Return the results of a run's records, model by model, in the order they were measured."""
     results = []
     for record in records:
         match record:
@@ -255,6 +292,12 @@ def derive_all(records: Sequence[Record]) -> list[ModelResults]:
     return results
 
 
+def path_results(records: Sequence[Record]) -> Iterator[PathResult]:
+    """Yield the results of a whole run, one a variant; see `derive_all`."""
+    for model_results in derive_all(records):
+        yield from model_results.results
+
+
 def _result(
     model: ModelRecord,
     record: MeasurementRecord,
@@ -265,7 +308,7 @@ def _result(
 
     Args:
       base_ns: nanoseconds of a step of the plain loop.
-      speedup: over the plain loop, and from how many launches; None where it has none.
+      speedup: over the plain loop, and from how many launches.
     """
     shared = {name: value for name, value in vars(record).items() if name in _RESULT_FIELDS}
     untimed = PathResult(**shared, starts=model.starts)
@@ -322,3 +365,8 @@ def steps_per_block(record: MeasurementRecord) -> int:
     assert record.nbatch is not None, "a timed record has its sizes"
     assert record.nstep is not None, "a timed record has its sizes"
     return record.nbatch * record.nstep
+
+
+def disturbed(disturbances: Sequence[str]) -> str:
+    """Return what disturbed a measurement, as a sentence, and what to do."""
+    return f"Disturbed: {'; '.join(disturbances)}. Measure again."

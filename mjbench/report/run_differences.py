@@ -56,15 +56,11 @@ class RunDifference:
 
 
 def differences(old: RunSet, new: RunSet, across: bool) -> list[RunDifference]:
-    """Return how measurements differ: of two run files, or of each machine in two sets.
+    """Return how runs of `compare` differ: of two run files, or of each machine in two sets.
 
     In sets, a machine is the same by its label or host where both know it, else by its kind where
     only one is of that kind (see `machine_identity`). A machine that only one of them has is a row
-    that says so.
-
-    Args:
-      old: a run file or a set, with runs of `mjbench compare`.
-      across: compare also what differs in identity (see `identity`).
+    that says so. `across`: compare also what differs in identity (see `identity`).
     """
     old_runs, new_runs = (
         [run for run in stored.runs if run.of_type(MeasurementRecord)] for stored in (old, new)
@@ -90,12 +86,7 @@ def differences(old: RunSet, new: RunSet, across: bool) -> list[RunDifference]:
 def _missing(
     machine: MachineIdentity, absent: str, others: Sequence[MachineIdentity]
 ) -> RunDifference:
-    """Return the row of a machine that one of two files does not have.
-
-    Args:
-      absent: what the file is called that has it not.
-      others: machines of that file.
-    """
+    """Return the row of a machine that the file `absent`, with `others`, does not have."""
     same_kind = {other for other in others if other.kind == machine.kind}
     knows_host = bool(machine.label or machine.host)
     if same_kind and not (knows_host and all(other.label or other.host for other in same_kind)):
@@ -106,12 +97,7 @@ def _missing(
 
 
 def run_differences(old: Sequence[Run], new: Sequence[Run], across: bool) -> list[RunDifference]:
-    """Return a row for every variant that was timed in both, whatever the machine.
-
-    Args:
-      old: runs of `mjbench compare`.
-      across: compare also what differs in identity (see `identity`).
-    """
+    """Return a row for every variant that was timed in both, whatever the machine."""
     olds, news = _timed(old), _timed(new)
     return [_difference(olds[key], news[key], across) for key in news if key in olds]
 
@@ -182,10 +168,7 @@ def _difference(olds: Sequence[_Timed], news: Sequence[_Timed], across: bool) ->
 
 
 def _timed(runs: Sequence[Run]) -> dict[_Key, list[_Timed]]:
-    """Return what runs timed, by what must be the same to be compared.
-
-    Within one run, the last measurement of a variant counts.
-    """
+    """Return what runs timed by what must be the same to be compared; of a run, the last."""
     timed: dict[_Key, list[_Timed]] = defaultdict(list)
     for run in runs:
         models = derive_all(run.records)

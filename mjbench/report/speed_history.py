@@ -5,7 +5,7 @@ function (`mjbench history explain`), and from a table of causes that no measure
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from mjbench.counts.explain import REPEATABILITY
 from mjbench.counts.records import OTHER_CODE, CodeChange, ExplainRecord
@@ -25,34 +25,25 @@ Counts = Mapping[tuple[str, str, str], ExplainRecord]
 
 
 @dataclass(frozen=True)
-class Background:
-    """What is known of releases beside their ratios.
-
-    Attributes:
-      counts: of instructions by function, of neighbouring releases.
-      causes: that no measurement names.
-    """
-
-    counts: Counts
-    causes: Sequence[KnownCause] = ()
-
-
-@dataclass(frozen=True)
 class SpeedHistory:
     """The speed of MuJoCo over the releases, and what is known of its changes.
 
     Attributes:
       models: the time of a step of each.
       operations: the time of each operation around the step.
-      machine: that steps were measured on; None where it is not known.
+      counts: of instructions by function, of neighbouring releases, on any machine.
+      causes: that no measurement names.
+      name: of the machine that steps were measured on.
       since: the first release whose changes are listed; None for all.
       failures: records of what a release crashed, hung or failed in.
-      operations_machine: that operations were measured on; None where it is the same.
+      operations_machine: that operations were measured on, if it is another one.
     """
 
     models: Sequence[SpeedSeries]
     operations: Sequence[SpeedSeries] = ()
-    background: Background = Background({})
+    counts: Counts = field(default_factory=dict)
+    causes: Sequence[KnownCause] = ()
+    name: str = ""
     machine: Machine | None = None
     since: str | None = None
     failures: Sequence[RatioRecord] = ()
@@ -65,7 +56,7 @@ class SpeedHistory:
     def instructions(self, model: str) -> dict[str, float]:
         """Return the instructions of a step of a model, by release, where they were counted."""
         counts: dict[str, float] = {}
-        for (counted, old, new), record in self.background.counts.items():
+        for (counted, old, new), record in self.counts.items():
             per_step = record.instructions_per_step
             if counted == model and per_step.old and per_step.new:
                 counts.setdefault(old, per_step.old)
@@ -86,17 +77,15 @@ class SpeedHistory:
 def from_records(
     records: Sequence[object],
     causes: Sequence[KnownCause] = (),
+    name: str = "",
     machine: Machine | None = None,
     since: str | None = None,
     operations_machine: Machine | None = None,
 ) -> SpeedHistory:
-    """Return the history that records of run files hold.
+    """Return the history that records of run files hold; see `SpeedHistory` for what they lack.
 
     Args:
       records: of `history measure` and `history explain`; others are left out.
-      causes: that no measurement names.
-      since: the first release whose changes are listed; None for all.
-      operations_machine: that measured operations; None where it is the same.
     """
     ratios = [record for record in records if isinstance(record, RatioRecord)]
     counts = {(r.series, r.old, r.new): r for r in records if isinstance(r, ExplainRecord)}
@@ -106,7 +95,6 @@ def from_records(
         )
         for is_operation in (False, True)
     )
-    background = Background(counts, causes)
     measured = {
         (series.name, each.release) for series in (*models, *operations) for each in series.measured
     }
@@ -116,7 +104,15 @@ def from_records(
         if record.status in FAILURES and (record.series, record.release) not in measured
     ]
     return SpeedHistory(
-        models, operations, background, machine, since, failures, operations_machine
+        models,
+        operations,
+        counts,
+        causes,
+        name,
+        machine,
+        since,
+        failures,
+        operations_machine,
     )
 
 
@@ -129,13 +125,12 @@ def title(record: RatioRecord) -> str:
 
 @dataclass(frozen=True)
 class Listed:
-    """A change point, and what is known of it.
+    """A change point of a series, and what is known of it.
 
     Attributes:
-      point: the change of its time.
       before: the last release before it.
       after: the first release with it.
-      counts: of instructions by function, in these two; None where they were not counted.
+      counts: of instructions by function, in these two.
       causes: that no measurement names.
     """
 
@@ -183,22 +178,19 @@ class Listed:
 def listed_changes(
     history: SpeedHistory, all_series: Sequence[SpeedSeries], only: str | None = None
 ) -> list[Listed]:
-    """Return change points: by release, and of one release the largest first.
+    """Return change points of models or operations: by release, and of one the largest first.
 
     Args:
-      history: that the series are of.
-      all_series: models or operations.
       only: the release that they came with; None for all.
     """
-    background = history.background
     listed = [
         Listed(
             series,
             point,
             before,
             after,
-            background.counts.get((series.name, before.release, after.release)),
-            known_causes.explaining(after.release, series.name, background.causes),
+            history.counts.get((series.name, before.release, after.release)),
+            known_causes.explaining(after.release, series.name, history.causes),
         )
         for series in all_series
         for point in series.changes.change_points

@@ -22,10 +22,6 @@ def starts_lines(starts: Starts | None, with_warnings: bool = True) -> list[str]
 
     The first line is such as `64 starts from 1 to 2 s of the model's own run, 100 steps each, 8.1
     contacts a step`; files from before it was stored lack it.
-
-    Args:
-      starts: of a measurement; None where it is unknown.
-      with_warnings: whether to say which warnings MuJoCo raised.
     """
     if starts is None:
         return []
@@ -144,11 +140,7 @@ def _sleep_lines(window: Window) -> list[str]:
 
 
 def warning_lines(warnings: Mapping[str, int] | None) -> list[str]:
-    """Return what MuJoCo's warnings mean for a measurement, a line each.
-
-    Args:
-      warnings: how many simulations, none of which diverged, raised each; by its name.
-    """
+    """Return what warnings, the number of simulations that raised each, mean, a line each."""
     counts = warnings or {}
     full = {name: count for name, count in counts.items() if name in _MEMORY_WARNINGS}
     other = {name: count for name, count in counts.items() if name not in _MEMORY_WARNINGS}

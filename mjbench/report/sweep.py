@@ -42,11 +42,7 @@ def cells_section(cells: Sequence[Cell], done: Mapping[Cell, Outcome]) -> Sectio
 
 
 def summary_section(summary: Summary, outcomes: Mapping[Cell, Outcome]) -> Section:
-    """Return what the nodes did, which cells failed, and which are missing.
-
-    Args:
-      outcomes: of all cells that have a result, earlier ones included.
-    """
+    """Return what the nodes did, which of all cells failed, and which are missing."""
     missing = []
     if summary.missing:
         count = len(summary.missing)

@@ -49,11 +49,7 @@ _COLOURS = {
 
 
 def section(rows: Sequence[VerdictRow], confidence: float) -> Section:
-    """Return what comparisons come to.
-
-    Args:
-      confidence: of what they show together (see `family.decide`).
-    """
+    """Return what comparisons come to, decided together (see `family.decide`)."""
     return Section(
         heading="Verdicts",
         conclusions=[*_conclusions(rows, confidence)],

@@ -191,21 +191,13 @@ def work_changes(
 
 
 def counter_changes(baseline: Mapping[str, float], candidate: Mapping[str, float]) -> list[str]:
-    """Return the counters of work that differ, such as `contacts 1 → 5`."""
-    return [
-        f"{name.replace('_', ' ')} {_count(baseline[name])} → {_count(candidate[name])}"
-        for name in _changed_counters(baseline, candidate)
-    ]
-
-
-def _changed_counters(baseline: Mapping[str, float], candidate: Mapping[str, float]) -> list[str]:
-    """Return the names of the counters of work that differ, of those that both have."""
-    return [
-        name
-        for name, before in baseline.items()
-        if name in candidate
-        and abs(candidate[name] - before) > SAME_WORK * max(abs(before), abs(candidate[name]))
-    ]
+    """Return which counters that both have differ, such as `contacts 1 → 5`."""
+    changes = []
+    for name, before in baseline.items():
+        after = candidate.get(name, before)
+        if abs(after - before) > SAME_WORK * max(abs(before), abs(after)):
+            changes.append(f"{name.replace('_', ' ')} {_count(before)} → {_count(after)}")
+    return changes
 
 
 def _count(value: float) -> str:

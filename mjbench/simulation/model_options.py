@@ -139,12 +139,9 @@ def _number(field: str, text: str) -> float:
 def _values(enum: tuple[str, str]) -> dict[str, int]:
     """Return the values that an enum has in this release, by name without prefix."""
     kind, prefix = getattr(mujoco, enum[0]), enum[1]
-    values = {n.removeprefix(prefix): _int(kind, n) for n in dir(kind) if n.startswith(prefix)}
+    names = [name for name in dir(kind) if name.startswith(prefix)]
+    values = {name.removeprefix(prefix): int(getattr(kind, name)) for name in names}
     return dict(sorted(values.items(), key=lambda item: item[1]))
-
-
-def _int(enum: Any, name: str) -> int:
-    return int(getattr(enum, name))
 
 
 def _enum_value(field: str, text: str) -> int:

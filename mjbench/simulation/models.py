@@ -4,20 +4,21 @@ A name is `cartpole` (one of ours, in models/), `path/to/robot.xml`, `.urdf` or 
 `gymnasium:ant` (a model file inside an installed Python package, found without importing it).
 
 `resolve` turns a name into a `ModelSource` and reads only the file system; `load` compiles it.
+Models that were carried here from another machine have the names that they have there.
 """
 
 import errno
 import importlib.util
+import json
 import os
 import re
 import stat
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjbench.errors import InputError, MachineError, one_line, shown, suggestion
-from mjbench.simulation import carried_models
 
 if TYPE_CHECKING:
     import mujoco
@@ -31,6 +32,8 @@ _HOMES = {
     "robosuite": ("models/assets", "robosuite"),
     "metaworld": ("assets", "metaworld"),
 }
+# Names a file that lists models which lie on another machine, that of the user of `mjbench sweep`.
+CARRIED_VARIABLE = "MJBENCH_CARRIED_MODELS"
 _COMPILED = ".mjb"
 # What a model file ends in. A package is searched for one group after the other, because many ship
 # the same robot as MJCF and as URDF.
@@ -76,7 +79,7 @@ def resolve(name: str) -> ModelSource:
       UnknownModelError: the name has none of the forms of a model's name.
       InputError: there is no such model, or its file cannot be read.
     """
-    if carried := carried_models.find(name):
+    if carried := _carried(name):
         return ModelSource(name, carried)
     if name in shipped():
         return ModelSource(name, shipped_folder() / f"{name}.xml")
@@ -141,6 +144,24 @@ def save(model: "mujoco.MjModel", file: Path) -> None:
     mujoco.mj_saveModel(model, str(file), None)
     if not file.exists() or file.stat().st_size < mujoco.mj_sizeModel(model):
         raise MachineError(f"cannot write {file}: is the disk full?")
+
+
+def write_carried(file: Path, paths: Mapping[str, Path]) -> None:
+    """Write the list of carried models: where each one's file is, by its name."""
+    text = json.dumps({name: str(path.absolute()) for name, path in paths.items()})
+    file.write_text(text, encoding="utf-8")
+
+
+def _carried(name: str) -> Path | None:
+    """Return the file of a model that was carried here; None if there is none of this name."""
+    listed = os.environ.get(CARRIED_VARIABLE)
+    if not listed:
+        return None
+    try:
+        path = json.loads(Path(listed).read_text(encoding="utf-8")).get(name)
+    except (OSError, ValueError, AttributeError):
+        return None
+    return Path(path) if isinstance(path, str) else None
 
 
 # -- paths --------------------------------------------------------------------------------------

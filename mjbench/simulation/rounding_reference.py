@@ -11,11 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjbench.simulation import agreement, compat, trajectory
-from mjbench.simulation.trajectory import COMPARED, Trajectory
+from mjbench.simulation.trajectory import COMPARED, MAX_SINGLE_STEPS
 from mjbench.simulation.workload import Workload
 
-# Single steps from states of a run, at most.
-MAX_SINGLE_STEPS = 256
 # Fields of a state that the shadow moves.
 _MOVED = ("qpos", "qvel", "act", "qacc_warmstart")
 
@@ -72,43 +70,31 @@ class RoundingReference:
 
 def trace(workload: Workload, seed: int) -> RoundingReference:
     """Return what C does with a workload; `seed` draws the directions of the shadow's moves."""
-    model = workload.model
-    columns = compat.state_columns(model)
-    run = trajectory.record_trajectory(workload, workload.nbatch)
+    model, columns = workload.model, compat.state_columns(workload.model)
     move = _ShadowMove(columns, seed)
-    return RoundingReference(
-        _with_shadow(workload, run, columns, move), _single_steps(workload, run, columns, move)
-    )
-
-
-def _with_shadow(
-    workload: Workload, run: Trajectory, columns: Mapping[str, slice], move: "_ShadowMove"
-) -> ReferenceRun:
-    moved = trajectory.record_trajectory(workload, workload.nbatch, change=move)
+    run = trajectory.record_trajectory(workload, workload.nbatch)
     states = np.ascontiguousarray(run.states.swapaxes(0, 1))
-    return ReferenceRun(
-        columns,
-        compat.has_sleep(workload.model),
-        workload.control,
-        workload.hold,
-        states,
-        run.unconstrained_nstep,
-        largest_so_far(moved.states.swapaxes(0, 1), states, columns),
-    )
-
-
-def _single_steps(
-    workload: Workload, run: Trajectory, columns: Mapping[str, slice], move: "_ShadowMove"
-) -> ReferenceSteps:
-    singles = trajectory.single_steps(workload, run, MAX_SINGLE_STEPS, False, [*columns])
-    moved = trajectory.take_steps(workload.model, move(singles.state), move(singles.control))
-    is_in_contact = singles.contacts.counts(len(singles.state)) > 0
-    return ReferenceSteps(
-        singles.state,
-        singles.control,
-        singles.after,
-        is_in_contact | (singles.constraints > 0),
-        differences(moved.after, singles.after, columns),
+    moved_run = trajectory.record_trajectory(workload, workload.nbatch, change=move)
+    steps = trajectory.single_steps(workload, run, MAX_SINGLE_STEPS, False, [*columns])
+    moved_steps = trajectory.take_steps(model, move(steps.state), move(steps.control))
+    is_in_contact = steps.contacts.counts(len(steps.state)) > 0
+    return RoundingReference(
+        ReferenceRun(
+            columns,
+            compat.has_sleep(model),
+            workload.control,
+            workload.hold,
+            states,
+            run.unconstrained_nstep,
+            largest_so_far(moved_run.states.swapaxes(0, 1), states, columns),
+        ),
+        ReferenceSteps(
+            steps.state,
+            steps.control,
+            steps.after,
+            is_in_contact | (steps.constraints > 0),
+            differences(moved_steps.after, steps.after, columns),
+        ),
     )
 
 

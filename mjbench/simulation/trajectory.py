@@ -19,6 +19,8 @@ from mjbench.simulation.workload import Workload
 
 # Fields by which states are compared: the physics, without warm-starts and time.
 COMPARED = ("qpos", "qvel", "act")
+# Single steps from states of a run, at most.
+MAX_SINGLE_STEPS = 256
 
 
 @dataclass(frozen=True, eq=False)

@@ -192,16 +192,16 @@ def parse(
             f"{where}: format {values[0].get('schema')!r}, this version of mjbench reads {SCHEMA}"
         )
     types = {**record_types, RunHeader.record_type: RunHeader}
-    numbered = [(n, v) for n, v in enumerate(values, first_number) if not _is_removed(v)]
+    numbered = [
+        (number, value)
+        for number, value in enumerate(values, first_number)
+        if not (isinstance(value, dict) and str(value.get("type")) in _REMOVED_TYPES)
+    ]
     header, *records = (_typed(path, number, value, types) for number, value in numbered)
     for (number, _), record in zip(numbered[1:], records, strict=True):
         if isinstance(record, RunHeader):
             raise InputError(f"{path}, line {number}: a second header")
     return Run(header, tuple(records), is_torn)
-
-
-def _is_removed(value: Any) -> bool:
-    return isinstance(value, dict) and str(value.get("type")) in _REMOVED_TYPES
 
 
 def _values(

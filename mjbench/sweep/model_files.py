@@ -14,7 +14,7 @@ from mjbench.errors import InputError, MachineError, printable, shown, writing
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.limits import TIME_LIMIT_S
-from mjbench.simulation import carried_models, models
+from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 
 # The most that a model and all of its files may take, in bytes, and how many files there may be.
@@ -63,7 +63,7 @@ def carry(source: ModelSource, limit_s: float = TIME_LIMIT_S) -> CarriedModel:
 
 
 def unpack(carried: Sequence[CarriedModel], folder: Path) -> Path:
-    """Write models into a folder; return the list of them, for `carried_models`.
+    """Write models into a folder; return the list of them, for `models`.
 
     Raises:
       MachineError: a model is not what was sent, or a file cannot be written.
@@ -75,7 +75,7 @@ def unpack(carried: Sequence[CarriedModel], folder: Path) -> Path:
                 raise MachineError(f"{model.name}: its files were damaged on their way")
             paths[model.name] = _write(model.files, folder / str(number)) / model.main
         index = folder / _INDEX
-        carried_models.write(index, paths)
+        models.write_carried(index, paths)
     return index
 
 

@@ -17,7 +17,7 @@ from typing import IO
 from mjbench.errors import Failure, MachineError, MjbenchError, one_line
 from mjbench.host import child, machine, scratch
 from mjbench.host.machine import Machine
-from mjbench.simulation import carried_models
+from mjbench.simulation import models
 from mjbench.status import ExitCode, Status
 from mjbench.sweep import calibration, model_files, results, software
 from mjbench.sweep.calibration import NodeRules, NodeState
@@ -202,7 +202,7 @@ def environment(
     if label:
         variables[machine.LABEL_VARIABLE] = label
     if carried_index is not None:
-        variables[carried_models.VARIABLE] = str(carried_index)
+        variables[models.CARRIED_VARIABLE] = str(carried_index)
     return variables
 
 

@@ -83,6 +83,11 @@ class SpeedCheck:
     rounds: int = 0
     detail: str = ""
 
+    @property
+    def is_final(self) -> bool:
+        """Whether more rounds would not change it."""
+        return self.answer != Answer.INCONCLUSIVE or bool(self.detail)
+
     def __str__(self) -> str:
         allowed = f"{100 * self.max_slowdown:g} % allowed"
         if self.ratio is None or self.low is None or self.high is None:
@@ -158,33 +163,27 @@ def _compare(
     while True:
         rounds.append(_time_round(pair, calls, clock, rng))
         log_ratios.append(rounds[-1].log_ratio)
-        here = anytime.anytime_interval(log_ratios, question.confidence)
-        judged = _judge(here, question)
-        if judged.is_final:
-            return _check(question, judged, here, rounds, calls)
-        spent_s = clock() - begin
-        if spent_s * (1 + 1 / len(log_ratios)) > question.time_limit_s:
-            detail = f"not certain within {question.time_limit_s:g} s (time_limit_s)"
-            if len(log_ratios) < LEAST_ROUNDS:
-                detail = (
-                    f"only {len(log_ratios)} of {LEAST_ROUNDS} rounds fit into"
-                    f" {question.time_limit_s:g} s (time_limit_s)"
-                )
-            return _check(question, replace(judged, detail=detail), here, rounds, calls)
+        check = _judge(anytime.anytime_interval(log_ratios, question.confidence), question)
+        if not check.is_final:
+            spent_s = clock() - begin
+            if spent_s * (1 + 1 / len(rounds)) <= question.time_limit_s:
+                continue
+            check = replace(check, detail=_too_little_time(len(rounds), question))
+        return replace(
+            check,
+            candidate_s=statistics.median(each.block_s("B") for each in rounds) / calls,
+            baseline_s=statistics.median(each.block_s("A") for each in rounds) / calls,
+        )
 
 
-@dataclass(frozen=True)
-class _Judged:
-    """What rounds show: the interval of the log ratio, and whether more rounds could change it."""
-
-    low: float
-    high: float
-    answer: Answer = Answer.INCONCLUSIVE
-    is_final: bool = False
-    detail: str = ""
+def _too_little_time(rounds: int, question: SpeedQuestion) -> str:
+    limit = f"{question.time_limit_s:g} s (time_limit_s)"
+    if rounds < LEAST_ROUNDS:
+        return f"only {rounds} of {LEAST_ROUNDS} rounds fit into {limit}"
+    return f"not certain within {limit}"
 
 
-def _judge(here: Interval, question: SpeedQuestion) -> _Judged:
+def _judge(here: Interval, question: SpeedQuestion) -> SpeedCheck:
     """Return what rounds show.
 
     Args:
@@ -193,19 +192,28 @@ def _judge(here: Interval, question: SpeedQuestion) -> _Judged:
     between = margin(question.confidence, PROCESS_SPREAD)
     half_width = math.hypot(here.half_width, between)
     low, high = here.mean - half_width, here.mean + half_width
+    has_interval = math.isfinite(high)
+    check = SpeedCheck(
+        Answer.INCONCLUSIVE,
+        question.max_slowdown,
+        question.confidence,
+        ratio=math.exp(here.mean),
+        low=math.exp(low) if has_interval else None,
+        high=math.exp(high) if has_interval else None,
+        rounds=here.count,
+    )
     if here.count < LEAST_ROUNDS:
-        return _Judged(low, high)
+        return check
     answer = of_interval(low, high, question.max_slowdown)
-    if answer != Answer.INCONCLUSIVE:
-        return _Judged(low, high, answer, is_final=True)
     limit = math.log1p(question.max_slowdown)
-    if limit - between < here.low and here.high <= limit + between:
+    is_near = limit - between < here.low and here.high <= limit + between
+    if answer == Answer.INCONCLUSIVE and is_near:
         detail = (
             "identical functions can differ by that much from process to process: allow more"
             " (max_slowdown), or repeat it"
         )
-        return _Judged(low, high, is_final=True, detail=detail)
-    return _Judged(low, high)
+        return replace(check, detail=detail)
+    return replace(check, answer=answer)
 
 
 @contextlib.contextmanager
@@ -283,28 +291,6 @@ def _time_round(pair: FunctionPair, calls: int, clock: Clock, rng: random.Random
         orders += drawn
         spent_s += sum(times[-1])
     return _Round(orders, np.maximum(times, _SHORTEST_S))
-
-
-def _check(
-    question: SpeedQuestion,
-    judged: _Judged,
-    here: Interval,
-    rounds: Sequence[_Round],
-    calls: int,
-) -> SpeedCheck:
-    has_interval = math.isfinite(judged.high)
-    return SpeedCheck(
-        judged.answer,
-        question.max_slowdown,
-        question.confidence,
-        ratio=math.exp(here.mean),
-        low=math.exp(judged.low) if has_interval else None,
-        high=math.exp(judged.high) if has_interval else None,
-        candidate_s=statistics.median(each.block_s("B") for each in rounds) / calls,
-        baseline_s=statistics.median(each.block_s("A") for each in rounds) / calls,
-        rounds=len(rounds),
-        detail=judged.detail,
-    )
 
 
 def margin(confidence: float, deviation: float) -> float:

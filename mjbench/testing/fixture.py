@@ -9,27 +9,14 @@ from typing import Any
 
 import pytest
 
-from mjbench import extras
-from mjbench.errors import MachineError
 from mjbench.paired.outcomes import CONFIDENCE
 from mjbench.testing import callables
 from mjbench.testing.callables import Answer, Function, FunctionPair, SpeedCheck, SpeedQuestion
 
-# Packages of the extra `cli` that are needed.
-_PACKAGES = ("numpy", "scipy")
 # How much slower than its baseline a function may be.
 MAX_SLOWDOWN = 0.1
 # Seconds for the answer.
 TIME_LIMIT_S = 30.0
-
-
-def create(request: pytest.FixtureRequest) -> "SpeedFixture":
-    """Return the fixture of a test; the test fails in one line where packages are missing."""
-    try:
-        extras.require("the fixture mjbench", "cli", _PACKAGES)
-    except MachineError as error:
-        raise _failure(str(error)) from None
-    return SpeedFixture(request)
 
 
 class SpeedFixture:

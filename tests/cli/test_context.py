@@ -1,10 +1,121 @@
-"""What a command that measures says of the machine."""
+"""What a command prints and stores of what it measures, and what it says of the machine."""
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 
 import pytest
 
-from mjbench.api.session import Session
-from mjbench.cli.context import RunContext
+from mjbench.api.session import Item, Measurement, Observer, Session
+from mjbench.cli.context import OutputOptions, RunContext, measure
+from mjbench.errors import Failure, MachineError
 from mjbench.host.machine import ProcessorTime
+from mjbench.loop.overhead import OverheadRow
+from mjbench.report.content import Section
+from mjbench.report.kinds import RECORD_TYPES
+from mjbench.status import Status
+from mjbench.store import runs
+from mjbench.store.run_file import RunFile
+from mjbench.store.runs import Record, Run
+
+
+def row(model: str, status: Status = Status.UNAVAILABLE) -> OverheadRow:
+    return OverheadRow(model=model, status=status, detail="no reason")
+
+
+def names(run: Run) -> list[Section]:
+    return [Section(" and ".join(record.model for record in run.of_type(OverheadRow)))]
+
+
+def measured(
+    items: Callable[[], Iterator[Item]], folder: Path, resume: Path | None = None
+) -> RunContext:
+    """Measure items, of which each is printed as the names of its models."""
+
+    def yielded(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+        yield from (Item([record]) for record in earlier)
+        yield from items()
+
+    measurement = Measurement("overhead", {}, [], yielded)
+    return measure(measurement, OutputOptions(folder, None, False, resume), each=names)
+
+
+def stored(folder: Path) -> list[str]:
+    (file,) = folder.glob("*.jsonl")
+    return [each.model for each in runs.load(file, RECORD_TYPES).of_type(OverheadRow)]
+
+
+def test_parts_are_stored_at_once_and_shown_together(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def items() -> Iterator[Item]:
+        yield Item([row("a")], is_part=True)
+        assert stored(tmp_path) == ["a"]
+        assert "a" not in capsys.readouterr().out
+        yield Item([row("b")])
+        yield Item([row("c")])
+
+    measured(items, tmp_path)
+    assert capsys.readouterr().out.split("\n\n")[:2] == ["\na and b", "c"]
+    assert stored(tmp_path) == ["a", "b", "c"]
+
+
+def test_what_cannot_be_measured_is_a_line_and_an_exit_code(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def items() -> Iterator[Item]:
+        yield Item([row("a", Status.INPUT)], Failure(Status.INPUT, "a: it is broken"))
+        yield Item(failure=Failure(Status.FAILED, "b: no memory"))
+
+    run = measured(items, tmp_path)
+    out, err = capsys.readouterr()
+    assert err == "mjbench: a: it is broken\nmjbench: b: no memory\n"
+    assert out.startswith("\nRun file: ")
+    assert stored(tmp_path) == ["a"]
+    with pytest.raises(SystemExit, match="3"):
+        run.exit()
+
+
+@pytest.mark.parametrize("is_raised", [True, False])
+def test_an_interrupt_leaves_what_was_measured(tmp_path: Path, is_raised: bool) -> None:
+    def items() -> Iterator[Item]:
+        yield Item([row("a")])
+        if is_raised:
+            raise KeyboardInterrupt
+        yield Item([row("b", Status.INTERRUPTED)])
+        raise AssertionError("nothing is measured after it")
+
+    run = measured(items, tmp_path)
+    assert stored(tmp_path)[0] == "a"
+    with pytest.raises(SystemExit, match="130"):
+        run.exit()
+
+
+def test_records_of_a_continued_run_are_shown_and_not_stored_twice(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    measured(lambda: iter([Item([row("a")])]), tmp_path)
+    (file,) = tmp_path.glob("*.jsonl")
+    capsys.readouterr()
+    measured(lambda: iter([Item([row("b")])]), tmp_path, file)
+    assert capsys.readouterr().out.split("\n\n")[:2] == ["\na", "b"]
+    assert stored(tmp_path) == ["a", "b"]
+
+
+def test_a_full_disk_ends_a_command_once_it_has_shown_what_it_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(file: RunFile, record: object) -> None:
+        raise MachineError("cannot write")
+
+    def items() -> Iterator[Item]:
+        yield Item([row("a")])
+        raise AssertionError("nothing is measured after it")
+
+    monkeypatch.setattr(RunFile, "append", fail)
+    run = measured(items, tmp_path)
+    assert capsys.readouterr().out.startswith("\na\n")
+    with pytest.raises(MachineError):
+        run.exit()
 
 
 @pytest.mark.parametrize(("share", "is_reported"), [(0.13, True), (0.01, False)])
@@ -15,7 +126,7 @@ def test_time_that_the_host_took_is_reported_where_it_matters(
     is_reported: bool,
 ) -> None:
     monkeypatch.setattr(ProcessorTime, "stolen_since", lambda now, begin: share)
-    with RunContext(session=Session("versions")):
+    with RunContext(session=Session(Measurement("versions", {}, []))):
         pass
     expected = "The host took 13 % of this machine's processor time for others"
     assert (expected in capsys.readouterr().out) == is_reported
@@ -25,6 +136,24 @@ def test_a_command_that_measures_no_time_says_nothing_of_the_host(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(ProcessorTime, "stolen_since", lambda now, begin: 0.5)
-    with RunContext(session=Session("instructions", wait=None)):
+    with RunContext(session=Session(Measurement("instructions", {}, []), wait=None)):
         pass
     assert capsys.readouterr().out == ""
+
+
+def test_what_measures_ends_where_printing_fails(tmp_path: Path) -> None:
+    ended = []
+
+    def items() -> Iterator[Item]:
+        try:
+            yield Item([row("a")])
+        finally:
+            ended.append(True)
+
+    def fail(run: Run) -> list[Section]:
+        raise BrokenPipeError
+
+    measurement = Measurement("overhead", {}, [], lambda *_: items())
+    with pytest.raises(BrokenPipeError):
+        measure(measurement, OutputOptions(tmp_path, None, False), each=fail)
+    assert ended

@@ -77,7 +77,7 @@ def test_a_stored_search_is_shown_and_reported(tuned):
         (["nosuch"], "no model 'nosuch'"),
         (["cartpole", "humanoid", "--write", "x.xml"], "--write takes one model"),
         (["empty.xml"], "is empty"),
-        (["cartpole", "--max-error", "0"], "not between"),
+        (["cartpole", "--max-error", "0"], "above 0% and below"),
         (["cartpole", "--only", "cheap"], "cheap"),
         (["cartpole", "--skip", "timestp"], "did you mean timestep"),
         (["cartpole", "--nbatch", "8"], "--nbatch needs"),

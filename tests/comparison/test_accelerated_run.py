@@ -8,7 +8,6 @@ import pytest
 from pretender import MODEL, NBATCH, NSTEP, available, make_workload
 
 from mjbench.comparison import accelerated_run
-from mjbench.comparison.accelerated_check import MAX_SINGLE_STEPS
 from mjbench.comparison.accelerated_run import AcceleratedRequest
 from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.comparison.records import MeasurementRecord
@@ -17,6 +16,7 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths.accelerated import AcceleratedPath, save_workload
 from mjbench.report import results
 from mjbench.simulation import models
+from mjbench.simulation.trajectory import MAX_SINGLE_STEPS
 from mjbench.simulation.work import observe
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status

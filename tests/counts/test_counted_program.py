@@ -13,11 +13,11 @@ from mjbench.counts.counted_program import (
     CountAnswer,
     CountedOperation,
     CountedWork,
+    Instrumentation,
     ModelRequest,
     OperationRequest,
     TaskRequest,
 )
-from mjbench.counts.instrumentation import Instrumentation
 from mjbench.errors import Failure
 from mjbench.paired import operations
 from mjbench.releases import installs

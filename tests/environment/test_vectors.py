@@ -251,9 +251,9 @@ def test_what_was_wrong_in_a_timed_block_is_no_launch(number: int) -> None:
     class Channel:
         def doing(self, text: str, index: int | None = None) -> None: ...
 
-    turns = vectors._Turns({3: Form()}, [Single()], Channel())  # type: ignore[dict-item, list-item, arg-type]
+    launch = vectors._timed({3: Form()}, [Single()], Channel())  # type: ignore[dict-item, list-item, arg-type]
     expected = WrongForm(3, Status.DISAGREES, "in a timed block, another reward")
-    assert turns.launch() == expected
+    assert launch == expected
 
 
 def test_observations_are_compared_bit_by_bit_in_the_types_of_the_form() -> None:

@@ -80,14 +80,16 @@ def test_the_histogram_is_one_that_others_can_read() -> None:
     assert histogram.get_max_value() == pytest.approx(5e6, rel=1e-3)
 
 
-def recorder(clock: Clock, nstep: int, period_ns: float) -> latency._Recorder:
+def recorded(
+    clock: Clock, nstep: int, period_ns: float
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     model = models.load(models.resolve("cartpole"))
     work = workload.make(model, nbatch=2, nstep=RUN_NSTEP)
-    return latency._Recorder(work, nstep, period_ns, clock, clock.sleep)
+    return latency.record_steps(work, nstep, period_ns, clock, clock.sleep)
 
 
 def test_every_free_running_step_is_recorded_and_the_warm_up_is_not() -> None:
-    latency_ns, features = recorder(Clock(10), 30, 0.0).steps()
+    latency_ns, features = recorded(Clock(10), 30, 0.0)
     np.testing.assert_array_equal(latency_ns, 10)
     assert {values.shape for values in features.values()} == {(30,)}
     assert set(features) >= {"contacts", "page faults"}
@@ -95,14 +97,14 @@ def test_every_free_running_step_is_recorded_and_the_warm_up_is_not() -> None:
 
 def test_a_paced_step_is_waited_for_and_its_latency_counts_from_when_it_was_due() -> None:
     clock = Clock(1_000)
-    latency_ns, _ = recorder(clock, 20, 1e6).steps()
+    latency_ns, _ = recorded(clock, 20, 1e6)
     assert clock.slept_s > 0.5 * 1e-3 * (20 + WARM_UP_NSTEP)
     assert latency_ns.max() <= 4_000  # three readings of the clock, each of which takes 1 µs
 
 
 def test_steps_that_wait_for_a_late_one_are_late_as_well() -> None:
     clock = Clock(1_000, pause_at_ns=1e6 * (WARM_UP_NSTEP + 30))
-    latency_ns, _ = recorder(clock, 80, 1e6).steps()
+    latency_ns, _ = recorded(clock, 80, 1e6)
     late = latency_ns[latency_ns > 100_000]
     assert len(late) >= 4
     assert (np.diff(late) < 0).all()

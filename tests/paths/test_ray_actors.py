@@ -65,6 +65,18 @@ def test_without_rollout_actors_run_a_loop_that_returns_the_same(
     resources.close()
 
 
+def test_an_input_that_one_simulation_has_reaches_each_actor(ray: Any, small: Workload) -> None:
+    own = small.returning(Product.FINAL)
+    own.initial_state[0, compat.state_columns(own.model)["qfrc_applied"]] = 0.1
+    resources = paths.Resources(own)
+    prepared = Ray().prepare(own, {"actors": 2}, resources)
+    for order in (np.arange(5), np.array([3, 1, 4, 2, 0])):
+        resources.reorder(order)
+        expected = work.observe(own).final_state
+        np.testing.assert_array_equal(prepared.verified_states().values, expected)
+    resources.close()
+
+
 def test_an_actor_that_ends_is_a_failure_of_one_line(
     ray: Any, small: Workload, resources: paths.Resources
 ) -> None:
@@ -80,14 +92,12 @@ def test_an_actor_that_ends_is_a_failure_of_one_line(
 
 
 def test_an_exception_in_an_actor_is_a_failure_of_one_line(
-    ray: Any, small: Workload, resources: paths.Resources, monkeypatch: pytest.MonkeyPatch
+    ray: Any, small: Workload, resources: paths.Resources
 ) -> None:
     prepared = Ray().prepare(small, {"actors": 2}, resources)
     pool = resources.get_or_create(("actors", 2), lambda: None)
-    misshapen = np.zeros((2, 3, 4))
-    call = lambda method: [pool._actors[0].step.remote(misshapen, misshapen)]  # noqa: E731
-    monkeypatch.setattr(pool, "_calls", call)
-    with pytest.raises(MachineError, match="an actor failed: ValueError: could not") as caught:
+    pool._inputs[0] = None
+    with pytest.raises(MachineError, match=r"an actor failed: TypeError: .*NoneType") as caught:
         prepared.run()
     assert "\n" not in str(caught.value)
 

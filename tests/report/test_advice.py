@@ -13,8 +13,15 @@ from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.comparison.records import MeasurementRecord
 from mjbench.paired.race_record import MARGIN, Loop, UnableVariant
 from mjbench.report import results
-from mjbench.report.advice import Reason, ThreadAdvice, advise, advise_clock, advise_threads
-from mjbench.report.comparison import conclusion, thread_conclusion
+from mjbench.report.advice import (
+    Reason,
+    ThreadAdvice,
+    advise,
+    advise_clock,
+    advise_threads,
+    conclusion,
+    thread_conclusion,
+)
 from mjbench.report.results import ModelResults, derive
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.status import Status

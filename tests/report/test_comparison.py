@@ -134,14 +134,14 @@ def test_what_turning_the_timer_off_gains_is_a_conclusion_and_how_a_note() -> No
 
 
 def shown_by(observer: Observer, *models: ModelResults) -> None:
-    observer(0, "m", 0.5)
+    observer("m", 0.5)
     observer.show(lambda: comparison.section_so_far(models))
     observer.show(None)
 
 
 def test_results_so_far_stand_above_the_bar_of_a_terminal() -> None:
     out = Console(file=io.StringIO(), width=100, force_terminal=True)
-    with progress(out, 1) as bar:
+    with progress(out) as bar:
         shown_by(bar, derived(raced(cores=1.2)))
     text = out.file.getvalue()  # type: ignore[attr-defined]
     assert text.index("Disturbed: ") < text.index("For RL") < text.index(str(ROLLOUT))

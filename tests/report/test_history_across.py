@@ -7,14 +7,14 @@ from speed_histories import history_run
 
 from mjbench.errors import InputError
 from mjbench.report import history_across, history_files
-from mjbench.report.history_files import MachineHistory
+from mjbench.report.speed_history import SpeedHistory
 
 FLAT = [1.0] * 8
 STEP = [1.0] * 4 + [1.1] * 4
 DOWN = [1.0] * 4 + [0.9] * 4
 
 
-def histories(**ratios: Sequence[float]) -> list[MachineHistory]:
+def histories(**ratios: Sequence[float]) -> list[SpeedHistory]:
     runs = [history_run(name, values) for name, values in ratios.items()]
     return history_files.of_runs(runs, None)
 

@@ -11,10 +11,10 @@ from mjbench.releases.speed_history import SpeedSeries
 from mjbench.report import history_tables as tables
 from mjbench.report import speed_history
 from mjbench.report.content import DataTable
-from mjbench.report.speed_history import Background, SpeedHistory
+from mjbench.report.speed_history import SpeedHistory
 from mjbench.status import Status
 
-WITH_COUNTS = SpeedHistory([STEP], background=Background(COUNTED))
+WITH_COUNTS = SpeedHistory([STEP], counts=COUNTED)
 
 
 def speed_of(*models: SpeedSeries) -> SpeedHistory:
@@ -35,7 +35,7 @@ def test_a_change_point_has_its_cause_and_its_functions() -> None:
 
 def test_a_known_cause_follows_the_functions() -> None:
     known = [KnownCause("1.6", "pile", "", "found by measuring"), KnownCause("1.6", "x", "", "no")]
-    known_too = SpeedHistory([STEP], background=Background(COUNTED, known))
+    known_too = SpeedHistory([STEP], counts=COUNTED, causes=known)
     assert only_row(tables.step_changes(known_too))[5].endswith("mj_crb +1.0 %; found by measuring")
 
 
@@ -49,14 +49,15 @@ def test_other_work_accounts_for_a_change() -> None:
 
 def test_the_same_machine_code_is_said() -> None:
     counts = replace(COUNTS, code={CodeChange.IDENTICAL: CodeShare(10, 1.0)})
-    same = SpeedHistory([STEP], background=Background({("pile", "1.5", "1.6"): counts}))
+    same = SpeedHistory([STEP], counts={("pile", "1.5", "1.6"): counts})
     assert only_row(tables.step_changes(same))[5].startswith("both execute the same machine code; ")
 
 
 def test_functions_whose_instructions_changed_in_the_other_direction_do_not_account() -> None:
     counts = replace(COUNTS, instructions_per_step=Pair(1000.0, 900.0))
-    background = Background({("pile", "1.5", "1.6"): counts})
-    row = only_row(tables.step_changes(SpeedHistory([STEP], background=background)))
+    row = only_row(
+        tables.step_changes(SpeedHistory([STEP], counts={("pile", "1.5", "1.6"): counts}))
+    )
     assert row[4:] == ["code", "its instructions changed in the other direction"]
 
 
@@ -69,7 +70,7 @@ def test_what_a_release_crashed_in_has_a_row() -> None:
 def test_a_count_is_marked_only_against_the_release_right_before() -> None:
     gap = replace(COUNTS, old="1.8", new="1.9", instructions_per_step=Pair(2000.0, 2000.0))
     counts = {**COUNTED, ("pile", "1.8", "1.9"): gap}
-    rows = tables.instructions(SpeedHistory([STEP], background=Background(counts))).texts
+    rows = tables.instructions(SpeedHistory([STEP], counts=counts)).texts
     assert rows[6:9] == [["1.6", "1.2▲"], ["1.7", "–"], ["1.8", "2"]]
 
 

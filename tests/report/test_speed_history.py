@@ -9,7 +9,7 @@ from mjbench.counts.records import CodeChange, CodeShare
 from mjbench.paired.outcomes import Cause
 from mjbench.releases.speed_history import SpeedSeries
 from mjbench.report import speed_history
-from mjbench.report.speed_history import Background, Listed, SpeedHistory
+from mjbench.report.speed_history import Listed, SpeedHistory
 from mjbench.status import Status
 
 
@@ -22,7 +22,7 @@ def listed_in(history: SpeedHistory) -> list[Listed]:
 
 
 def test_a_change_point_of_the_same_work_is_due_to_code() -> None:
-    (listed,) = listed_in(SpeedHistory([STEP], background=Background(COUNTED)))
+    (listed,) = listed_in(SpeedHistory([STEP], counts=COUNTED))
     assert listed.cause == Cause.CODE
     assert listed.counts == COUNTS
 
@@ -42,8 +42,7 @@ def test_the_same_machine_code_is_no_cause(change: CodeChange, cause: Cause) -> 
     counts = replace(
         COUNTS, code={CodeChange.IDENTICAL: CodeShare(9, 0.9), change: CodeShare(1, 0.1)}
     )
-    background = Background({("pile", "1.5", "1.6"): counts})
-    (listed,) = listed_in(SpeedHistory([STEP], background=background))
+    (listed,) = listed_in(SpeedHistory([STEP], counts={("pile", "1.5", "1.6"): counts}))
     assert listed.cause == cause
     assert listed.has_same_code == (cause == Cause.UNDECIDED)
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import mujoco
 import pytest
+from example_models import CONTACT_XML
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -306,3 +307,33 @@ def test_a_timestep_by_which_no_time_passes_is_bad_input(tmp_path: Path, timeste
 def test_a_name_that_no_file_can_have_is_bad_input(name: str) -> None:
     with pytest.raises(InputError, match=r"no model|no such file"):
         models.resolve(name)
+
+
+# models from another machine
+
+
+@pytest.fixture
+def listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    file = tmp_path / "0/robot.xml"
+    file.parent.mkdir()
+    file.write_text(CONTACT_XML)
+    models.write_carried(tmp_path / "models.json", {"~/robots/robot.xml": file, "cartpole": file})
+    monkeypatch.setenv(models.CARRIED_VARIABLE, str(tmp_path / "models.json"))
+    return file
+
+
+@pytest.mark.parametrize("name", ["~/robots/robot.xml", "cartpole"])
+def test_a_carried_model_is_found_by_its_name(listed: Path, name: str) -> None:
+    assert models.resolve(name) == models.ModelSource(name, listed)
+
+
+def test_other_names_are_what_they_always_are(listed: Path) -> None:
+    assert models.resolve("pile").path == models.shipped_folder() / "pile.xml"
+
+
+@pytest.mark.parametrize("text", ["", "no JSON", "[1]", '{"pile": 3}'])
+def test_a_list_that_is_damaged_is_left_alone(
+    listed: Path, monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    (listed.parents[1] / "models.json").write_text(text)
+    assert models.resolve("pile").path == models.shipped_folder() / "pile.xml"

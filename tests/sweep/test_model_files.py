@@ -8,7 +8,7 @@ import pytest
 from example_models import CONTACT_XML
 
 from mjbench.errors import InputError, MachineError
-from mjbench.simulation import carried_models, models
+from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.sweep import model_files
 
@@ -57,7 +57,7 @@ def test_it_can_be_loaded_where_it_arrives_by_the_name_that_it_had(
 ) -> None:
     carried = model_files.carry(robot)
     index = model_files.unpack([carried], tmp_path / "arrived")
-    monkeypatch.setenv(carried_models.VARIABLE, str(index))
+    monkeypatch.setenv(models.CARRIED_VARIABLE, str(index))
     source = models.resolve("robots/arm.xml")
     assert source.name == "robots/arm.xml"
     assert source.path.is_relative_to(tmp_path / "arrived")

@@ -14,7 +14,7 @@ from example_models import CONTACT_XML
 from sweep_examples import MACHINE, count_cell
 
 from mjbench.errors import Failure
-from mjbench.simulation import carried_models
+from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 from mjbench.sweep import model_files, node, software
@@ -177,7 +177,7 @@ def test_the_environment_is_that_of_the_node_and_not_of_ray(
     assert environment["MJBENCH_MACHINE"] == "epyc"
     root = str(Path(node.__file__).resolve().parents[2])
     assert environment["PYTHONPATH"] == f"{root}{os.pathsep}/elsewhere"
-    assert carried_models.VARIABLE not in environment
+    assert models.CARRIED_VARIABLE not in environment
 
 
 def test_a_machine_without_a_label_keeps_its_own(
@@ -192,7 +192,7 @@ def test_the_users_models_are_there(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     (tmp_path / "pile.xml").write_text(CONTACT_XML)
     carried = model_files.carry(ModelSource("pile", tmp_path / "pile.xml"))
     _, _, environment = started_with(monkeypatch, tmp_path, python(DESCRIBES), carried)
-    assert Path(environment[carried_models.VARIABLE]).name == "models.json"
+    assert Path(environment[models.CARRIED_VARIABLE]).name == "models.json"
 
 
 def test_a_command_ends_when_nobody_waits_for_it(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pytest
 from pytest_runs import PLUGIN, run_pytest
 
 # Work whose time is far from that of other numbers, so that a busy machine does not matter.
@@ -82,12 +83,13 @@ def test_calls():
     assert "benchmarks are disabled" in done.stdout
 
 
-def test_packages_that_are_missing_are_named(tmp_path: Path) -> None:
-    (tmp_path / "conftest.py").write_text("import sys\nsys.modules['scipy'] = None\n")
+@pytest.mark.parametrize("package", ["numpy", "scipy"])
+def test_packages_that_are_missing_are_named(tmp_path: Path, package: str) -> None:
+    (tmp_path / "conftest.py").write_text(f"import sys\nsys.modules['{package}'] = None\n")
     content = "def test_it(mjbench):\n    mjbench.not_slower(int, int)\n"
     done = run_pytest(tmp_path, content)
     assert done.returncode == 1
-    assert "mjbench: the fixture mjbench needs scipy: python -m pip install" in done.stdout
+    assert f"mjbench: the fixture mjbench needs {package}: python -m pip install" in done.stdout
 
 
 def test_tests_that_do_not_use_the_fixture_pay_nothing_for_it(tmp_path: Path) -> None:

@@ -1,16 +1,19 @@
-"""`mjbench models`: models and their sizes."""
+"""`mjbench models` and `mjbench paths`: what there is to measure."""
 
-import click
+from typing import TYPE_CHECKING
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, LIMIT, with_options
+from mjbench.cli.shared import JSON, LIMIT, models_argument, with_options
+
+if TYPE_CHECKING:
+    from mjbench.simulation.models import ModelSource
 
 
 @cli.command()
-@click.argument("names", nargs=-1, metavar="[MODEL]…")
+@models_argument()
 @with_options(LIMIT, JSON)
-def models(names: tuple[str, ...], time_limit: float, json_file: str | None) -> None:
+def models(sources: "list[ModelSource]", time_limit: float, json_file: str | None) -> None:
     """List models: sizes, contacts and constraints at the start, timestep, integrator, solver.
 
     Without a MODEL: all shipped models.
@@ -23,9 +26,7 @@ def models(names: tuple[str, ...], time_limit: float, json_file: str | None) -> 
     from mjbench.comparison.listing import list_models
     from mjbench.report import listings
     from mjbench.report.documents import ModelRow, ModelsDocument
-    from mjbench.simulation.models import resolve, shipped
 
-    sources = [resolve(name) for name in names or shipped()]
     with RunContext(json_file, [source.path for source in sources]) as run:
         listed = list_models(sources, time_limit)
         run.table(listings.models_table(listed))
@@ -33,3 +34,22 @@ def models(names: tuple[str, ...], time_limit: float, json_file: str | None) -> 
             run.out.print(line, soft_wrap=True)
         run.write(ModelsDocument(models=[ModelRow.of(model) for model in listed]))
     run.exit(model.status for model in listed)
+
+
+@cli.command()
+@JSON
+def paths(json_file: str | None) -> None:
+    """List the ways of stepping, their options, and why one is not available here.
+
+    \b
+    Example:
+      mjbench paths
+    """
+    from mjbench.paths import registry
+    from mjbench.report import listings
+    from mjbench.report.documents import PathsDocument
+
+    rows = [listings.PathRow.of(path) for path in registry().values()]
+    with RunContext(json_file) as run:
+        run.table(listings.paths_table(rows))
+        run.write(PathsDocument(paths=rows))
