@@ -26,7 +26,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import mujoco
 import numpy as np
@@ -144,16 +144,16 @@ class CProgram:
 
 def launch(request: LaunchRequest) -> LaunchTimes:
     """Measure in new processes."""
-    results: list[LaunchTimes] = []
-    ended = isolate.run("benchmarks.c_floor:measure_launch", request, results.append, LIMIT_S)
-    if not results:
+
+    def refuse(ended: isolate.Ended) -> NoReturn:
         reason = f"{ended.status}: {ended.detail}"
         raise MachineError(f"{request.source.name}, {request.case.label}: {reason}")
-    return results[0]
+
+    return isolate.call(measure_launch, request, limit_s=LIMIT_S, otherwise=refuse)
 
 
-def measure_launch(request: LaunchRequest, channel: isolate.Channel) -> None:
-    """Measure one launch and send its LaunchTimes; runs in a child process."""
+def measure_launch(request: LaunchRequest, channel: isolate.Channel) -> LaunchTimes:
+    """Measure one launch; runs in a child process."""
     from mjbench.web import measure
 
     case = request.case
@@ -188,7 +188,7 @@ def measure_launch(request: LaunchRequest, channel: isolate.Channel) -> None:
         check(prepared.final_states(), program.final_states(), model)
     medians = [statistics.median(ns[i] for ns in rounds) / work.steps for i in blocks]
     ratios = [statistics.median(ns[i] / ns[0] for ns in rounds) for i in (2, 3)]
-    channel.send(LaunchTimes(*medians, *ratios))
+    return LaunchTimes(*medians, *ratios)
 
 
 def check(states: paths.States, c_states: np.ndarray, model: mujoco.MjModel) -> None:

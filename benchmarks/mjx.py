@@ -79,49 +79,35 @@ class ByHand(Tracked):
 
         Both step 1024 cart-poles, in turns; the ratio is the median over rounds.
         """
-        ratios: list[ThroughputRatio] = []
-        ended = isolate.run(
-            "benchmarks.mjx:compare_with_handwritten",
-            HandwrittenRequest(NBATCH, HANDWRITTEN_NSTEP, ROUNDS),
-            ratios.append,
+        return isolate.call(
+            compare_with_handwritten,
+            NBATCH,
+            HANDWRITTEN_NSTEP,
+            ROUNDS,
             limit_s=self.timeout,
             environment=_mjx_path().environment(),
         )
-        ended.check()
-        return ratios[0].value
 
     track_throughput_over_handwritten.unit = "path/by hand"
     track_throughput_over_handwritten.pretty_name = "MJX: throughput over a program by hand"
 
 
-@dataclass(frozen=True)
-class HandwrittenRequest:
-    """The workload of the path and the handwritten program, and how many rounds to time them."""
+def compare_with_handwritten(
+    nbatch: int, nstep: int, rounds: int, channel: isolate.Channel
+) -> float:
+    """Time both programs in turns; return the path's throughput over the other's.
 
-    nbatch: int
-    nstep: int
-    rounds: int
-
-
-@dataclass(frozen=True)
-class ThroughputRatio:
-    """Throughput of the path over that of the handwritten program."""
-
-    value: float
-
-
-def compare_with_handwritten(request: HandwrittenRequest, channel: isolate.Channel) -> None:
-    """Time both programs in turns and send their ThroughputRatio; runs in a child process."""
-    cartpoles = stored.stored_workload("cartpole", request.nbatch, request.nstep)
+    Runs in a child process.
+    """
+    cartpoles = stored.stored_workload("cartpole", nbatch, nstep)
     prepared = _mjx_path().prepare(cartpoles, {}, paths.Resources(cartpoles))
     contenders = [
         timing.Contender(prepared.run, before=prepared.clear),
         timing.Contender(_handwritten(cartpoles)),
     ]
-    count = 1 + request.rounds  # the first one warms up
-    rounds = list(timing.rounds(contenders, 0.0, count, count))[1:]
-    ratios = [handwritten_s / path_s for path_s, handwritten_s in rounds]
-    channel.send(ThroughputRatio(float(np.median(ratios))))
+    count = 1 + rounds  # the first one warms up
+    timed = list(timing.rounds(contenders, 0.0, count, count))[1:]
+    return float(np.median([handwritten_s / path_s for path_s, handwritten_s in timed]))
 
 
 def _handwritten(cartpoles: workload.Workload) -> Callable[[], None]:

@@ -53,16 +53,19 @@ class Measured:
           KeyboardInterrupt: no child process is left.
         """
         platforms.check_command(measurement.command)
-        observer = _ProgressObserver(on_progress) if on_progress else Observer()
-        items: list[Item] = []
-        with _in_program(), Session(measurement, wait) as session:
-            for item in measurement.measure((), observer):
+        measured: list[Item] = []
+        with (
+            _in_program(),
+            Session(measurement, wait) as session,
+            measurement.items((), Observer(on_progress)) as items,
+        ):
+            for item in items:
                 for record in item.records:
                     session.record(record)
                     if getattr(record, "status", None) == Status.INTERRUPTED:
                         raise KeyboardInterrupt
-                items.append(item)
-            _check_any(items)
+                measured.append(item)
+            _check_any(measured)
             return cls(session.run(), (*measurement.notes, *session.notes()))
 
     @property
@@ -114,16 +117,6 @@ class Measured:
 
     def _repr_pretty_(self, printer: Any, cycle: bool) -> None:  # IPython in a terminal
         printer.text("…" if cycle else str(self))
-
-
-class _ProgressObserver(Observer):
-    """Tells a function of a program how far a measurement is."""
-
-    def __init__(self, on_progress: Progress):
-        self._on_progress = on_progress
-
-    def __call__(self, name: str, share: float) -> None:
-        self._on_progress(name, share)
 
 
 @contextlib.contextmanager

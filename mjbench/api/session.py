@@ -6,7 +6,7 @@ all of them together (`mjbench.api.measured`).
 """
 
 import contextlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,6 +16,8 @@ from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printa
 from mjbench.host import machine, neighbours, platforms
 from mjbench.host.machine import ProcessorTime
 from mjbench.host.neighbours import Neighbour, Presence
+from mjbench.measuring import progress
+from mjbench.measuring.progress import Progress
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.report.content import Section
 from mjbench.report.kinds import RECORD_TYPES
@@ -27,13 +29,18 @@ from mjbench.store.runs import Record, Run, RunHeader
 
 
 class Observer:
-    """What is told of a measurement as it goes on; this one ignores it."""
+    """What is told of a measurement as it goes on; this one tells a function of a program."""
+
+    def __init__(self, on_progress: Progress | None = None):
+        """Take the function; None where nobody asks."""
+        self._on_progress = on_progress or progress.ignore
 
     def __call__(self, name: str, share: float) -> None:
-        """Hear what is measured now, and the share of all work that is done."""
+        """Note what is measured now, and the share of all work that is done."""
+        self._on_progress(name, share)
 
     def begin(self, phase: str) -> None:
-        """Hear in a line what begins now."""
+        """Note in a line what begins now."""
 
     def show(self, section: Callable[[], Section | None] | None) -> None:
         """Show what is known so far, until it is called again; None ends that."""
@@ -73,6 +80,16 @@ class Measurement:
     measure: Callable[[Sequence[Record], Observer], Iterable[Item]] = lambda *_: ()
     select_finished: Callable[[Sequence[Record]], Sequence[Record]] = lambda records: records
     notes: Sequence[str] = ()
+
+    @contextlib.contextmanager
+    def items(self, earlier: Sequence[Record], observer: Observer) -> Iterator[Iterable[Item]]:
+        """Yield the items, as `measure` does; what measures them ends with the block."""
+        items = self.measure(earlier, observer)
+        try:
+            yield items
+        finally:
+            if isinstance(items, Generator):
+                items.close()
 
 
 def pinning_notes() -> list[str]:

@@ -219,8 +219,11 @@ def measure(
     inputs = [*measurement.files, *([output.resume] if output.resume else [])]
     with RunContext(output.json_file, inputs, session, to_stderr) as run:
         try:
-            with progress(run.out) as observer:
-                _measure_items(run, measurement, observer, each, bool(code))
+            with (
+                progress(run.out) as observer,
+                measurement.items(session.earlier, observer) as items,
+            ):
+                _measure_items(run, items, observer, each, bool(code))
         except KeyboardInterrupt:
             run.interrupt()
         if summary:
@@ -235,14 +238,14 @@ def measure(
 
 def _measure_items(
     run: RunContext,
-    measurement: "Measurement",
+    items: "Iterable[Item]",
     observer: "Observer",
     each: "Sections | None",
     code: bool,
 ) -> None:
     """Store items as they are measured, and print what each comes to."""
     unshown: list[Record] = []
-    for item in measurement.measure(run.session.earlier, observer):
+    for item in items:
         run.take(item)
         unshown += item.records
         if run.is_stopped or not item.is_part:

@@ -92,18 +92,10 @@ def _noise() -> "NoiseRow":
     from mjbench.errors import MjbenchError
     from mjbench.paired import machine_check
     from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.report.doctor import TRUSTED, NoiseRow
+    from mjbench.report.doctor import NoiseRow
 
     try:
         with WorkerPool() as pool:
-            noise = machine_check.noise(pool)
+            return NoiseRow.of(machine_check.noise(pool))
     except MjbenchError as error:
         return NoiseRow(detail=str(error))
-    decidable = noise.decidable()
-    return NoiseRow(
-        launches=noise.launches,
-        deviation=noise.deviation,
-        ratio=noise.ratio,
-        decidable=decidable,
-        trusted=decidable <= TRUSTED,
-    )

@@ -26,6 +26,7 @@ class _TerminalBar(Observer):
     """A progress bar in a terminal, which names what is done."""
 
     def __init__(self, live: Live, bar: Progress):
+        super().__init__()
         self._live, self._bar = live, bar
         self._task = bar.add_task("starting", total=1.0)
 

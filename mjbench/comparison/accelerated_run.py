@@ -75,17 +75,13 @@ def run(
 ) -> isolate.Ended:
     """Measure one path on one model in a child; whatever becomes of it, this process goes on.
 
-    Args:
-      on_record: called with what the child knows (see `measure_in_child`).
-      import_from: a folder that a path of the user's own may be imported from.
-
     Raises:
       InputError: the path does not compile.
     """
     source = ModelSource(request.source.name, request.source.path.resolve())
     return isolate.run(
-        "mjbench.comparison.accelerated_run:measure_in_child",
-        dataclasses.replace(request, source=source),
+        measure_in_child,
+        (dataclasses.replace(request, source=source),),
         on_record,
         request.limit_s,
         import_from,

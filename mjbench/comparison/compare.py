@@ -11,9 +11,9 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 
 from mjbench import paths
-from mjbench.comparison import accelerated_run
+from mjbench.comparison import accelerated_run, measure
 from mjbench.comparison.accelerated_run import AcceleratedRequest
-from mjbench.comparison.messages import AgreementReport, MeasureRequest, ModelFiles
+from mjbench.comparison.messages import AgreementReport, ModelFiles
 from mjbench.comparison.plan import ComparisonPlan
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.errors import Failure, failure_of
@@ -56,11 +56,7 @@ class ModelChildren:
         return len(self.measured) / len(self.plan.variants)
 
     def verify(self, on_message: Callable[[], None] = lambda: None) -> isolate.Ended:
-        """Verify all paths that run C; start again without a path that ended the child.
-
-        Args:
-          on_message: called after each message of the child.
-        """
+        """Verify all paths that run C; start again without a path that ended the child."""
 
         def receive(message: ModelRecord | AgreementReport) -> None:
             if isinstance(message, ModelRecord):
@@ -78,10 +74,10 @@ class ModelChildren:
         source = ModelSource(self.source.name, self.source.path.resolve())
         fatal: dict[int, MeasurementRecord] = {}
         while True:
-            exclude = frozenset([*fatal, *self.plan.accelerated])
+            excluded = frozenset([*fatal, *self.plan.accelerated])
             ended = isolate.run(
-                "mjbench.comparison.measure:measure_in_child",
-                MeasureRequest(source, self.plan, exclude, self.files),
+                measure.measure_in_child,
+                (source, self.plan, excluded, self.files),
                 receive,
                 self.plan.limit_s,
                 self.plan.import_from,

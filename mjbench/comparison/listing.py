@@ -31,9 +31,7 @@ def list_models(sources: Sequence[ModelSource], limit_s: float) -> list[ListedMo
     rows: list[ListedModel] = []
     while len(rows) < len(sources):
         remaining = [ModelSource(s.name, s.path.resolve()) for s in sources[len(rows) :]]
-        ended = isolate.run(
-            "mjbench.comparison.listing:describe_all", remaining, rows.append, limit_s
-        )
+        ended = isolate.run(describe_all, (remaining,), rows.append, limit_s)
         if len(rows) < len(sources):  # the child ended while describing the next one
             rows.append(ListedModel(sources[len(rows)].name, ended.status, ended.detail))
     return rows

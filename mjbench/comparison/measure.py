@@ -7,11 +7,13 @@ goes to files, so that what is timed in other processes is what was verified her
 import dataclasses
 import functools
 import pickle
+from collections.abc import Collection
 
 import mujoco
 
 from mjbench.comparison import step_costs
-from mjbench.comparison.messages import MeasureRequest
+from mjbench.comparison.messages import ModelFiles
+from mjbench.comparison.plan import ComparisonPlan
 from mjbench.comparison.records import ModelRecord
 from mjbench.comparison.sizes import BlockSizes, check_memory, choose_sizes
 from mjbench.comparison.verification import FurtherCases, ReferenceCase, verify
@@ -20,6 +22,7 @@ from mjbench.paths.accelerated import save_workload
 from mjbench.simulation import agreement, models, sampling, starts, work, workload
 from mjbench.simulation.model_digest import model_digest
 from mjbench.simulation.model_guard import ModelGuard
+from mjbench.simulation.models import ModelSource
 from mjbench.simulation.sampling import Sample, SampleRequest
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
@@ -28,14 +31,23 @@ from mjbench.status import Status
 PATIENCE = 100
 
 
-def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
-    """Verify every variant of the plan that is not excluded.
+def measure_in_child(
+    source: ModelSource,
+    plan: ComparisonPlan,
+    excluded: Collection[int],
+    files: ModelFiles,
+    channel: Channel,
+) -> None:
+    """Verify the variants of a plan, and write the files of the model.
 
     Messages: a `ModelRecord` of the reference run, and an `AgreementReport` per variant.
+
+    Args:
+      excluded: variants not to touch: those that killed a child before, and accelerated ones.
     """
-    plan, name = request.plan, request.source.name
+    name = source.name
     channel.doing(f"loading {name}")
-    model = models.load(request.source)
+    model = models.load(source)
     channel.doing(f"stepping {name}")
     cost_s = step_costs.step_cost_s(
         model_digest(model), functools.partial(sampling.settled_step_s, model)
@@ -60,13 +72,13 @@ def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
     )
     sample = sampling.draw(model, sample_request)
     own = sample.workload.returning(plan.returns)
-    _save(own, sample, request)
+    _save(own, sample, files, bool(plan.accelerated))
     case = ReferenceCase.create(own, sample.observation)
     channel.send(_model_record(name, own, sizes, sample))
     further = FurtherCases.create(case, cost_s)
     guard = ModelGuard(model)
     for index, variant in enumerate(plan.variants):
-        if index in request.exclude:
+        if index in excluded:
             continue
         channel.doing(f"preparing {variant} on {name}", index)
         channel.allow_silence(patience_s)
@@ -77,14 +89,14 @@ def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
     case.resources.close()
 
 
-def _save(own: Workload, sample: Sample, request: MeasureRequest) -> None:
-    """Write the model and the workload to the files that the request names."""
-    mujoco.mj_saveModel(own.model, str(request.files.model), None)
+def _save(own: Workload, sample: Sample, files: ModelFiles, has_accelerated: bool) -> None:
+    """Write the model and the workload."""
+    mujoco.mj_saveModel(own.model, str(files.model), None)
     final_state = sample.observation.final_state
     portable = dataclasses.replace(workload.portable(own), final_state=final_state.copy())
-    request.files.workload.write_bytes(pickle.dumps(portable))
-    if request.plan.accelerated:
-        save_workload(own, sample.observation.peaks, request.files.accelerated)
+    files.workload.write_bytes(pickle.dumps(portable))
+    if has_accelerated:
+        save_workload(own, sample.observation.peaks, files.accelerated)
 
 
 def _model_record(name: str, own: Workload, sizes: BlockSizes, sample: Sample) -> ModelRecord:

@@ -1,4 +1,4 @@
-"""What the children of a comparison are asked, and the messages that they send back.
+"""What the children of a comparison send back, and the files that they write.
 
 Frozen dataclasses, pickled from process to process (see `mjbench.host.isolate`). A variant is
 named by its index in the plan.
@@ -7,8 +7,6 @@ named by its index in the plan.
 from dataclasses import dataclass
 from pathlib import Path
 
-from mjbench.comparison.plan import ComparisonPlan
-from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 
 
@@ -31,20 +29,6 @@ class ModelFiles:
         """Return the files of one model in a folder of its own."""
         names = ("model.mjb", "workload.pickle", "accelerated.pickle")
         return cls(*(folder / name for name in names))
-
-
-@dataclass(frozen=True)
-class MeasureRequest:
-    """One model and the paths to verify on it (see `measure`).
-
-    Attributes:
-      exclude: variants not to touch: those that killed a child before, and accelerated ones.
-    """
-
-    source: ModelSource
-    plan: ComparisonPlan
-    exclude: frozenset[int]
-    files: ModelFiles
 
 
 @dataclass(frozen=True)

@@ -93,24 +93,16 @@ class PlanningRow:
 def run(
     request: PlanningRequest, import_from: str | None = None, limit_s: float = TIME_LIMIT_S
 ) -> list[PlanningRow]:
-    """Run a planner in a child process (see `isolate.run`), and return a row for each variant.
+    """Run a planner in a child process (see `isolate.call`), and return a row for each variant.
 
     Raises:
       MjbenchError: the child failed.
     """
-    rows: list[PlanningRow] = []
-    isolate.run(
-        "mjbench.comparison.planning_run:plan_in_child",
-        request,
-        rows.append,
-        limit_s,
-        import_from,
-    ).check()
-    return rows
+    return isolate.call(plan_in_child, request, limit_s=limit_s, import_from=import_from)
 
 
-def plan_in_child(request: PlanningRequest, channel: Channel) -> None:
-    """Run the loop; sends a `PlanningRow` for each variant."""
+def plan_in_child(request: PlanningRequest, channel: Channel) -> list[PlanningRow]:
+    """Run the loop; return a row for each variant."""
     channel.doing("loading the model")
     model = models.load(request.source)
     if not model.nu:
@@ -120,8 +112,8 @@ def plan_in_child(request: PlanningRequest, channel: Channel) -> None:
     channel.doing("planning")
     of_loop = _Loop(model, request, planned).run(channel)
     for path in planned:
-        channel.send(path.row(of_loop, planned[0]))
         path.close()
+    return [path.row(of_loop, planned[0]) for path in planned]
 
 
 class _PlannedPath:

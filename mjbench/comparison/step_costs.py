@@ -32,7 +32,6 @@ def step_cost_s(digest: str, measure: Callable[[], float]) -> float:
     """Return about how many seconds a step of a model takes, a power of two.
 
     Args:
-      digest: of the model (see `model_digest`).
       measure: returns the seconds of a step; called where no table has them.
     """
     for table in (_read(SHIPPED), _read(_user_file())):

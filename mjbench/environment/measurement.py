@@ -19,6 +19,7 @@ from mjbench.environment.run import (
     EnvironmentPlan,
     EnvironmentRequest,
     EnvironmentRound,
+    measure_in_child,
 )
 from mjbench.environment.source import EnvironmentSource
 from mjbench.host import isolate
@@ -35,8 +36,8 @@ def measure(source: EnvironmentSource, plan: EnvironmentPlan) -> EnvironmentReco
     messages: list[object] = []
     try:
         ended = isolate.run(
-            "mjbench.environment.run:measure_in_child",
-            EnvironmentRequest(source, plan, variants),
+            measure_in_child,
+            (EnvironmentRequest(source, plan, variants),),
             messages.append,
             plan.limit_s,
         )

@@ -29,7 +29,7 @@ from mjbench.environment.run import EnvironmentPlan
 from mjbench.environment.source import EnvironmentSource
 from mjbench.errors import Failure, InputError, describe
 from mjbench.host import isolate, machine
-from mjbench.host.isolate import Channel
+from mjbench.host.isolate import Channel, Ended
 from mjbench.paired.launches import StopRule, Targets, UnableError, launch
 from mjbench.status import Status
 
@@ -112,21 +112,23 @@ class _VectorLaunches(Targets[VectorLaunch]):
 
     def launch(self, positions: Sequence[int]) -> VectorLaunch:
         """See `Targets.launch`."""
-        answers: list[object] = []
-        ended = isolate.run(
-            "mjbench.environment.vectors:measure_in_child",
+        answer = isolate.call(
+            measure_in_child,
             dataclasses.replace(self._request, forms=positions),
-            answers.append,
-            self._request.plan.limit_s,
+            limit_s=self._request.plan.limit_s,
+            otherwise=_ended_by,
         )
-        if ended.status != Status.OK and ended.item is not None:
-            raise UnableError(ended.item, ended.status, ended.detail)
-        ended.check()
-        (answer,) = answers
         if isinstance(answer, WrongForm):
             raise UnableError(answer.position, answer.status, answer.detail)
-        assert isinstance(answer, VectorLaunch), "a child sends nothing else"
         return answer
+
+
+def _ended_by(ended: Ended) -> WrongForm:
+    """Return the form that ended a child; raises as `Ended.check` does where none did."""
+    if ended.item is None:
+        ended.check()
+    assert ended.item is not None, "it did not end well"
+    return WrongForm(ended.item, ended.status, ended.detail)
 
 
 class _VectorRule(StopRule[VectorLaunch]):
@@ -175,8 +177,8 @@ class _VectorRule(StopRule[VectorLaunch]):
 # -- in the child ---------------------------------------------------------------------------------
 
 
-def measure_in_child(request: VectorRequest, channel: Channel) -> None:
-    """Make vectorised forms, compare and time them; send a `VectorLaunch`, or a `WrongForm`.
+def measure_in_child(request: VectorRequest, channel: Channel) -> VectorLaunch | WrongForm:
+    """Make vectorised forms, compare and time them.
 
     Raises:
       InputError: there are no such forms of this environment.
@@ -196,12 +198,11 @@ def measure_in_child(request: VectorRequest, channel: Channel) -> None:
             channel.allow_silence(PATIENCE * request.step_s * nstep * nenv)
             form = _compared(position, kind, request.source, singles[:nenv])
             if isinstance(form, WrongForm):
-                channel.send(form)
-                return
+                return form
             closing.callback(form.close)
             compared[position] = form
         channel.allow_silence(PATIENCE * request.step_s * nstep * most * len(compared) * _ROUNDS)
-        channel.send(_timed(compared, singles, channel))
+        return _timed(compared, singles, channel)
 
 
 def _singles(

@@ -1,13 +1,12 @@
 """Run a function in a child process, so that a crash or a hang costs only its own rows.
 
-The parent calls `run`, or `call` for a single answer; the child calls `child_main`. The request and
-the messages that the child sends back are pickled; both sides are the same code. The child works in
-an empty folder (MuJoCo writes log files into the current one), and it dies with the parent.
+The parent calls `run`, or `call` for a single answer; the child calls `child_main`. Arguments, and
+the messages that the child sends back, are pickled; both sides are the same code. The child works
+in an empty folder (MuJoCo writes log files into the current one), and it dies with the parent.
 Messages have a connection of their own: all that the child writes to its output goes to a log.
 """
 
 import contextlib
-import importlib
 import json
 import os
 import signal
@@ -30,7 +29,7 @@ _Arguments = TypeVarTuple("_Arguments")
 _REFUSALS = {Status.INPUT: InputError, Status.UNAVAILABLE: UnavailableError}
 _ACTIVITY = "activity.json"
 _LOG = "output.txt"
-# The child's program; its arguments are the task, the connection, and the parent.
+# The child's program; its arguments are the connection, and the parent.
 _CHILD = "import sys; from mjbench.host.isolate import child_main; child_main(*sys.argv[1:])"
 
 
@@ -43,11 +42,13 @@ class Ended:
       detail: one line for people; empty when ok.
       item: number of the item that the child worked on when it crashed, failed or hung; None where
         it worked on none, or is unknown.
+      answer: what the function returned.
     """
 
     status: Status
     detail: str = ""
     item: int | None = None
+    answer: Any = None
 
     def check(self) -> None:
         """Raise the error that this end stands for; return when the child ended well.
@@ -77,7 +78,7 @@ class Channel:
         self._activity_file = Path.cwd() / _ACTIVITY  # the task may change the folder
 
     def receive(self) -> Any:
-        """Return the request."""
+        """Return what is to be called, and its arguments."""
         return self._connection.recv()
 
     def send(self, message: object) -> None:
@@ -105,18 +106,18 @@ class Channel:
 
 
 def run(
-    task: str,
-    request: object,
+    function: Callable[[*_Arguments, Channel], object],
+    arguments: tuple[*_Arguments],
     on_message: Callable[[Any], None],
     limit_s: float,
     import_from: str | None = None,
     environment: Mapping[str, str | None] | None = None,
     memory_bytes: int | None = None,
 ) -> Ended:
-    """Call the function `task` ("module:function") in a child with (request, channel).
+    """Call a function of a module in a child.
 
     Args:
-      request: its first argument; anything that pickles.
+      arguments: before its last one, the channel; anything that pickles.
       on_message: called with each message as it arrives.
       limit_s: the child is killed after this long without a message.
       import_from: a further folder that the child may import from.
@@ -132,9 +133,7 @@ def run(
     """
     with scratch.folder() as folder:
         connection = child_connection.start(
-            lambda descriptor: [
-                *(sys.executable, "-c", _CHILD, task, str(descriptor), str(os.getpid()))
-            ],
+            lambda descriptor: [sys.executable, "-c", _CHILD, str(descriptor), str(os.getpid())],
             folder / _LOG,
             limit_s,
             stdin=subprocess.DEVNULL,
@@ -142,60 +141,50 @@ def run(
             env=_environment(import_from, environment or {}),
         )
         try:
-            end = _converse(connection, request, on_message, limit_s, memory_bytes)
+            end = _converse(connection, (function, arguments), on_message, limit_s, memory_bytes)
         finally:
             connection.end()
         return end if end.status in (Status.OK, *_REFUSALS) else _located(end, folder)
 
 
-@dataclass(frozen=True)
-class _Call:
-    """Asks a child to call a function."""
-
-    function: Callable[..., object]
-    arguments: tuple[object, ...]
-
-
 def _refuse(ended: Ended) -> NoReturn:
     ended.check()
-    raise AssertionError("a child that ends well has answered")
+    raise AssertionError("it did not end well")
 
 
 def call(
     function: Callable[[*_Arguments, Channel], _Answer],
     *arguments: *_Arguments,
     limit_s: float,
+    import_from: str | None = None,
     environment: Mapping[str, str | None] | None = None,
     memory_bytes: int | None = None,
     otherwise: Callable[[Ended], _Answer] = _refuse,
 ) -> _Answer:
-    """Return what a function of a module returns in a child; its last argument is the channel.
+    """Return what a function returns in a child; arguments are as of `run`.
 
     Args:
-      limit_s, environment, memory_bytes: as of `run`.
       otherwise: what to return where the child did not end well; raises as `Ended.check` does,
         unless given.
     """
-    answers: list[_Answer] = []
     ended = run(
-        "mjbench.host.isolate:answer",
-        _Call(function, arguments),
-        answers.append,
+        function,
+        arguments,
+        lambda message: None,
         limit_s,
-        environment=environment,
-        memory_bytes=memory_bytes,
+        import_from,
+        environment,
+        memory_bytes,
     )
-    return answers[0] if ended.status == Status.OK else otherwise(ended)
-
-
-def answer(request: _Call, channel: Channel) -> None:
-    """Call a function, and send what it returns; runs in the child."""
-    channel.send(request.function(*request.arguments, channel))
+    if ended.status != Status.OK:
+        return otherwise(ended)
+    answer: _Answer = ended.answer
+    return answer
 
 
 def _converse(
     connection: ChildConnection,
-    request: object,
+    to_call: object,
     on_message: Callable[[Any], None],
     limit_s: float,
     memory_bytes: int | None,
@@ -206,7 +195,7 @@ def _converse(
             raise connection.failure(Status.FAILED, cause)
 
     with contextlib.suppress(OSError):  # a dead child is reported when its answer is read
-        connection.connection.send(request)
+        connection.connection.send(to_call)
     limit = limit_s
     try:
         while True:
@@ -244,17 +233,15 @@ def _environment(import_from: str | None, others: Mapping[str, str | None]) -> d
     return {name: value for name, value in variables.items() if value is not None}
 
 
-def child_main(task: str, descriptor: str, parent: str) -> None:
-    """Be the child: call the task, and say how it ended."""
+def child_main(descriptor: str, parent: str) -> None:
+    """Be the child: call the function, and say how it ended."""
     child.die_with_parent(int(parent))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.set_inheritable(int(descriptor), False)
     channel = Channel(int(descriptor))
     try:
-        request = channel.receive()
-        module, _, function = task.partition(":")
-        getattr(importlib.import_module(module), function)(request, channel)
-        end = Ended(Status.OK)
+        function, arguments = channel.receive()
+        end = Ended(Status.OK, answer=function(*arguments, channel))
     except BaseException as error:  # a path of the user's own may raise SystemExit
         failure = failure_of(error)
         end = Ended(failure.status, failure.detail)

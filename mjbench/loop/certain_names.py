@@ -31,8 +31,8 @@ class CertainNames:
 
     @cached_property
     def commands(self) -> Sequence[str]:
-        """The commands of IPython, each on its line; the other lines are empty."""
-        return [line.text if line.text != line.python else "" for line in self.program.lines]
+        """The lines with commands of IPython."""
+        return [line.text for line in self.program.lines if line.is_command]
 
     @cached_property
     def _has_subclass(self) -> bool:
@@ -45,7 +45,8 @@ class CertainNames:
 
     def rebinding(self, name: str, loop: Loop) -> str:
         """Return why a name may change its value during a loop, or have none before it."""
-        if any(self.commands[loop.lineno - 1 : loop.end_lineno]):
+        lines = self.program.lines[loop.lineno - 1 : loop.end_lineno]
+        if any(line.is_command for line in lines):
             return "a command of IPython is in the loop"
         if self.is_in_command(name):
             return f"a command of IPython names {name}"

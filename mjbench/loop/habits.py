@@ -204,8 +204,6 @@ HABITS = (
     ZERO_STEPS,
     ONE_CALL,
 )
-
-
 BY_NAME = {habit.name: habit for habit in HABITS}
 
 

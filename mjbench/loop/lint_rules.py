@@ -73,12 +73,7 @@ def logged_views(script: SteppingScript) -> Iterator[Match]:
 
     Results: the log holds one row for each step. The simulation stays as it is.
     """
-    returned = (
-        "a view is returned, and the caller stores it: every entry will show the last state; add"
-        " .copy()"
-    )
-    for stored in stored_views(script).all():
-        yield Match(stored.view, message=returned if stored.is_returned else "")
+    return stored_views(script).matches()
 
 
 @rule(

@@ -7,7 +7,7 @@ command line, `--select` and `--ignore` replace `select` and `ignore` of its `[t
 
 import fnmatch
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -69,7 +69,8 @@ class RuleChoice:
         path = Path(file).parent.resolve() / Path(file).name
         settings = self._settings_of(path.parent)
         ignore = [*(self.ignore or settings.ignore), *settings.ignored_in(path)]
-        return codes(self.select or settings.select, ignore)
+        select = self.select or settings.select
+        return sorted((_matching(select) if select else {*ALL_CODES}) - _matching(ignore))
 
     def _settings_of(self, folder: Path) -> LintSettings:
         known = self._by_folder
@@ -87,28 +88,17 @@ class RuleChoice:
 ALL_RULES = RuleChoice()
 
 
-def codes(select: Iterable[str], ignore: Iterable[str]) -> list[str]:
-    """Return the codes of the rules to check; to ignore takes precedence, and all are the default.
-
-    Raises:
-      InputError: no rule has such a code.
-    """
-    selected = _matching(select) if select else set(ALL_CODES)
-    return sorted(selected - _matching(ignore))
-
-
-def _matching(beginnings: Iterable[str]) -> set[str]:
-    matching = set()
+def _matching(beginnings: Sequence[str]) -> set[str]:
+    """Return the codes that begin so; raise InputError if none does."""
     for beginning in beginnings:
-        of_beginning = {code for code in ALL_CODES if code.startswith(beginning.upper())}
-        if not beginning or not of_beginning:
+        if not beginning or not any(code.startswith(beginning.upper()) for code in ALL_CODES):
             raise InputError(f"no rule {beginning!r}; there are {', '.join(ALL_CODES)}")
-        matching |= of_beginning
-    return matching
+    wanted = tuple(beginning.upper() for beginning in beginnings)
+    return {code for code in ALL_CODES if code.startswith(wanted)}
 
 
 def read_settings(file: Path) -> LintSettings:
-    """Return the settings in a pyproject.toml; none where it has no such table.
+    """Return the settings in a pyproject.toml; the defaults where it has no such table.
 
     Raises:
       InputError: it cannot be read, is not TOML, or has other keys or values than these.

@@ -30,13 +30,13 @@ class SourceLine:
 
     Attributes:
       text: without its end.
-      python: what is parsed; other than `text` in a line with a command of IPython.
+      is_command: whether it is not Python, but a command of IPython or a part of one.
       number: from 1; of the file, or of the cell.
       cell: of a notebook, from 1; None in a Python file.
     """
 
     text: str
-    python: str
+    is_command: bool
     number: int
     cell: int | None
 
@@ -166,7 +166,7 @@ def _source_lines(part: Part) -> list[SourceLine]:
     pythons = _NEWLINE.split(part.python) if part.python is not part.text else texts
     pythons += [""] * (len(texts) - len(pythons))  # a cell that is not Python has none
     return [
-        SourceLine(text, python, number, part.cell)
+        SourceLine(text, text != python, number, part.cell)
         for number, (text, python) in enumerate(zip(texts, pythons, strict=True), 1)
     ]
 

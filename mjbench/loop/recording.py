@@ -6,6 +6,7 @@ allocated before the loop.
 """
 
 import enum
+import functools
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -116,7 +117,7 @@ def record(
         raise InputError("give controls or a policy, not both")
     step_controls, names = _step_controls(model, int(nstep), controls), _with_counts(fields)
     follower = _Follower(model, data, names) if same_moment else None
-    log = _Log.of(model, follower.data if follower else data, int(nstep), names)
+    log = _Log(model, follower.data if follower else data, int(nstep), names)
     _run(model, data, int(nstep), step_controls, policy, log, follower)
     return log.recorded()
 
@@ -186,54 +187,50 @@ class _Follower:
                 mujoco.mj_sensorVel(model, data)
 
 
-@dataclass(frozen=True, eq=False)
 class _Log:
-    """What is recorded, by the way it is read after a step.
+    """The rows of all fields, and how the next one is read after a step.
 
     Attributes:
-      fields: in the order of the result.
-      views: rows (nstep, …) and the view of MjData that each row is copied from.
-      numbers: rows (nstep,) of the attributes of MjData that are numbers.
-      ragged: the rows of each step so far, and the function that copies the next.
+      views: rows (nstep, …), and the view of MjData that each row is copied from.
+      numbers: rows (nstep,), and the function that returns the number as it is now.
+      ragged: the rows of each step so far, after an empty array of their shape, and the function
+        that copies the next.
     """
 
-    fields: Sequence[str]
-    views: dict[str, tuple[np.ndarray, np.ndarray]]
-    numbers: dict[str, np.ndarray]
-    ragged: dict[str, tuple[list[np.ndarray], Callable[[], np.ndarray]]]
-
-    @classmethod
-    def of(
-        cls, model: mujoco.MjModel, data: mujoco.MjData, nstep: int, fields: Sequence[str]
-    ) -> "_Log":
-        """Return an empty log with all memory allocated, except for fields that change size."""
-        log = cls(fields, {}, {}, {})
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, nstep: int, fields: Sequence[str]
+    ):
+        """Allocate all memory, except for fields that change size."""
+        self.views: list[tuple[np.ndarray, np.ndarray]] = []
+        self.numbers: list[tuple[np.ndarray, Callable[[], float]]] = []
+        self.ragged: list[tuple[list[np.ndarray], Callable[[], np.ndarray]]] = []
+        self._rows: dict[str, np.ndarray | list[np.ndarray]] = {}
         for name in fields:
             if _changes_size(name):
-                log.ragged[name] = ([], _reader(data, name))
+                read = _reader(data, name)
+                self._rows[name] = steps = [read()[:0]]
+                self.ragged.append((steps, read))
                 continue
             value = _value(model, data, name)
             if isinstance(value, np.ndarray):
-                log.views[name] = (np.empty((nstep, *value.shape), value.dtype), value)
+                self._rows[name] = rows = np.empty((nstep, *value.shape), value.dtype)
+                self.views.append((rows, value))
             else:
-                log.numbers[name] = np.empty(nstep, type(value))
-        return log
+                self._rows[name] = rows = np.empty(nstep, type(value))
+                self.numbers.append((rows, functools.partial(getattr, data, name)))
 
     def recorded(self) -> dict[str, np.ndarray | Ragged]:
         """Return what `record` returns."""
-        recorded: dict[str, np.ndarray | Ragged] = {}
-        for name in self.fields:
-            if name in self.views:
-                recorded[name] = self.views[name][0]
-            elif name in self.numbers:
-                recorded[name] = self.numbers[name]
-            else:
-                steps, read = self.ragged[name]
-                counts = np.array([len(rows) for rows in steps], dtype=int)
-                # without a step, no rows of the right shape
-                values = np.concatenate(steps) if steps else read()[:0]
-                recorded[name] = Ragged(values, counts)
-        return recorded
+        return {
+            name: _ragged(rows) if isinstance(rows, list) else rows
+            for name, rows in self._rows.items()
+        }
+
+
+def _ragged(steps: Sequence[np.ndarray]) -> Ragged:
+    """Return the rows of steps, of which the first array is none."""
+    counts = np.array([len(rows) for rows in steps[1:]], dtype=int)
+    return Ragged(np.concatenate(steps), counts)
 
 
 def _run(
@@ -246,10 +243,8 @@ def _run(
     follower: _Follower | None,
 ) -> None:
     """Step and record; everything that a step uses is local, as in a careful loop by hand."""
-    source = follower.data if follower else data
     mj_step, ctrl = mujoco.mj_step, data.ctrl
-    views, numbers = list(log.views.values()), list(log.numbers.items())
-    ragged = list(log.ragged.values())
+    views, numbers, ragged = log.views, log.numbers, log.ragged
     for i in range(nstep):
         if controls is not None:
             ctrl[:] = controls[i]
@@ -262,8 +257,8 @@ def _run(
             follower.follow()
         for rows, view in views:
             rows[i] = view
-        for name, rows in numbers:
-            rows[i] = getattr(source, name)
+        for rows, number in numbers:
+            rows[i] = number()
         for steps, read in ragged:
             steps.append(read())
 

@@ -23,6 +23,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
+from mjbench.loop.lint_rule import Match
 from mjbench.loop.script_syntax import (
     FUNCTIONS,
     block_around,
@@ -46,6 +47,11 @@ _STORING_METHODS = {"append", "appendleft", "insert"}
 _PAST = re.compile(
     r"(^|_)(init|initial|start|first|home|prev|previous|last|old|before|saved)(_|$)", re.IGNORECASE
 )
+# What is wrong with a view that a function returns, and the script stores.
+_RETURNED = (
+    "a view is returned, and the caller stores it: every entry will show the last state;"
+    " add .copy()"
+)
 
 
 @dataclass(frozen=True)
@@ -61,14 +67,6 @@ class Store:
     place: ast.expr
     key: ast.expr | None
     values: list[ast.expr]
-
-
-@dataclass(frozen=True)
-class StoredView:
-    """A view that a script stores; `is_returned` where a function returns it to be stored."""
-
-    view: ast.expr
-    is_returned: bool = False
 
 
 @dataclass(frozen=True)
@@ -107,8 +105,8 @@ class StoredViews:
     def _writes(self) -> WritesThrough:
         return WritesThrough(self._script.nodes)
 
-    def all(self) -> Iterator[StoredView]:
-        """Yield them."""
+    def matches(self) -> Iterator[Match]:
+        """Yield the stored views; with a message where it is not that of the rule."""
         for loop in self._loops.values():
             for node in loop.inner:
                 if self.loop_around(node) is loop:
@@ -125,30 +123,31 @@ class StoredViews:
         around = (self._loops.get(loop) for loop in self._script.loops_around(node))
         return next((loop for loop in around if loop is not None), None)
 
-    def _stored(self, node: ast.AST, body: SteppingBody) -> Iterator[StoredView]:
+    def _stored(self, node: ast.AST, body: SteppingBody) -> Iterator[Match]:
         """Yield the views that a node of a loop or a method stores for later, to be read."""
         store = store_of(node)
         if store is None or not self._is_log(store, node, body):
             return
         for value in store.values:
-            for view in self._views_in(value):
-                if self._is_of_the_one_data(view, body.inner):
-                    yield StoredView(view)
-            for view in self._of_helpers(value, _renewed(body.inner)):
-                yield StoredView(view, is_returned=True)
+            yield from self._entries(value, body.inner, _renewed(body.inner))
 
-    def _collected(self, comprehension: ast.ListComp) -> Iterator[StoredView]:
+    def _collected(self, comprehension: ast.ListComp) -> Iterator[Match]:
         """Yield the views of which a comprehension that steps makes a list."""
         statement = self._script.parents.get(comprehension)
         targets = statement.targets if isinstance(statement, ast.Assign) else ()
         if any(self._writes.through_entries(dotted_name(target)) for target in targets):
             return
-        inner, element = nodes_inside(comprehension), comprehension.elt
-        for view in self._of_helpers(element, ()):
-            yield StoredView(view, is_returned=True)
-        for view in element.elts if isinstance(element, ast.Tuple) else [element]:
-            if self._script.is_view(view) and self._is_of_the_one_data(view, inner):
-                yield StoredView(view)
+        yield from self._entries(comprehension.elt, nodes_inside(comprehension), ())
+
+    def _entries(
+        self, value: ast.expr, inner: Sequence[ast.AST], renewed: Collection[str]
+    ) -> Iterator[Match]:
+        """Yield the views in a value that every iteration of some nodes stores."""
+        for view in self._views_in(value):
+            if self._is_of_the_one_data(view, inner):
+                yield Match(view)
+        for view in self._of_helpers(value, renewed):
+            yield Match(view, message=_RETURNED)
 
     def _is_log(self, store: Store, node: ast.AST, body: SteppingBody) -> bool:
         """Return whether every iteration of a body adds an entry to what outlives it."""

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
 
-from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
 from mjbench.errors import InputError, MachineError
 from mjbench.paired import across_machines, family
@@ -17,7 +16,7 @@ from mjbench.paired.across_machines import Outcome
 from mjbench.paired.records import VerdictRecord
 from mjbench.report import rows, verdicts
 from mjbench.report.across_machines import verdict_cell
-from mjbench.report.results import derive_all, disturbed
+from mjbench.report.results import derive_all, disturbed, path_results
 from mjbench.status import Status
 from mjbench.store.machine_identity import identify
 from mjbench.store.run_set import RunSet
@@ -97,12 +96,10 @@ def _check_kind(runs: Sequence[Run]) -> None:
 
 
 def _step_times(run: Run) -> Iterator[Metric]:
-    if run.of_type(ModelRecord):
-        for model_results in derive_all(run.records):
-            for r in model_results.results:
-                if r.step_ns is not None:
-                    name = f"{r.model}: {Variant(r.path, r.options)}, {r.nbatch} simulations"
-                    yield Metric(name, "ns/step", r.step_ns, disturbances=r.disturbances)
+    for r in path_results(run.records):
+        if r.step_ns is not None:
+            name = f"{r.model}: {r.variant}, {r.nbatch} simulations"
+            yield Metric(name, "ns/step", r.step_ns, disturbances=r.disturbances)
 
 
 def _ratios(run: Run) -> Iterator[Metric]:
@@ -245,11 +242,8 @@ def _cases(run: Run) -> Iterator[_Case]:
 
 
 def _path_cases(run: Run) -> Iterator[_Case]:
-    if run.of_type(ModelRecord):
-        for model_results in derive_all(run.records):
-            for r in model_results.results:
-                outcome = _OUTCOMES.get(r.status, "error")
-                yield _Case(r.model, str(Variant(r.path, r.options)), outcome, r.detail)
+    for r in path_results(run.records):
+        yield _Case(r.model, str(r.variant), _OUTCOMES.get(r.status, "error"), r.detail)
 
 
 def _cases_by_machine(runs: Sequence[Run]) -> Iterator[_Case]:

@@ -45,7 +45,7 @@ def render(report: Report) -> Iterator[str]:
         yield ""
         yield "<details><summary>Machines and versions</summary>"
         yield ""
-        yield from _table(report.machines)
+        yield from data_table(report.machines)
         yield ""
         yield "</details>"
 
@@ -82,7 +82,7 @@ def _tables(section: Section) -> Iterator[str]:
         if len(section.shown_tables) > 1:
             yield f"{escaped(table.title)}:"
             yield ""
-        yield from _table(table)
+        yield from data_table(table)
     for snippet in section.snippets if section.shows_code else ():
         yield ""
         yield f"{escaped(snippet.title)}:"
@@ -95,7 +95,8 @@ def _conclusions(conclusions: Iterable[tuple[str, Tone]]) -> Iterator[str]:
         yield f"- {_MARKS[tone]}{escaped(text)}"
 
 
-def _table(table: DataTable) -> Iterator[str]:
+def data_table(table: DataTable) -> Iterator[str]:
+    """Yield the lines of a table, without empty columns and bars."""
     table = table.filled_columns(with_bars=False)
     headings = [escaped(column.title) or " " for column in table.columns]
     right = {escaped(column.title) for column in table.columns if column.is_number}

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench.errors import printable
-from mjbench.host.machine import Machine
 from mjbench.releases import bundle
 from mjbench.releases.release_ratios import RatioRecord
 from mjbench.report import across_machines as across
@@ -177,30 +176,19 @@ def _main(kind: kinds.Kind, section: Section, machine: str) -> Sequence[Conclusi
 
 
 def _machines(named_runs: Sequence[NamedRun], identities: Sequence[MachineIdentity]) -> DataTable:
-    columns = (
-        Column("machine"),
-        Column("run file"),
-        Column("processor"),
-        Column("usable cores", formats.count),
-        Column("system"),
-        Column("Python"),
-        Column("versions"),
+    table = DataTable.of(
+        "Machines",
+        [
+            (identity.name, printable(named.file.name), named.run.header.machine)
+            for named, identity in zip(named_runs, identities, strict=True)
+        ],
+        (Column("machine"), lambda row: row[0]),
+        (Column("run file"), lambda row: row[1]),
+        (Column("processor"), lambda row: f"{row[2].cpu}{' (virtual)' * row[2].hypervisor}"),
+        (Column("usable cores", formats.count), lambda row: row[2].usable_cores),
+        (Column("system"), lambda row: row[2].system),
+        (Column("Python"), lambda row: row[2].python),
+        (Column("versions"), lambda row: ", ".join(map(" ".join, row[2].versions.items()))),
     )
-    pairs = zip(named_runs, identities, strict=True)
     # a set may hold many runs of a machine
-    rows = dict.fromkeys((identity.name, *_machine_cells(named)) for named, identity in pairs)
-    return DataTable("Machines", columns, list(rows))
-
-
-def _machine_cells(named: NamedRun) -> tuple[str | int, ...]:
-    machine: Machine = named.run.header.machine
-    versions = ", ".join(f"{name} {version}" for name, version in machine.versions.items())
-    cpu = f"{machine.cpu} (virtual)" if machine.hypervisor else machine.cpu
-    return (
-        printable(named.file.name),
-        cpu,
-        machine.usable_cores,
-        machine.system,
-        machine.python,
-        versions,
-    )
+    return replace(table, rows=list(dict.fromkeys(map(tuple, table.rows))))

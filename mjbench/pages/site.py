@@ -21,14 +21,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench import extras
-from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError, MachineError, one_line, writing
 from mjbench.pages import html, markdown, reports
-from mjbench.pages.markdown import code, escaped
+from mjbench.pages.markdown import escaped
 from mjbench.pages.reports import NamedRun
-from mjbench.report import formats, history, history_plots
-from mjbench.report.advice import advise
-from mjbench.report.comparison import mark
+from mjbench.report import comparison, history, history_plots
 from mjbench.report.content import Tone
 from mjbench.report.results import derive_all
 from mjbench.report.speed_history import SpeedHistory
@@ -340,38 +337,15 @@ def _index(project: Project, source: Path) -> Iterator[str]:
 
 def _summary(runs: Sequence[NamedRun]) -> Iterator[str]:
     """Yield what a file comes to: what one run advises as a table, anything else as sentences."""
-    advice = [
-        row
-        for named in runs
-        for results in derive_all(named.run.records)
-        for row in advise(results)
-    ]
+    advice = comparison.advice_table([r for each in runs for r in derive_all(each.run.records)])
     conclusions = reports.build(runs).conclusions
-    if (
-        len(runs) > 1
-        or not advice
-        or any(conclusion.tone == Tone.BAD for conclusion in conclusions)
-    ):
-        for conclusion in conclusions:
-            yield f"- {escaped(conclusion.text)}"
-        return
-    for conclusion in reports.first_of(conclusions):
+    is_bad = any(conclusion.tone == Tone.BAD for conclusion in conclusions)
+    has_table = len(runs) == 1 and advice.rows and not is_bad
+    for conclusion in reports.first_of(conclusions) if has_table else conclusions:
         yield f"- {escaped(conclusion.text)}"
-    yield ""
-    names = [(row.model, row.nbatch) for row in advice]
-    has_sizes = len({model for model, _ in names}) < len(set(names))
-    rows = [
-        (
-            escaped(f"{row.model}, {row.nbatch:,} simulations" if has_sizes else row.model),
-            row.loop.value,
-            f"{mark(row.is_certain)} {code(str(Variant(row.path, row.options)))}",
-            f"{formats.factor(row.speedup.estimate)}×" if row.speedup else "",
-            formats.ends(row.speedup),
-        )
-        for row in advice
-    ]
-    headings = ["model", "loop", "advised", "over the plain loop", "95 % interval"]
-    yield from markdown.table_lines(headings, rows, right_aligned=headings[3:4])
+    if has_table:
+        yield ""
+        yield from markdown.data_table(advice)
 
 
 def _toctree(caption: str, names: Sequence[str]) -> Iterator[str]:

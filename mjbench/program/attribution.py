@@ -120,8 +120,7 @@ def outside_loops(
         if place is not None:
             is_compiling = any(each.position in compiling for each in places)
             seconds[place].append((Activity.COMPILING if is_compiling else activity, interval_s))
-    shares = {place: shares_of(parts, wall_s) for place, parts in seconds.items()}
-    return large(LineTime(place, sum(parts.values()), parts) for place, parts in shares.items())
+    return large(LineTime.of(place, parts, wall_s) for place, parts in seconds.items())
 
 
 def _outside_activity(stack: Sequence[Frame], thread: ThreadSamples) -> Activity:
@@ -321,9 +320,8 @@ def _own_lines(resolved: Sequence[tuple[_Sample, Activity]]) -> list[LineTime]:
             packages[place.position][_called_package(sample, frame)] += 1
     times = []
     for position, parts in seconds.items():
-        shares = shares_of(parts, total_s)
-        package = packages[position].most_common(1)[0][0] if packages[position] else ""
-        times.append(LineTime(places[position], sum(shares.values()), shares, package))
+        package = next((name for name, _ in packages[position].most_common(1)), "")
+        times.append(LineTime.of(places[position], parts, total_s, package))
     return large(times)
 
 
@@ -369,8 +367,7 @@ def _building_line(
         if each == place or 2 * own_built_s >= sum(part_s for _, part_s in by_outermost[each])
         for part in by_outermost[each]
     ]
-    shares = shares_of(of_places, total_s)
-    return LineTime(place, sum(shares.values()), shares)
+    return LineTime.of(place, of_places, total_s)
 
 
 def _most_torn_s(seconds: Sequence[float]) -> float:
@@ -412,8 +409,7 @@ def _inner_functions(resolved: Sequence[tuple[_Sample, Activity]]) -> list[LineT
     for (file, function), seconds in functions.items():
         line = lines[file, function].most_common(1)[0][0]
         place = Place(activities.shown_path(file), line, function, f"{function}()")
-        parts = shares_of(seconds, total_s)
-        times.append(LineTime(place, sum(parts.values()), parts))
+        times.append(LineTime.of(place, seconds, total_s))
     return large(times)
 
 

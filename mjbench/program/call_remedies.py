@@ -16,22 +16,17 @@ from mjbench.program.calls import CallTime, Incident
 from mjbench.program.hook import call_clock
 from mjbench.program.loop_time import FEW_SAMPLES, LEAST_REPEATS, LoopTime
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
-from mjbench.program.remedy_table import CALL_REMEDIES, CallRemedy
-from mjbench.program.replacements import Measured
-from mjbench.program.trials import Question, Trial
+from mjbench.program.remedy_table import CALL_REMEDIES, CallRemedy, count_of
+from mjbench.program.replacements import Measured, TimeRatio
+from mjbench.program.trials import ROLLOUTS, Question, Trial
 from mjbench.simulation import package_timer
 
 # The most that a pair stands for; steps after a new MjData that tell what its memory costs them.
 _MOST_GAIN, _MOST_STEPS = 0.99, 50
 
-
-# Trials of all that a call does.
-_OF_WHOLE_CALLS = (
-    Trial.UNCENTERED,
-    Trial.MORE_THREADS,
-    Trial.NO_ROLLOUT,
-    Trial.BATCH_OR_ROLLOUT,
-)
+# Trials of what takes the place of a call. Where they could not be made, its time is a bound; an
+# unknown part of other calls stays.
+_OF_REPLACED_CALLS = (Trial.FUNCTIONS, Trial.NEW_DATA_OR_COPY, Trial.RENDERER)
 # What Python does to make a call, on its own line.
 _BESIDE_CALLS = (Activity.BINDINGS, Activity.PYTHON)
 _CLOCK_ADVICE = f"turn off {package_timer.NAME}: {package_timer.OFF_CODE}, after creating MjData"
@@ -88,7 +83,7 @@ def _contexts(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[_Context]
             if _are_of_new_models(loop, calls) or not remedy.applies(calls, loop.calls):
                 continue
             finding = _finding_of(remedy, place, loop, findings)
-            repeats = sum(call.calls for call in calls) >= LEAST_REPEATS
+            repeats = count_of(calls) >= LEAST_REPEATS
             if finding is not None or (repeats and not remedy.needs_finding):
                 at = place if finding is None else _place(finding)
                 nstep = sum(call.all_steps for call in steps_of(loop))
@@ -119,41 +114,23 @@ def _finding_of(
     return None
 
 
+@dataclass(frozen=True)
+class _Saving:
+    """What a remedy saves: shares of the loop's time."""
+
+    gain: float
+    share: float
+    basis: Basis
+
+
 def of_calls(loop: LoopTime, findings: Sequence[Finding], measured: Measured) -> Iterator[Remedy]:
     """Yield what to do about calls that were timed one by one."""
     for context in _contexts(loop, findings):
         remedy, calls, finding = context.remedy, context.calls, context.finding
-        count, share = sum(call.calls for call in calls), _share(loop, calls)
-        gain, basis = share, Basis.BOUND if remedy.is_bound else Basis.TIMED
-        if remedy.trial in (Trial.FUNCTIONS, Trial.INVERSE):
-            gain, basis = _gain_of_functions(loop, calls, _question(context), measured)
-            if remedy.trial == Trial.INVERSE and basis != Basis.PAIRED:
-                continue  # the halves of a step do not integrate as this model asks
-        elif remedy.trial == Trial.POOL:
-            # what threads cost to start is the same in any state, unlike the steps
-            saved_s = measured.saved_s(_question(context))
-            if saved_s is None:
-                continue  # most of the call is its steps
-            gain, basis = min(share, saved_s * count / loop.seconds), Basis.PAIRED
-        elif remedy.trial in _OF_WHOLE_CALLS:
-            saved = measured.saved(_question(context))
-            if saved is None:
-                continue  # most of the call is its steps
-            gain, basis = saved * _share_with_python(loop, calls), Basis.PAIRED
-        elif remedy.trial == Trial.ONE_CALL:
-            saved = measured.saved(_question(context))
-            if saved is None:
-                continue  # most of the call is its step
-            # the pair includes what Python does around each call
-            share += loop.activities.get(Activity.BINDINGS, 0.0)
-            gain, basis = saved * min(1.0, share), Basis.PAIRED
-        elif remedy.trial is not None:
-            basis = Basis.BOUND
-            if measured.saved(_question(context)) is not None:
-                gain, basis = _gain_of_objects(loop, context, measured), Basis.PAIRED
-        elif remedy.is_of_line:
-            lines = [line for line in loop.lines if line.place.position == context.place.position]
-            gain = share = max([share, *(line.share for line in lines)])
+        saving = _saving(loop, context, measured)
+        if saving is None:
+            continue
+        count, gain = count_of(calls), saving.gain
         if remedy.overlaps:
             waits = [call for call in loop.calls if call.callee in remedy.callees]
             gain = min(gain, 1 - _share(loop, waits))
@@ -168,10 +145,42 @@ def of_calls(loop: LoopTime, findings: Sequence[Finding], measured: Measured) ->
             gain,
             None,
             finding.code if finding is not None else "",
-            basis=basis,
-            share=share,
+            basis=saving.basis,
+            share=saving.share,
             effect=remedy.effect,
         )
+
+
+def _saving(loop: LoopTime, context: _Context, measured: Measured) -> _Saving | None:
+    """Return what a remedy saves; None where that has to be measured, and could not be."""
+    remedy, share = context.remedy, _share(loop, context.calls)
+    if remedy.trial is None:
+        if remedy.is_of_line:
+            lines = [line for line in loop.lines if line.place.position == context.place.position]
+            share = max([share, *(line.share for line in lines)])
+        return _Saving(share, share, Basis.BOUND if remedy.is_bound else Basis.TIMED)
+    question = _question(context)
+    ratio = measured.ratios.get(question)
+    if ratio is None:
+        if remedy.trial not in _OF_REPLACED_CALLS:
+            return None
+        is_deleted = remedy.trial == Trial.FUNCTIONS and not question.functions
+        return _Saving(share, share, Basis.TIMED if is_deleted else Basis.BOUND)
+    if remedy.trial == Trial.ONE_CALL:  # the pair includes what Python does around each call
+        share = min(1.0, share + loop.activities.get(Activity.BINDINGS, 0.0))
+    return _Saving(_gain_of_pair(loop, context, ratio, share), share, Basis.PAIRED)
+
+
+def _gain_of_pair(loop: LoopTime, context: _Context, ratio: TimeRatio, share: float) -> float:
+    """Return what calls save by the ratio of both ways."""
+    calls, trial = context.calls, context.remedy.trial
+    if trial in (Trial.FUNCTIONS, Trial.INVERSE):
+        return _gain_of_functions(loop, calls, ratio)
+    if trial in _OF_REPLACED_CALLS:
+        return _gain_of_objects(loop, context, ratio)
+    if trial == Trial.POOL:  # what threads cost to start is the same in any state, unlike the steps
+        return min(share, ratio.certainly_saved_s * count_of(calls) / loop.seconds)
+    return ratio.saved * (share if trial == Trial.ONE_CALL else _share_with_python(loop, calls))
 
 
 def _question(context: _Context) -> Question:
@@ -182,19 +191,20 @@ def _question(context: _Context) -> Question:
         return Question(remedy.trial, functions, steps=int(context.nstep > 0))
     if remedy.trial in (Trial.ONE_CALL, Trial.INVERSE, Trial.UNCENTERED):
         return Question(remedy.trial)
-    if remedy.trial in (Trial.POOL, *_OF_WHOLE_CALLS):
-        count, steps = sum(call.calls for call in calls), sum(call.steps for call in calls)
-        all_steps = sum(call.all_steps for call in calls)
+    if remedy.trial in ROLLOUTS:
+        steps = max(1.0, sum(call.steps for call in calls))
+        simulations = sum(call.all_steps for call in calls) / steps
+        steps_of_call = steps / max(1.0, count_of(calls))
         return Question(
             remedy.trial,
-            simulations=max(1, round(all_steps / max(1.0, steps))),
-            steps=max(1, round(steps / max(1.0, count))),
+            simulations=max(1, round(simulations)),
+            steps=max(1, round(steps_of_call)),
         )
     if remedy.trial == Trial.RENDERER:
         frame = next((call.frame for call in calls if call.frame), None)
         backend = calls[0].backend
         return Question(remedy.trial, frame=frame or (240, 320), backend=backend)
-    after_each = round(context.nstep / max(1.0, sum(call.calls for call in calls)))
+    after_each = round(context.nstep / max(1.0, count_of(calls)))
     after_each = min(_MOST_STEPS, after_each)
     if finding is not None and finding.code == "MJB005":
         return Question(Trial.NEW_DATA_OR_RESET, steps=after_each)
@@ -202,7 +212,7 @@ def _question(context: _Context) -> Question:
     return Question(trial, steps=after_each)
 
 
-def _gain_of_objects(loop: LoopTime, context: _Context, measured: Measured) -> float:
+def _gain_of_objects(loop: LoopTime, context: _Context, ratio: TimeRatio) -> float:
     """Return what it saves to create an object once.
 
     The pair that was measured holds more than the call: what is done with the new object, whose
@@ -210,7 +220,6 @@ def _gain_of_objects(loop: LoopTime, context: _Context, measured: Measured) -> f
     all that samples do not see on other lines, but for the steps that the pair leaves out.
     """
     question = _question(context)
-    ratio = measured.ratios[question]
     is_frame = question.trial == Trial.RENDERER
     beside = [
         call
@@ -220,7 +229,7 @@ def _gain_of_objects(loop: LoopTime, context: _Context, measured: Measured) -> f
     stands_for = _stands_for(loop, [*context.calls, *beside])
     if loop.samples < FEW_SAMPLES:
         return min(stands_for, ratio.saved * _share(loop, context.calls) / ratio.created_share)
-    created = sum(call.calls for call in context.calls)
+    created = count_of(context.calls)
     left_out = 0.0 if is_frame else 1 - min(1.0, question.steps * created / max(1.0, context.nstep))
     of_steps = stands_for - _share(loop, context.calls)  # with what Python does to call them
     return ratio.saved * (stands_for - left_out * of_steps)
@@ -244,22 +253,16 @@ def _stands_for(loop: LoopTime, calls: Sequence[CallTime]) -> float:
     return min(_MOST_GAIN, max(timed, 1 - elsewhere - _share(loop, others)))
 
 
-def _gain_of_functions(
-    loop: LoopTime, calls: Sequence[CallTime], question: Question, measured: Measured
-) -> tuple[float, Basis]:
-    """Return what other functions after a step save.
+def _gain_of_functions(loop: LoopTime, calls: Sequence[CallTime], ratio: TimeRatio) -> float:
+    """Return what other functions beside a step save.
 
     The pair that was measured is a step with the call, and a step with the other functions.
     """
-    share, saved = _share(loop, calls), measured.saved(question)
-    if saved is None:
-        return share, Basis.TIMED if not question.functions else Basis.BOUND
-    count = sum(call.calls for call in calls)
     nstep = sum(call.all_steps for call in steps_of(loop))
     calls_s, steps_s = sum(call.seconds for call in calls), _steps_s(loop)
-    pair_s = calls_s + count * (steps_s / nstep if nstep else 0.0)
+    pair_s = calls_s + count_of(calls) * (steps_s / nstep if nstep else 0.0)
     both = _share_with_python(loop, [*calls, *steps_of(loop)])
-    return saved * both * pair_s / (calls_s + steps_s), Basis.PAIRED
+    return ratio.saved * both * pair_s / (calls_s + steps_s)
 
 
 def _share_with_python(loop: LoopTime, calls: Sequence[CallTime]) -> float:
@@ -270,7 +273,7 @@ def _share_with_python(loop: LoopTime, calls: Sequence[CallTime]) -> float:
 def _no_timer(loop: LoopTime) -> Question:
     """Return the question about the timer, for as many steps a call as the loop takes."""
     steps = steps_of(loop)
-    nstep = sum(call.all_steps for call in steps) / max(1.0, sum(call.calls for call in steps))
+    nstep = sum(call.all_steps for call in steps) / max(1.0, count_of(steps))
     return Question(Trial.NO_TIMER, steps=max(1, round(nstep)))
 
 

@@ -16,7 +16,7 @@ from mjbench.program.activities import Activity, Place
 from mjbench.program.hook import call_clock
 from mjbench.program.samples import Frame
 from mjbench.program.source_loops import SourceLoop, outermost_loop
-from mjbench.program.step_times import Header
+from mjbench.program.step_times import Header, read_engine
 
 # What callees do, but for functions of the engine: those are physics.
 _ACTIVITIES: Mapping[str, Activity] = {
@@ -136,7 +136,7 @@ class ProgramCalls:
 
 def read_all(folder: Path, headers: Mapping[int, Header]) -> ProgramCalls:
     """Return the calls of all processes whose files are in a folder."""
-    names = _warning_names(folder / "engine.json")
+    names = read_engine(folder).warnings
     calls: list[CallTime] = []
     incidents: list[Incident] = []
     growth: list[int] = []
@@ -322,11 +322,3 @@ def _without_callbacks(calls: Sequence[CallTime]) -> list[CallTime]:
         else call
         for call in calls
     ]
-
-
-def _warning_names(file: Path) -> Mapping[int, str]:
-    """Return the names of the engine's warnings; none where MuJoCo was not imported."""
-    if not file.is_file():
-        return {}
-    stored = json.loads(file.read_text(encoding="utf-8")).get("warnings", {})
-    return {int(kind): str(name) for kind, name in stored.items()}

@@ -31,8 +31,8 @@ Advance = Callable[[int, str, float], None]
 
 
 @dataclass(frozen=True)
-class Trial:
-    """One way of running the program.
+class Rerun:
+    """One way of running the program again.
 
     Attributes:
       change: that the step clock applies; "" for none.
@@ -64,17 +64,17 @@ def confirm(
 
     with scratch.folder() as folder:
         original, fixed = _sources(program, folder)
-        trials = [_trial(remedy, program, original, fixed) for remedy in remedies]
-        unchanged = Trial(source=original)
-        distinct = list(dict.fromkeys([unchanged, *(trial for trial in trials if trial)]))
+        reruns = [_rerun(remedy, program, original, fixed) for remedy in remedies]
+        unchanged = Rerun(source=original)
+        distinct = list(dict.fromkeys([unchanged, *(rerun for rerun in reruns if rerun)]))
         if len(distinct) == 1:
             return list(remedies)
         seconds = _seconds_per_step(distinct, run or run_program, advance)
     return [
         remedy
-        if trial is None or not len(seconds[trial]) == ROUNDS == len(seconds[unchanged])
-        else replace(remedy, confirmed=_confirmed(seconds[unchanged], seconds[trial]))
-        for remedy, trial in zip(remedies, trials, strict=True)
+        if rerun is None or not len(seconds[rerun]) == ROUNDS == len(seconds[unchanged])
+        else replace(remedy, confirmed=_confirmed(seconds[unchanged], seconds[rerun]))
+        for remedy, rerun in zip(remedies, reruns, strict=True)
     ]
 
 
@@ -105,49 +105,49 @@ def _sources(program: Program, folder: Path) -> tuple[Path | None, Path | None]:
     return file, fixed
 
 
-def _trial(
+def _rerun(
     remedy: Remedy, program: Program, original: Path | None, fixed: Path | None
-) -> Trial | None:
+) -> Rerun | None:
     """Return how the program runs with a remedy; None where mjbench cannot apply it."""
     if remedy.kind in _CHANGES:
-        return Trial(_CHANGES[remedy.kind], original)
+        return Rerun(_CHANGES[remedy.kind], original)
     if remedy.kind == RemedyKind.COPIES:
-        return Trial(source=original, copies=machine.usable_cores())
+        return Rerun(source=original, copies=machine.usable_cores())
     is_own = remedy.place is not None and Path(remedy.place.file).name == program.name
     if remedy.code and remedy.gain is not None and is_own and fixed is not None:
-        return Trial(source=fixed)
+        return Rerun(source=fixed)
     return None
 
 
 def _seconds_per_step(
-    trials: Sequence[Trial], run: Run, advance: Advance
-) -> dict[Trial, list[float]]:
-    """Return the seconds of a step in each round, by trial; fewer rounds where one failed."""
-    seconds: dict[Trial, list[float]] = {trial: [] for trial in trials}
+    reruns: Sequence[Rerun], run: Run, advance: Advance
+) -> dict[Rerun, list[float]]:
+    """Return the seconds of a step in each round, by rerun; fewer rounds where one failed."""
+    seconds: dict[Rerun, list[float]] = {rerun: [] for rerun in reruns}
     for number in range(ROUNDS):
         # every other round goes backward: a drift of the machine favours none
-        for i, trial in enumerate(trials if number % 2 == 0 else trials[::-1]):
-            advance(number * len(trials) + i, trial.name, 0.0)
-            if len(seconds[trial]) < number:
+        for i, rerun in enumerate(reruns if number % 2 == 0 else reruns[::-1]):
+            advance(number * len(reruns) + i, rerun.name, 0.0)
+            if len(seconds[rerun]) < number:
                 continue  # it has failed
             try:
-                steps = _run_copies(run, trial)
+                steps = _run_copies(run, rerun)
             except MjbenchError:
                 continue
             rate = sum(each.steps_per_s or 0.0 for each in steps)
             if rate > 0:
-                seconds[trial].append(1 / rate)
+                seconds[rerun].append(1 / rate)
     return seconds
 
 
-def _run_copies(run: Run, trial: Trial) -> list[StepTimes]:
-    """Run all copies of a trial at once; return the steps of all their processes.
+def _run_copies(run: Run, rerun: Rerun) -> list[StepTimes]:
+    """Run all copies of a rerun at once; return the steps of all their processes.
 
     Raises:
       MjbenchError: one of them failed.
     """
-    with ThreadPoolExecutor(trial.copies) as pool:
-        running = [pool.submit(run, trial.change, trial.source) for _ in range(trial.copies)]
+    with ThreadPoolExecutor(rerun.copies) as pool:
+        running = [pool.submit(run, rerun.change, rerun.source) for _ in range(rerun.copies)]
         return [each for done in running for each in done.result()]
 
 

@@ -156,24 +156,48 @@ def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> Ob
                 time.sleep(profiling.look_s)
         end_s = time.monotonic()
         profiling.sampler.stop()
+        return _observation(folder, pid, sampling, profiling, end_s - begin_s, end_s)
+
+
+def _observation(
+    folder: Path,
+    pid: int,
+    sampling: Sampling,
+    profiling: Profiling | None,
+    wall_s: float,
+    end_s: float,
+    exit_code: int = 0,
+    was_ended: bool = False,
+    processor: ProcessorUse | None = None,
+) -> Observation:
+    """Return what the profiler and the clocks have seen; there are no clocks in some programs.
+
+    Args:
+      profiling: None where the program ended before it began.
+    """
+    waits: Sequence[GilWait] = ()
+    threads: Sequence[ThreadSamples] = ()
+    problem = sampler.TOO_SHORT
+    if profiling is not None:
         threads, problem = profiling.samples(end_s)
-        return Observation(
-            exit_code=0,
-            was_ended=False,
-            wall_s=end_s - begin_s,
-            pid=pid,
-            threads=threads,
-            steps=(),
-            rate_hz=profiling.rate_hz,
-            has_native=sampling.has_native,
-            paused_share=profiling.paused_share,
-            problem=problem,
-            gil_waits=_gil_waits(profiling, threads),
-        )
-
-
-def _gil_waits(profiling: Profiling, threads: Sequence[ThreadSamples]) -> Sequence[GilWait]:
-    return gil_waits.gil_waits(profiling.thread_times.times(), threads, profiling.holders())
+        waits = gil_waits.gil_waits(profiling.thread_times.times(), threads, profiling.holders())
+    return Observation(
+        exit_code=exit_code,
+        was_ended=was_ended,
+        wall_s=wall_s,
+        pid=pid,
+        threads=threads,
+        steps=step_times.read_all(folder),
+        rate_hz=sampler.DEFAULT_RATE_HZ if profiling is None else profiling.rate_hz,
+        has_native=sampling.has_native,
+        paused_share=None if profiling is None else profiling.paused_share,
+        processor=processor,
+        problem=problem,
+        calls=calls.read_all(folder, step_times.read_headers(folder)),
+        models=recorded_models.read_all(folder),
+        crash=_crash(folder),
+        gil_waits=waits,
+    )
 
 
 def _run(program: Program, folder: Path, seconds: float | None, sampling: Sampling) -> Observation:
@@ -200,25 +224,16 @@ def _run(program: Program, folder: Path, seconds: float | None, sampling: Sampli
     if profiling is not None:
         processor = end.use(begin, profiling)
         profiling.sampler.finish()
-    threads, problem = (
-        ([], sampler.TOO_SHORT) if profiling is None else profiling.samples(end.time_s)
-    )
-    return Observation(
-        exit_code=_exit_code(process.returncode),
-        was_ended=was_ended,
-        wall_s=end.time_s - begin.time_s,
-        pid=process.pid,
-        threads=threads,
-        steps=step_times.read_all(folder),
-        rate_hz=sampler.DEFAULT_RATE_HZ if profiling is None else profiling.rate_hz,
-        has_native=sampling.has_native,
-        paused_share=None if profiling is None else profiling.paused_share,
-        processor=processor,
-        problem=problem,
-        calls=calls.read_all(folder, step_times.read_headers(folder)),
-        models=recorded_models.read_all(folder),
-        crash=_crash(folder),
-        gil_waits=() if profiling is None else _gil_waits(profiling, threads),
+    return _observation(
+        folder,
+        process.pid,
+        sampling,
+        profiling,
+        end.time_s - begin.time_s,
+        end.time_s,
+        _exit_code(process.returncode),
+        was_ended,
+        processor,
     )
 
 

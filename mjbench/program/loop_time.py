@@ -48,6 +48,18 @@ class LineTime:
         if not self.activities:
             raise ValueError("a line has no activity")
 
+    @classmethod
+    def of(
+        cls,
+        place: Place,
+        parts: Iterable[tuple[Activity, float]],
+        total_s: float,
+        package: str = "",
+    ) -> "LineTime":
+        """Return a line with the seconds of what it does, as shares of a total."""
+        shares = shares_of(parts, total_s)
+        return cls(place, sum(shares.values()), shares, package)
+
     @property
     def main_activity(self) -> Activity:
         """What takes most of the line's time."""

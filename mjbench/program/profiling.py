@@ -10,9 +10,8 @@ from pathlib import Path
 from mjbench.errors import InputError
 from mjbench.host import machine
 from mjbench.program import sampler, samples
-from mjbench.program.gil_waits import Holders
+from mjbench.program.gil_waits import Holders, ThreadTimes
 from mjbench.program.samples import ThreadSamples
-from mjbench.program.thread_times import ThreadTimes
 
 # Looks after which the profiler's rate is lowered if it stops the program for too long: 3 seconds.
 LOOKS_TO_ADAPT, MAX_PAUSED_SHARE = 300, 0.01

@@ -1,13 +1,14 @@
 """Models that a program stepped, with a few states of each, as the call clock wrote them."""
 
 import contextlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from mjbench.program.step_times import read_engine
 
 if TYPE_CHECKING:
     import mujoco
@@ -44,8 +45,7 @@ def read_all(folder: Path) -> Sequence[RecordedModel]:
     models = []
     for file in of_first:
         with contextlib.suppress(OSError, ValueError):
-            engine = json.loads((folder / "engine.json").read_text(encoding="utf-8"))
-            models.append(_read(file, engine["version"]))
+            models.append(_read(file, read_engine(folder).version))
     return models
 
 

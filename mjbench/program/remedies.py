@@ -24,7 +24,8 @@ from mjbench.program.source_loops import runs_within_step
 from mjbench.program.step_times import StepTimes
 from mjbench.program.trials import Question
 
-# What to do about an activity, where nothing more is known.
+# What to do about an activity, where nothing more is known; others have remedies of their calls, or
+# are no cost by themselves.
 _ADVICE: Mapping[Activity, str] = {
     Activity.PYTHON: "do less in Python here: compute with whole arrays, or less often",
     Activity.BINDINGS: "look names up, and take views of the engine's arrays, once before the loop",
@@ -52,22 +53,10 @@ _ONE_CALL = re.compile(r"([\w\s,]+ = )?[\w.]+\([\w\s.,=]*\)$")
 _READS_VIEWS = re.compile(
     r"\b(data|d)\.(q|x|c|act|sensor|site|geom|body|joint|ten|subtree|mocap)\w*|\.(joint|body|geom|site)\("
 )
-# Activities that are changed line by line; each of the others, but physics, is one thing to change.
+# Activities that are changed line by line; each of the others is one thing to change.
 _OF_LINES = {Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY, Activity.ALLOCATION}
 # Of calls whose line does little else.
 _WITH_THEIR_LINE = (Activity.COPYING, Activity.STARTING)
-# Activities that are no cost by themselves, or have remedies of their own.
-_OF_CALLS = {
-    Activity.PHYSICS,
-    Activity.BUILDING,
-    Activity.COPYING,
-    Activity.COMPILING,
-    Activity.DISPATCH,
-    Activity.DEVICE_WAIT,
-    Activity.TRANSFER,
-    Activity.STARTING,
-    Activity.REST,
-}
 
 
 def remedies(
@@ -128,7 +117,7 @@ def _savings(
 ) -> Iterator[Remedy]:
     """Yield what saves time, in any order."""
     of_calls = list(call_remedies.of_calls(loop, findings, measured))
-    whole = loop.activities.keys() - _OF_LINES - _OF_CALLS
+    whole = (loop.activities.keys() & _ADVICE.keys()) - _OF_LINES
     if any(remedy.activity == Activity.STARTING for remedy in of_calls):
         whole -= {Activity.PROCESSES}  # the loop also waits for processes to begin
     if _has_building(loop):
@@ -323,8 +312,8 @@ def _gain_of_line(
     steps = [(call.place.file, call.place.line) for call in loop.calls if call.is_step]
     if not count or not nstep or runs_within_step(line.place.position, steps):
         return share * ratio.saved, Basis.PAIRED
-    saved_s = ratio.saved_s if ratio.saved else 0.0
-    return min(share, count * saved_s * nstep / loop.seconds), Basis.PAIRED
+    gain = count * ratio.certainly_saved_s * nstep / loop.seconds
+    return min(share, gain), Basis.PAIRED
 
 
 def _of_function(loop: LoopTime, lines: Sequence[LineTime]) -> Remedy:

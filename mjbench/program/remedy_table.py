@@ -53,7 +53,7 @@ def _is_of_stepped_data(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) 
     arguments = _ARGUMENTS.search(calls[0].place.text)
     steps = [each for each in of_loop if each.callee == "mj_step"]
     of_same = [each for each in steps if arguments and f"({arguments[1]}" in each.place.text]
-    return math.isclose(_count(calls), _count(of_same), rel_tol=_ABOUT)
+    return math.isclose(count_of(calls), count_of(of_same), rel_tol=_ABOUT)
 
 
 def _is_centered(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
@@ -72,7 +72,8 @@ def _takes_one_step(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> b
     return all(call.steps == call.calls for call in calls)
 
 
-def _count(calls: Sequence[CallTime]) -> float:
+def count_of(calls: Sequence[CallTime]) -> float:
+    """Return how often functions were called."""
     return sum(call.calls for call in calls)
 
 

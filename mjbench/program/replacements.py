@@ -48,6 +48,11 @@ class TimeRatio:
         """The share that is saved; 0 where that may be chance."""
         return 1 - self.estimate if self.high < 1 else 0.0
 
+    @property
+    def certainly_saved_s(self) -> float:
+        """The seconds that are saved each time; 0 where that may be chance."""
+        return self.saved_s if self.saved else 0.0
+
 
 @dataclass(frozen=True)
 class Measured:
@@ -62,17 +67,9 @@ class Measured:
     computes_forces: bool | None = None
 
     def saved(self, question: Question) -> float | None:
-        """Return the share of the time of what the program does that is saved; None if unknown.
-
-        It is 0 where nothing is certainly saved.
-        """
+        """Return the share that is certainly saved of what the program does; None if unknown."""
         ratio = self.ratios.get(question)
         return None if ratio is None else ratio.saved
-
-    def saved_s(self, question: Question) -> float | None:
-        """Return the seconds that are saved each time; None if unknown."""
-        ratio = self.ratios.get(question)
-        return None if ratio is None else ratio.saved_s if ratio.saved else 0.0
 
 
 @dataclass(frozen=True)
@@ -81,21 +78,6 @@ class _Request:
 
     model: RecordedModel
     questions: Sequence[Question]
-
-
-@dataclass(frozen=True)
-class _Answer:
-    """From the child: the ratio of a question."""
-
-    number: int
-    ratio: TimeRatio
-
-
-@dataclass(frozen=True)
-class _Forces:
-    """From the child: whether a step computes them."""
-
-    computes_forces: bool
 
 
 def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> Measured:
@@ -108,40 +90,38 @@ def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> M
     if model is None:
         return Measured({})
     ratios: dict[Question, TimeRatio] = {}
-    forces: list[bool] = []
+    computes_forces: bool | None = None
     # a library of OpenGL that does not work, or crashes, must not cost the other answers
     for backend in dict.fromkeys(["", *(question.backend for question in questions)]):
-        asked = [question for question in questions if question.backend == backend]
-        messages: list[_Answer | _Forces] = []
+        messages: list[Measured] = []
         isolate.run(
-            "mjbench.program.replacements:answer",
-            _Request(model, asked),
+            answer,
+            (_Request(model, [question for question in questions if question.backend == backend]),),
             messages.append,
             LIMIT_S,
             environment={"MUJOCO_GL": backend, "PYOPENGL_PLATFORM": None} if backend else None,
         )
         for message in messages:
-            if isinstance(message, _Answer):
-                ratios[asked[message.number]] = message.ratio
-            else:
-                forces.append(message.computes_forces)
-    return Measured(ratios, forces[0] if forces else None)
+            ratios.update(message.ratios)
+            if message.computes_forces is not None:
+                computes_forces = message.computes_forces
+    return Measured(ratios, computes_forces)
 
 
 def answer(request: _Request, channel: Channel) -> None:
-    """Measure all questions; runs in a child."""
+    """Send what each question comes to, one by one; runs in a child."""
     model = request.model.load()
     data = mujoco.MjData(model)
     for state in request.model.states[:1]:
         compat.set_state(model, data, state)
     mujoco.mj_step(model, data)
-    channel.send(_Forces(bool(data.cacc.any())))
-    for number, question in enumerate(request.questions):
+    channel.send(Measured({}, bool(data.cacc.any())))
+    for question in request.questions:
         try:
             ratio = _ratio(model, request.model, question)
         except (MjbenchError, mujoco.FatalError, *trials.LACKING):
             continue  # this release, this model, or this machine lacks something
-        channel.send(_Answer(number, ratio))
+        channel.send(Measured({question: ratio}))
 
 
 def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -> TimeRatio:

@@ -4,11 +4,11 @@
 """
 
 import contextlib
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from mjbench.errors import InputError
@@ -45,6 +45,21 @@ class Header:
     collections_ns: int
     longest_collection_ns: int
     process_ns: int
+
+
+@dataclass(frozen=True)
+class Engine:
+    """The MuJoCo that a program used.
+
+    Attributes:
+      version: its release.
+      timers: indices by name.
+      warnings: names by number.
+    """
+
+    version: str = ""
+    timers: Mapping[str, int] = field(default_factory=dict)
+    warnings: Mapping[int, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -115,7 +130,7 @@ def read_all(folder: Path) -> list[StepTimes]:
 
     A file that is cut short, since the disk was full, is left out.
     """
-    timers = _timer_names(folder / "engine.json")
+    timers = read_engine(folder).timers
     times = []
     for file in sorted(folder.glob("*.steps")):
         with contextlib.suppress(InputError):
@@ -243,9 +258,7 @@ def _stages(timer_s: Sequence[float], timers: Mapping[str, int], step_s: float) 
     return engine_stages.shares(seconds)
 
 
-def _timer_names(file: Path) -> Mapping[str, int]:
-    """Return the indices of the engine's timers by name; none where MuJoCo was not imported."""
-    if not file.is_file():
-        return {}
-    names: Mapping[str, int] = json.loads(file.read_text(encoding="utf-8"))["timers"]
-    return names
+def read_engine(folder: Path) -> Engine:
+    """Return what is known of the engine; of one that was not imported, nothing."""
+    file = folder / "engine.json"
+    return msgspec.json.decode(file.read_bytes(), type=Engine) if file.is_file() else Engine()

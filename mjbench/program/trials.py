@@ -104,9 +104,10 @@ COPIERS: Mapping[Trial, Callable[[mujoco.MjData], mujoco.MjData]] = {
     Trial.COPY_OR_COPY: copy.copy,
     Trial.DEEP_COPY_OR_COPY: copy.deepcopy,
 }
-_ROLLOUTS = (Trial.POOL, Trial.MORE_THREADS, Trial.NO_ROLLOUT, Trial.BATCH_OR_ROLLOUT)
+# Trials of calls of `mujoco.rollout`.
+ROLLOUTS = (Trial.POOL, Trial.MORE_THREADS, Trial.NO_ROLLOUT, Trial.BATCH_OR_ROLLOUT)
 # Trials of which other threads compute a part, or whose seconds are compared with wall time.
-BY_WALL_TIME = {*_ROLLOUTS, Trial.BATCH, Trial.RENDERER, Trial.NAMED_ACCESS}
+BY_WALL_TIME = {*ROLLOUTS, Trial.BATCH, Trial.RENDERER, Trial.NAMED_ACCESS}
 # What is raised where a release, a model or a machine lacks something; OpenGL raises its own kinds.
 LACKING = (AttributeError, ImportError, TypeError, ValueError, RuntimeError)
 # Rays of a trial.
@@ -274,7 +275,7 @@ def _rays(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
     return Way(one_by_one), Way(at_once)
 
 
-@_of(*_ROLLOUTS)
+@_of(*ROLLOUTS)
 def _rollouts(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
     """Return rollout as the program calls it, and what takes the same steps."""
     from mujoco import rollout

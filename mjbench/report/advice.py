@@ -76,6 +76,11 @@ class Advice:
     realtime_factor: float | None
     snippet: str
 
+    @property
+    def variant(self) -> Variant:
+        """The path with its options."""
+        return Variant(self.path, self.options)
+
 
 @dataclass(frozen=True)
 class ClockAdvice:
@@ -294,7 +299,7 @@ def conclusion(advice: Advice, names_size: bool = False) -> str:
     """Return which path to use, and why; `names_size`: for how many simulations."""
     gain = f", {_times(advice.speedup, _PLAIN_LOOP)}" if advice.speedup is not None else ""
     begin = f"{_LOOPS[advice.loop]}{_size(advice.nbatch, names_size)}"
-    path = described(Variant(advice.path, advice.options))
+    path = described(advice.variant)
     return "; ".join([f"{begin}: {path}{gain}", *_reasons(advice)])
 
 

@@ -8,7 +8,6 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
 from mjbench.paired.race_record import Loop
 from mjbench.report import formats
@@ -127,7 +126,7 @@ def advice_across(runs: Sequence[Run], names: Sequence[str]) -> list[AdviceAcros
 
 def cell(machine: MachineAdvice) -> str:
     """Return the path that is advised on a machine, with its speed-up, for a cell of a table."""
-    texts = [f"{mark(a.is_certain)} {Variant(a.path, a.options)}{_gain(a)}" for a in machine.advice]
+    texts = [f"{mark(a.is_certain)} {a.variant}{_gain(a)}" for a in machine.advice]
     return "; ".join(dict.fromkeys(texts)) or machine.detail
 
 

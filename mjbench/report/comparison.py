@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
 from mjbench.paired.race import MAX_LAUNCHES
 from mjbench.paths.accelerated import keyword_arguments
@@ -17,7 +16,6 @@ from mjbench.report.advice import (
     thread_conclusion,
 )
 from mjbench.report.content import (
-    Cell,
     Column,
     Conclusion,
     DataTable,
@@ -63,7 +61,10 @@ def sections_together(models: Sequence[ModelResults]) -> Iterator[Section]:
             models,
         )
     if len({each.model.model for each in models}) > 1:
-        yield from _advice_section(models)
+        advice = advice_table(models)
+        if advice.rows:
+            heading_of_advice = "Advice: speed-ups over the plain loop; ? is not certain"
+            yield Section(heading_of_advice, tables=[advice])
 
 
 def _crossover_section(
@@ -159,38 +160,25 @@ def _conclusions(model_results: ModelResults, names_size: bool) -> Iterator[Conc
         yield Conclusion(clock_conclusion(clock, names_size), Tone.GOOD, subject)
 
 
-def _advice_section(models: Sequence[ModelResults]) -> Iterator[Section]:
-    """Yield what is advised on every model, one row a model and loop."""
+def advice_table(models: Sequence[ModelResults]) -> DataTable:
+    """Return what is advised on every model, one row a model and loop."""
     advice = [row for model_results in models for row in advise(model_results)]
-    if not advice:
-        return
     sizes = {(row.model, row.nbatch) for row in advice}
     has_sizes = len({name for name, _ in sizes}) < len(sizes)
-    columns = (
-        Column("model"),
-        Column("simulations", formats.count),
-        Column("loop"),
-        Column("advised"),
-        Column("speed-up", formats.factor),
-        Column("95 %", formats.ends),
-        Column("× real time", times_real_time),
-    )
     names = formats.short_names([row.model for row in advice])
-    rows = [
+    return DataTable.of(
+        "Advice",
+        advice,
+        (Column("model"), lambda row: names[row.model]),
+        (Column("simulations", formats.count), lambda row: row.nbatch if has_sizes else None),
+        (Column("loop"), lambda row: row.loop.value),
+        (Column("advised"), lambda row: f"{mark(row.is_certain)} {row.variant}"),
         (
-            names[row.model],
-            row.nbatch if has_sizes else None,
-            row.loop.value,
-            f"{mark(row.is_certain)} {Variant(row.path, row.options)}",
-            row.speedup.estimate if row.speedup else 1.0,
-            row.speedup,
-            row.realtime_factor,
-        )
-        for row in advice
-    ]
-    yield Section(
-        "Advice: speed-ups over the plain loop; ? is not certain",
-        tables=[DataTable("Advice", columns, rows)],
+            Column("speed-up", formats.factor),
+            lambda row: row.speedup.estimate if row.speedup else 1.0,
+        ),
+        (Column("95 %", formats.ends), lambda row: row.speedup),
+        (Column("× real time", times_real_time), lambda row: row.realtime_factor),
     )
 
 
@@ -205,7 +193,7 @@ def marks(model_results: ModelResults) -> dict[str, str]:
     The keys are the paths, each with its options.
     """
     return {
-        str(Variant(row.path, row.options)): mark(row.is_certain)
+        str(row.variant): mark(row.is_certain)
         for row in sorted(advise(model_results), key=lambda row: not row.is_certain)
     }
 
@@ -264,35 +252,19 @@ def path_table(sizes: Sequence[ModelResults]) -> DataTable:
     Advised paths have a mark (see `marks`). Whether paths agree is a column where one does not.
     """
     has_sizes, all_agree = len(sizes) > 1, not any(map(_unlike, sizes))
-    columns = (
-        Column(""),
-        Column("path", wraps=True),
-        Column("simulations", formats.count),
-        Column("ns/step", formats.count),
-        Column("speed-up", formats.factor),
-        Column("95 %", formats.ends),
-        Column("× real", times_real_time),
-        Column("loop"),
-        Column("agrees"),
+    return DataTable.of(
+        "Paths",
+        [(marks(each).get(str(r.variant)), r, r.speedup) for each in sizes for r in _shown(each)],
+        (Column(""), lambda row: row[0]),
+        (Column("path", wraps=True), lambda row: str(row[1].variant)),
+        (Column("simulations", formats.count), lambda row: row[1].nbatch if has_sizes else None),
+        (Column("ns/step", formats.count), lambda row: row[1].step_ns if row[2] else None),
+        (Column("speed-up", formats.factor), lambda row: row[2].estimate if row[2] else None),
+        (Column("95 %", formats.ends), lambda row: row[1].interval),
+        (Column("× real", times_real_time), lambda row: row[1].realtime_factor),
+        (Column("loop"), lambda row: row[1].loop.value),
+        (Column("agrees"), lambda row: None if all_agree else agrees(row[1])),
     )
-    rows: list[Sequence[Cell]] = []
-    for model_results in sizes:
-        of_paths = marks(model_results)
-        rows += [
-            (
-                of_paths.get(str(result.variant)),
-                str(result.variant),
-                result.nbatch if has_sizes else None,
-                result.step_ns if result.speedup else None,
-                result.speedup.estimate if result.speedup else None,
-                result.interval,
-                result.realtime_factor if result.speedup else None,
-                result.loop.value,
-                None if all_agree else agrees(result),
-            )
-            for result in _shown(model_results)
-        ]
-    return DataTable("Paths", columns, rows)
 
 
 def _shown(model_results: ModelResults) -> list[PathResult]:
@@ -334,24 +306,19 @@ def agrees(result: PathResult) -> str:
 
 def _compile_table(results: Sequence[PathResult]) -> DataTable:
     """Return what compiling cost, and after how many steps of the plain loop it breaks even."""
-    columns = (
-        *(Column(title) for title in ("compiled", "precision", "device")),
-        *(Column(title, formats.tenths) for title in ("trace s", "compile s", "cached s")),
-        Column("steady ns/step", formats.count),
-        Column("memory"),
-        Column("break-even"),
+    return DataTable.of(
+        "Compiling",
+        results,
+        (Column("compiled"), lambda result: result.path),
+        (Column("precision"), lambda result: result.precision),
+        (Column("device"), lambda result: result.device),
+        (Column("trace s", formats.tenths), lambda result: result.trace_s),
+        (Column("compile s", formats.tenths), lambda result: result.compile_s),
+        (Column("cached s", formats.tenths), lambda result: result.cached_compile_s),
+        (Column("steady ns/step", formats.count), lambda result: result.step_ns),
+        (Column("memory"), _memory),
+        (Column("break-even"), _break_even),
     )
-    rows = [
-        (
-            *(result.path, result.precision, result.device),
-            *(result.trace_s, result.compile_s, result.cached_compile_s),
-            result.step_ns,
-            _memory(result),
-            _break_even(result),
-        )
-        for result in results
-    ]
-    return DataTable("Compiling", columns, rows)
 
 
 def _break_even(result: PathResult) -> str:
@@ -372,7 +339,7 @@ def notes(model_results: ModelResults) -> list[str]:
     """Return what a reader of the table must know: reasons, and how many cores there were."""
     model, results = model_results.model, model_results.results
     lines = [
-        f"{Variant(r.path, r.options)}: {r.status}: {r.detail}"
+        f"{r.variant}: {r.status}: {r.detail}"
         for r in results
         if r.detail
         and not _is_unavailable(r)
@@ -456,4 +423,4 @@ def _snippets(all_advice: Sequence[Advice]) -> Iterator[Snippet]:
     for snippet in dict.fromkeys(advice.snippet for advice in all_advice):
         same = [advice for advice in all_advice if advice.snippet == snippet]
         loops = " and ".join(dict.fromkeys(f"{advice.loop} loop" for advice in same))
-        yield Snippet(f"{Variant(same[0].path, same[0].options)} ({loops})", snippet)
+        yield Snippet(f"{same[0].variant} ({loops})", snippet)

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from mjbench.host.conditions import Condition, Grade
+from mjbench.paired.machine_check import Noise
 from mjbench.report.content import Conclusion, Section, Tone
 from mjbench.units import plain
 
@@ -31,6 +32,18 @@ class NoiseRow:
     decidable: float | None = None
     trusted: bool = False
     detail: str = ""
+
+    @classmethod
+    def of(cls, noise: Noise) -> "NoiseRow":
+        """Return what noise that was measured comes to."""
+        decidable = noise.decidable()
+        return cls(
+            launches=noise.launches,
+            deviation=noise.deviation,
+            ratio=noise.ratio,
+            decidable=decidable,
+            trusted=decidable <= TRUSTED,
+        )
 
 
 def condition_lines(conditions: Sequence[Condition]) -> Iterator[str]:

@@ -42,7 +42,7 @@ from mjbench.report import (
 )
 from mjbench.report.content import Section
 from mjbench.report.lint import LintDocument
-from mjbench.report.results import derive_all
+from mjbench.report.results import derive_all, path_results
 from mjbench.store.runs import SCHEMA, Record, Run
 from mjbench.tuning.records import TuneRecord
 from mjbench.web.records import WebRecord
@@ -127,7 +127,7 @@ COMPARE = Kind(
     documents.CompareDocument,
     _compare_document,
     lambda run: comparison.sections(derive_all(run.records)),
-    lambda run: (result for each in derive_all(run.records) for result in each.results),
+    lambda run: path_results(run.records),
 )
 OVERHEAD = _kind(OverheadRow, overhead.sections, "overhead")
 PROFILE = _kind(ProfileRow, profile.sections, "profile")

@@ -6,53 +6,48 @@ from collections.abc import Sequence
 from mjbench.releases import release_ratios, speed_history
 from mjbench.releases.release_ratios import RatioRecord, StepRatioRecord
 from mjbench.report import formats
-from mjbench.report.content import Cell, Column, DataTable, Section
+from mjbench.report.content import Column, DataTable, Section
 from mjbench.simulation import agreement
 
 
 def section(records: Sequence[RatioRecord]) -> Section:
     """Return the ratio of each release and model, with its standard error."""
-    columns = (
-        Column("model or operation"),
-        Column("release"),
-        Column("time", formats.change_with_error),
-        Column("as shipped", formats.change_with_error),
-        Column("launches", formats.count),
-        Column("seconds", formats.tenths),
-        Column("work"),
-    )
+    rows: list[tuple[str, str, RatioRecord]] = []
     in_order = speed_history.in_order_of_release(records)
-    rows: list[Sequence[Cell]] = []
     for _, each in itertools.groupby(in_order, lambda record: (record.release, record.build)):
         of_release = list(each)
         if _failed_alike(of_release):
-            first = of_release[0]
-            rows.append(("all", first.release, None, None, 0, None, first.detail))
+            rows.append(("all", of_release[0].detail, of_release[0]))
         else:
-            rows += map(_cells, of_release)
+            rows += [(r.series, r.detail or _work(r), r) for r in of_release]
+    table = DataTable.of(
+        "Times of releases",
+        rows,
+        (Column("model or operation"), lambda row: row[0]),
+        (Column("release"), lambda row: row[2].release),
+        (
+            Column("time", formats.change_with_error),
+            lambda row: release_ratios.averaged(row[2].launches),
+        ),
+        (
+            Column("as shipped", formats.change_with_error),
+            lambda row: release_ratios.as_shipped(row[2].launches),
+        ),
+        (Column("launches", formats.count), lambda row: len(row[2].launches)),
+        (Column("seconds", formats.tenths), lambda row: row[2].seconds or None),
+        (Column("work"), lambda row: row[1]),
+    )
     references = sorted({record.reference for record in records})
     problems = sorted({record.problem for record in records if record.problem})
     return Section(
         "Times of releases",
-        tables=[DataTable("Times of releases", columns, rows)],
+        tables=[table],
         notes=[
             *(f"placement not averaged out: {problem}" for problem in problems),
             f"time: of a step or an operation, against MuJoCo {', '.join(references)} (± standard"
             " error), with placement averaged out where the code can be moved; work: against the"
             " same release",
         ],
-    )
-
-
-def _cells(record: RatioRecord) -> Sequence[Cell]:
-    return (
-        record.series,
-        record.release,
-        release_ratios.averaged(record.launches),
-        release_ratios.as_shipped(record.launches),
-        len(record.launches),
-        record.seconds,
-        record.detail or _work(record),
     )
 
 

@@ -5,7 +5,7 @@ A speed is derived only for a measurement whose final states agree.
 
 import math
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -290,6 +290,12 @@ def derive_all(records: Sequence[Record]) -> list[ModelResults]:
             case ScalingRecord():
                 results.append(derive(record.model, record.measurements, None))
     return results
+
+
+def path_results(records: Sequence[Record]) -> Iterator[PathResult]:
+    """Yield the results of a whole run, one a variant; see `derive_all`."""
+    for model_results in derive_all(records):
+        yield from model_results.results
 
 
 def _result(

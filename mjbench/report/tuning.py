@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from mjbench.measuring.ratio import Ratio
 from mjbench.report import charts, formats
 from mjbench.report.content import (
-    Cell,
     Column,
     Conclusion,
     DataTable,
@@ -162,87 +161,85 @@ def _front_figure(record: TuneRecord, present: Present) -> Figure:
     )
 
 
-def _front_table(record: TuneRecord) -> DataTable:
-    """Return what is recommended; of MJX and Warp, also what else was tried."""
+@dataclass(frozen=True)
+class _FrontRow:
+    """Settings beside the present ones, which are none."""
+
+    settings: Sequence[Setting]
+    error: Distance | None
+    ratio: Ratio
+    program: Program | None
+    is_recommended: bool = False
+    effect: Effect | None = None
+
+
+def _front_rows(record: TuneRecord) -> Iterator[_FrontRow]:
+    """Yield the present settings, what is recommended, and of MJX and Warp what else was tried."""
     batch, listed = record.batch, advised(record)
-
-    def row(
-        ratio: Ratio,
-        error: Distance | None,
-        settings: Sequence[Setting],
-        recommended: str = "",
-        effect: Effect | None = None,
-        program: Program | None = None,
-    ) -> list[Cell]:
-        return [
-            recommended,
-            *([_RESULTS[effect] if effect else ""] if batch is None else []),
-            ratio.estimate,
-            ratio,
-            100 * error.share if error else None,
-            in_units(error)
-            if batch is None and error
-            else (program.compile_s if program else None),
-            label(settings),
-        ]
-
-    columns = (
-        Column("recommended"),
-        *([Column("results")] if batch is None else []),
-        Column(
-            "time of a simulated second" if batch is None else "time of a batched step",
-            formats.digits(4),
-        ),
-        Column("95 %", formats.ends_in(formats.digits(4))),
-        Column(f"{error_name(record)}, % of the motion", formats.digits(3)),
-        Column("in units") if batch is None else Column("compile s", formats.digits(3)),
-        Column("settings"),
-    )
-    present = batch.present if batch else None
-    in_c = present or record.present
-    assert in_c is not None, "it was measured"
-    rows = [row(Ratio(1.0, None, None), in_c.error, (), program=present)]
-    rows += [
-        row(
-            each.ratio,
-            each.error,
-            each.settings,
-            "yes" if each in listed or batch else "",
-            each.effect,
-            each.program,
+    program = batch.present if batch else None
+    present = program or record.present
+    assert present is not None, "it was measured"
+    yield _FrontRow((), present.error, Ratio(1.0, None, None), program)
+    for each in record.front:
+        is_recommended = batch is not None or each in listed
+        yield _FrontRow(
+            each.settings, each.error, each.ratio, each.program, is_recommended, each.effect
         )
-        for each in record.front
-    ]
-    rows += [
-        row(Ratio(each.time_ratio, None, None), each.error, each.settings, program=each.program)
-        for each in (tried(record) if batch else ())
-        if each.time_ratio
-    ]
-    return DataTable("Confirmed from new starts" if batch is None else "Settings", columns, rows)
+    for attempt in tried(record) if batch else ():
+        if attempt.time_ratio:
+            ratio = Ratio(attempt.time_ratio, None, None)
+            yield _FrontRow(attempt.settings, attempt.error, ratio, attempt.program)
+
+
+def _front_table(record: TuneRecord) -> DataTable:
+    """Return the settings that were confirmed, or of MJX and Warp all that were tried."""
+    four_digits, is_in_c = formats.digits(4), record.batch is None
+    return DataTable.of(
+        "Confirmed from new starts" if is_in_c else "Settings",
+        _front_rows(record),
+        (Column("recommended"), lambda row: "yes" if row.is_recommended else None),
+        (Column("results"), lambda row: _RESULTS[row.effect] if row.effect and is_in_c else None),
+        (
+            Column(f"time of a {'simulated second' if is_in_c else 'batched step'}", four_digits),
+            lambda row: row.ratio.estimate,
+        ),
+        (Column("95 %", formats.ends_in(four_digits)), lambda row: row.ratio),
+        (
+            Column(f"{error_name(record)}, % of the motion", formats.digits(3)),
+            lambda row: 100 * row.error.share if row.error else None,
+        ),
+        (
+            Column("in units"),
+            lambda row: in_units(row.error) if row.error and is_in_c else None,
+        ),
+        (
+            Column("compile s", formats.digits(3)),
+            lambda row: row.program.compile_s if row.program and not is_in_c else None,
+        ),
+        (Column("settings"), lambda row: label(row.settings)),
+    )
 
 
 def _alone_table(record: TuneRecord, attempts: Sequence[Attempt]) -> DataTable:
     """Return what settings do alone."""
-    columns = (
-        Column("setting alone"),
-        Column("results"),
-        Column("time of a simulated second", formats.digits(4)),
-        Column("why it can help", wraps=True),
-        Column("what it may change", wraps=True),
+    return DataTable.of(
+        "Settings that alone are certainly faster",
+        [(each, each.settings[0]) for each in attempts],
+        (Column("setting alone"), lambda row: row[1].label),
+        (
+            Column("results"),
+            lambda row: _RESULTS[a.effect] if (a := row[0].accuracy) else row[0].detail,
+        ),
+        (
+            Column("time of a simulated second", formats.digits(4)),
+            lambda row: row[0].ratio.estimate if row[0].ratio else row[0].time_ratio,
+        ),
+        (Column("why it can help", wraps=True), lambda row: why(row[1], record)),
+        (
+            Column("what it may change", wraps=True),
+            lambda row: knobs.find(row[1].knob).changes,
+        ),
     )
-    rows = []
-    for each in attempts:
-        (setting,) = each.settings
-        rows.append(
-            [
-                setting.label,
-                _RESULTS[each.accuracy.effect] if each.accuracy else each.detail,
-                each.ratio.estimate if each.ratio else each.time_ratio,
-                why(setting, record),
-                knobs.find(setting.knob).changes,
-            ]
-        )
-    return DataTable("Settings that alone are certainly faster", columns, rows)
 
 
 def subject(record: TuneRecord) -> str:

@@ -146,8 +146,8 @@ class EngineMeasurements:
         left = tuple(settings)
         while left or not programs:
             ended = isolate.run(
-                "mjbench.tuning.accelerated_attempts:run_launch",
-                LaunchRequest(self._case, left, has_errors, end_s - time.monotonic()),
+                run_launch,
+                (LaunchRequest(self._case, left, has_errors, end_s - time.monotonic()),),
                 receive,
                 self._case.limit_s,
                 environment=self._environment,

@@ -18,7 +18,7 @@ def test_changed_work_can_fail_the_command(tmp_path: Path) -> None:
         (("path=nothing", "path=rollout"), "no path 'nothing'"),
         (("speed=1", "path=rollout"), "no 'speed'"),
         (("threads", "path=rollout"), "is not KEY=VALUE"),
-        (("", "solver=cg", "--fail-on", ""), "no finding given"),
+        (("", "solver=cg", "--fail-on", ""), "is not one of slower, faster"),
         (("path=rollout,threads=100000", ""), "at most 1024"),
     ],
 )

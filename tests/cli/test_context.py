@@ -139,3 +139,21 @@ def test_a_command_that_measures_no_time_says_nothing_of_the_host(
     with RunContext(session=Session(Measurement("instructions", {}, []), wait=None)):
         pass
     assert capsys.readouterr().out == ""
+
+
+def test_what_measures_ends_where_printing_fails(tmp_path: Path) -> None:
+    ended = []
+
+    def items() -> Iterator[Item]:
+        try:
+            yield Item([row("a")])
+        finally:
+            ended.append(True)
+
+    def fail(run: Run) -> list[Section]:
+        raise BrokenPipeError
+
+    measurement = Measurement("overhead", {}, [], lambda *_: items())
+    with pytest.raises(BrokenPipeError):
+        measure(measurement, OutputOptions(tmp_path, None, False), each=fail)
+    assert ended

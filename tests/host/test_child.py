@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import isolated_tasks
 import pytest
 from commands import PYTHONPATH, TESTS
 from isolated_tasks import Process
@@ -23,7 +24,7 @@ def test_what_a_child_started_in_another_session_ends_with_it(task: str) -> None
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        isolate.run(f"isolated_tasks:{task}", None, watch, 60.0, str(TESTS))
+        isolate.run(getattr(isolated_tasks, task), (None,), watch, 60.0, str(TESTS))
     (process,) = started
     assert ends(process)
 
@@ -32,9 +33,10 @@ def test_what_a_child_started_in_another_session_ends_with_it(task: str) -> None
 def test_children_die_with_a_parent_that_is_killed(tmp_path: Path, task: str, count: int) -> None:
     program = (
         "from pathlib import Path\n"
-        "from isolated_tasks import WaitRequest\n"
+        "import isolated_tasks\n"
         "from mjbench.host import isolate\n"
-        f"isolate.run('isolated_tasks:{task}', WaitRequest(Path('/nonexistent')),"
+        "request = isolated_tasks.WaitRequest(Path('/nonexistent'))\n"
+        f"isolate.run(isolated_tasks.{task}, (request,),"
         f" lambda message: print(message.pid, flush=True), 60.0, {str(TESTS)!r})"
     )
     parent = subprocess.Popen(

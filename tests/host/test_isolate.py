@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import isolated_tasks
 import pytest
 from commands import TESTS
 from isolated_tasks import Blob, BlobsRequest, Process, Text, WaitRequest, add
@@ -25,7 +26,9 @@ Connect = Callable[..., ChildConnection]
 def run(task: str, request: Any = None, limit_s: float = 60.0) -> tuple[Ended, list[Any]]:
     """Return how a task ended, and the messages that it sent."""
     messages: list[Any] = []
-    ended = isolate.run(f"isolated_tasks:{task}", request, messages.append, limit_s, str(TESTS))
+    ended = isolate.run(
+        getattr(isolated_tasks, task), (request,), messages.append, limit_s, str(TESTS)
+    )
     return ended, messages
 
 
@@ -149,7 +152,7 @@ def test_a_silent_child_is_killed_with_its_own_children() -> None:
     def watch(message: Process) -> None:
         children.append(os.pidfd_open(message.pid))
 
-    ended = isolate.run("isolated_tasks:hang", None, watch, 1.0, str(TESTS))
+    ended = isolate.run(isolated_tasks.hang, (None,), watch, 1.0, str(TESTS))
     assert ended.status == Status.TIMEOUT
     assert "--time-limit" in ended.detail
     assert ended.item == 0
@@ -176,7 +179,7 @@ def test_allowed_silence_is_no_message_for_the_parent(tmp_path: Path) -> None:
         (tmp_path / "go").touch()
 
     request = WaitRequest(tmp_path / "go")
-    ended = isolate.run("isolated_tasks:wait_for_file", request, answer, 30.0, str(TESTS))
+    ended = isolate.run(isolated_tasks.wait_for_file, (request,), answer, 30.0, str(TESTS))
     assert ended == Ended(Status.OK)
     assert [type(message) for message in messages] == [Process, Text]
 
@@ -276,6 +279,6 @@ def test_an_exception_in_the_parent_leaves_no_process() -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        isolate.run("isolated_tasks:hang", None, interrupt, 60.0, str(TESTS))
+        isolate.run(isolated_tasks.hang, (None,), interrupt, 60.0, str(TESTS))
     (grandchild,) = children
     assert ends(grandchild)

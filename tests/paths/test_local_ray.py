@@ -9,7 +9,7 @@ from pathlib import Path
 import process_tree
 import pytest
 from commands import PYTHONPATH, TESTS
-from isolated_tasks import Process, Text
+from isolated_tasks import Process, Text, step_with_ray
 
 from mjbench import paths
 from mjbench.errors import MachineError
@@ -61,7 +61,7 @@ def test_ray_ends_with_an_interrupted_child() -> None:
         descriptors.append(os.pidfd_open(message.pid))
 
     with pytest.raises(KeyboardInterrupt):
-        isolate.run("isolated_tasks:step_with_ray", Text(""), watch, 60.0, str(TESTS))
+        isolate.run(step_with_ray, (Text(""),), watch, 60.0, str(TESTS))
     assert len(descriptors) > 4
     assert all(map(process_tree.ends, descriptors))
 
@@ -72,7 +72,7 @@ def test_ray_ends_with_a_child_that_leaves_it_behind() -> None:
     def watch(message: Process) -> None:
         descriptors.append(os.pidfd_open(message.pid))
 
-    ended = isolate.run("isolated_tasks:step_with_ray", Text("7"), watch, 60.0, str(TESTS))
+    ended = isolate.run(step_with_ray, (Text("7"),), watch, 60.0, str(TESTS))
     assert ended.status == Status.CRASHED
     assert len(descriptors) > 4
     assert all(map(process_tree.ends, descriptors))
@@ -80,9 +80,9 @@ def test_ray_ends_with_a_child_that_leaves_it_behind() -> None:
 
 def test_ray_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     program = (
-        "from isolated_tasks import Text\n"
+        "from isolated_tasks import Text, step_with_ray\n"
         "from mjbench.host import isolate\n"
-        "isolate.run('isolated_tasks:step_with_ray', Text(''), lambda message:"
+        "isolate.run(step_with_ray, (Text(''),), lambda message:"
         f" print(getattr(message, 'pid', 0), flush=True), 60.0, {str(TESTS)!r})"
     )
     parent = subprocess.Popen(

@@ -1,4 +1,7 @@
-"""Start the clocks in the user's program, and in the processes that it forks."""
+"""Start the clocks in the user's program, and in the processes that it forks.
+
+Tracebacks that the user sees hold no frames of the clocks.
+"""
 
 import atexit
 import contextlib
@@ -10,7 +13,6 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-from . import tracebacks
 from .call_clock import CallClock
 from .jax_functions import JaxFunctions
 from .replaced import AfterImport, named_like
@@ -25,6 +27,7 @@ _ENVIRONMENTS = (
     ("dm_control.composer.environment", "Environment", "step"),
     ("robosuite.environments.base", "MujocoEnv", "step"),
 )
+_HERE = os.path.dirname(os.path.abspath(__file__))
 # Of the file in which a crash is noted.
 _HIGH_DESCRIPTOR = 500
 
@@ -67,7 +70,7 @@ def start(folder: str, change: str = "") -> None:
         actions[module_name] = environment(class_name, method)
     sys.meta_path.insert(0, AfterImport(actions))
     gc.callbacks.append(steps.note_collection)
-    tracebacks.hide_clocks()
+    _hide_clocks()
     if not faulthandler.is_enabled():
         _note_crashes(os.path.join(folder, f"{os.getpid()}.fault"))
     if hasattr(os, "register_at_fork"):
@@ -98,3 +101,41 @@ def _note_crashes(path: str) -> None:
 
     faulthandler.enable = named_like(enable, enable_for_program)
     faulthandler.is_enabled = named_like(is_enabled, lambda: False)
+
+
+def _hide_clocks() -> None:
+    """Let what an uncaught exception prints leave out the clock's own frames."""
+    earlier = sys.excepthook
+
+    def report(kind: type[BaseException], error: BaseException, frames: Any) -> None:
+        earlier(kind, error, _without_own(frames))
+
+    sys.excepthook = report
+    import threading
+
+    earlier_of_threads = threading.excepthook
+
+    def report_of_thread(arguments: Any) -> None:
+        error = arguments.exc_value
+        if error is not None:
+            error = error.with_traceback(_without_own(error.__traceback__))
+            arguments = threading.ExceptHookArgs(
+                (arguments.exc_type, error, error.__traceback__, arguments.thread)
+            )
+        earlier_of_threads(arguments)
+
+    threading.excepthook = report_of_thread
+
+
+def _without_own(frames: Any) -> Any:
+    """Return a traceback without the frames of the clocks."""
+    rest = []
+    while frames is not None:
+        if not frames.tb_frame.f_code.co_filename.startswith(_HERE):
+            rest.append(frames)
+        frames = frames.tb_next
+    following = None
+    for frame in reversed(rest):
+        frame.tb_next = following
+        following = frame
+    return following
