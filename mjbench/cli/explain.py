@@ -54,7 +54,7 @@ def explain(
       mjbench explain 3.17.0 4.0.0 pile
     """
     from mjbench.api.session import Measurement, Session, input_files
-    from mjbench.counts.explain import Explainer
+    from mjbench.counts.explain import explain_change
     from mjbench.counts.instructions import InstructionCounter
     from mjbench.paired.targets import Target
     from mjbench.paired.worker_pool import WorkerPool
@@ -81,10 +81,9 @@ def explain(
             else None
             for source in sources
         ]
-        explainer = Explainer()
         baselines, candidates = (counter.count(spec, sources) for spec in specs)
         for baseline, candidate, time in zip(baselines, candidates, times, strict=True):
-            rows.append(explainer.row(baseline, candidate, time))
+            rows.append(explain_change(baseline, candidate, time))
             run.show([counts.explanation_section(baseline, candidate, rows[-1], top)])
             statuses += [baseline.status, candidate.status, time.status if time else Status.OK]
         run.write(EXPLAIN.document_type(results=rows))

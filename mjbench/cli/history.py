@@ -21,7 +21,6 @@ from mjbench.errors import InputError
 if TYPE_CHECKING:
     from mjbench.api.session import Item, Observer
     from mjbench.counts.counted_program import OperationRequest
-    from mjbench.counts.explain import Explainer
     from mjbench.counts.instructions import ModelCount
     from mjbench.counts.records import ExplainRecord
     from mjbench.paired.operations import Operation
@@ -362,12 +361,10 @@ def _explained(
     """Count each release, and yield what changed since the one before."""
     from mjbench.api.session import Item
     from mjbench.counts import records
-    from mjbench.counts.explain import Explainer
     from mjbench.counts.instructions import InstructionCounter
 
     done = {(record.old, record.new, record.series) for record in records.finished(earlier)}
     missing = _releases_to_count(selection, done)
-    explainer = Explainer()
     before: Sequence[ModelCount] = ()
     with InstructionCounter() as counter:
         if missing and selection.sources:
@@ -381,7 +378,7 @@ def _explained(
             counts += counter.count(release, _requests(selection))
             yield Item(
                 [
-                    _record(explainer, old, new)
+                    _record(old, new)
                     for old, new in zip(before, counts, strict=bool(before))
                     if (old.release, new.release, new.operation or new.model) not in done
                 ]
@@ -419,9 +416,11 @@ def _requests(selection: _Selection) -> list["OperationRequest"]:
     ]
 
 
-def _record(explainer: "Explainer", old: "ModelCount", new: "ModelCount") -> "ExplainRecord":
+def _record(old: "ModelCount", new: "ModelCount") -> "ExplainRecord":
     """Return what changed in a model: functions that changed most, and whose cost moved there."""
-    row = explainer.row(old, new, time=None)
+    from mjbench.counts.explain import explain_change
+
+    row = explain_change(old, new, time=None)
     names = {name for f in row.functions[:_TOP] for name in (f.name, *f.moved_with)}
     functions = [function for function in row.functions if function.name in names]
     return replace(row, functions=functions)

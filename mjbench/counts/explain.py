@@ -114,56 +114,52 @@ def _time_lines(time: VerdictRow, instruction_ratio: float) -> list[str]:
     return lines
 
 
-class Explainer:
-    """Explains models one by one."""
-
-    def row(
-        self, baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None
-    ) -> ExplainRecord:
-        """Return one model's row of `mjbench explain --json`; time may not have been compared."""
-        failed = next((c for c in (baseline, candidate) if c.status != Status.OK), None)
-        code, code_detail = None, "" if failed is None else "a release was not counted"
-        if failed is None:
-            try:
-                code = self._code_changes(baseline, candidate)
-            except MachineError as error:
-                code_detail = str(error)
-        functions = function_differences(baseline, candidate, code)
-        before, after = baseline.stages or {}, candidate.stages or {}
-        return ExplainRecord(
-            model=candidate.model,
-            operation=candidate.operation,
-            old=baseline.release,
-            new=candidate.release,
-            status=failed.status if failed else Status.OK,
-            instructions_per_step=Pair(
-                baseline.instructions_per_step, candidate.instructions_per_step
-            ),
-            outside_per_step=Pair(baseline.outside_per_step, candidate.outside_per_step),
-            work=Pair(baseline.work, candidate.work),
-            stages={
-                stage: Pair(before.get(stage, 0.0), after.get(stage, 0.0))
-                for stage in {**before, **after}
-            },
-            functions=[function for function in functions if is_different(function)],
-            code=code_shares(functions) if code else None,
-            code_detail=code_detail,
-            time=time,
-        )
-
-    def _code_changes(self, baseline: ModelCount, candidate: ModelCount) -> CodeChanges:
-        """Return how the code changed.
-
-        Raises:
-          MachineError: it cannot be read here.
-        """
+def explain_change(
+    baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None
+) -> ExplainRecord:
+    """Return what changed for one model or operation; time may not have been compared."""
+    failed = next((c for c in (baseline, candidate) if c.status != Status.OK), None)
+    code, code_detail = None, "" if failed is None else "a release was not counted"
+    if failed is None:
         try:
-            from mjbench.counts.code_comparison import compare
-        except ImportError as error:
-            raise MachineError(
-                f"{error.name} is missing; install it by `{extras.install_command('cli')}`"
-            ) from error
-        return compare(baseline.places, candidate.places)
+            code = _code_changes(baseline, candidate)
+        except MachineError as error:
+            code_detail = str(error)
+    functions = function_differences(baseline, candidate, code)
+    before, after = baseline.stages or {}, candidate.stages or {}
+    return ExplainRecord(
+        model=candidate.model,
+        operation=candidate.operation,
+        old=baseline.release,
+        new=candidate.release,
+        status=failed.status if failed else Status.OK,
+        instructions_per_step=Pair(baseline.instructions_per_step, candidate.instructions_per_step),
+        outside_per_step=Pair(baseline.outside_per_step, candidate.outside_per_step),
+        work=Pair(baseline.work, candidate.work),
+        stages={
+            stage: Pair(before.get(stage, 0.0), after.get(stage, 0.0))
+            for stage in {**before, **after}
+        },
+        functions=[function for function in functions if is_different(function)],
+        code=code_shares(functions) if code else None,
+        code_detail=code_detail,
+        time=time,
+    )
+
+
+def _code_changes(baseline: ModelCount, candidate: ModelCount) -> CodeChanges:
+    """Return how the code changed.
+
+    Raises:
+      MachineError: it cannot be read here.
+    """
+    try:
+        from mjbench.counts.code_comparison import compare
+    except ImportError as error:
+        raise MachineError(
+            f"{error.name} is missing; install it by `{extras.install_command('cli')}`"
+        ) from error
+    return compare(baseline.places, candidate.places)
 
 
 def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) -> VerdictRow:

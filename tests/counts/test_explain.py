@@ -62,7 +62,7 @@ def timed(ratio: Ratio | None, status: Status = Status.OK, detail: str = "") -> 
 def explained(
     baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None = None
 ) -> ExplainRecord:
-    return explain.Explainer().row(baseline, candidate, time)
+    return explain.explain_change(baseline, candidate, time)
 
 
 def summarized(

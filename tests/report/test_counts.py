@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import replace
 
-from mjbench.counts.explain import Explainer
+from mjbench.counts.explain import explain_change
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import CodeChange, FunctionCount, FunctionDifference
 from mjbench.pages import terminal
@@ -25,7 +25,7 @@ def counted(release: str, **functions: float) -> ModelCount:
 
 
 def explanation(baseline: ModelCount, candidate: ModelCount) -> list[str]:
-    row = Explainer().row(baseline, candidate, None)
+    row = explain_change(baseline, candidate, None)
     return lines_of([counts.explanation_section(baseline, candidate, row, top=1)])
 
 
@@ -68,6 +68,6 @@ def test_code_old_names_and_moved_cost_stand_beside_a_function() -> None:
         code=CodeChange.CHANGED,
         moved_with=["mj_g", "mj_h"],
     )
-    row = replace(Explainer().row(count, count, None), functions=[function])
+    row = replace(explain_change(count, count, None), functions=[function])
     last_line = lines_of([counts.explanation_section(count, count, row, top=1)])[-1]
     assert last_line.split("  ")[-2:] == ["changed", "was f; moved to mj_g, mj_h"]
