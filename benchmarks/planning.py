@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks import stored
 from benchmarks.settings import Timed
 from mjbench import paths
-from mjbench.comparison.planner import Planner, PlannerSettings, States, SwingUp
+from mjbench.comparison.planner import Planner, PlannerSettings, PlannerStates, SwingUp
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Product, Workload
 
@@ -59,7 +59,7 @@ class Planning(Timed):
             self.prepared.run()
             physics = self.prepared.step_outputs().state
             assert physics is not None
-            states = States.of(self.columns, physics)
+            states = PlannerStates.of(self.columns, physics)
             self.planner.improve(candidates, self.task.cost(states, candidates))
 
     time_4_plans.pretty_name = "4 MPPI plans for the cart-pole's swing-up"

@@ -59,7 +59,7 @@ def plan_of(model_names: Sequence[str], versions: Sequence[str], time_limit_s: f
     from mjbench.paired.outcomes import Metric
     from mjbench.releases.installs import ReleaseSpec
     from mjbench.sweep.calibration import Limits, NodeRules
-    from mjbench.sweep.cells import Kind
+    from mjbench.sweep.cells import CellKind
     from mjbench.sweep.plan import Plan
 
     releases = tuple(ReleaseSpec(version, version) for version in versions)
@@ -72,7 +72,7 @@ def plan_of(model_names: Sequence[str], versions: Sequence[str], time_limit_s: f
         paths=("python_loop",),
         metrics=(Metric.TIME,),
         machines=(),
-        options={Kind.VERSIONS: options},
+        options={CellKind.VERSIONS: options},
         rules=NodeRules(limits=anything),
     )
 

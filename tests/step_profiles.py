@@ -1,14 +1,14 @@
 """A step's profile with round numbers."""
 
 from mjbench.loop import profile
-from mjbench.loop.profile import ProfileRow, StepTimes
+from mjbench.loop.profile import ProfiledSteps, ProfileRow
 from mjbench.loop.rendering import FrameTime
 from mjbench.simulation.work import Work
 
 
 def step_profile(clock_ns: float | None = 500.0) -> ProfileRow:
     """Return the profile of a model with 4 contacts, rendered by EGL alone."""
-    steps = StepTimes(
+    steps = ProfiledSteps(
         timestep=0.002,
         loop_ns=3000.0,
         engine_ns=2000.0,

@@ -12,12 +12,12 @@ from mjbench.status import Status
 from mjbench.store import run_file, runs
 from mjbench.store.runs import Record, RunHeader
 from mjbench.sweep.calibration import NodeRules
-from mjbench.sweep.cells import Cell, Kind
+from mjbench.sweep.cells import Cell, CellKind
 from mjbench.sweep.matrix import Matrix
 from mjbench.sweep.model_files import CarriedModel
-from mjbench.sweep.node import Measured, Request
+from mjbench.sweep.node import NodeMeasurement, Request
 from mjbench.sweep.plan import Plan
-from mjbench.sweep.ray_cluster import Event, LeftOut, Node
+from mjbench.sweep.ray_cluster import ClusterNode, Event, LeftOut
 from mjbench.sweep.results import Collector
 
 MACHINE = Machine(
@@ -39,13 +39,21 @@ MACHINE = Machine(
 def verdict_cell(model: str, release: str = "4.0.0", machine: str = "") -> Cell:
     """Return a cell that compares a release with 3.3.0 by time."""
     return Cell(
-        Kind.VERSIONS, model, release, "3.3.0", "", "python_loop", Metric.TIME, machine, "content"
+        CellKind.VERSIONS,
+        model,
+        release,
+        "3.3.0",
+        "",
+        "python_loop",
+        Metric.TIME,
+        machine,
+        "content",
     )
 
 
 def count_cell(model: str, release: str = "4.0.0") -> Cell:
     """Return a cell that counts instructions."""
-    return Cell(Kind.INSTRUCTIONS, model, release, "3.3.0", content="content")
+    return Cell(CellKind.INSTRUCTIONS, model, release, "3.3.0", content="content")
 
 
 def line(record: Record) -> bytes:
@@ -85,7 +93,7 @@ def plan(**fields: object) -> Plan:
         "paths": ("python_loop",),
         "metrics": (Metric.TIME,),
         "machines": (),
-        "options": {Kind.VERSIONS: (), Kind.INSTRUCTIONS: (), Kind.COMPARE: ()},
+        "options": {CellKind.VERSIONS: (), CellKind.INSTRUCTIONS: (), CellKind.COMPARE: ()},
         "rules": NodeRules(),
     }
     return Plan(**{**usual, **fields})  # type: ignore[arg-type]
@@ -96,16 +104,16 @@ def matrix(cells: Sequence[Cell], **fields: object) -> Matrix:
     return Matrix(plan(**fields), tuple(cells), {})
 
 
-def node(name: str, label: str = "") -> Node:
+def node(name: str, label: str = "") -> ClusterNode:
     """Return a node that can measure."""
-    return Node(name, name, label, MACHINE)
+    return ClusterNode(name, name, label, MACHINE)
 
 
-def delivered(cell: Cell, on: str = "one", objection: str = "") -> Measured:
+def delivered(cell: Cell, on: str = "one", objection: str = "") -> NodeMeasurement:
     """Return that a node has measured a cell; with an objection, it was busy for 15 s before."""
     collector = Collector([cell])
     (result,) = collector.add([header(), line(verdict(cell))])
-    return Measured(on, "", result, 12.0, 15.0 if objection else 0.0, objection)
+    return NodeMeasurement(on, "", result, 12.0, 15.0 if objection else 0.0, objection)
 
 
 class FakeCluster:
@@ -117,7 +125,7 @@ class FakeCluster:
 
     def __init__(
         self,
-        nodes: Sequence[Node],
+        nodes: Sequence[ClusterNode],
         act: Callable[[Request], Iterable[Event]] = lambda request: map(delivered, request.cells),
         left_out: Sequence[LeftOut] = (),
     ):

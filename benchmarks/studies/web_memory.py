@@ -21,7 +21,7 @@ from typing import Any
 from mjbench.errors import MachineError, MjbenchError, one_line
 from mjbench.simulation import models
 from mjbench.web import node_process, npm_package
-from mjbench.web.node_process import Node
+from mjbench.web.node_process import NodeProgram
 from mjbench.web.npm_package import Build, NpmPackage
 
 _SCRIPT = Path(__file__).with_suffix(".mjs")
@@ -30,7 +30,7 @@ _COUNT, _LARGEST = 2000, math.pi
 _LIMIT_S = 300.0
 
 
-def examine(package: NpmPackage, program: Node, build: Build) -> dict[str, Any]:
+def examine(package: NpmPackage, program: NodeProgram, build: Build) -> dict[str, Any]:
     """Return what was tried with a build, and what happened."""
     rng = random.Random(0)
     angles = [rng.uniform(-_LARGEST, _LARGEST) for _ in range(_COUNT)]
@@ -47,7 +47,7 @@ def examine(package: NpmPackage, program: Node, build: Build) -> dict[str, Any]:
     }
 
 
-def _run(program: Node, *arguments: str) -> dict[str, Any]:
+def _run(program: NodeProgram, *arguments: str) -> dict[str, Any]:
     """Return what web_memory.mjs writes in a process of its own."""
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder, "output.json")

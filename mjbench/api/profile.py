@@ -9,7 +9,7 @@ from mjbench.api.measured import Measured
 from mjbench.api.session import Measurement, of_each_model
 from mjbench.limits import SECONDS, TIME_LIMIT_S
 from mjbench.loop import profile as loop_profile
-from mjbench.loop.profile import ProfileRow, StepTimes
+from mjbench.loop.profile import ProfiledSteps, ProfileRow
 from mjbench.loop.rendering import FrameTime
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
@@ -30,7 +30,7 @@ class Profile(Measured):
         return row
 
     @property
-    def steps(self) -> StepTimes:
+    def steps(self) -> ProfiledSteps:
         """Times of a step, in nanoseconds, and the engine's stages."""
         steps = self.row.steps
         assert steps is not None, "what fails raises"

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mjbench.paired.records import VerdictRow
 
 
-class Finding(StrEnum):
+class GateFinding(StrEnum):
     """What `--fail-on` can name: a verdict, or work that changed."""
 
     SLOWER = Verdict.SLOWER
@@ -26,14 +26,14 @@ class Finding(StrEnum):
     INCONCLUSIVE = Verdict.INCONCLUSIVE
 
 
-class _Findings(Text[list[Finding]]):
+class _Findings(Text[list[GateFinding]]):
     """Comma-separated findings."""
 
     name = "FINDING,…"
-    expected = f"one of {', '.join(Finding)}, or several with commas"
+    expected = f"one of {', '.join(GateFinding)}, or several with commas"
 
-    def _parse(self, text: str) -> list[Finding]:
-        findings = [Finding(name.strip()) for name in text.split(",") if name.strip()]
+    def _parse(self, text: str) -> list[GateFinding]:
+        findings = [GateFinding(name.strip()) for name in text.split(",") if name.strip()]
         if not findings:
             raise ValueError
         return findings
@@ -48,7 +48,7 @@ class FailOn:
       allow_inconclusive: whether a verdict on speed may be inconclusive.
     """
 
-    findings: Sequence[Finding] = ()
+    findings: Sequence[GateFinding] = ()
     allow_inconclusive: bool = False
 
     def exit_code(self, rows: Sequence["VerdictRow"], confidence: float) -> ExitCode:
@@ -64,19 +64,19 @@ class FailOn:
             return code
         decided = family.decide(rows, confidence)
         is_there = {
-            Finding.SLOWER: bool(decided.slower),
-            Finding.FASTER: bool(decided.faster),
-            Finding.CHANGED_WORK: any(row.changed_work for row in rows),
-            Finding.INCONCLUSIVE: any(row.verdict == Verdict.INCONCLUSIVE for row in rows),
+            GateFinding.SLOWER: bool(decided.slower),
+            GateFinding.FASTER: bool(decided.faster),
+            GateFinding.CHANGED_WORK: any(row.changed_work for row in rows),
+            GateFinding.INCONCLUSIVE: any(row.verdict == Verdict.INCONCLUSIVE for row in rows),
         }
         if any(is_there[finding] for finding in self.findings):
             return ExitCode.FINDING
-        asks_for_speed = bool({Finding.SLOWER, Finding.FASTER} & set(self.findings))
+        asks_for_speed = bool({GateFinding.SLOWER, GateFinding.FASTER} & set(self.findings))
         is_speed_open = asks_for_speed and any(
             row.verdict != Verdict.INCONCLUSIVE or not self.allow_inconclusive
             for row in decided.undecided
         )
-        is_work_open = Finding.CHANGED_WORK in self.findings and any(
+        is_work_open = GateFinding.CHANGED_WORK in self.findings and any(
             row.changed_work is None for row in rows
         )
         return ExitCode.ENVIRONMENT if is_speed_open or is_work_open else ExitCode.OK
@@ -90,7 +90,7 @@ FAIL_ON = as_one(
         "findings",
         type=_Findings(),
         default=[],
-        help=f"Exit 1 for one of these: {', '.join(Finding)}. Exit 3 when it cannot be decided:"
+        help=f"Exit 1 for one of these: {', '.join(GateFinding)}. Exit 3 when it cannot be decided:"
         " the verdict is inconclusive, it may be due to where a build's code lies in memory, or the"
         " work was not compared.",
     ),

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from mjbench.store.run_set import RunSetFile
     from mjbench.sweep.cells import Cell
     from mjbench.sweep.matrix import Matrix
-    from mjbench.sweep.results import CellResult, Outcome
+    from mjbench.sweep.results import CellOutcome, CellResult
     from mjbench.sweep.run import Summary
 
 # Where run sets of sweeps are stored unless -o says otherwise.
@@ -187,7 +187,7 @@ def _remove_empty(target: Path) -> None:
             target.unlink()
 
 
-def _stored(target: Path, matrix: "Matrix") -> "dict[Cell, Outcome]":
+def _stored(target: Path, matrix: "Matrix") -> "dict[Cell, CellOutcome]":
     """Return how the cells in a run set ended; the last result of each counts."""
     from mjbench.report.kinds import RECORD_TYPES
     from mjbench.store import run_set

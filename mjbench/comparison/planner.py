@@ -100,14 +100,14 @@ class Planner:
 
 
 @dataclass(frozen=True)
-class States:
+class PlannerStates:
     """States by field: (…, nq) and (…, nv)."""
 
     qpos: np.ndarray
     qvel: np.ndarray
 
     @classmethod
-    def of(cls, columns: Mapping[str, slice], physics: np.ndarray) -> "States":
+    def of(cls, columns: Mapping[str, slice], physics: np.ndarray) -> "PlannerStates":
         """Return the fields of (…, nphysics) rows of mjSTATE_FULLPHYSICS."""
         return cls(physics[..., columns["qpos"]], physics[..., columns["qvel"]])
 
@@ -122,11 +122,11 @@ class PlanningTask(ABC):
         return start_data(model)
 
     @abstractmethod
-    def cost(self, states: States, controls: np.ndarray) -> np.ndarray:
+    def cost(self, states: PlannerStates, controls: np.ndarray) -> np.ndarray:
         """Return (n,) costs of (n, nstep, …) states and (n, knots, nu) controls."""
 
     @abstractmethod
-    def is_achieved(self, states: States) -> bool:
+    def is_achieved(self, states: PlannerStates) -> bool:
         """Return whether the last quarter of the loop, (nplan, …), is as it should be."""
 
 
@@ -141,13 +141,13 @@ class SwingUp(PlanningTask):
         data.qpos[:] = (0.0, np.pi)
         return data
 
-    def cost(self, states: States, controls: np.ndarray) -> np.ndarray:
+    def cost(self, states: PlannerStates, controls: np.ndarray) -> np.ndarray:
         """See `PlanningTask.cost`."""
         x, angle = states.qpos[..., 0], states.qpos[..., 1]
         running = 1 - np.cos(angle) + 0.1 * x**2 + 0.01 * (states.qvel**2).sum(axis=-1)
         return np.asarray(running.mean(axis=-1) + 0.01 * (controls**2).mean(axis=(1, 2)))
 
-    def is_achieved(self, states: States) -> bool:
+    def is_achieved(self, states: PlannerStates) -> bool:
         """See `PlanningTask.is_achieved`: within 15° of upright."""
         return bool((np.cos(states.qpos[..., 1]) > np.cos(np.radians(15))).all())
 
@@ -162,14 +162,14 @@ class HoldPose(PlanningTask):
         data = start_data(model)
         self._qpos, self._ctrl = np.array(data.qpos), np.array(data.ctrl)
 
-    def cost(self, states: States, controls: np.ndarray) -> np.ndarray:
+    def cost(self, states: PlannerStates, controls: np.ndarray) -> np.ndarray:
         """See `PlanningTask.cost`."""
         offset = states.qpos - self._qpos
         running = (offset**2).sum(axis=-1) + 0.01 * (states.qvel**2).sum(axis=-1)
         effort = ((controls - self._ctrl) ** 2).mean(axis=(1, 2))
         return np.asarray(running.mean(axis=-1) + 0.01 * effort)
 
-    def is_achieved(self, states: States) -> bool:
+    def is_achieved(self, states: PlannerStates) -> bool:
         """See `PlanningTask.is_achieved`: no coordinate is off by more than 0.3 m or rad."""
         return bool((np.abs(states.qpos - self._qpos) < 0.3).all())
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from mjbench import paths
 from mjbench.comparison.plan import Variant
-from mjbench.comparison.planner import Algorithm, Planner, PlannerSettings, States, task_of
+from mjbench.comparison.planner import Algorithm, Planner, PlannerSettings, PlannerStates, task_of
 from mjbench.errors import InputError, describe, one_line
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
@@ -237,7 +237,7 @@ class _Loop:
             data.ctrl[:] = planner.advance()
             mujoco.mj_step(model, data, request.hold)
             compat.get_state(model, data, states[k], compat.FULLPHYSICS)
-        last = States.of(self._columns, states[-(nplan // 4) :])
+        last = PlannerStates.of(self._columns, states[-(nplan // 4) :])
         settings = request.settings
         return PlanningRow(
             model=request.source.name,
@@ -274,7 +274,7 @@ class _Loop:
         """
 
         def cost(physics: np.ndarray) -> np.ndarray:
-            return self._task.cost(States.of(self._columns, physics), candidates)
+            return self._task.cost(PlannerStates.of(self._columns, physics), candidates)
 
         order = [i for i, path in enumerate(self._planned) if path.status == Status.OK]
         shuffle(order)

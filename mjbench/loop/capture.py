@@ -23,7 +23,7 @@ import numpy as np
 
 from mjbench.errors import InputError, MjbenchError, shown, writing
 from mjbench.loop import engine_functions
-from mjbench.loop.step_recorder import ModelRecorder, StepRecorder, Window
+from mjbench.loop.step_recorder import ModelRecorder, RecordedWindow, StepRecorder
 from mjbench.simulation import capture_header, state_file
 from mjbench.simulation.capture_header import CaptureHeader
 from mjbench.store import files
@@ -243,7 +243,7 @@ class Capture(contextlib.ContextDecorator):
         )
 
 
-def _header(recorded: ModelRecorder, windows: Sequence[Window]) -> CaptureHeader:
+def _header(recorded: ModelRecorder, windows: Sequence[RecordedWindow]) -> CaptureHeader:
     changed = {field for window in windows for field in window.changed_inputs}
     return CaptureHeader(
         format=capture_header.FORMAT,

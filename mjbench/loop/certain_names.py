@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from mjbench.loop.name_bindings import NameBindings
-from mjbench.loop.python_source import Program
+from mjbench.loop.python_source import PythonProgram
 from mjbench.loop.script_syntax import dotted_name, nodes_inside
 from mjbench.loop.stepping_script import Loop, SteppingScript
 
@@ -21,7 +21,7 @@ _STEPS = {"mujoco.mj_step", "mujoco.mj_step1", "mujoco.mj_step2"}
 class CertainNames:
     """What is known of the names of a script."""
 
-    program: Program
+    program: PythonProgram
     script: SteppingScript
 
     @property

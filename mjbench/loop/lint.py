@@ -12,7 +12,7 @@ from mjbench.errors import InputError
 from mjbench.loop.lint_rule import Match, Rule
 from mjbench.loop.lint_rules import RULES
 from mjbench.loop.lint_settings import ALL_CODES, ALL_RULES, RuleChoice
-from mjbench.loop.python_source import Program, read_program
+from mjbench.loop.python_source import PythonProgram, read_program
 from mjbench.loop.script_files import UncheckedFile, each_checked
 from mjbench.loop.stepping_script import SteppingScript
 
@@ -75,13 +75,13 @@ def check_all(
     return each_checked(files, lambda file: check(file, choice.codes_for(file)))
 
 
-def findings_of(file: str, program: Program, codes: Collection[str]) -> list[Finding]:
+def findings_of(file: str, program: PythonProgram, codes: Collection[str]) -> list[Finding]:
     """Return the findings of a program, in the order of its lines, under the name of its file."""
     of_rules = matches(program, SteppingScript(program.tree), codes)
     return [finding_of(file, program, rule, match) for rule, match in of_rules]
 
 
-def finding_of(file: str, program: Program, rule: Rule, match: Match) -> Finding:
+def finding_of(file: str, program: PythonProgram, rule: Rule, match: Match) -> Finding:
     """Return the finding of what breaks a rule in a program."""
     line = program.line_of(match.node)
     return Finding(
@@ -99,7 +99,7 @@ def finding_of(file: str, program: Program, rule: Rule, match: Match) -> Finding
 
 
 def matches(
-    program: Program, script: SteppingScript, codes: Collection[str] = ALL_CODES
+    program: PythonProgram, script: SteppingScript, codes: Collection[str] = ALL_CODES
 ) -> list[tuple[Rule, Match]]:
     """Return what breaks rules in a program and is not suppressed, in the order of its lines."""
     by_place = {}  # and rule: nested loops match the same node twice
@@ -111,7 +111,7 @@ def matches(
     return [each for _, each in sorted(by_place.items(), key=lambda item: item[0])]
 
 
-def _caller(program: Program, match: Match) -> str:
+def _caller(program: PythonProgram, match: Match) -> str:
     """Return which loop runs a match in every iteration; nothing where it stands in the loop."""
     if match.loop is None:
         return ""

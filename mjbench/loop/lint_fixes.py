@@ -24,8 +24,8 @@ from mjbench.loop.hoisting import Hoist, Hoisting
 from mjbench.loop.lint_rule import Match, Rule
 from mjbench.loop.lint_rules import NAMED_ACCESS, STORED_VIEW
 from mjbench.loop.lint_settings import ALL_CODES, ALL_RULES, RuleChoice
-from mjbench.loop.notebook import Part
-from mjbench.loop.python_source import Program, read_program
+from mjbench.loop.notebook import NotebookPart
+from mjbench.loop.python_source import PythonProgram, read_program
 from mjbench.loop.script_files import UncheckedFile, each_checked
 from mjbench.loop.stepping_script import SteppingScript
 from mjbench.store import files as stored_files
@@ -36,7 +36,7 @@ _OF_IDENTIFIER = re.compile(rb"[\w\x80-\xff]")
 
 
 @dataclass(frozen=True)
-class Changes:
+class SourceChanges:
     """What to change in a script: expressions that get `.copy()`, and calls that become names."""
 
     copied: Sequence[ast.expr]
@@ -58,7 +58,7 @@ class _Plan:
     """
 
     matches: Sequence[tuple[Rule, Match]]
-    changes: Changes
+    changes: SourceChanges
     refusals: Mapping[ast.AST, str]
 
 
@@ -83,8 +83,8 @@ class FixedFile:
     """
 
     file: str
-    before: Program
-    after: Program
+    before: PythonProgram
+    after: PythonProgram
     fixed: int
     findings: Sequence[lint.Finding]
     unfixed: Sequence[Unfixed]
@@ -146,7 +146,7 @@ def fix(file: str, codes: Collection[str] = ALL_CODES) -> FixedFile:
         return FixedFile(file, before, after, len(fixed), findings, unfixed)
 
 
-def _plan(program: Program, codes: Collection[str]) -> _Plan:
+def _plan(program: PythonProgram, codes: Collection[str]) -> _Plan:
     """Return the changes of a program that are safe, and why other remedies may not be."""
     script = SteppingScript(program.tree)
     names = CertainNames(program, script)
@@ -166,7 +166,7 @@ def _plan(program: Program, codes: Collection[str]) -> _Plan:
             assert isinstance(match.node, ast.Call)
             calls.append(match.node)
     hoists, not_hoisted = Hoisting(names).plan(calls)
-    return _Plan(matches, Changes(copied, hoists), refusals | not_hoisted)
+    return _Plan(matches, SourceChanges(copied, hoists), refusals | not_hoisted)
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ class _Edit:
 class _PartText:
     """The text of a cell, or of a Python file, and the edits of nodes in it."""
 
-    def __init__(self, program: Program, part: Part):
+    def __init__(self, program: PythonProgram, part: NotebookPart):
         lines = [line.encode() for line in lines_of(part.text)]
         self.data = b"".join(lines)
         self._program = program
@@ -236,7 +236,7 @@ def lines_of(text: str) -> list[str]:
     return [line for line in _LINE.findall(text) if line]
 
 
-def changed(program: Program, changes: Changes) -> Program:
+def changed(program: PythonProgram, changes: SourceChanges) -> PythonProgram:
     """Return a program after changes.
 
     Raises:
@@ -253,7 +253,7 @@ def changed(program: Program, changes: Changes) -> Program:
     return result
 
 
-def _edited(program: Program, part: Part, changes: Changes) -> str:
+def _edited(program: PythonProgram, part: NotebookPart, changes: SourceChanges) -> str:
     """Return the text of one part after those of the changes that are in it."""
     text = _PartText(program, part)
     in_part = [view for view in changes.copied if program.line_of(view).cell == part.cell]
@@ -265,7 +265,7 @@ def _edited(program: Program, part: Part, changes: Changes) -> str:
     return text.edited(edits)
 
 
-def _expected(tree: ast.Module, changes: Changes) -> ast.AST:
+def _expected(tree: ast.Module, changes: SourceChanges) -> ast.AST:
     """Return what the changes make of a script's syntax, which itself stays as it is."""
     copies: dict[int, Any] = {}
     new = copy.deepcopy(tree, copies)
@@ -275,7 +275,7 @@ def _expected(tree: ast.Module, changes: Changes) -> ast.AST:
 class _Transformer(ast.NodeTransformer):
     """Makes changes in a tree, whose nodes are the copies of those that the changes name."""
 
-    def __init__(self, changes: Changes, copies: Mapping[int, Any]):
+    def __init__(self, changes: SourceChanges, copies: Mapping[int, Any]):
         self._copied = {copies[id(view)] for view in changes.copied}
         self._names = {copies[id(c)]: hoist.name for hoist in changes.hoists for c in hoist.calls}
         self._hoists: dict[ast.AST, list[Hoist]] = {}

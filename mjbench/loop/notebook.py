@@ -31,7 +31,7 @@ _NEWLINE = re.compile(r"\r\n?")
 
 
 @dataclass(frozen=True)
-class Part:
+class NotebookPart:
     """A code cell of a notebook, or a whole Python file.
 
     Attributes:
@@ -80,7 +80,7 @@ class _Notebook:
     metadata: _Metadata = _Metadata()
 
 
-def code_cells(data: bytes) -> list[Part]:
+def code_cells(data: bytes) -> list[NotebookPart]:
     """Return the code cells of a notebook file, in its order.
 
     Raises:
@@ -95,7 +95,7 @@ def code_cells(data: bytes) -> list[Part]:
         if cell.cell_type == "code":
             source = cell.source or cell.input
             text = _NEWLINE.sub("\n", source if isinstance(source, str) else "".join(source))
-            cells.append(Part(text, _python(text), number))
+            cells.append(NotebookPart(text, _python(text), number))
     return cells
 
 

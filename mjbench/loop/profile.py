@@ -39,7 +39,7 @@ FRAMES_PER_S = 60
 
 
 @dataclass(frozen=True)
-class StepTimes:
+class ProfiledSteps:
     """Where a step's time goes, without rendering; from the child that steps.
 
     Attributes:
@@ -75,8 +75,8 @@ class StepTimes:
 class ProfileRow:
     """What the run file and `mjbench profile --json` hold for one model.
 
-    The attributes from `timestep` on are None where the measurement failed; `StepTimes` explains
-    most of them.
+    The attributes from `timestep` on are None where the measurement failed; `ProfiledSteps`
+    explains most of them.
 
     Attributes:
       model: its name.
@@ -109,14 +109,16 @@ class ProfileRow:
         check_measured(self, *names)
 
     @property
-    def steps(self) -> StepTimes | None:
+    def steps(self) -> ProfiledSteps | None:
         """Where a step's time goes; None where that could not be measured."""
         if self.status != Status.OK:
             return None
-        return StepTimes(**{field.name: getattr(self, field.name) for field in fields(StepTimes)})
+        return ProfiledSteps(
+            **{field.name: getattr(self, field.name) for field in fields(ProfiledSteps)}
+        )
 
 
-def row(model: str, steps: StepTimes, frames: Sequence[FrameTime]) -> ProfileRow:
+def row(model: str, steps: ProfiledSteps, frames: Sequence[FrameTime]) -> ProfileRow:
     """Return what was measured of a model, and what follows from it."""
     nstep = 1 / steps.timestep
     simulated_second = {
@@ -173,7 +175,7 @@ class Block:
         return runs
 
 
-def step(source: ModelSource, plan: StartPlan, channel: Channel) -> StepTimes:
+def step(source: ModelSource, plan: StartPlan, channel: Channel) -> ProfiledSteps:
     """Time steps with and without MuJoCo's timer, and the loop; runs in a child."""
     channel.doing("loading the model")
     model = models.load(source)
@@ -187,7 +189,7 @@ def step(source: ModelSource, plan: StartPlan, channel: Channel) -> StepTimes:
     loop_ns, engine_ns, *clockless_ns = _step_ns(
         model, block, habits.BARE, habits.ONE_CALL, *clock_off
     )
-    return StepTimes(
+    return ProfiledSteps(
         timestep=float(model.opt.timestep),
         loop_ns=loop_ns,
         engine_ns=engine_ns,

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from mjbench.errors import InputError, one_line
 from mjbench.loop import notebook
-from mjbench.loop.notebook import Part
+from mjbench.loop.notebook import NotebookPart
 
 NOTEBOOK_SUFFIX = ".ipynb"
 # The parser needs up to 1 GB of memory for 1 MB of Python; outputs make notebooks large.
@@ -51,7 +51,7 @@ class SourceLine:
 
 
 @dataclass(frozen=True)
-class Program:
+class PythonProgram:
     """A Python file, or all code cells of a notebook as one.
 
     Attributes:
@@ -62,7 +62,7 @@ class Program:
 
     tree: ast.Module
     lines: Sequence[SourceLine]
-    parts: Sequence[Part]
+    parts: Sequence[NotebookPart]
     data: bytes
     encoding: str | None
 
@@ -70,7 +70,7 @@ class Program:
         """Return the line at which a node begins."""
         return self.lines[min(node.lineno, len(self.lines)) - 1]
 
-    def with_texts(self, texts: Sequence[str]) -> "Program":
+    def with_texts(self, texts: Sequence[str]) -> "PythonProgram":
         """Return the program with other texts in its parts, encoded as before.
 
         Raises:
@@ -91,7 +91,7 @@ class Program:
         return program
 
 
-def read_program(file: str) -> Program:
+def read_program(file: str) -> PythonProgram:
     """Return the program in a Python file or a notebook.
 
     Raises:
@@ -109,7 +109,7 @@ def read_program(file: str) -> Program:
         raise InputError(f"{file}: {one_line(error)}") from error
 
 
-def parse_python(data: bytes) -> Program:
+def parse_python(data: bytes) -> PythonProgram:
     """Return the program in the bytes of a Python file.
 
     Raises:
@@ -117,10 +117,10 @@ def parse_python(data: bytes) -> Program:
     """
     encoding = _encoding(data)
     text = data.decode(encoding)
-    return _parse([Part(text, text)], data, encoding)
+    return _parse([NotebookPart(text, text)], data, encoding)
 
 
-def parse_notebook(data: bytes) -> Program:
+def parse_notebook(data: bytes) -> PythonProgram:
     """Return the program in the bytes of a notebook.
 
     Raises:
@@ -146,7 +146,7 @@ def _encoding(data: bytes) -> str:
     return encoding
 
 
-def _parse(parts: Sequence[Part], data: bytes, encoding: str | None) -> Program:
+def _parse(parts: Sequence[NotebookPart], data: bytes, encoding: str | None) -> PythonProgram:
     """Return the parts as one program; each is parsed by itself, as IPython executes cells."""
     if sum(len(part.python) for part in parts) > MAX_PYTHON_BYTES:
         raise ValueError(f"more than {MAX_PYTHON_BYTES // 10**6} MB of Python")
@@ -158,10 +158,10 @@ def _parse(parts: Sequence[Part], data: bytes, encoding: str | None) -> Program:
             ast.increment_lineno(body, len(lines))
         tree.body += body.body
         lines += _source_lines(part)
-    return Program(tree, lines, parts, data, encoding)
+    return PythonProgram(tree, lines, parts, data, encoding)
 
 
-def _source_lines(part: Part) -> list[SourceLine]:
+def _source_lines(part: NotebookPart) -> list[SourceLine]:
     texts = _NEWLINE.split(part.text)
     pythons = _NEWLINE.split(part.python) if part.python is not part.text else texts
     pythons += [""] * (len(texts) - len(pythons))  # a cell that is not Python has none
@@ -171,7 +171,7 @@ def _source_lines(part: Part) -> list[SourceLine]:
     ]
 
 
-def _parse_part(part: Part) -> ast.Module:
+def _parse_part(part: NotebookPart) -> ast.Module:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of escapes such as "\d": they are not ours to report

@@ -38,7 +38,7 @@ _TIME_SHARE = 0.5
 _Window = TypeVar("_Window")
 
 
-class Window:
+class RecordedWindow:
     """A piece of a program's run: the states of one MjData over some of its steps.
 
     A *segment* is a state and those after each further step. A replay from one of these states,
@@ -194,14 +194,14 @@ class ModelRecorder:
         self.nstep = 0
         most = max(2, min(max_states, MAX_BYTES // (8 * self.reader.nstate)))
         self._window_states = min(window_nstep + 1, most)
-        self._sample: WindowSample[Window] = WindowSample(
+        self._sample: WindowSample[RecordedWindow] = WindowSample(
             most // self._window_states, self._window_states - 1, random.Random(_SEED)
         )
-        self._window: Window | None = None
+        self._window: RecordedWindow | None = None
         self._followed_at = 0
         self._lock = threading.Lock()
 
-    def windows(self) -> list[Window]:
+    def windows(self) -> list[RecordedWindow]:
         """Return the windows with states, in the order of the run."""
         if self._window is not None:
             self._end_window()
@@ -232,7 +232,7 @@ class ModelRecorder:
         """Return whether so many steps pass before the next window begins."""
         return self._window is None and self.nstep + nstep <= self._sample.due
 
-    def _window_of(self, model: mujoco.MjModel, data: mujoco.MjData) -> Window | None:
+    def _window_of(self, model: mujoco.MjModel, data: mujoco.MjData) -> RecordedWindow | None:
         """Return the window that begins now; None where none is due, or another goes on."""
         # Waiting could block a forked child for ever; a step that is not followed is only missed.
         if not self._lock.acquire(blocking=False):
@@ -244,13 +244,13 @@ class ModelRecorder:
                 self._end_window()
             if self.nstep < self._sample.due:
                 return None
-            self._window = Window(self.reader, model, data, self._window_states)
+            self._window = RecordedWindow(self.reader, model, data, self._window_states)
             self._followed_at = self.nstep
             return self._window
         finally:
             self._lock.release()
 
-    def _is_over(self, window: Window, data: mujoco.MjData) -> bool:
+    def _is_over(self, window: RecordedWindow, data: mujoco.MjData) -> bool:
         """Return whether a window that does not follow `data` is over: full, or of no use."""
         if window.data in (None, data):  # that is gone, or has no room for this step
             return True

@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 from mjbench.comparison.records import ModelRecord
 from mjbench.errors import InputError, MachineError
 from mjbench.paired import across_machines, family
-from mjbench.paired.across_machines import Outcome
+from mjbench.paired.across_machines import MachinesOutcome
 from mjbench.paired.records import VerdictRecord
 from mjbench.report import rows, verdicts
 from mjbench.report.across_machines import verdict_cell
@@ -27,7 +27,7 @@ _FORMULA = tuple("=+-@\t\r\n＝＋－＠")
 
 
 @dataclass(frozen=True)
-class Metric:
+class ExportedMetric:
     """One number of a run, smaller being better, with its interval if it has one."""
 
     name: str
@@ -38,7 +38,7 @@ class Metric:
     disturbances: Sequence[str] = ()
 
 
-def metrics(stored: RunSet) -> list[Metric]:
+def metrics(stored: RunSet) -> list[ExportedMetric]:
     """Return nanoseconds of a step of every path, and ratios of paired comparisons.
 
     Of several machines, names begin with that of the machine.
@@ -95,19 +95,21 @@ def _check_kind(runs: Sequence[Run]) -> None:
         )
 
 
-def _step_times(run: Run) -> Iterator[Metric]:
+def _step_times(run: Run) -> Iterator[ExportedMetric]:
     for r in path_results(run.records):
         if r.step_ns is not None:
             name = f"{r.model}: {r.variant}, {r.nbatch} simulations"
-            yield Metric(name, "ns/step", r.step_ns, disturbances=r.disturbances)
+            yield ExportedMetric(name, "ns/step", r.step_ns, disturbances=r.disturbances)
 
 
-def _ratios(run: Run) -> Iterator[Metric]:
+def _ratios(run: Run) -> Iterator[ExportedMetric]:
     for record in run.of_type(VerdictRecord):
         if record.ratio is not None:
             row = record.row()
             name = f"{row.model}: {verdicts.describe_targets(row)}"
-            yield Metric(name, "ratio", record.ratio.estimate, record.ratio.low, record.ratio.high)
+            yield ExportedMetric(
+                name, "ratio", record.ratio.estimate, record.ratio.low, record.ratio.high
+            )
 
 
 def as_csv(stored: RunSet) -> str:
@@ -219,11 +221,11 @@ _OUTCOMES: Mapping[Status, str] = {
     Status.UNAVAILABLE: "skipped",
     Status.INTERRUPTED: "skipped",
 }
-_MACHINE_OUTCOMES: Mapping[Outcome, str] = {
-    Outcome.SLOWER: "failure",
-    Outcome.FASTER: "",
-    Outcome.SAME: "",
-    Outcome.UNDECIDED: "skipped",
+_MACHINE_OUTCOMES: Mapping[MachinesOutcome, str] = {
+    MachinesOutcome.SLOWER: "failure",
+    MachinesOutcome.FASTER: "",
+    MachinesOutcome.SAME: "",
+    MachinesOutcome.UNDECIDED: "skipped",
 }
 
 

@@ -22,7 +22,7 @@ from mjbench.simulation.starts import Starts
 from mjbench.store.runs import InputFile, Run, RunHeader
 
 
-class Outcome(StrEnum):
+class MachinesOutcome(StrEnum):
     """What one machine counts as in a comparison."""
 
     SLOWER = "slower"
@@ -35,7 +35,7 @@ class Outcome(StrEnum):
     """It is inconclusive, failed, or not certain enough beside all other verdicts."""
 
 
-_CHANGES = (Outcome.SLOWER, Outcome.FASTER)
+_CHANGES = (MachinesOutcome.SLOWER, MachinesOutcome.FASTER)
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class MachineVerdict:
     """
 
     machine: str
-    outcome: Outcome
+    outcome: MachinesOutcome
     verdict: Verdict | None
     ratio: Ratio | None
     count: int
@@ -117,7 +117,7 @@ class MachineComparison:
     starts: Starts | None
     machines: Sequence[MachineVerdict]
 
-    def of_outcome(self, outcome: Outcome) -> list[MachineVerdict]:
+    def of_outcome(self, outcome: MachinesOutcome) -> list[MachineVerdict]:
         """Return the machines that count as something."""
         return [verdict for verdict in self.machines if verdict.outcome == outcome]
 
@@ -282,7 +282,7 @@ def _machine_verdict(
     works = {row.changed_work for row in decided}
     return MachineVerdict(
         machine,
-        Outcome(certain.value) if certain else Outcome.UNDECIDED,
+        MachinesOutcome(certain.value) if certain else MachinesOutcome.UNDECIDED,
         _agreed(rows),
         max((row.ratio for row in decided if row.ratio), key=_width, default=None),
         len(rows),

@@ -27,7 +27,7 @@ def _nothing() -> None:
 
 
 @dataclass(frozen=True)
-class Section:
+class LoopSection:
     """A part of a run, or a whole one.
 
     Attributes:
@@ -74,7 +74,7 @@ def can_divide(workload: Workload, count: int) -> bool:
     return True
 
 
-def sections(resources: Resources, count: int) -> list[Section]:
+def sections(resources: Resources, count: int) -> list[LoopSection]:
     """Return the sections of a run of the path `python_loop`, in their order.
 
     It does the run once, and leaves its final states in `final_state()`.
@@ -100,10 +100,10 @@ def sections(resources: Resources, count: int) -> list[Section]:
         start = ends[k - 2] if first.start is None else first.start
         return _run(resources, [replace(first, start=start), *others])
 
-    return [Section(runs[k], warm_up(k), _check(resources, ends[k])) for k in range(count)]
+    return [LoopSection(runs[k], warm_up(k), _check(resources, ends[k])) for k in range(count)]
 
 
-def after_lead_in(resources: Resources) -> Section:
+def after_lead_in(resources: Resources) -> LoopSection:
     """Return the whole run of the path `python_loop` as one section, which follows its lead-in.
 
     The lead-in is stepped once, here. Copies of the MjData that it ends in hold what sleeps.
@@ -137,7 +137,7 @@ def after_lead_in(resources: Resources) -> Section:
                     mj_step(model, data)
             mujoco.mj_getState(model, data, end, spec)
 
-    section = Section(run, warm_up)
+    section = LoopSection(run, warm_up)
     section.warm_up()
     section.run()
     return section

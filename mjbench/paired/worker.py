@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     import mujoco
     import numpy as np
 
-    from mjbench.paired.loop_sections import Section, TimedSteps
+    from mjbench.paired.loop_sections import LoopSection, TimedSteps
     from mjbench.paired.race_blocks import RaceBlocks
     from mjbench.paths import Resources, States
     from mjbench.simulation.rounding_reference import RoundingReference
@@ -92,7 +92,7 @@ class Worker:
         self.resources: Resources | None = None
         self.race: RaceBlocks | None = None
         self.slowdown = 0.0
-        self.sections: Sequence[Section] = ()
+        self.sections: Sequence[LoopSection] = ()
         self.single_steps: TimedSteps | None = None
         self.padding: list[Any] = []
         self.scattered: deque[list[object]] = deque(maxlen=_SCATTERED_LAYOUTS)
@@ -370,7 +370,7 @@ class Worker:
         if metric == Metric.P99:
             self.single_steps = loop_sections.TimedSteps(selected)
             self.single_steps.run()
-            self.sections = [loop_sections.Section(self.single_steps.run)]
+            self.sections = [loop_sections.LoopSection(self.single_steps.run)]
             states = States(self.single_steps.final_state)
         elif nsection > 1:
             self.sections = loop_sections.sections(self.resources, nsection)
@@ -380,7 +380,7 @@ class Worker:
             states = States(self.resources.final_state())
         else:
             prepared = path.prepare(selected, options, self.resources)
-            self.sections = [loop_sections.Section(prepared.run)]
+            self.sections = [loop_sections.LoopSection(prepared.run)]
             states = prepared.verified_states()
         self._check_final_states(name, states, rows)
         if previous is not None:  # kept until now, so that the new memory lies elsewhere
@@ -414,7 +414,7 @@ class Worker:
 
         self._lay_out_memory(cores)
         prepared = operations.registry()[name].prepared(file)
-        section = loop_sections.Section(prepared.run)
+        section = loop_sections.LoopSection(prepared.run)
         self.sections = [section]
         result = prepared.result()
         _collect_garbage()
@@ -453,7 +453,7 @@ class Worker:
             seconds.append(time.perf_counter() - begin)
         return calibration.cores(min(seconds[0::2]), min(seconds[1::2]))
 
-    def _block(self, section: "Section") -> int:
+    def _block(self, section: "LoopSection") -> int:
         """Run one block; return its nanoseconds, slowdown included, or those of its slow steps."""
         run, clock = section.run, time.perf_counter_ns
         section.warm_up()

@@ -17,7 +17,7 @@ from mjbench.program.hook import call_clock
 from mjbench.program.loop_time import FEW_SAMPLES, LEAST_REPEATS, LoopTime
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.program.remedy_table import CALL_REMEDIES, CallRemedy, count_of
-from mjbench.program.replacements import Measured, TimeRatio
+from mjbench.program.replacements import MeasuredRatios, TimeRatio
 from mjbench.program.trials import ROLLOUTS, Question, Trial
 from mjbench.simulation import package_timer
 
@@ -123,7 +123,9 @@ class _Saving:
     basis: Basis
 
 
-def of_calls(loop: LoopTime, findings: Sequence[Finding], measured: Measured) -> Iterator[Remedy]:
+def of_calls(
+    loop: LoopTime, findings: Sequence[Finding], measured: MeasuredRatios
+) -> Iterator[Remedy]:
     """Yield what to do about calls that were timed one by one."""
     for context in _contexts(loop, findings):
         remedy, calls, finding = context.remedy, context.calls, context.finding
@@ -151,7 +153,7 @@ def of_calls(loop: LoopTime, findings: Sequence[Finding], measured: Measured) ->
         )
 
 
-def _saving(loop: LoopTime, context: _Context, measured: Measured) -> _Saving | None:
+def _saving(loop: LoopTime, context: _Context, measured: MeasuredRatios) -> _Saving | None:
     """Return what a remedy saves; None where that has to be measured, and could not be."""
     remedy, share = context.remedy, _share(loop, context.calls)
     if remedy.trial is None:
@@ -277,7 +279,7 @@ def _no_timer(loop: LoopTime) -> Question:
     return Question(Trial.NO_TIMER, steps=max(1, round(nstep)))
 
 
-def of_steps(loop: LoopTime, measured: Measured) -> Iterator[Remedy]:
+def of_steps(loop: LoopTime, measured: MeasuredRatios) -> Iterator[Remedy]:
     """Yield what to do about the steps themselves."""
     has_callbacks = any(call.is_callback for call in loop.calls)
     share = _share_with_python(loop, steps_of(loop))
@@ -297,7 +299,9 @@ def of_steps(loop: LoopTime, measured: Measured) -> Iterator[Remedy]:
         )
 
 
-def of_turns(loop: LoopTime, measured: Measured, incidents: Sequence[Incident]) -> Iterator[Remedy]:
+def of_turns(
+    loop: LoopTime, measured: MeasuredRatios, incidents: Sequence[Incident]
+) -> Iterator[Remedy]:
     """Yield what to do about several simulations that are stepped in turn."""
     for incident in incidents:
         calls = [call for call in steps_of(loop) if call.place.position == incident.place.position]

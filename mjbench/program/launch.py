@@ -62,7 +62,7 @@ class Program:
 
 
 @dataclass(frozen=True)
-class Observation:
+class ProgramObservation:
     """What was seen of a program.
 
     Attributes:
@@ -124,7 +124,7 @@ def check(program: Program) -> None:
 
 def run(
     program: Program, seconds: float | None = None, sampling: Sampling = _USUAL_SAMPLING
-) -> Observation:
+) -> ProgramObservation:
     """Run a program to its end, and return what was seen.
 
     Args:
@@ -138,7 +138,7 @@ def run(
         return _run(program, folder, seconds, sampling)
 
 
-def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> Observation:
+def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> ProgramObservation:
     """Sample a program that runs already; it runs on afterwards.
 
     Raises:
@@ -169,7 +169,7 @@ def _observation(
     exit_code: int = 0,
     was_ended: bool = False,
     processor: ProcessorUse | None = None,
-) -> Observation:
+) -> ProgramObservation:
     """Return what the profiler and the clocks have seen; there are no clocks in some programs.
 
     Args:
@@ -181,7 +181,7 @@ def _observation(
     if profiling is not None:
         threads, problem = profiling.samples(end_s)
         waits = gil_waits.gil_waits(profiling.thread_times.times(), threads, profiling.holders())
-    return Observation(
+    return ProgramObservation(
         exit_code=exit_code,
         was_ended=was_ended,
         wall_s=wall_s,
@@ -200,7 +200,9 @@ def _observation(
     )
 
 
-def _run(program: Program, folder: Path, seconds: float | None, sampling: Sampling) -> Observation:
+def _run(
+    program: Program, folder: Path, seconds: float | None, sampling: Sampling
+) -> ProgramObservation:
     with _passing_on() as signals:
         begin = ProcessorClock.now()
         process = _start(program, folder)

@@ -18,7 +18,7 @@ from mjbench.program import (
 )
 from mjbench.program.activities import Activity, Place
 from mjbench.program.gil_waits import GilWait
-from mjbench.program.launch import Observation
+from mjbench.program.launch import ProgramObservation
 from mjbench.program.loop_time import LineTime, LoopTime
 from mjbench.program.physics_cost import PhysicsCost
 from mjbench.program.profiling import ProcessorUse
@@ -40,7 +40,7 @@ class LoopReport:
     remedies: Sequence[Remedy]
 
 
-def _physics(observation: Observation) -> PhysicsCost | None:
+def _physics(observation: ProgramObservation) -> PhysicsCost | None:
     """Return what costs in the steps of a program."""
     most = sorted(observation.steps, key=lambda each: -(each.nstep or 0))
     return physics_cost.measure(
@@ -48,14 +48,14 @@ def _physics(observation: Observation) -> PhysicsCost | None:
     )
 
 
-def _own_files(times: Sequence[LoopTime], observation: Observation) -> list[str]:
+def _own_files(times: Sequence[LoopTime], observation: ProgramObservation) -> list[str]:
     """Return the user's own files that run in loops, or call what was timed."""
     files = {file for time in times for file in time.own_files}
     files |= {call.place.file for call in observation.calls.calls}
     return sorted(file for file in files if not activities.package_of(file))
 
 
-def _others_busy_s(time: LoopTime, observation: Observation) -> float:
+def _others_busy_s(time: LoopTime, observation: ProgramObservation) -> float:
     """Return the seconds that steps of other processes take, at least, on all cores."""
     by_pid = defaultdict[int, float](float)
     for call in observation.calls.calls:
@@ -118,7 +118,7 @@ class ProgramRow:
     outside_loops: Sequence[LineTime] = ()
 
     @classmethod
-    def of(cls, name: str, observation: Observation) -> "ProgramRow":
+    def of(cls, name: str, observation: ProgramObservation) -> "ProgramRow":
         """Return the row of a program that was observed."""
         steps = [step for step in observation.steps if step.step is not None]
         pids = {step.pid for step in steps}

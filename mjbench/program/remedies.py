@@ -19,7 +19,7 @@ from mjbench.program.hook import call_clock
 from mjbench.program.loop_time import FEW_SAMPLES, LineTime, LoopTime
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.program.remedy_table import LINE_REMEDIES, LineRemedy
-from mjbench.program.replacements import Measured
+from mjbench.program.replacements import MeasuredRatios
 from mjbench.program.source_loops import runs_within_step
 from mjbench.program.step_times import StepTimes
 from mjbench.program.trials import Question
@@ -35,8 +35,8 @@ _ADVICE: Mapping[Activity, str] = {
     Activity.RENDERING: "render fewer frames, or smaller ones; EGL on a GPU is fastest",
     Activity.LOGGING: "write less often, and more at a time",
     Activity.PROCESSES: "give each process more work for a message, or use threads (rollout)",
-    Activity.THREADS: "the loop waits for another thread of the program; mujoco.batch.Batch and"
-    " rollout step many simulations on threads of their own, without the GIL",
+    Activity.THREADS: "the loop waits for another thread of the program: give each more work at a"
+    " time; where threads step simulations, compare with mujoco.batch.Batch, which needs no GIL",
     Activity.SLEEPING: "the program sleeps: leave it out where nobody watches; to keep real time,"
     " sleep until begin + i × timestep, so that no delay adds up",
     Activity.COLLECTION: "call gc.freeze() after set-up, or gc.disable() in the loop",
@@ -62,7 +62,7 @@ _WITH_THEIR_LINE = (Activity.COPYING, Activity.STARTING)
 def remedies(
     loop: LoopTime,
     findings: Sequence[Finding] = (),
-    measured: Measured | None = None,
+    measured: MeasuredRatios | None = None,
     incidents: Sequence[Incident] = (),
     others_busy_s: float = 0.0,
 ) -> list[Remedy]:
@@ -72,7 +72,7 @@ def remedies(
       others_busy_s: seconds for which another process steps meanwhile: no other way of waiting for
         it saves them.
     """
-    known = measured or Measured({})
+    known = measured or MeasuredRatios({})
     listed = [
         *_savings(loop, findings, known, others_busy_s),
         *call_remedies.of_turns(loop, known, incidents),
@@ -113,7 +113,7 @@ def first(listed: Sequence[Remedy]) -> Remedy | None:
 
 
 def _savings(
-    loop: LoopTime, findings: Sequence[Finding], measured: Measured, others_busy_s: float
+    loop: LoopTime, findings: Sequence[Finding], measured: MeasuredRatios, others_busy_s: float
 ) -> Iterator[Remedy]:
     """Yield what saves time, in any order."""
     of_calls = list(call_remedies.of_calls(loop, findings, measured))
@@ -247,7 +247,7 @@ def _main_cost(lines: Sequence[LineTime]) -> Activity:
 
 
 def _of_line(
-    loop: LoopTime, line: LineTime, findings: Sequence[Finding], measured: Measured
+    loop: LoopTime, line: LineTime, findings: Sequence[Finding], measured: MeasuredRatios
 ) -> Iterator[Remedy]:
     """Yield what to do about a line: what lint says of it, and about what that leaves."""
     activity, share = _main_cost([line]), _avoidable(line)
@@ -299,7 +299,7 @@ def _gain_of_line(
     remedy: LineRemedy,
     count: int,
     share: float,
-    measured: Measured,
+    measured: MeasuredRatios,
 ) -> tuple[float, Basis]:
     """Return what a line saves: that of its findings in each step, or its share at most.
 

@@ -55,7 +55,7 @@ class TimeRatio:
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredRatios:
     """What was measured on the program's own model.
 
     Attributes:
@@ -80,7 +80,7 @@ class _Request:
     questions: Sequence[Question]
 
 
-def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> Measured:
+def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> MeasuredRatios:
     """Return the ratio of each question that could be measured.
 
     Args:
@@ -88,12 +88,12 @@ def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> M
     """
     model = loadable(models)
     if model is None:
-        return Measured({})
+        return MeasuredRatios({})
     ratios: dict[Question, TimeRatio] = {}
     computes_forces: bool | None = None
     # a library of OpenGL that does not work, or crashes, must not cost the other answers
     for backend in dict.fromkeys(["", *(question.backend for question in questions)]):
-        messages: list[Measured] = []
+        messages: list[MeasuredRatios] = []
         isolate.run(
             answer,
             (_Request(model, [question for question in questions if question.backend == backend]),),
@@ -105,7 +105,7 @@ def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> M
             ratios.update(message.ratios)
             if message.computes_forces is not None:
                 computes_forces = message.computes_forces
-    return Measured(ratios, computes_forces)
+    return MeasuredRatios(ratios, computes_forces)
 
 
 def answer(request: _Request, channel: Channel) -> None:
@@ -115,13 +115,13 @@ def answer(request: _Request, channel: Channel) -> None:
     for state in request.model.states[:1]:
         compat.set_state(model, data, state)
     mujoco.mj_step(model, data)
-    channel.send(Measured({}, bool(data.cacc.any())))
+    channel.send(MeasuredRatios({}, bool(data.cacc.any())))
     for question in request.questions:
         try:
             ratio = _ratio(model, request.model, question)
         except (MjbenchError, mujoco.FatalError, *trials.LACKING):
             continue  # this release, this model, or this machine lacks something
-        channel.send(Measured({question: ratio}))
+        channel.send(MeasuredRatios({question: ratio}))
 
 
 def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -> TimeRatio:

@@ -16,7 +16,7 @@ from mjbench.status import Status
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredRelease:
     """A model or an operation in one release; its ratio is to the reference."""
 
     release: str
@@ -39,10 +39,12 @@ class SpeedSeries:
     """
 
     name: str
-    measured: Sequence[Measured]
+    measured: Sequence[MeasuredRelease]
     changes: Changes
 
-    def pair(self, index: int, before: int | None = None) -> tuple[Measured, Measured]:
+    def pair(
+        self, index: int, before: int | None = None
+    ) -> tuple[MeasuredRelease, MeasuredRelease]:
         """Return the release at an index, and one before it: the last one, or that at `before`."""
         return self.measured[index - 1 if before is None else before], self.measured[index]
 
@@ -71,7 +73,7 @@ def histories(records: Iterable[RatioRecord]) -> list[SpeedSeries]:
     The launches of several records of one release add up where they are of one build and
     one workload; otherwise the last record counts. Records that failed are left out.
     """
-    by_series: dict[str, dict[str, Measured]] = {}
+    by_series: dict[str, dict[str, MeasuredRelease]] = {}
     for record in records:
         if record.status != Status.OK:
             continue
@@ -80,7 +82,7 @@ def histories(records: Iterable[RatioRecord]) -> list[SpeedSeries]:
         pooled = _pooled(earlier.record, record) if earlier else record
         ratio = release_ratios.averaged(pooled.launches)
         if ratio is not None:
-            of_release[record.release] = Measured(record.release, ratio, pooled)
+            of_release[record.release] = MeasuredRelease(record.release, ratio, pooled)
     return [
         _series(name, [of_release[version] for version in in_order(of_release)])
         for name, of_release in by_series.items()
@@ -104,20 +106,20 @@ def _is_same_work(earlier: RatioRecord, later: RatioRecord) -> bool:
     return True
 
 
-def _series(name: str, measured: Sequence[Measured]) -> SpeedSeries:
+def _series(name: str, measured: Sequence[MeasuredRelease]) -> SpeedSeries:
     log_ratios = [each.ratio.log_ratio for each in measured]
     deviations = [each.ratio.deviation for each in measured]
     return SpeedSeries(name, measured, change_points.changes(log_ratios, deviations))
 
 
-def change(before: Measured, after: Measured) -> LogEstimate:
+def change(before: MeasuredRelease, after: MeasuredRelease) -> LogEstimate:
     """Return the time in one release over that in another, with its standard error."""
     old, new = before.ratio, after.ratio
     deviation = math.hypot(old.deviation, new.deviation)
     return LogEstimate(new.log_ratio - old.log_ratio, deviation)
 
 
-def knows_work(before: Measured, after: Measured) -> bool:
+def knows_work(before: MeasuredRelease, after: MeasuredRelease) -> bool:
     """Return whether it is known how the work changed from one release to another."""
     old, new = before.record, after.record
     if isinstance(old, StepRatioRecord) and isinstance(new, StepRatioRecord):
@@ -125,7 +127,7 @@ def knows_work(before: Measured, after: Measured) -> bool:
     return old.drift is not None and new.drift is not None
 
 
-def work_changes(before: Measured, after: Measured) -> list[str]:
+def work_changes(before: MeasuredRelease, after: MeasuredRelease) -> list[str]:
     """Describe how the work changed from one release to another; empty where it did not.
 
     Of steps the counters come first, such as `contacts 1 → 5`; then whether the result is another

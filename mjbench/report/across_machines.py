@@ -13,8 +13,8 @@ from mjbench.paired import across_machines
 from mjbench.paired.across_machines import (
     AcrossMachines,
     MachineComparison,
+    MachinesOutcome,
     MachineVerdict,
-    Outcome,
 )
 from mjbench.report import advice_across, formats, verdicts
 from mjbench.report.advice_across import AdviceAcross
@@ -126,11 +126,11 @@ def _cut(conclusions: Sequence[Conclusion], noun: str) -> Iterator[Conclusion]:
 def _tone(comparison: MachineComparison) -> Tone:
     """Return what a comparison means: slower on one machine is bad, whatever the others say."""
     outcomes = {verdict.outcome for verdict in comparison.machines}
-    if Outcome.SLOWER in outcomes:
+    if MachinesOutcome.SLOWER in outcomes:
         return Tone.BAD
-    if outcomes == {Outcome.SAME}:
+    if outcomes == {MachinesOutcome.SAME}:
         return Tone.NEUTRAL
-    return Tone.GOOD if Outcome.FASTER in outcomes else Tone.UNSURE
+    return Tone.GOOD if MachinesOutcome.FASTER in outcomes else Tone.UNSURE
 
 
 def _counts(results: SideBySide) -> Iterator[DataTable]:
@@ -148,7 +148,7 @@ def _counts(results: SideBySide) -> Iterator[DataTable]:
         (Column("machines", formats.count), lambda row: len(row[1].machines)),
         *(
             (Column(each.value, formats.count), lambda row, each=each: len(row[1].of_outcome(each)))
-            for each in Outcome
+            for each in MachinesOutcome
         ),
         (Column("from", formats.change), lambda row: min(row[2], default=None)),
         (Column("to", formats.change), lambda row: max(row[2], default=None)),

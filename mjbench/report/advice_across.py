@@ -24,7 +24,7 @@ _MOST_NAMES = 10
 
 
 @dataclass(frozen=True)
-class Question:
+class AdviceQuestion:
     """What advice of several machines must share to stand side by side.
 
     Attributes:
@@ -89,7 +89,7 @@ class AdviceAcross:
       machines: what each says.
     """
 
-    question: Question
+    question: AdviceQuestion
     machines: Sequence[MachineAdvice]
 
 
@@ -99,8 +99,8 @@ def advice_across(runs: Sequence[Run], names: Sequence[str]) -> list[AdviceAcros
     A model that failed on a machine before its size was known is part of every question about it.
     `names` has that of each run's machine.
     """
-    answers: dict[Question, dict[str, MachineAdvice]] = defaultdict(dict)
-    failed: list[tuple[Question, MachineAdvice]] = []
+    answers: dict[AdviceQuestion, dict[str, MachineAdvice]] = defaultdict(dict)
+    failed: list[tuple[AdviceQuestion, MachineAdvice]] = []
     for run, name in zip(runs, _with_software(runs, names), strict=True):
         for results in derive_all(run.records) if run.of_type(ModelRecord) else ():
             question = _question(results.model, run)
@@ -174,10 +174,10 @@ def describe(all_advice: Sequence[AdviceAcross]) -> Iterator[str]:
         yield f"{loop.capitalize()} loop: {path} on {machines}, for {listed}{more}"
 
 
-def _question(record: ModelRecord, run: Run) -> Question:
+def _question(record: ModelRecord, run: Run) -> AdviceQuestion:
     starts = record.starts
     named = [record.model, *filter(None, (starts.file, starts.controls_file) if starts else ())]
-    return Question(
+    return AdviceQuestion(
         model=record.model,
         nbatch=record.nbatch,
         nstep=record.nstep,

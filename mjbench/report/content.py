@@ -6,10 +6,10 @@ from enum import StrEnum
 from typing import Any, TypeVar
 
 from mjbench.releases.release_ratios import LogEstimate
-from mjbench.report.formats import Form, Interval
+from mjbench.report.formats import Bounded, Form
 
 # What a cell can hold: a text, a number, an estimate or interval, or nothing.
-Cell = str | float | int | LogEstimate | Interval | None
+Cell = str | float | int | LogEstimate | Bounded | None
 _T = TypeVar("_T")
 
 

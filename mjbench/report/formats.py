@@ -13,7 +13,7 @@ Form = Callable[[Any], str]
 _BAR_WIDTH = 30
 
 
-class Interval(Protocol):
+class Bounded(Protocol):
     """An estimate with the ends of its interval; an end is None where it is not known."""
 
     @property
@@ -93,7 +93,7 @@ def _is_factor(ratio: float) -> bool:
     return ratio >= 2 or ratio <= 0.5
 
 
-def ends(interval: Interval | None, form: Form = factor, between: str = "–") -> str:
+def ends(interval: Bounded | None, form: Form = factor, between: str = "–") -> str:
     """Return the ends of an interval; empty where one is not known."""
     if interval is None or interval.low is None or interval.high is None:
         return ""
@@ -101,7 +101,7 @@ def ends(interval: Interval | None, form: Form = factor, between: str = "–") -
     return f"{low.removesuffix(' %')}{between}{high}"
 
 
-def in_brackets(interval: Interval, form: Form = factor) -> str:
+def in_brackets(interval: Bounded, form: Form = factor) -> str:
     """Return an interval as it follows an estimate in a sentence; empty where it is not known."""
     text = ends(interval, form, " to ")
     return f" ({text})" if text else ""

@@ -10,7 +10,7 @@ from typing import Any
 
 from mjbench.errors import writing
 from mjbench.releases import release_ratios
-from mjbench.releases.speed_history import Measured, SpeedSeries
+from mjbench.releases.speed_history import MeasuredRelease, SpeedSeries
 from mjbench.report import charts, formats
 from mjbench.report.charts import BLUE, GREEN, GREY, ORANGE, Spec
 from mjbench.report.content import Column, DataTable, Figure
@@ -122,7 +122,7 @@ def _times(history: SpeedHistory, series: SpeedSeries) -> Iterator[Row]:
         }
 
 
-def _shipped(measured: Measured) -> float:
+def _shipped(measured: MeasuredRelease) -> float:
     """Return the ratio as shipped where it certainly differs, and the averaged one otherwise."""
     shipped = release_ratios.as_shipped(measured.record.launches)
     if shipped is None:

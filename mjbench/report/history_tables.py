@@ -8,7 +8,7 @@ from mjbench.counts.function_differences import MAIN_FUNCTIONS, largest_differen
 from mjbench.counts.records import ExplainRecord
 from mjbench.releases import release_ratios, speed_history
 from mjbench.releases.release_ratios import LogEstimate
-from mjbench.releases.speed_history import Measured, SpeedSeries
+from mjbench.releases.speed_history import MeasuredRelease, SpeedSeries
 from mjbench.report import formats, history_plots
 from mjbench.report.content import Column, DataTable
 from mjbench.report.speed_history import Listed, SpeedHistory, listed_changes, title
@@ -79,7 +79,9 @@ def all_models(history: SpeedHistory, release: str) -> DataTable:
     )
 
 
-def pairs(history: SpeedHistory, release: str) -> Iterator[tuple[SpeedSeries, Measured, Measured]]:
+def pairs(
+    history: SpeedHistory, release: str
+) -> Iterator[tuple[SpeedSeries, MeasuredRelease, MeasuredRelease]]:
     """Yield each model that was measured in a release and before it, with both."""
     for series in history.models:
         releases = [each.release for each in series.measured]
@@ -177,7 +179,9 @@ def placement(history: SpeedHistory) -> DataTable:
     )
 
 
-def _shipped_change(before: Measured, after: Measured, averaged: float) -> float | None:
+def _shipped_change(
+    before: MeasuredRelease, after: MeasuredRelease, averaged: float
+) -> float | None:
     """Return the change as shipped where placement certainly adds to it; None otherwise."""
     old, new = (release_ratios.as_shipped(each.record.launches) for each in (before, after))
     if old is None or new is None:
@@ -309,7 +313,7 @@ def total(series: SpeedSeries) -> LogEstimate:
     return speed_history.change(series.measured[0], series.measured[-1])
 
 
-def _work_between(before: Measured, after: Measured) -> str:
+def _work_between(before: MeasuredRelease, after: MeasuredRelease) -> str:
     if not speed_history.knows_work(before, after):
         return "unknown"
     return "; ".join(speed_history.work_changes(before, after)) or "the same"

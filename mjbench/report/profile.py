@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from mjbench.loop.profile import FRAMES_PER_S, ProfileRow, StepTimes
+from mjbench.loop.profile import FRAMES_PER_S, ProfiledSteps, ProfileRow
 from mjbench.loop.rendering import FrameTime
 from mjbench.report import charts, content, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
@@ -29,7 +29,7 @@ def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
         )
 
 
-def _conclusions(model: str, steps: StepTimes) -> Iterator[Conclusion]:
+def _conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
     yield Conclusion(
         f"{model}: a step of a Python loop takes {duration(steps.loop_ns)}: engine"
         f" {duration(steps.engine_ns)} ({100 * steps.engine_ns / steps.loop_ns:.0f} %), Python"
@@ -44,7 +44,7 @@ def _conclusions(model: str, steps: StepTimes) -> Iterator[Conclusion]:
         )
 
 
-def _facts(steps: StepTimes) -> list[str]:
+def _facts(steps: ProfiledSteps) -> list[str]:
     """Return what a step did, and which states were stepped."""
     work = steps.work
     held = ["Each run holds the controls of its start"] if steps.run_nstep else []
@@ -57,7 +57,7 @@ def _facts(steps: StepTimes) -> list[str]:
     ]
 
 
-def _stages(steps: StepTimes) -> DataTable:
+def _stages(steps: ProfiledSteps) -> DataTable:
     stages = sorted(steps.stages.items(), key=lambda item: -item[1])
     return DataTable.of(
         "Stages of a step",

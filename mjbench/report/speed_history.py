@@ -15,7 +15,7 @@ from mjbench.releases import known_causes, speed_history
 from mjbench.releases.change_points import ChangePoint
 from mjbench.releases.known_causes import KnownCause
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord
-from mjbench.releases.speed_history import Measured, SpeedSeries, order
+from mjbench.releases.speed_history import MeasuredRelease, SpeedSeries, order
 from mjbench.status import Status
 
 # How a measurement ends that a release crashed, hung or failed in.
@@ -136,8 +136,8 @@ class Listed:
 
     series: SpeedSeries
     point: ChangePoint
-    before: Measured
-    after: Measured
+    before: MeasuredRelease
+    after: MeasuredRelease
     counts: ExplainRecord | None
     causes: Sequence[KnownCause] = ()
 

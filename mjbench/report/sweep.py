@@ -6,7 +6,7 @@ from mjbench.report import formats
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.status import Status
 from mjbench.sweep.cells import Cell
-from mjbench.sweep.results import Outcome
+from mjbench.sweep.results import CellOutcome
 from mjbench.sweep.run import Summary
 from mjbench.units import count_of
 
@@ -25,7 +25,7 @@ def duration(seconds: float) -> str:
     return f"{hours} h {minutes} min" if hours else f"{minutes} min"
 
 
-def cells_section(cells: Sequence[Cell], done: Mapping[Cell, Outcome]) -> Section:
+def cells_section(cells: Sequence[Cell], done: Mapping[Cell, CellOutcome]) -> Section:
     """Return the names of all cells, how those that have a result ended, and how many there are."""
     table = DataTable.of(
         "Results",
@@ -41,7 +41,7 @@ def cells_section(cells: Sequence[Cell], done: Mapping[Cell, Outcome]) -> Sectio
     )
 
 
-def summary_section(summary: Summary, outcomes: Mapping[Cell, Outcome]) -> Section:
+def summary_section(summary: Summary, outcomes: Mapping[Cell, CellOutcome]) -> Section:
     """Return what the nodes did, which of all cells failed, and which are missing."""
     missing = []
     if summary.missing:
@@ -52,7 +52,7 @@ def summary_section(summary: Summary, outcomes: Mapping[Cell, Outcome]) -> Secti
     return Section("Nodes", failures(outcomes), tables=[_nodes_table(summary)], notes=missing)
 
 
-def failures(outcomes: Mapping[Cell, Outcome]) -> list[Conclusion]:
+def failures(outcomes: Mapping[Cell, CellOutcome]) -> list[Conclusion]:
     """Return which cells failed, and how."""
     failed = [item for item in outcomes.items() if item[1].status in _FAILED]
     conclusions = [

@@ -27,8 +27,8 @@ from mjbench.tuning.records import (
     Batch,
     BatchFacts,
     Effect,
-    Program,
     Recommendation,
+    TunedProgram,
     TuneRecord,
 )
 from mjbench.tuning.reference import REFINEMENT, Present
@@ -168,7 +168,7 @@ class _FrontRow:
     settings: Sequence[Setting]
     error: Distance | None
     ratio: Ratio
-    program: Program | None
+    program: TunedProgram | None
     is_recommended: bool = False
     effect: Effect | None = None
 

@@ -9,8 +9,8 @@ from mjbench.paired import family
 from mjbench.paired.across_machines import (
     AcrossMachines,
     MachineComparison,
+    MachinesOutcome,
     MachineVerdict,
-    Outcome,
 )
 from mjbench.paired.family import Family
 from mjbench.paired.outcomes import Cause, Metric, Verdict
@@ -119,20 +119,20 @@ def _false_alarms(names_slower: bool, names_faster: bool, confidence: float) -> 
 def describe_all_machines(across: AcrossMachines) -> str:
     """Return what all verdicts of all machines show together, as a sentence."""
     verdicts = across.verdicts
-    counts = {o: sum(v.outcome == o for v in verdicts) for o in Outcome}
+    counts = {o: sum(v.outcome == o for v in verdicts) for o in MachinesOutcome}
     parts = [f"{count} {outcome.value}" for outcome, count in counts.items() if count]
     counted = count_of(len(verdicts), "verdict")
     machines = count_of(len(across.machines), "machine")
     return f"{counted} on {machines}, decided together: {', '.join(parts)}." + _false_alarms(
-        any(_is_timed(c) and c.of_outcome(Outcome.SLOWER) for c in across.comparisons),
-        any(_is_timed(c) and c.of_outcome(Outcome.FASTER) for c in across.comparisons),
+        any(_is_timed(c) and c.of_outcome(MachinesOutcome.SLOWER) for c in across.comparisons),
+        any(_is_timed(c) and c.of_outcome(MachinesOutcome.FASTER) for c in across.comparisons),
         across.confidence,
     )
 
 
 def describe_machines(comparison: MachineComparison, name: str) -> str:
     """Return what machines show of a comparison, such as `…: slower on 3 of 4 machines, …`."""
-    groups = {outcome: comparison.of_outcome(outcome) for outcome in Outcome}
+    groups = {outcome: comparison.of_outcome(outcome) for outcome in MachinesOutcome}
     named = sorted((o for o in groups if groups[o]), key=lambda o: -len(groups[o]))
     parts = [
         _on_machines(outcome, groups[outcome], len(comparison.machines), is_first=n == 0)
@@ -157,7 +157,7 @@ def comparison_name(comparison: MachineComparison) -> str:
 
 
 def _on_machines(
-    outcome: Outcome, verdicts: Sequence[MachineVerdict], count: int, is_first: bool
+    outcome: MachinesOutcome, verdicts: Sequence[MachineVerdict], count: int, is_first: bool
 ) -> str:
     """Return on how many machines something came out; on which, where they are few."""
     names = ", ".join(verdict.machine for verdict in verdicts)

@@ -14,7 +14,7 @@ from mjbench.paired.outcomes import Metric
 _DIGEST_LENGTH = 10
 
 
-class Kind(StrEnum):
+class CellKind(StrEnum):
     """What a cell measures; the table of the plan that asks for it has the same name."""
 
     VERSIONS = "versions"
@@ -43,7 +43,7 @@ class Cell:
         options of the command, versions of packages.
     """
 
-    kind: Kind
+    kind: CellKind
     model: str
     release: str = ""
     baseline: str = ""
@@ -57,7 +57,7 @@ class Cell:
     def name(self) -> str:
         """The cell as people read it, such as `versions humanoid 3.3.0 → 4.0.0 python_loop`."""
         releases = self.release
-        if self.kind == Kind.VERSIONS:
+        if self.kind == CellKind.VERSIONS:
             releases = f"{self.baseline} → {self.release}"
         metric = "" if self.metric in (None, Metric.TIME) else self.metric
         machine = f"on {self.machine}" if self.machine else ""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from mjbench.releases.installs import INSTALLED
-from mjbench.sweep.cells import Cell, Kind
+from mjbench.sweep.cells import Cell, CellKind
 
 
 @dataclass(frozen=True)
@@ -91,15 +91,15 @@ def _history(cells: Sequence[Cell]) -> CommandLine:
 # Options without a value: `true` is `--name`.
 SWITCHES = frozenset({"as-shipped"})
 _SIZES = ("nbatch", "nstep", "hold", "seed", "settle")
-COMMANDS: Mapping[Kind, Command] = {
-    Kind.VERSIONS: Command(
+COMMANDS: Mapping[CellKind, Command] = {
+    CellKind.VERSIONS: Command(
         options=("min-effect", "confidence", "precision", "time-limit", "as-shipped", *_SIZES),
         name=("versions",),
         together=lambda c: (c.baseline, c.release, c.path, c.metric or ""),
         most=10,
         line=_versions,
     ),
-    Kind.COMPARE: Command(
+    CellKind.COMPARE: Command(
         options=(
             *("paths", "threads", "chunk", "budget", "returns", "total-steps", "time-limit"),
             *_SIZES,
@@ -109,7 +109,7 @@ COMMANDS: Mapping[Kind, Command] = {
         most=1,
         line=_compare,
     ),
-    Kind.INSTRUCTIONS: Command(
+    CellKind.INSTRUCTIONS: Command(
         options=("time-limit", *_SIZES),
         name=("instructions",),
         needs_quiet=False,
@@ -118,7 +118,7 @@ COMMANDS: Mapping[Kind, Command] = {
         most=16,
         line=_instructions,
     ),
-    Kind.HISTORY: Command(
+    CellKind.HISTORY: Command(
         options=(),
         name=("history", "measure"),
         together=lambda c: (c.release,),
@@ -149,7 +149,7 @@ def batches(cells: Sequence[Cell], nodes: Mapping[str, int]) -> list[tuple[Cell,
     ]
 
 
-def _size(cell: Cell, sorts: Mapping[tuple[str, Kind], int], nodes: Mapping[str, int]) -> int:
+def _size(cell: Cell, sorts: Mapping[tuple[str, CellKind], int], nodes: Mapping[str, int]) -> int:
     """Return how many cells one command is to measure."""
     command, count = COMMANDS[cell.kind], nodes.get(cell.machine, 1)
     share = math.ceil(sorts[cell.machine, cell.kind] / (2 * count)) if count > 1 else command.most

@@ -8,7 +8,7 @@ from mjbench.paired.outcomes import Metric
 from mjbench.paths import BASE
 from mjbench.releases.installs import INSTALLED
 from mjbench.sweep import model_files
-from mjbench.sweep.cells import Cell, Kind
+from mjbench.sweep.cells import Cell, CellKind
 from mjbench.sweep.commands import COMMANDS, CommandLine
 from mjbench.sweep.model_files import CarriedModel
 from mjbench.sweep.plan import Plan
@@ -30,7 +30,7 @@ class Matrix:
     @property
     def comparisons(self) -> int:
         """How many verdicts one machine's results hold, all of which are decided together."""
-        count = sum(cell.kind == Kind.VERSIONS for cell in self.cells)
+        count = sum(cell.kind == CellKind.VERSIONS for cell in self.cells)
         return count // max(1, len(self.plan.machines))
 
     def command_line(self, cells: Sequence[Cell]) -> CommandLine:
@@ -38,7 +38,7 @@ class Matrix:
         kind = cells[0].kind
         line = COMMANDS[kind].line(cells)
         arguments = [*line.arguments, *self.plan.options[kind]]
-        if kind == Kind.VERSIONS:
+        if kind == CellKind.VERSIONS:
             arguments += ["--family", str(self.comparisons)]
         return CommandLine(tuple(arguments), line.operands)
 
@@ -75,29 +75,29 @@ def build(plan: Plan, software: Software) -> Matrix:
     return Matrix(plan, tuple(cells), carried)
 
 
-def _content(plan: Plan, kind: Kind, software: Software, digest: str) -> str:
+def _content(plan: Plan, kind: CellKind, software: Software, digest: str) -> str:
     """Return a text for what a result depends on, beside what the cell names."""
     versions = [software.python, software.numpy]
-    if kind == Kind.COMPARE:
+    if kind == CellKind.COMPARE:
         versions.append(software.mujoco)
     return json.dumps([plan.options[kind], versions, digest])
 
 
-def _cells(plan: Plan, kind: Kind, model: str, machine: str, content: str) -> Iterator[Cell]:
+def _cells(plan: Plan, kind: CellKind, model: str, machine: str, content: str) -> Iterator[Cell]:
     """Yield the cells of one kind on one model and machine."""
     cell = Cell(kind, model, machine=machine, content=content)
-    if kind == Kind.COMPARE:
+    if kind == CellKind.COMPARE:
         yield cell
         return
     installed = "".join(spec.version for spec in plan.releases if spec.name == INSTALLED)
     cell = replace(cell, installed=installed)
-    if kind == Kind.VERSIONS:
+    if kind == CellKind.VERSIONS:
         for metric in plan.metrics:
             for path in plan.paths if metric == Metric.TIME else (BASE,):
                 compared = replace(cell, path=path, metric=metric)
                 for old, new in plan.pairs:
                     yield replace(compared, release=new.version, baseline=old.version)
         return
-    first = plan.releases[0].version if kind == Kind.INSTRUCTIONS else ""
+    first = plan.releases[0].version if kind == CellKind.INSTRUCTIONS else ""
     for spec in plan.releases:
         yield replace(cell, release=spec.version, baseline=first)

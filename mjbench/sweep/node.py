@@ -63,7 +63,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Measured:
+class NodeMeasurement:
     """A cell that a node has measured.
 
     Attributes:
@@ -105,7 +105,7 @@ def measure(
     label: str = "",
     calibrate: Callable[[], NodeState] = calibration.calibrate,
     sleep: Callable[[float], None] = time.sleep,
-) -> Iterator[Measured]:
+) -> Iterator[NodeMeasurement]:
     """Measure, and yield the cells of a request in their order, each as soon as it is complete.
 
     When the iterator is closed, or an exception passes through, the command ends with all that it
@@ -123,7 +123,7 @@ def measure(
             begin = time.perf_counter()
             for result in _run(request, carried, label, folder):
                 now = time.perf_counter()
-                yield Measured(name, label, result, now - begin, busy_s, objection)
+                yield NodeMeasurement(name, label, result, now - begin, busy_s, objection)
                 begin, busy_s, objection = now, 0.0, ""
     except (MjbenchError, NotMeasuredError) as error:
         sleep(_PAUSE_S)

@@ -21,7 +21,7 @@ from mjbench.releases.release import OLDEST, version_key
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.sweep.calibration import Limits, NodeRules
-from mjbench.sweep.cells import Kind
+from mjbench.sweep.cells import CellKind
 from mjbench.sweep.commands import COMMANDS, SWITCHES
 from mjbench.sweep.plan_file import PlanFile
 
@@ -31,7 +31,7 @@ CheckCommand = Callable[[Sequence[str]], None]
 _TOP = ("models", "releases", "paths", "metrics", "machines")
 _NODES = ("tries", "patience", "min-cores", "max-busy", "max-stolen")
 # Kinds that measure releases, and how many they need.
-_RELEASES_NEEDED = {Kind.VERSIONS: 2, Kind.INSTRUCTIONS: 1, Kind.HISTORY: 1}
+_RELEASES_NEEDED = {CellKind.VERSIONS: 2, CellKind.INSTRUCTIONS: 1, CellKind.HISTORY: 1}
 _MOST_TRIES = 100
 # The key that says which release others are compared with, and its values for the first of the plan
 # and for the one before.
@@ -56,7 +56,7 @@ class Plan:
     paths: tuple[str, ...]
     metrics: tuple[Metric, ...]
     machines: tuple[str, ...]
-    options: Mapping[Kind, tuple[str, ...]]
+    options: Mapping[CellKind, tuple[str, ...]]
     rules: NodeRules
 
 
@@ -89,7 +89,7 @@ def load(
     """
     file = PlanFile(path)
     file.check_keys(_known_keys())
-    kinds = [kind for kind in Kind if kind in file.values] or [Kind.VERSIONS]
+    kinds = [kind for kind in CellKind if kind in file.values] or [CellKind.VERSIONS]
     releases = _releases(file, known)
     for kind in kinds:
         needed = _RELEASES_NEEDED.get(kind, 0)
@@ -106,7 +106,7 @@ def load(
     return Plan(
         models=_models(file),
         releases=releases,
-        pairs=_pairs(file, releases) if Kind.VERSIONS in kinds else (),
+        pairs=_pairs(file, releases) if CellKind.VERSIONS in kinds else (),
         paths=paths,
         metrics=metrics,
         machines=_machines(file),
@@ -116,8 +116,8 @@ def load(
 
 
 def _known_keys() -> Mapping[str, Sequence[str]]:
-    tables = {kind.value: COMMANDS[kind].options for kind in Kind}
-    tables[Kind.VERSIONS] = (_AGAINST, *tables[Kind.VERSIONS])
+    tables = {kind.value: COMMANDS[kind].options for kind in CellKind}
+    tables[CellKind.VERSIONS] = (_AGAINST, *tables[CellKind.VERSIONS])
     return {"": _TOP, **tables, "nodes": _NODES}
 
 
@@ -236,7 +236,7 @@ def _pairs(
     file: PlanFile, specs: Sequence[ReleaseSpec]
 ) -> tuple[tuple[ReleaseSpec, ReleaseSpec], ...]:
     """Return baseline and candidate of each comparison."""
-    against = file.get(Kind.VERSIONS, _AGAINST, _FIRST)
+    against = file.get(CellKind.VERSIONS, _AGAINST, _FIRST)
     if against == _BEFORE:
         return tuple(itertools.pairwise(specs))
     named = {name: spec for spec in specs for name in (spec.name, spec.version)}
@@ -244,7 +244,7 @@ def _pairs(
     if not isinstance(against, str) or against not in named:
         hint = suggestion(str(against), [_FIRST, _BEFORE, *named])
         text = f'give "{_FIRST}", "{_BEFORE}" or one of the releases{hint}'
-        raise file.error(text, Kind.VERSIONS, _AGAINST)
+        raise file.error(text, CellKind.VERSIONS, _AGAINST)
     baseline = named[against]
     return tuple((baseline, spec) for spec in specs if spec is not baseline)
 
@@ -252,7 +252,7 @@ def _pairs(
 # -- tables --------------------------------------------------------------------------------------
 
 
-def _options(file: PlanFile, kind: Kind, check: CheckCommand) -> tuple[str, ...]:
+def _options(file: PlanFile, kind: CellKind, check: CheckCommand) -> tuple[str, ...]:
     """Return the options that the keys of a table stand for."""
     command = COMMANDS[kind]
     options: list[str] = []
@@ -263,7 +263,7 @@ def _options(file: PlanFile, kind: Kind, check: CheckCommand) -> tuple[str, ...]
         with file.at(kind, name):
             own = _arguments(name, value, name in SWITCHES)
             check([*command.name, *own])
-            if kind == Kind.COMPARE and name == "paths":
+            if kind == CellKind.COMPARE and name == "paths":
                 _refuse_own(own[1].split(","))
                 selection.variants(own[1].split(","))
         options += own

@@ -20,7 +20,7 @@ from mjbench.host.machine import Machine
 from mjbench.status import Status
 from mjbench.sweep import node, ray_session, software
 from mjbench.sweep.model_files import CarriedModel
-from mjbench.sweep.node import BusyError, Measured, NotMeasuredError, Request
+from mjbench.sweep.node import BusyError, NodeMeasurement, NotMeasuredError, Request
 from mjbench.sweep.ray_session import LABEL, LOCAL, RESOURCE
 
 # How long nodes may take to say what they are, how often the list of nodes is read while nothing
@@ -35,7 +35,7 @@ _NODE_ID, _THREADS = "ray.io/node-id", "OMP_NUM_THREADS"
 
 
 @dataclass(frozen=True)
-class Node:
+class ClusterNode:
     """A node that can measure; its label is empty without one."""
 
     id: str
@@ -70,7 +70,7 @@ class Refused:
     reason: str
 
 
-Event = Measured | Failed | Refused
+Event = NodeMeasurement | Failed | Refused
 
 
 class RayCluster:
@@ -85,7 +85,7 @@ class RayCluster:
         self._address, self._tries = address or LOCAL, tries
         self._running: dict[Any, Request] = {}
         self._models: dict[str, Any] = {}
-        self.nodes: tuple[Node, ...] = ()
+        self.nodes: tuple[ClusterNode, ...] = ()
         self.left_out: tuple[LeftOut, ...] = ()
 
     def __enter__(self) -> "RayCluster":
@@ -100,7 +100,7 @@ class RayCluster:
 
             self._measure = ray.remote(_measure)
             answers = _ask(_listed())
-            self.nodes = tuple(one for one in answers if isinstance(one, Node))
+            self.nodes = tuple(one for one in answers if isinstance(one, ClusterNode))
             self.left_out = tuple(one for one in answers if isinstance(one, LeftOut))
             self._closing = closing.pop_all()
         return self
@@ -180,7 +180,7 @@ class RayCluster:
 # -- on nodes -----------------------------------------------------------------------------------
 
 
-def _measure(request: Request, *carried: CarriedModel) -> Iterator[Measured]:
+def _measure(request: Request, *carried: CarriedModel) -> Iterator[NodeMeasurement]:
     """Measure on this node, without what Ray does to its workers."""
     import ray
 
@@ -222,7 +222,7 @@ def _name(host: str, node_id: str) -> str:
     return f"{host} ({node_id[:4]})"
 
 
-def _ask(listed: Sequence[Mapping[str, Any]]) -> list[Node | LeftOut]:
+def _ask(listed: Sequence[Mapping[str, Any]]) -> list[ClusterNode | LeftOut]:
     """Return what nodes are, when all have said it."""
     import ray
     from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
@@ -242,7 +242,7 @@ def _ask(listed: Sequence[Mapping[str, Any]]) -> list[Node | LeftOut]:
     return [_answer(one, answer) for one, answer in zip(listed, answers, strict=True)]
 
 
-def _answer(listed: Mapping[str, Any], answer: Any) -> Node | LeftOut:
+def _answer(listed: Mapping[str, Any], answer: Any) -> ClusterNode | LeftOut:
     """Return what a node says of itself."""
     import ray
 
@@ -257,7 +257,7 @@ def _answer(listed: Mapping[str, Any], answer: Any) -> Node | LeftOut:
         return LeftOut(node_id, name, _cause(error))
     if difference := software.difference(software.installed(), there):
         return LeftOut(node_id, name, difference)
-    return Node(node_id, name, _label(listed), machine)
+    return ClusterNode(node_id, name, _label(listed), machine)
 
 
 def _ended(request: Request, error: Exception) -> Failed | Refused:

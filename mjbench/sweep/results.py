@@ -23,7 +23,7 @@ from mjbench.status import Status, exit_code
 from mjbench.store import run_file, runs
 from mjbench.store.run_set import RunSection
 from mjbench.store.runs import Record, Run, RunHeader
-from mjbench.sweep.cells import Cell, Kind
+from mjbench.sweep.cells import Cell, CellKind
 
 # A name for the lines of a node, in messages about them.
 _SOURCE = Path("what the node measured")
@@ -60,7 +60,7 @@ _RECORD_TYPES: Mapping[str, type] = {
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CellOutcome:
     """How a cell ended.
 
     Attributes:
@@ -82,20 +82,20 @@ class CellResult:
     section: RunSection
 
     @property
-    def outcome(self) -> Outcome:
+    def outcome(self) -> CellOutcome:
         """How it ended."""
         return outcome(self.section.run)
 
 
-def outcome(run: Run) -> Outcome:
+def outcome(run: Run) -> CellOutcome:
     """Return how the cell ended that a run measured."""
     ended = [record for record in run.records if isinstance(record, _Ended)]
     if not ended:
-        return Outcome(Status.FAILED, "there is no result")
+        return CellOutcome(Status.FAILED, "there is no result")
     worst = min(ended, key=lambda record: _WORST_FIRST.index(record.status))
     timed = (VerdictRecord, StepRatioRecord, InstructionsRecord)
     seconds = [record.seconds for record in ended if isinstance(record, timed)]
-    return Outcome(worst.status, worst.detail, sum(seconds) if seconds else None)
+    return CellOutcome(worst.status, worst.detail, sum(seconds) if seconds else None)
 
 
 class Collector:
@@ -140,7 +140,7 @@ class Collector:
         return self._take()
 
     def _is_comparison(self) -> bool:
-        return self.missing[0].kind == Kind.COMPARE
+        return self.missing[0].kind == CellKind.COMPARE
 
     def _take(self) -> list[CellResult]:
         """Return the complete cells that no missing one comes before."""
@@ -161,12 +161,14 @@ def _named(cell: Cell, section: RunSection) -> CellResult:
 def _is_answer(record: Record, cell: Cell) -> bool:
     """Return whether a record is the result of a cell; one that was interrupted is none."""
     match record:
-        case VerdictRecord() if cell.kind == Kind.VERSIONS:
+        case VerdictRecord() if cell.kind == CellKind.VERSIONS:
             names = (record.model, record.path, record.old, record.new)
             is_same = names == (cell.model, cell.path, cell.baseline, cell.release)
             is_answer = is_same and record.metric == cell.metric
         case StepRatioRecord() | InstructionsRecord():
-            kind = Kind.HISTORY if isinstance(record, StepRatioRecord) else Kind.INSTRUCTIONS
+            kind = (
+                CellKind.HISTORY if isinstance(record, StepRatioRecord) else CellKind.INSTRUCTIONS
+            )
             given = (kind, record.model, record.release)
             is_answer = given == (cell.kind, cell.model, cell.release)
         case _:
@@ -186,7 +188,7 @@ def failed(cell: Cell, failure: Failure, machine: Machine) -> CellResult:
 def _failed_record(cell: Cell, failure: Failure) -> Record:
     model, release, status, detail = cell.model, cell.release, failure.status, failure.detail
     match cell.kind:
-        case Kind.VERSIONS:
+        case CellKind.VERSIONS:
             versions = cell.baseline, release
             return VerdictRecord(
                 model=model,
@@ -198,9 +200,9 @@ def _failed_record(cell: Cell, failure: Failure) -> Record:
                 status=status,
                 detail=detail,
             )
-        case Kind.INSTRUCTIONS:
+        case CellKind.INSTRUCTIONS:
             return InstructionsRecord(model=model, release=release, status=status, detail=detail)
-        case Kind.HISTORY:
+        case CellKind.HISTORY:
             reference = release_ratios.REFERENCE
             return StepRatioRecord(
                 model=model,
@@ -210,5 +212,5 @@ def _failed_record(cell: Cell, failure: Failure) -> Record:
                 status=status,
                 detail=detail,
             )
-        case Kind.COMPARE:
+        case CellKind.COMPARE:
             return ModelRecord(model=model, status=status, detail=detail)

@@ -11,9 +11,9 @@ from mjbench.sweep import commands, results, software
 from mjbench.sweep.cells import Cell
 from mjbench.sweep.commands import COMMANDS
 from mjbench.sweep.matrix import Matrix
-from mjbench.sweep.node import Measured, Request
+from mjbench.sweep.node import NodeMeasurement, Request
 from mjbench.sweep.ray_cluster import Event, Failed, LeftOut, RayCluster, Refused
-from mjbench.sweep.results import CellResult, Outcome
+from mjbench.sweep.results import CellOutcome, CellResult
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class NodeRecord:
 class Summary:
     """What a sweep came to."""
 
-    outcomes: Mapping[Cell, Outcome]
+    outcomes: Mapping[Cell, CellOutcome]
     nodes: tuple[NodeRecord, ...]
     left_out: tuple[LeftOut, ...]
     missing: tuple[Cell, ...]
@@ -76,7 +76,7 @@ class Sweep:
         self._active_s = clock()
         earlier = set(done)
         self._missing = {cell: None for cell in matrix.cells if cell not in earlier}
-        self._outcomes: dict[Cell, Outcome] = {}
+        self._outcomes: dict[Cell, CellOutcome] = {}
         self._records = {one.name: NodeRecord(one.name, one.label) for one in cluster.nodes}
         self._reasons: dict[str, None] = {}
         self._check_nodes()
@@ -131,7 +131,7 @@ class Sweep:
 
     def _handle(self, event: Event) -> None:
         match event:
-            case Measured():
+            case NodeMeasurement():
                 self._active_s = self._clock()
                 self._keep(event.result, event.node)
                 self._note(event)
@@ -153,7 +153,7 @@ class Sweep:
         self._outcomes[result.cell] = result.outcome
         del self._missing[result.cell]
 
-    def _note(self, measured: Measured) -> None:
+    def _note(self, measured: NodeMeasurement) -> None:
         """Note what a node did."""
         name = measured.node
         record = self._records.get(name, NodeRecord(name, measured.label))

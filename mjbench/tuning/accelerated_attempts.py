@@ -33,7 +33,7 @@ from mjbench.simulation.workload import Workload
 from mjbench.status import Status
 from mjbench.tuning import distance, knob_values, reference, trajectories
 from mjbench.tuning.distance import Distance, Motion
-from mjbench.tuning.records import Attempt, BatchFacts, Program, log_ratio
+from mjbench.tuning.records import Attempt, BatchFacts, TunedProgram, log_ratio
 from mjbench.tuning.reference import LEAST_NCONTROL, TrialPlan
 from mjbench.tuning.settings import Setting, buffer_sizes_of, edits_of, label
 from mjbench.tuning.trajectories import Trajectories, Trials
@@ -122,7 +122,7 @@ class EngineMeasurements:
         on_attempt: Callable[[Attempt], None],
         stop_after_s: float | None = None,
         has_errors: bool = True,
-    ) -> Program:
+    ) -> TunedProgram:
         """Try settings, one after the other, in a fresh process; return the present program.
 
         A setting that ends the process fails, no more.
@@ -134,10 +134,10 @@ class EngineMeasurements:
           UnavailableError: the model is not for this engine.
           MachineError: the present settings crash, hang or diverge.
         """
-        programs: list[Program] = []
+        programs: list[TunedProgram] = []
 
-        def receive(message: Program | Attempt) -> None:
-            if isinstance(message, Program):
+        def receive(message: TunedProgram | Attempt) -> None:
+            if isinstance(message, TunedProgram):
                 programs.append(message)
             else:
                 on_attempt(message)
@@ -210,7 +210,7 @@ def run_baseline(case: EngineCase, plan: TrialPlan, channel: Channel) -> BatchFa
 def run_launch(request: LaunchRequest, channel: Channel) -> None:
     """Try settings; runs in a child.
 
-    Sends the `Program` of the present settings, then an `Attempt` for each setting.
+    Sends the `TunedProgram` of the present settings, then an `Attempt` for each setting.
 
     Raises:
       UnavailableError: the engine does not take the model.
@@ -243,7 +243,7 @@ class _Compiled:
     """A compiled step, what is said of it, and the buffer sizes that it was asked to have."""
 
     compiled: Compiled
-    program: Program
+    program: TunedProgram
     sizes: Mapping[str, int]
 
 
@@ -289,7 +289,9 @@ class _Case:
         if self.request.has_errors:
             runs = _runs(compiled, block, trials, self.channel, limit_s)
             error = _error(self.model, self.baseline, runs)
-        program = Program(error, compiled.trace_s, compiled.compile_s, dict(compiled.buffer_sizes))
+        program = TunedProgram(
+            error, compiled.trace_s, compiled.compile_s, dict(compiled.buffer_sizes)
+        )
         return _Compiled(compiled, program, sizes)
 
 

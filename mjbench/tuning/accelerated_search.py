@@ -21,8 +21,8 @@ from mjbench.tuning.records import (
     Attempt,
     Batch,
     BatchFacts,
-    Program,
     Recommendation,
+    TunedProgram,
     allowed_error,
     log_ratio,
 )
@@ -39,7 +39,7 @@ class EngineSearch(Search[EngineMeasurements]):
     """A search for settings of MJX or Warp; all effects are allowed."""
 
     _facts: BatchFacts
-    _present: Program | None = None
+    _present: TunedProgram | None = None
 
     def _measure_present(self) -> None:
         self._advance(0, "the present settings in C", 0.0)
@@ -71,7 +71,7 @@ class EngineSearch(Search[EngineMeasurements]):
         self._present = self._present or program
         self._set(batch=Batch(self._plan.nbatch, self._facts, self._present))
 
-    def _limit(self, facts: BatchFacts, present: Program | None) -> float:
+    def _limit(self, facts: BatchFacts, present: TunedProgram | None) -> float:
         """Return the largest transfer error allowed; what rounding makes is none."""
         assert present is not None and present.error is not None, "it was measured"
         return allowed_error(self._plan.max_error, present.error.share, facts.rounding.share)
@@ -84,7 +84,7 @@ class EngineSearch(Search[EngineMeasurements]):
         new = self._measure.baseline(plan.trials(1, ncontrol, ncontrol))
         launches: list[list[Attempt]] = []
 
-        def launch(has_errors: bool) -> Program:
+        def launch(has_errors: bool) -> TunedProgram:
             launches.append([])
             return self._measure.launch(settings, launches[-1].append, has_errors=has_errors)
 

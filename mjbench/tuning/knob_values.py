@@ -17,11 +17,11 @@ from mjbench.simulation.engine_clock import has_clock
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import start_data
 from mjbench.tuning import model_features as features
-from mjbench.tuning.observed import Observed, Usage
+from mjbench.tuning.observed import ObservedModel, Usage
 from mjbench.tuning.settings import Edit, LoopChange, Part, Setting, option
 
-Values = Callable[[Observed], list[Setting]]
-Condition = Callable[[Observed], bool]
+Values = Callable[[ObservedModel], list[Setting]]
+Condition = Callable[[ObservedModel], bool]
 
 # Integrators that are faster than each one, or about as fast, by MJCF's keyword. RK4 evaluates the
 # dynamics four times; `implicit` factorises an asymmetric matrix, `implicitfast` a symmetric one.
@@ -38,7 +38,7 @@ _AUTO_SPARSE_NV = 60
 _TIMESTEP_FACTORS = (2, 4, 8)
 
 
-def _always(_: Observed) -> bool:
+def _always(_: ObservedModel) -> bool:
     return True
 
 
@@ -48,7 +48,7 @@ def _always(_: Observed) -> bool:
 def keywords(name: str, choices: Sequence[str], applies: Condition = _always) -> Values:
     """Return what offers an option's other keywords, where they apply and the engine takes them."""
 
-    def values(observed: Observed) -> list[Setting]:
+    def values(observed: ObservedModel) -> list[Setting]:
         if not applies(observed):
             return []
         present = keyword(observed.model, name)
@@ -61,14 +61,14 @@ def keywords(name: str, choices: Sequence[str], applies: Condition = _always) ->
     return values
 
 
-def integrators(observed: Observed) -> list[Setting]:
+def integrators(observed: ObservedModel) -> list[Setting]:
     """Return integrators that are faster than the model's, or about as fast."""
     present = keyword(observed.model, "integrator")
     faster = {each.lower(): others for each, others in _FASTER_INTEGRATORS.items()}
     return keywords("integrator", faster.get(present, ()))(observed)
 
 
-def jacobians(observed: Observed) -> list[Setting]:
+def jacobians(observed: ObservedModel) -> list[Setting]:
     """Return the storage of the constraint Jacobian that the model does not have now."""
     model = observed.model
     if not observed.max_constraints:
@@ -79,18 +79,18 @@ def jacobians(observed: Observed) -> list[Setting]:
     return [option("jacobian", "dense" if present == "sparse" else "sparse")]
 
 
-def timesteps(observed: Observed) -> list[Setting]:
+def timesteps(observed: ObservedModel) -> list[Setting]:
     """Return multiples of the timestep: powers of 2, so that grids of controls stay aligned."""
     timestep_s = float(observed.model.opt.timestep)
     return [option("timestep", repr(factor * timestep_s)) for factor in _TIMESTEP_FACTORS]
 
 
-def iterations(observed: Observed) -> list[Setting]:
+def iterations(observed: ObservedModel) -> list[Setting]:
     """Return bounds on the solver's iterations that some observed step exceeds."""
     return _bounds("iterations", observed.solver, "solver iterations")
 
 
-def line_search_iterations(observed: Observed) -> list[Setting]:
+def line_search_iterations(observed: ObservedModel) -> list[Setting]:
     """Return bounds on the iterations of a line search that some observed step exceeds.
 
     Not 1: a line search evaluates the cost twice in any case, so 1 does the same as 2.
@@ -98,7 +98,7 @@ def line_search_iterations(observed: Observed) -> list[Setting]:
     return _bounds("ls_iterations", observed.line_search, "line-search iterations", least=2)
 
 
-def no_noslip(observed: Observed) -> list[Setting]:
+def no_noslip(observed: ObservedModel) -> list[Setting]:
     """Return no iterations of the NoSlip solver, where there are some and contacts to slip."""
     has_some = observed.model.opt.noslip_iterations > 0 and observed.max_constraints > 0
     return [option("noslip_iterations", "0")] if has_some else []
@@ -120,7 +120,7 @@ def _compared(
     applies: Condition,
     is_cheaper: Callable[[float, float], bool],
 ) -> Values:
-    def values(observed: Observed) -> list[Setting]:
+    def values(observed: ObservedModel) -> list[Setting]:
         present = getattr(observed.model.opt, name, None)
         if present is None or not applies(observed):
             return []
@@ -168,7 +168,7 @@ def _can_step(model: mujoco.MjModel) -> bool:
 def flag(name: str, applies: Condition = _always, loses: str = "") -> Values:
     """Return what offers the other value of a flag, where it applies and the engine takes it."""
 
-    def values(observed: Observed) -> list[Setting]:
+    def values(observed: ObservedModel) -> list[Setting]:
         enabled = compat.flag_enabled(observed.model, name)
         if enabled is None or not applies(observed):
             return []
@@ -187,18 +187,18 @@ def disabled(name: str, applies: Condition = _always, loses: str = "") -> Values
     return lambda o: other(o) if compat.flag_enabled(o.model, name) else []
 
 
-def has_islands(observed: Observed) -> bool:
+def has_islands(observed: ObservedModel) -> bool:
     """Return whether constraints may be solved island by island: PGS solves all together."""
     return observed.max_constraints > 0 and keyword(observed.model, "solver") != "pgs"
 
 
-def is_damped_euler(observed: Observed) -> bool:
+def is_damped_euler(observed: ObservedModel) -> bool:
     """Return whether Euler's method integrates joint damping."""
     is_euler = keyword(observed.model, "integrator") == "euler"
     return is_euler and features.damps_joints(observed.model)
 
 
-def unused_features(observed: Observed) -> list[Setting]:
+def unused_features(observed: ObservedModel) -> list[Setting]:
     """Return one setting that disables every feature that the model does not have."""
     model = observed.model
     absent = {
@@ -216,7 +216,7 @@ def unused_features(observed: Observed) -> list[Setting]:
 # -- what only MJCF can say ---------------------------------------------------------------------
 
 
-def excludes(observed: Observed) -> list[Setting]:
+def excludes(observed: ObservedModel) -> list[Setting]:
     """Return one setting that excludes all pairs of bodies that never touched."""
     pairs = observed.idle_pairs
     if not pairs or not observed.is_mjcf:
@@ -226,7 +226,7 @@ def excludes(observed: Observed) -> list[Setting]:
     return [Setting("excludes", f"exclude {count}", edits, evidence=_never_touched(observed))]
 
 
-def no_visual_geoms(observed: Observed) -> list[Setting]:
+def no_visual_geoms(observed: ObservedModel) -> list[Setting]:
     """Return a setting that discards geoms that are only drawn, where there are some."""
     count = features.drawn_geoms(observed.model)
     if not count or not observed.is_mjcf:
@@ -238,7 +238,7 @@ def no_visual_geoms(observed: Observed) -> list[Setting]:
     return [Setting("visual geoms", label, (edit,), loses=loses, evidence=evidence)]
 
 
-def _never_touched(observed: Observed) -> str:
+def _never_touched(observed: ObservedModel) -> str:
     pairs = observed.idle_pairs
     seen = f"in {observed.simulated_s:.3g} s of simulation"
     if observed.nposes:
@@ -253,14 +253,14 @@ def _never_touched(observed: Observed) -> str:
 # -- the loop -----------------------------------------------------------------------------------
 
 
-def clock_off(observed: Observed) -> list[Setting]:
+def clock_off(observed: ObservedModel) -> list[Setting]:
     """Return the loop without the timer of MuJoCo's Python package, where it installs one."""
     if not has_clock(observed.model):
         return []
     return [Setting("engine clock", "engine clock off", loop=LoopChange(is_clock_off=True))]
 
 
-def threads(observed: Observed) -> list[Setting]:
+def threads(observed: ObservedModel) -> list[Setting]:
     """Return thread pools within one simulation, of the sizes at which cores run out."""
     if compat.threadpool_unavailable() is not None:
         return []

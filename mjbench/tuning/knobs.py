@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from mjbench.errors import InputError, shown, suggestion
 from mjbench.tuning import knob_values as values
 from mjbench.tuning import model_features as features
-from mjbench.tuning.observed import Observed
+from mjbench.tuning.observed import ObservedModel
 from mjbench.tuning.settings import Setting
 
 _COLLISION = ("broad-phase collision", "narrow-phase collision", "collision")
@@ -34,22 +34,22 @@ class Knob:
     """
 
     name: str
-    values: Callable[[Observed], Sequence[Setting]]
+    values: Callable[[ObservedModel], Sequence[Setting]]
     stages: tuple[str, ...]
     changes: str
     helps: str = ""
     since: str = "2.3.7"
 
 
-def _has_constraints(observed: Observed) -> bool:
+def _has_constraints(observed: ObservedModel) -> bool:
     return observed.max_constraints > 0
 
 
-def _has_contacts(observed: Observed) -> bool:
+def _has_contacts(observed: ObservedModel) -> bool:
     return observed.max_contacts > 0
 
 
-def _is_convex(observed: Observed) -> bool:
+def _is_convex(observed: ObservedModel) -> bool:
     return features.needs_convex_collider(observed.model)
 
 
@@ -244,7 +244,7 @@ KNOBS: Sequence[Knob] = (
 )
 
 
-def settings(observed: Observed) -> dict[str, tuple[Setting, ...]]:
+def settings(observed: ObservedModel) -> dict[str, tuple[Setting, ...]]:
     """Return the settings worth trying by the name of their knob, in the order of the table."""
     offered = {knob.name: tuple(knob.values(observed)) for knob in KNOBS}
     return {name: some for name, some in offered.items() if some}

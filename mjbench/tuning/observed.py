@@ -47,7 +47,7 @@ class Usage:
 
 
 @dataclass(frozen=True, eq=False)
-class Observed:
+class ObservedModel:
     """What was seen of a model.
 
     Attributes:
@@ -74,7 +74,7 @@ class Observed:
 
 def observe(
     source: ModelSource, seed: int = 0, plan: StartPlan = DEFAULT_STARTS, hold: int = 1
-) -> Observed:
+) -> ObservedModel:
     """Return what is seen of a model that is loaded and stepped in this process.
 
     Raises:
@@ -101,7 +101,7 @@ def observe_model(
     seed: int = 0,
     plan: StartPlan = DEFAULT_STARTS,
     hold: int = 1,
-) -> Observed:
+) -> ObservedModel:
     """Return what is seen of a loaded model; arguments and errors are those of `observe`."""
     step_s = sampling.settled_step_s(model)
     wanted = OBSERVED_S / float(model.opt.timestep)
@@ -206,10 +206,10 @@ class _Run:
         self._max_contacts = max(self._max_contacts, int(data.ncon))
         self._max_constraints = max(self._max_constraints, int(data.nefc))
 
-    def observed(self, is_mjcf: bool, nusual: int) -> Observed:
+    def observed(self, is_mjcf: bool, nusual: int) -> ObservedModel:
         """Return what was seen, with the iterations of the first `nusual` steps."""
         solver, line_search = np.array(self._iterations[:nusual], dtype=int).reshape(-1, 2).T
-        return Observed(
+        return ObservedModel(
             self._model,
             is_mjcf,
             self.nstep * float(self._model.opt.timestep),

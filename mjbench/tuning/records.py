@@ -62,7 +62,7 @@ class Accuracy:
 
 
 @dataclass(frozen=True)
-class Program:
+class TunedProgram:
     """A step that MJX or Warp compiled with some settings.
 
     Attributes:
@@ -97,7 +97,7 @@ class Attempt:
     accuracy: Accuracy | None = None
     time_ratio: PositiveFloat | None = None
     ratio: Ratio | None = None
-    program: Program | None = None
+    program: TunedProgram | None = None
     samples: LaunchRow | None = None
 
     @property
@@ -126,7 +126,7 @@ class Recommendation:
     samples: Sequence[LaunchRow] = ()
     effect: Effect = Effect.APPROXIMATE
     accuracy: Accuracy | None = None
-    program: Program | None = None
+    program: TunedProgram | None = None
     is_allowed: bool = True
 
 
@@ -168,7 +168,7 @@ class Batch:
 
     nbatch: PositiveInt
     facts: BatchFacts | None = None
-    present: Program | None = None
+    present: TunedProgram | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

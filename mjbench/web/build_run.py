@@ -15,7 +15,7 @@ from mjbench.errors import Failure, MachineError, UnavailableError, writing
 from mjbench.status import Status
 from mjbench.web import rounding_check
 from mjbench.web.c_reference import CReference
-from mjbench.web.node_process import Instantiated, Node, NodeError, NodeProcess, StepsInFiles
+from mjbench.web.node_process import Instantiated, NodeError, NodeProcess, NodeProgram, StepsInFiles
 from mjbench.web.npm_package import Build, NpmPackage
 from mjbench.web.records import StartUp
 from mjbench.web.rounding_check import RoundingCheck
@@ -40,7 +40,7 @@ class Engine:
     """
 
     package: NpmPackage
-    node: Node
+    node: NodeProgram
     limit_s: float
     nthread: int
 

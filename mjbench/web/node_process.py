@@ -34,7 +34,7 @@ _VERSION_LIMIT_S = 30.0
 
 
 @dataclass(frozen=True)
-class Node:
+class NodeProgram:
     """An installed Node; its version is such as `20.20.2`."""
 
     file: Path
@@ -101,7 +101,7 @@ class NodeProcess:
       limit_s: seconds without an answer after which it is killed.
     """
 
-    def __init__(self, node: Node, name: str, folder: Path, limit_s: float):
+    def __init__(self, node: NodeProgram, name: str, folder: Path, limit_s: float):
         """Start the process; the folder is an empty one, for what it prints.
 
         Raises:
@@ -212,7 +212,7 @@ def _oldest_node() -> int:
     return int(wanted.removeprefix(">="))
 
 
-def find_node(command: str = COMMAND, limit_s: float = _VERSION_LIMIT_S) -> Node:
+def find_node(command: str = COMMAND, limit_s: float = _VERSION_LIMIT_S) -> NodeProgram:
     """Return the Node of a command, which may be a path.
 
     Raises:
@@ -232,7 +232,7 @@ def find_node(command: str = COMMAND, limit_s: float = _VERSION_LIMIT_S) -> Node
         raise MachineError(
             f"{file} is Node {version}; MuJoCo's WebAssembly builds need {_oldest_node()} or newer"
         )
-    return Node(Path(file).absolute(), version)
+    return NodeProgram(Path(file).absolute(), version)
 
 
 def _version(file: str, limit_s: float) -> str:

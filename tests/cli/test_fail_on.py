@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-from mjbench.cli.fail_on import FailOn, Finding
+from mjbench.cli.fail_on import FailOn, GateFinding
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import PlacementEffect, VerdictRow
 from mjbench.status import Status
 
-SPEED = (Finding.SLOWER,)
+SPEED = (GateFinding.SLOWER,)
 
 
 def row(
@@ -37,18 +37,18 @@ def row(
         ([Verdict.SAME, Verdict.FASTER], SPEED, 0),
         ([Verdict.SAME, Verdict.SLOWER], SPEED, 1),
         ([Verdict.SLOWER], (), 0),
-        ([Verdict.SLOWER], (Finding.FASTER,), 0),
+        ([Verdict.SLOWER], (GateFinding.FASTER,), 0),
         ([Verdict.SAME, Verdict.INCONCLUSIVE], SPEED, 3),
         ([None], SPEED, 3),
         ([Verdict.SLOWER, Verdict.INCONCLUSIVE], SPEED, 1),
-        ([Verdict.INCONCLUSIVE], (Finding.FASTER,), 3),
-        ([Verdict.INCONCLUSIVE], (Finding.INCONCLUSIVE,), 1),
-        ([Verdict.INCONCLUSIVE], (Finding.CHANGED_WORK,), 0),
+        ([Verdict.INCONCLUSIVE], (GateFinding.FASTER,), 3),
+        ([Verdict.INCONCLUSIVE], (GateFinding.INCONCLUSIVE,), 1),
+        ([Verdict.INCONCLUSIVE], (GateFinding.CHANGED_WORK,), 0),
         ([Verdict.INCONCLUSIVE], (), 0),
     ],
 )
 def test_it_passes_only_when_what_it_asks_is_decided(
-    verdicts: list[Verdict | None], findings: tuple[Finding, ...], code: int
+    verdicts: list[Verdict | None], findings: tuple[GateFinding, ...], code: int
 ) -> None:
     assert FailOn(findings).exit_code([row(verdict) for verdict in verdicts], 0.99) == code
 
@@ -86,13 +86,15 @@ def test_no_comparison_with_another_verdict_makes_a_change_certain() -> None:
 
 def test_work_that_was_not_compared_does_not_pass() -> None:
     unknown = replace(row(Verdict.INCONCLUSIVE), changed_work=None)
-    assert FailOn((Finding.CHANGED_WORK,)).exit_code([unknown], 0.99) == 3
-    assert FailOn((Finding.CHANGED_WORK,), allow_inconclusive=True).exit_code([unknown], 0.99) == 3
+    assert FailOn((GateFinding.CHANGED_WORK,)).exit_code([unknown], 0.99) == 3
+    assert (
+        FailOn((GateFinding.CHANGED_WORK,), allow_inconclusive=True).exit_code([unknown], 0.99) == 3
+    )
 
 
 def test_changed_work_is_a_finding_of_its_own() -> None:
     rows = [row(Verdict.INCONCLUSIVE, changed_work=True)]
-    assert FailOn((Finding.CHANGED_WORK,)).exit_code(rows, 0.99) == 1
+    assert FailOn((GateFinding.CHANGED_WORK,)).exit_code(rows, 0.99) == 1
     assert FailOn(SPEED).exit_code([row(Verdict.SAME, changed_work=True)], 0.99) == 0
 
 

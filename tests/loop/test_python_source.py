@@ -8,16 +8,16 @@ import pytest
 
 from mjbench.errors import InputError
 from mjbench.loop import python_source
-from mjbench.loop.python_source import Program, read_program
+from mjbench.loop.python_source import PythonProgram, read_program
 
 
-def program(tmp_path: Path, data: bytes) -> Program:
+def program(tmp_path: Path, data: bytes) -> PythonProgram:
     file = tmp_path / "script.py"
     file.write_bytes(data)
     return read_program(str(file))
 
 
-def name_of(program: Program) -> str:
+def name_of(program: PythonProgram) -> str:
     (statement,) = program.tree.body
     assert isinstance(statement, ast.Expr)
     return ast.unparse(statement)

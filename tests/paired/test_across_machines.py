@@ -14,7 +14,7 @@ from mjbench.paired.across_machines import (
     Conditions,
     MachineComparison,
     MachineRow,
-    Outcome,
+    MachinesOutcome,
 )
 from mjbench.paired.judgement import judge
 from mjbench.paired.outcomes import Cause, Metric, Verdict
@@ -74,13 +74,13 @@ def test_a_change_that_may_be_placement_is_undecided() -> None:
     unable = PlacementEffect(averaged=False, problem="no libmujoco")
     unclear = replace(SLOWER, cause=Cause.UNDECIDED, placement=unable)
     (verdict,) = decided(a=unclear).machines
-    assert verdict.outcome == Outcome.UNDECIDED
+    assert verdict.outcome == MachinesOutcome.UNDECIDED
     assert "where its code lies" in verdict.detail
 
 
 def test_older_files_decide_no_change() -> None:
     (verdict,) = decided(a=replace(SLOWER, e_slower=None, e_faster=None)).machines
-    assert (verdict.outcome, verdict.verdict) == (Outcome.UNDECIDED, Verdict.SLOWER)
+    assert (verdict.outcome, verdict.verdict) == (MachinesOutcome.UNDECIDED, Verdict.SLOWER)
     assert "older file" in verdict.detail
 
 
@@ -105,25 +105,25 @@ def repeated(*rows: VerdictRow) -> MachineComparison:
 
 def test_a_machine_counts_once() -> None:
     (verdict,) = repeated(SLOWER, SLOWER, SLOWER).machines
-    assert (verdict.outcome, verdict.count) == (Outcome.SLOWER, 3)
+    assert (verdict.outcome, verdict.count) == (MachinesOutcome.SLOWER, 3)
 
 
 @pytest.mark.parametrize("other", [SAME, FASTER, OPEN])
 def test_measurements_that_do_not_agree_decide_nothing(other: VerdictRow) -> None:
     (verdict,) = repeated(SLOWER, other).machines
-    assert (verdict.outcome, verdict.verdict) == (Outcome.UNDECIDED, None)
+    assert (verdict.outcome, verdict.verdict) == (MachinesOutcome.UNDECIDED, None)
     assert verdict.detail == f"measured 2 times: slower, {other.verdict}"
 
 
 def test_a_measurement_that_failed_before_another_one_says_nothing() -> None:
     (verdict,) = repeated(FAILED, SLOWER).machines
-    assert (verdict.outcome, verdict.count) == (Outcome.SLOWER, 2)
+    assert (verdict.outcome, verdict.count) == (MachinesOutcome.SLOWER, 2)
 
 
 def test_all_measurements_must_be_certain_and_none_is_averaged() -> None:
     wide = replace(SLOWER, e_slower=50.0, ratio=Ratio(1.05, 1.0, 1.1))
     (verdict,) = repeated(SLOWER, wide).machines
-    assert (verdict.outcome, verdict.ratio) == (Outcome.UNDECIDED, wide.ratio)
+    assert (verdict.outcome, verdict.ratio) == (MachinesOutcome.UNDECIDED, wide.ratio)
 
 
 # what is one comparison
@@ -226,7 +226,11 @@ def test_where_nothing_changed_a_change_is_named_in_no_more_sets_than_stated() -
     named = alone = 0
     sets = list(simulated_sets(1, 60, [0.0] * 4))
     for across in sets:
-        changes = [v for v in across.verdicts if v.outcome in (Outcome.SLOWER, Outcome.FASTER)]
+        changes = [
+            v
+            for v in across.verdicts
+            if v.outcome in (MachinesOutcome.SLOWER, MachinesOutcome.FASTER)
+        ]
         named += bool(changes)
         alone += any(v.verdict in (Verdict.SLOWER, Verdict.FASTER) for v in across.verdicts)
     # each direction has its own rate
@@ -238,12 +242,15 @@ def test_machines_that_differ_are_named_rightly() -> None:
     changes = dict(zip(MACHINES, (0.03, 0.03, 0.03, 0.0), strict=True))
     false_shares, found = [], []
     for across in simulated_sets(2, 20, list(changes.values())):
-        slower = [v for v in across.verdicts if v.outcome == Outcome.SLOWER]
+        slower = [v for v in across.verdicts if v.outcome == MachinesOutcome.SLOWER]
         false_shares.append(np.mean([changes[v.machine] == 0.0 for v in slower]))
-        assert not any(v.outcome == Outcome.FASTER for v in across.verdicts)
-        assert not any(v.outcome == Outcome.SAME and changes[v.machine] for v in across.verdicts)
+        assert not any(v.outcome == MachinesOutcome.FASTER for v in across.verdicts)
+        assert not any(
+            v.outcome == MachinesOutcome.SAME and changes[v.machine] for v in across.verdicts
+        )
         found += [
-            [len(c.of_outcome(Outcome.SLOWER)), len(c.of_outcome(Outcome.SAME))] == [3, 1]
+            [len(c.of_outcome(MachinesOutcome.SLOWER)), len(c.of_outcome(MachinesOutcome.SAME))]
+            == [3, 1]
             for c in across.comparisons
         ]
     assert np.mean(false_shares) <= 1 - CONFIDENCE

@@ -17,7 +17,7 @@ from paired_examples import CUBES, INSTALLED
 
 from mjbench.errors import MachineError
 from mjbench.host.child_connection import ChildError
-from mjbench.paired.loop_sections import Section
+from mjbench.paired.loop_sections import LoopSection
 from mjbench.paired.protocol import TargetPair
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
@@ -97,7 +97,7 @@ def test_a_slowed_block_lasts_longer_by_the_share_asked_for(
     worker, readings = Worker(cast(Connection, None)), iter([0, 1000, *range(1003, 1100, 3)])
     monkeypatch.setattr(time, "perf_counter_ns", lambda: next(readings))
     worker.slowdown = 0.01
-    assert worker._block(Section(lambda: None)) == 1010
+    assert worker._block(LoopSection(lambda: None)) == 1010
     assert next(readings) == 1015
 
 

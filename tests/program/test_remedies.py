@@ -12,7 +12,7 @@ from mjbench.program.hook import call_clock
 from mjbench.program.launch import Program
 from mjbench.program.loop_time import LineTime, LoopTime
 from mjbench.program.remedy import Basis, Confirmed, Remedy, RemedyKind
-from mjbench.program.replacements import Measured, TimeRatio
+from mjbench.program.replacements import MeasuredRatios, TimeRatio
 from mjbench.program.source_loops import SourceLoop
 from mjbench.program.step_times import Durations, StepTimes
 from mjbench.program.trials import Question, Trial
@@ -153,7 +153,7 @@ def test_each_call_in_a_loop_has_its_remedy(remedy):
         context = {**CONTEXTS.get(callee, {}), **TRIAL_CONTEXTS.get(remedy.trial, {})}
         time = loop_of(step(), call(callee, **context))
         question = call_remedies.questions([time], codes)
-        measured = Measured({each: ratio(0.5) for each in question})
+        measured = MeasuredRatios({each: ratio(0.5) for each in question})
         (listed,) = [r for r in remedies.remedies(time, codes, measured) if r.kind == "call"]
         assert listed.place.line == 15
         assert listed.share == pytest.approx(0.2)
@@ -181,7 +181,7 @@ def test_what_replaces_a_call_is_subtracted_from_all_that_it_costs():
     time = replace(whole, lines=[other], activities={PHYSICS: 0.8, NUMPY: 0.2})
     (question,) = [q for q in call_remedies.questions([time], []) if q.trial != Trial.NO_TIMER]
     assert (question.trial, question.steps) == (Trial.NEW_DATA_OR_COPY, 10)
-    measured = Measured({question: replace(ratio(0.25), created_share=2 / 3)})
+    measured = MeasuredRatios({question: replace(ratio(0.25), created_share=2 / 3)})
     remedy = next(each for each in remedies.remedies(time, [], measured) if each.kind == "call")
     assert (remedy.basis, remedy.gain) == (Basis.PAIRED, pytest.approx(0.75 * 0.8))
     (few,) = remedies.remedies(replace(time, samples=10), [], measured)
@@ -195,7 +195,7 @@ def test_a_new_mjdata_costs_only_its_first_steps():
     time = loop_of(step(seconds=8.0), call("MjData", calls=4, seconds=1.99))
     (question,) = [q for q in call_remedies.questions([time], []) if q.trial != Trial.NO_TIMER]
     assert question.steps == 50
-    measured = Measured({question: replace(ratio(0.5), created_share=0.2)})
+    measured = MeasuredRatios({question: replace(ratio(0.5), created_share=0.2)})
     (gain,) = [each.gain for each in remedies.remedies(time, [], measured) if each.kind == "call"]
     assert gain == pytest.approx(0.5 * (0.99 - (0.99 - 0.199) * 200 / 250))
 
@@ -215,7 +215,7 @@ def test_what_a_new_mjdata_saves_does_not_grow_with_what_python_does_to_call_ste
     time = replace(seen, calls=[step(seconds=10 * 120 / whole_us, calls=20_000), creation])
     question = Question(Trial.NEW_DATA_OR_COPY, steps=50)
     assert question in call_remedies.questions([time], [])
-    measured = Measured({question: replace(ratio(1 - 18 / 70), created_share=20 / 70)})
+    measured = MeasuredRatios({question: replace(ratio(1 - 18 / 70), created_share=20 / 70)})
     (gain,) = [each.gain for each in remedies.remedies(time, [], measured) if each.kind == "call"]
     assert gain == pytest.approx(18 / whole_us)
 
@@ -224,11 +224,11 @@ def test_what_may_be_chance_is_not_suggested():
     time = loop_of(step())
     (question,) = call_remedies.questions([time], [])
     chance = replace(ratio(0.5), high=1.1)
-    assert remedies.remedies(time, [], Measured({question: chance})) == []
-    (timer,) = remedies.remedies(time, [], Measured({question: ratio(0.5)}))
+    assert remedies.remedies(time, [], MeasuredRatios({question: chance})) == []
+    (timer,) = remedies.remedies(time, [], MeasuredRatios({question: ratio(0.5)}))
     assert timer.gain == pytest.approx(0.5 * 0.99)  # no other line is seen
     few = replace(time, samples=10)
-    (timer,) = remedies.remedies(few, [], Measured({question: ratio(0.5)}))
+    (timer,) = remedies.remedies(few, [], MeasuredRatios({question: ratio(0.5)}))
     assert timer.gain == pytest.approx(0.25)  # of the steps, which take half of the loop
 
 
@@ -287,7 +287,7 @@ def test_functions_after_a_step_save_what_their_pair_with_a_step_does():
     """1,000 steps of 5 ms, each with a call of 4 ms; the pair takes 2/3 with what is enough."""
     found = finding("MJB007", instead=("mj_kinematics",))
     time = loop_of(step(seconds=5.0), call("mj_forward", calls=1000, seconds=4.0))
-    measured = Measured({Question(Trial.FUNCTIONS, ("mj_kinematics",)): ratio(2 / 3)})
+    measured = MeasuredRatios({Question(Trial.FUNCTIONS, ("mj_kinematics",)): ratio(2 / 3)})
     (remedy,) = remedies.remedies(time, [found], measured)
     assert remedy.gain == pytest.approx(0.99 / 3)  # with what Python does to make the calls
     assert remedies.remedies(time) == [], "only lint knows what is read afterwards"
@@ -298,7 +298,7 @@ def test_functions_in_a_loop_that_does_not_step_are_compared_alone():
     time = loop_of(call("mj_forward", calls=1000, seconds=6.0))
     (question,) = call_remedies.questions([time], [found])
     assert (question.trial, question.steps) == (Trial.FUNCTIONS, 0)
-    (remedy,) = remedies.remedies(time, [found], Measured({question: ratio(0.2)}))
+    (remedy,) = remedies.remedies(time, [found], MeasuredRatios({question: ratio(0.2)}))
     assert remedy.gain == pytest.approx(0.99 * 0.8)
 
 
@@ -313,7 +313,7 @@ def test_named_access_saves_what_was_measured_not_the_share_of_its_line():
     lines = [line(12, {PHYSICS: 0.5}), line(15, {NUMPY: 0.4, PYTHON: 0.1})]
     time = replace(loop(*lines), calls=[step(calls=1000)])
     found = replace(finding("MJB002"), ns_per_step=900.0)
-    measured = Measured({Question(Trial.NAMED_ACCESS): ratio(0.3, saved_s=0.001)})
+    measured = MeasuredRatios({Question(Trial.NAMED_ACCESS): ratio(0.3, saved_s=0.001)})
     by_code = {remedy.code: remedy for remedy in remedies.remedies(time, [found], measured)}
     assert by_code["MJB002"].gain == pytest.approx(0.1)
     assert by_code[""].gain == pytest.approx(0.4), "the rest of the line"
@@ -328,7 +328,7 @@ def test_what_runs_many_times_a_step_saves_a_share_of_its_line(tmp_path):
     time = replace(loop(line(12, {PHYSICS: 0.6}), named), calls=[stepping])
     found = Finding(str(file), 3, 1, "MJB002", "hoist it", 900.0, None)
     assert remedies.questions_of_lines([time], [found]) == [Question(Trial.NAMED_ACCESS)]
-    measured = Measured({Question(Trial.NAMED_ACCESS): ratio(0.25, saved_s=1e-6)})
+    measured = MeasuredRatios({Question(Trial.NAMED_ACCESS): ratio(0.25, saved_s=1e-6)})
     first = remedies.remedies(time, [found], measured)[0]
     assert (first.code, first.basis, first.gain) == ("MJB002", Basis.PAIRED, pytest.approx(0.3))
 
@@ -348,7 +348,7 @@ def test_a_line_has_the_remedy_of_what_it_calls(text, trial, says):
     time = loop(line(12, {PHYSICS: 0.6}), called)
     asked = remedies.questions_of_lines([time], [])
     assert asked == ([] if trial is None else [Question(trial)])
-    measured = Measured({each: ratio(0.25) for each in asked})
+    measured = MeasuredRatios({each: ratio(0.25) for each in asked})
     first = remedies.remedies(time, [], measured)[0]
     assert says in first.text
     assert (first.basis, first.gain) == (
@@ -360,7 +360,7 @@ def test_half_of_what_only_samples_show_is_expected_to_be_saved():
     time = replace(
         loop(line(12, {PHYSICS: 0.7}), line(13, {NUMPY: 0.3})), calls=[step(seconds=7.0)]
     )
-    measured = Measured({Question(Trial.NO_TIMER): ratio(0.75)})
+    measured = MeasuredRatios({Question(Trial.NO_TIMER): ratio(0.75)})
     timer, numpy = remedies.remedies(time, [], measured)
     assert (timer.kind, numpy.kind) == (RemedyKind.CLOCK, RemedyKind.LINE)
     assert timer.gain < numpy.gain
@@ -368,7 +368,7 @@ def test_half_of_what_only_samples_show_is_expected_to_be_saved():
 
 def test_the_timer_is_turned_off_before_callbacks_are_set():
     time = loop_of(step(), call(f"{call_clock.CALLBACK} mjcb_control"))
-    measured = Measured({Question(Trial.NO_TIMER): ratio(0.5)})
+    measured = MeasuredRatios({Question(Trial.NO_TIMER): ratio(0.5)})
     timer = next(r for r in remedies.remedies(time, [], measured) if r.kind == RemedyKind.CLOCK)
     assert "callbacks of your own" in timer.text
 
@@ -379,7 +379,7 @@ def test_inverse_dynamics_is_computed_in_the_step_of_the_same_data(text):
     time = loop_of(step(), call("mj_inverse", calls=1000, text=text))
     question = Question(Trial.INVERSE)
     assert (question in call_remedies.questions([time], [])) == same
-    listed = remedies.remedies(time, [], Measured({question: ratio(0.7)}))
+    listed = remedies.remedies(time, [], MeasuredRatios({question: ratio(0.7)}))
     assert bool(listed) == same
     assert remedies.remedies(time) == [], "with Runge-Kutta, nothing is measured"
 
@@ -387,12 +387,12 @@ def test_inverse_dynamics_is_computed_in_the_step_of_the_same_data(text):
 def test_the_timer_of_the_python_package_is_measured_on_the_model():
     other = LineTime(Place("train.py", 19, "main", "text"), 0.5, {NUMPY: 0.5})
     time = replace(loop_of(step()), lines=[other], activities={PHYSICS: 0.5, NUMPY: 0.5})
-    measured = Measured({Question(Trial.NO_TIMER): ratio(0.8)})
+    measured = MeasuredRatios({Question(Trial.NO_TIMER): ratio(0.8)})
     remedy = next(r for r in remedies.remedies(time, [], measured) if r.kind == RemedyKind.CLOCK)
     assert remedy.gain == pytest.approx(0.1)
     calls_of_five = loop_of(call("mj_step", 12, 100, 5.0, steps=500, all_steps=500))
     assert call_remedies.questions([calls_of_five], []) == [Question(Trial.NO_TIMER, steps=5)]
-    slight = Measured({Question(Trial.NO_TIMER): ratio(0.95)})
+    slight = MeasuredRatios({Question(Trial.NO_TIMER): ratio(0.95)})
     assert all(r.kind != RemedyKind.CLOCK for r in remedies.remedies(time, [], slight))
 
 
@@ -405,14 +405,14 @@ def test_steps_with_nothing_between_them_are_one_call(tmp_path):
     file.write_text(held.format("# and no more", "d.ctrl[:] = policy(d)"))
     findings = remedies.findings_of([str(file)])
     assert question in call_remedies.questions([time], findings)
-    (remedy,) = remedies.remedies(time, findings, Measured({question: ratio(0.8)}))
+    (remedy,) = remedies.remedies(time, findings, MeasuredRatios({question: ratio(0.8)}))
     assert (remedy.code, remedy.place.line, remedy.effect) == ("MJB017", 3, "nothing")
     assert remedy.gain == pytest.approx(0.1)
-    assert remedies.remedies(time, findings, Measured({})) == [], "not measured"
+    assert remedies.remedies(time, findings, MeasuredRatios({})) == [], "not measured"
     file.write_text(held.format("d.ctrl[:] = policy(d)", "pass"))
     findings = remedies.findings_of([str(file)])
     assert question not in call_remedies.questions([time], findings)
-    assert remedies.remedies(time, findings, Measured({question: ratio(0.8)})) == []
+    assert remedies.remedies(time, findings, MeasuredRatios({question: ratio(0.8)})) == []
 
 
 def test_simulations_in_turn_are_advised_where_a_batch_is_faster():
@@ -420,9 +420,9 @@ def test_simulations_in_turn_are_advised_where_a_batch_is_faster():
     incident = Incident(call_clock.IN_TURN, step().place, 8)
     question = Question(Trial.BATCH, simulations=8)
     assert question in call_remedies.questions([time], [], [incident])
-    (remedy,) = remedies.remedies(time, [], Measured({question: ratio(0.4)}), [incident])
+    (remedy,) = remedies.remedies(time, [], MeasuredRatios({question: ratio(0.4)}), [incident])
     assert remedy.gain == pytest.approx(0.3)
-    assert remedies.remedies(time, [], Measured({question: ratio(1.2)}), [incident]) == []
+    assert remedies.remedies(time, [], MeasuredRatios({question: ratio(1.2)}), [incident]) == []
 
 
 def test_rendering_by_the_processor_is_said():

@@ -89,4 +89,4 @@ def test_a_model_of_another_release_is_not_loaded():
 def test_a_model_that_crashes_the_child_costs_only_its_ratios():
     damaged = replace(recorded(), mjb=b"no model")
     measured = replacements.measure([damaged], [Question(Trial.NO_TIMER)])
-    assert measured == replacements.Measured({})
+    assert measured == replacements.MeasuredRatios({})

@@ -5,7 +5,7 @@ from example_records import WORK
 from step_profiles import step_profile
 
 from mjbench.loop import profile as loop_profile
-from mjbench.loop.profile import ProfileRow, StepTimes
+from mjbench.loop.profile import ProfiledSteps, ProfileRow
 from mjbench.pages import terminal
 from mjbench.report import profile
 
@@ -31,7 +31,7 @@ def test_a_release_that_installs_no_timer_prints_nothing_about_it() -> None:
 
 def test_a_profile_has_a_bar_for_each_stage_that_takes_time() -> None:
     stages = {"collision": 0.6, "velocity": 0.4, "sleep": 0.0}
-    steps = StepTimes(0.002, 2000.0, 1500.0, 400.0, WORK, stages, {})
+    steps = ProfiledSteps(0.002, 2000.0, 1500.0, 400.0, WORK, stages, {})
     (section,) = profile.sections([loop_profile.row("m", steps, ())])
     (figure,) = section.figures
     assert [row[0] for row in figure.data.rows] == ["collision", "velocity"]

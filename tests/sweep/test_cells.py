@@ -6,7 +6,7 @@ import pytest
 from sweep_examples import count_cell, verdict_cell
 
 from mjbench.paired.outcomes import Metric
-from mjbench.sweep.cells import Cell, Kind
+from mjbench.sweep.cells import Cell, CellKind
 
 CELL = verdict_cell("humanoid")
 
@@ -18,8 +18,8 @@ CELL = verdict_cell("humanoid")
         (replace(CELL, metric=Metric.P99), "versions humanoid 3.3.0 → 4.0.0 python_loop p99"),
         (replace(CELL, machine="epyc"), "versions humanoid 3.3.0 → 4.0.0 python_loop on epyc"),
         (count_cell("a b.xml"), "instructions a b.xml 4.0.0"),
-        (Cell(Kind.COMPARE, "pile"), "compare pile"),
-        (Cell(Kind.HISTORY, "pile", "3.5.0"), "history pile 3.5.0"),
+        (Cell(CellKind.COMPARE, "pile"), "compare pile"),
+        (Cell(CellKind.HISTORY, "pile", "3.5.0"), "history pile 3.5.0"),
     ],
 )
 def test_its_name_is_for_people(cell: Cell, name: str) -> None:

@@ -14,7 +14,7 @@ from mjbench.paired.outcomes import Metric
 from mjbench.releases.installs import INSTALLED, ReleaseSpec
 from mjbench.simulation import models
 from mjbench.sweep import matrix, software
-from mjbench.sweep.cells import Cell, Kind
+from mjbench.sweep.cells import Cell, CellKind
 from mjbench.sweep.commands import COMMANDS, batches
 from mjbench.sweep.plan import Plan
 
@@ -25,7 +25,7 @@ EVERYTHING = plan(
     pairs=((SPECS[0], SPECS[1]), (SPECS[0], SPECS[2])),
     paths=("python_loop", "rollout"),
     metrics=(Metric.TIME, Metric.P99),
-    options=dict.fromkeys(Kind, ()),
+    options=dict.fromkeys(CellKind, ()),
 )
 HERE = software.installed()
 
@@ -37,11 +37,11 @@ def cells(of: Plan) -> tuple[Cell, ...]:
 def test_every_combination_is_one_cell() -> None:
     counts = Counter((cell.kind, cell.metric) for cell in cells(EVERYTHING))
     assert counts == {
-        (Kind.VERSIONS, Metric.TIME): 2 * 2 * 2,
-        (Kind.VERSIONS, Metric.P99): 2 * 2,  # of the plain loop only
-        (Kind.COMPARE, None): 2,
-        (Kind.INSTRUCTIONS, None): 2 * 3,
-        (Kind.HISTORY, None): 2 * 3,
+        (CellKind.VERSIONS, Metric.TIME): 2 * 2 * 2,
+        (CellKind.VERSIONS, Metric.P99): 2 * 2,  # of the plain loop only
+        (CellKind.COMPARE, None): 2,
+        (CellKind.INSTRUCTIONS, None): 2 * 3,
+        (CellKind.HISTORY, None): 2 * 3,
     }
     keys = [cell.key for cell in cells(EVERYTHING)]
     assert len(set(keys)) == len(keys)
@@ -66,7 +66,7 @@ def test_what_changes_a_result_makes_it_another_cell(change: str, tmp_path: Path
     here = HERE
     match change:
         case "options":
-            own = replace(own, options=dict.fromkeys(Kind, ("--seed", "1")))
+            own = replace(own, options=dict.fromkeys(CellKind, ("--seed", "1")))
         case "numpy":
             here = replace(HERE, numpy="1.0")
         case "model":
@@ -77,7 +77,7 @@ def test_what_changes_a_result_makes_it_another_cell(change: str, tmp_path: Path
 def test_another_mujoco_beside_mjbench_changes_only_what_it_measures() -> None:
     other = matrix.build(EVERYTHING, replace(HERE, mujoco="3.17.0")).cells
     changed = {c.kind for c, d in zip(cells(EVERYTHING), other, strict=True) if c.key != d.key}
-    assert changed == {Kind.COMPARE}
+    assert changed == {CellKind.COMPARE}
 
 
 def test_the_verdicts_of_one_machine_are_decided_together() -> None:
@@ -89,20 +89,23 @@ def test_the_verdicts_of_one_machine_are_decided_together() -> None:
     ("kind", "expected"),
     [
         (
-            Kind.VERSIONS,
+            CellKind.VERSIONS,
             "versions --old 3.3.0 --new 3.9.0 --paths python_loop --metric time --seed 1"
             " --family 12 -- cartpole pile",
         ),
-        (Kind.COMPARE, "compare --seed 1 -- cartpole"),
+        (CellKind.COMPARE, "compare --seed 1 -- cartpole"),
         (
-            Kind.INSTRUCTIONS,
+            CellKind.INSTRUCTIONS,
             "instructions --release 3.3.0 --release 3.9.0 --release 4.0.0 --seed 1 -- cartpole",
         ),
-        (Kind.HISTORY, "history measure --no-operations --model cartpole --model pile -- 3.3.0"),
+        (
+            CellKind.HISTORY,
+            "history measure --no-operations --model cartpole --model pile -- 3.3.0",
+        ),
     ],
 )
-def test_what_belongs_together_is_one_command_line(kind: Kind, expected: str) -> None:
-    options = () if kind == Kind.HISTORY else ("--seed", "1")
+def test_what_belongs_together_is_one_command_line(kind: CellKind, expected: str) -> None:
+    options = () if kind == CellKind.HISTORY else ("--seed", "1")
     whole = matrix.build(replace(EVERYTHING, options={**EVERYTHING.options, kind: options}), HERE)
     of_kind = [cell for cell in whole.cells if cell.kind == kind]
     command = COMMANDS[kind]
@@ -141,7 +144,7 @@ def test_machines_measure_apart() -> None:
 def test_the_release_installed_beside_mjbench_is_named_so() -> None:
     here = ReleaseSpec(INSTALLED, HERE.mujoco)
     whole = matrix.build(
-        plan(releases=(SPECS[0], here), pairs=((SPECS[0], here),), options={Kind.VERSIONS: ()}),
+        plan(releases=(SPECS[0], here), pairs=((SPECS[0], here),), options={CellKind.VERSIONS: ()}),
         HERE,
     )
     (cell,) = whole.cells
@@ -151,7 +154,7 @@ def test_the_release_installed_beside_mjbench_is_named_so() -> None:
 
 def test_counts_of_a_part_of_the_releases_are_of_the_same_work() -> None:
     whole = matrix.build(EVERYTHING, HERE)
-    last = next(c for c in whole.cells if (c.kind, c.release) == (Kind.INSTRUCTIONS, "4.0.0"))
+    last = next(c for c in whole.cells if (c.kind, c.release) == (CellKind.INSTRUCTIONS, "4.0.0"))
     assert whole.command_line([last]).arguments == (
         *("instructions", "--release", "3.3.0", "--release", "4.0.0"),
     )

@@ -19,9 +19,9 @@ from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 from mjbench.sweep import model_files, node, software
 from mjbench.sweep.calibration import NodeRules, NodeState
-from mjbench.sweep.cells import Cell, Kind
+from mjbench.sweep.cells import Cell, CellKind
 from mjbench.sweep.commands import CommandLine
-from mjbench.sweep.node import BusyError, Measured, NotMeasuredError, Request
+from mjbench.sweep.node import BusyError, NodeMeasurement, NotMeasuredError, Request
 
 STUB = Path(__file__).parents[1] / "stub_command.py"
 CELLS = tuple(count_cell("pile", release) for release in ("3.3.0", "3.5.0", "4.0.0"))
@@ -52,7 +52,9 @@ def python(code: str, rules: NodeRules | None = None) -> Request:
     return request(sys.executable, "-c", code, rules=rules)
 
 
-def measure(asked: Request, calibrate: Callable[[], NodeState] = lambda: QUIET) -> list[Measured]:
+def measure(
+    asked: Request, calibrate: Callable[[], NodeState] = lambda: QUIET
+) -> list[NodeMeasurement]:
     return list(node.measure(asked, calibrate=calibrate, sleep=lambda seconds: None))
 
 
@@ -198,7 +200,7 @@ def test_the_users_models_are_there(monkeypatch: pytest.MonkeyPatch, tmp_path: P
 def test_a_command_ends_when_nobody_waits_for_it(tmp_path: Path) -> None:
     (tmp_path / "hang-pile").touch()
     before = process_tree.descendants()
-    measured: Iterator[Measured] = node.measure(stub(tmp_path))
+    measured: Iterator[NodeMeasurement] = node.measure(stub(tmp_path))
     assert next(measured).result.cell == CELLS[0]
     (pid,) = process_tree.descendants() - before
     process = os.pidfd_open(pid)
@@ -207,7 +209,7 @@ def test_a_command_ends_when_nobody_waits_for_it(tmp_path: Path) -> None:
 
 
 def test_a_command_line_that_is_wrong_on_every_node_is_its_cells_result() -> None:
-    cell = Cell(Kind.COMPARE, "no_such_model")
+    cell = Cell(CellKind.COMPARE, "no_such_model")
     line = CommandLine(("compare", "--budget", "1s"), ("no_such_model",))
     (measured,) = measure(request(cells=(cell,), line=line))
     assert measured.result.outcome.status == Status.INPUT

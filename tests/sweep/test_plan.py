@@ -16,7 +16,7 @@ from mjbench.paired.outcomes import Metric
 from mjbench.simulation import models
 from mjbench.sweep import plan as plans
 from mjbench.sweep.calibration import NodeRules
-from mjbench.sweep.cells import Kind
+from mjbench.sweep.cells import CellKind
 from mjbench.sweep.plan import Plan
 
 VERSIONS = frozenset({"3.3.0", "3.5.0", "3.9.0", "3.17.0", "4.0.0"})
@@ -32,7 +32,7 @@ def test_two_releases_are_enough_of_a_plan(tmp_path: Path) -> None:
     assert [source.name for source in plan.models] == models.shipped()
     assert [(old.version, new.version) for old, new in plan.pairs] == [("3.3.0", "4.0.0")]
     assert (plan.paths, plan.metrics, plan.machines) == (("python_loop",), (Metric.TIME,), ())
-    assert list(plan.options) == [Kind.VERSIONS]
+    assert list(plan.options) == [CellKind.VERSIONS]
     assert plan.rules == NodeRules()
 
 
@@ -81,10 +81,10 @@ max-stolen = 0
     assert plan.machines == ("epyc", "xeon")
     options = {kind: " ".join(given) for kind, given in plan.options.items()}
     assert options == {
-        Kind.VERSIONS: "--min-effect 2% --time-limit 30 --as-shipped --nbatch 8",
-        Kind.COMPARE: "--paths rollout,batch_step --threads 1,2 --budget 4s",
-        Kind.INSTRUCTIONS: "--nstep 20 --hold 5",
-        Kind.HISTORY: "",
+        CellKind.VERSIONS: "--min-effect 2% --time-limit 30 --as-shipped --nbatch 8",
+        CellKind.COMPARE: "--paths rollout,batch_step --threads 1,2 --budget 4s",
+        CellKind.INSTRUCTIONS: "--nstep 20 --hold 5",
+        CellKind.HISTORY: "",
     }
     limits = plan.rules.limits
     assert (plan.rules.tries, plan.rules.patience_s) == (5, 60.0)
@@ -102,7 +102,7 @@ def test_a_release_can_be_the_one_that_all_are_compared_with(tmp_path: Path) -> 
 
 def test_a_switch_that_is_off_by_default_can_be_given_as_off(tmp_path: Path) -> None:
     plan = load(tmp_path, f"{RELEASES}[versions]\nas-shipped = false")
-    assert plan.options == {Kind.VERSIONS: ()}
+    assert plan.options == {CellKind.VERSIONS: ()}
 
 
 def test_models_are_named_from_the_folder_of_the_plan(tmp_path: Path) -> None:

@@ -16,11 +16,11 @@ from mjbench.status import Status
 from mjbench.store import runs
 from mjbench.store.run_set import RunSection, RunSetFile, read
 from mjbench.sweep import results
-from mjbench.sweep.cells import Cell, Kind
+from mjbench.sweep.cells import Cell, CellKind
 from mjbench.sweep.results import Collector
 
 CELLS = [verdict_cell("pile", release) for release in ("3.5.0", "4.0.0")]
-COMPARE = Cell(Kind.COMPARE, "m")
+COMPARE = Cell(CellKind.COMPARE, "m")
 
 
 def test_each_record_completes_its_cell_with_the_header_of_its_run() -> None:
@@ -62,7 +62,7 @@ def test_what_was_not_asked_for_or_interrupted_completes_nothing(record: runs.Re
 
 def test_counts_and_ratios_complete_the_cell_of_their_model_and_release() -> None:
     counted = count_cell("pile", "3.5.0")
-    timed = Cell(Kind.HISTORY, "pile", "3.5.0")
+    timed = Cell(CellKind.HISTORY, "pile", "3.5.0")
     count = InstructionsRecord(model="pile", release="3.5.0", seconds=3.0)
     ratio = StepRatioRecord(
         model="pile", release="3.5.0", build="b", reference="4.0.0", status=Status.OK
@@ -145,8 +145,8 @@ def test_a_comparison_is_as_bad_as_the_worst_of_its_paths() -> None:
     [
         CELLS[0],
         count_cell("pile"),
-        Cell(Kind.HISTORY, "pile", "3.5.0"),
-        Cell(Kind.COMPARE, "pile"),
+        Cell(CellKind.HISTORY, "pile", "3.5.0"),
+        Cell(CellKind.COMPARE, "pile"),
     ],
 )
 def test_a_cell_without_a_result_has_how_it_failed_in_its_place(cell: Cell) -> None:
@@ -158,7 +158,7 @@ def test_a_cell_without_a_result_has_how_it_failed_in_its_place(cell: Cell) -> N
     )
     written = runs.parse(results._SOURCE, result.section.lines, RECORD_TYPES)
     assert runs.to_json(written) == runs.to_json(result.section.run)
-    if cell.kind != Kind.COMPARE:
+    if cell.kind != CellKind.COMPARE:
         again = Collector([cell]).add(result.section.lines)
         assert [one.cell for one in again] == [cell]
 

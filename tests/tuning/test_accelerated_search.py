@@ -20,7 +20,7 @@ from mjbench.tuning.accelerated_search import (
     log_ratios,
     mean_ratio,
 )
-from mjbench.tuning.records import Attempt, Batch, BatchFacts, Program, TuneRecord, log_ratio
+from mjbench.tuning.records import Attempt, Batch, BatchFacts, TunedProgram, TuneRecord, log_ratio
 from mjbench.tuning.search import SearchPlan
 from mjbench.tuning.settings import Edit, Part, Setting, label
 
@@ -28,7 +28,7 @@ PRESENT_ERROR, ROUNDING_ERROR = 0.01, 1e-6
 
 
 def program(share):
-    return Program(None if share is None else apart(share), 1.0, 5.0, {})
+    return TunedProgram(None if share is None else apart(share), 1.0, 5.0, {})
 
 
 def setting(text):

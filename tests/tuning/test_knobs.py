@@ -12,16 +12,16 @@ from benchmarks.tuning_planted import rods
 from mjbench.loop.engine_stages import STAGES
 from mjbench.simulation import compat, model_options, models
 from mjbench.tuning import knob_values, knobs, observed
-from mjbench.tuning.observed import Observed, Usage, observe_model
+from mjbench.tuning.observed import ObservedModel, Usage, observe_model
 from mjbench.tuning.pair_watch import IdlePair
 from mjbench.tuning.settings import NO_CHANGE, Edit, LoopChange, Part, Setting
 
 ARM = "<body><joint damping='.1' range='-1 1' limited='true'/><geom size='.1'/></body>"
 
 
-def seen(xml: str, **values: object) -> Observed:
+def seen(xml: str, **values: object) -> ObservedModel:
     """Return what might be seen of a model, which is not stepped."""
-    usual = Observed(
+    usual = ObservedModel(
         mujoco.MjModel.from_xml_string(xml),
         is_mjcf=True,
         simulated_s=20.0,
@@ -40,11 +40,11 @@ def model_xml(option: str = "", bodies: str = ARM, more: str = "") -> str:
     )
 
 
-def flagged(flag: str, **values: object) -> Observed:
+def flagged(flag: str, **values: object) -> ObservedModel:
     return seen(model_xml().replace("<flag/>", f"<flag {flag}/>"), **values)
 
 
-def offered(observed: Observed, knob: str) -> list[str]:
+def offered(observed: ObservedModel, knob: str) -> list[str]:
     return [setting.label for setting in knobs.settings(observed).get(knob, ())]
 
 

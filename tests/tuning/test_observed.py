@@ -11,7 +11,7 @@ from benchmarks.tuning_planted import rods
 from mjbench.simulation import geom_pairs, model_options, models
 from mjbench.simulation.models import ModelSource
 from mjbench.tuning import observed
-from mjbench.tuning.observed import Observed, observe_model
+from mjbench.tuning.observed import ObservedModel, observe_model
 
 
 @pytest.fixture(autouse=True)
@@ -20,11 +20,11 @@ def _short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(observed, "NPOSE", 200)
 
 
-def observe(xml: str) -> Observed:
+def observe(xml: str) -> ObservedModel:
     return observe_model(mujoco.MjModel.from_xml_string(xml), is_mjcf=True)
 
 
-def pairs(seen: Observed) -> set[frozenset[str]]:
+def pairs(seen: ObservedModel) -> set[frozenset[str]]:
     return {frozenset((pair.body1, pair.body2)) for pair in seen.idle_pairs}
 
 

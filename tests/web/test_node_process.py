@@ -12,7 +12,7 @@ from process_tree import descendants
 from mjbench.errors import InputError, MachineError
 from mjbench.status import Status
 from mjbench.web import node_process
-from mjbench.web.node_process import Instantiated, Memory, Node, NodeError, NodeProcess
+from mjbench.web.node_process import Instantiated, Memory, NodeError, NodeProcess, NodeProgram
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def process(
     marker = request.node.get_closest_marker("parametrize")
     how = request.node.callspec.params["how"] if marker else ""
     monkeypatch.setenv(pretending_node.MISBEHAVIOUR, how)
-    node = Node(pretending_node.program(tmp_path), pretending_node.VERSION)
+    node = NodeProgram(pretending_node.program(tmp_path), pretending_node.VERSION)
     pretending_node.package(tmp_path, mujoco.__version__)
     folder = tmp_path / "work"
     folder.mkdir()
