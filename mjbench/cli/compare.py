@@ -68,7 +68,7 @@ if TYPE_CHECKING:
 @click.option(
     "--budget",
     type=Seconds(),
-    help="Time for each model, agreement included; what compiles comes on top  [default: 24s]",
+    help="Time for each model, agreement included; what compiles comes on top  [default: 23s]",
 )
 @click.option(
     "--quick", is_flag=True, help="The same as --budget 5s: a first impression, mostly not certain."
