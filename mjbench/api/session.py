@@ -29,7 +29,7 @@ from mjbench.store.runs import Record, Run, RunHeader
 
 
 class Observer:
-    """What is told of a measurement as it goes on; this one tells a function of a program."""
+    """Passes the progress of a measurement on to a function; commands show more."""
 
     def __init__(self, on_progress: Progress | None = None):
         """Take the function; None where nobody asks."""
@@ -67,7 +67,7 @@ class Measurement:
 
     Attributes:
       arguments: stored in the run file's header: a dataclass or JSON-ready values.
-      files: that it is made from.
+      files: that are measured, such as models.
       measure: yields items as they are measured. It is given records that need not be measured
         again. It may raise KeyboardInterrupt, or end after a record that says so.
       select_finished: which records of a continued run are not measured again.

@@ -256,9 +256,9 @@ def _of_line(
     has_remedy = any(call.is_callback or call.activity in _WITH_THEIR_LINE for call in of_line)
     if is_one_call or has_remedy:
         return  # what samples saw beside the call makes it, or frees its result
-    for line_remedy, found in _line_remedies(line.place, findings):
-        gain, basis = _gain_of_line(loop, line, line_remedy, len(found), share, measured)
-        text = found[0].message if found else line_remedy.text
+    for line_remedy, matching in _line_remedies(line.place, findings):
+        gain, basis = _gain_of_line(loop, line, line_remedy, len(matching), share, measured)
+        text = matching[0].message if matching else line_remedy.text
         remedy = _remedy(loop, RemedyKind.LINE, activity, line.place, text, gain)
         error = None if basis == Basis.PAIRED else remedy.gain_error
         yield replace(
@@ -286,11 +286,11 @@ def _line_remedies(
     """Yield what the table says of a line, each with lint's findings that it is about."""
     codes = set[str]()
     for remedy in LINE_REMEDIES:
-        found = [each for each in findings if each.code == remedy.code]
-        is_found = bool(found) if remedy.code else not codes
-        if is_found and remedy.code not in codes and remedy.line.search(place.text):
+        matching = [each for each in findings if each.code == remedy.code]
+        applies = bool(matching) if remedy.code else not codes
+        if applies and remedy.code not in codes and remedy.line.search(place.text):
             codes.add(remedy.code)
-            yield remedy, found
+            yield remedy, matching
 
 
 def _gain_of_line(

@@ -15,7 +15,7 @@ _LEAST_BEYOND = 1.1
 # Calls that show a loop, of which there may be no samples, beside those that step.
 _SHOWN = (COMPILE, DISPATCH, PROCESS_START)
 # What samples show of a line that calls what is timed: its own text may tell it.
-_TOLD_BY_LINE = {Activity.PHYSICS, Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY}
+_KNOWN_BY_LINE = {Activity.PHYSICS, Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY}
 # Where samples saw less than this beside the calls that are timed, they do not divide the rest.
 _LEAST_REST = 0.02
 
@@ -197,10 +197,10 @@ def _beside_slow(
     time: LoopTime, line: LineTime, share: float, exact: Collection[Activity]
 ) -> Mapping[Activity, float]:
     """Return what samples saw on the line of a slow call beside the call, such as what frees it."""
-    told = {*_TOLD_BY_LINE, *exact}
+    known = {*_KNOWN_BY_LINE, *exact}
     if Activity.DISPATCH in exact:
-        told.add(Activity.POLICY)  # JAX itself, where it is called
-    others = {activity: part for activity, part in line.activities.items() if activity not in told}
+        known.add(Activity.POLICY)  # JAX itself, where it is called
+    others = {activity: part for activity, part in line.activities.items() if activity not in known}
     beside = line.share - share - sum(others.values())
     is_certain = beside > 2 * time.error(line.share)
     return {**others, Activity.BINDINGS: beside} if is_certain else others
