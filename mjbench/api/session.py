@@ -238,6 +238,7 @@ class Session:
             raise InputError(f"cannot continue {file}: it is a pipe, not a file")
         stored = runs.load(file, RECORD_TYPES)
         check_continues(file, stored.header, self.header)
+        self.header = stored.header
         if stored.is_torn:
             self._report(f"{file}: the last line was cut short; it is left out")
         self.earlier = tuple(self._measurement.select_finished(stored.records))

@@ -139,7 +139,9 @@ def versions(
         )
         pairs = targets.of_releases(baseline, candidates, sources, path_names)
         measurement = (
-            instructions(InstructionComparison(baseline, candidates, sources, min_effect), plan)
+            instructions(
+                InstructionComparison(baseline, candidates, sources, plan.min_effect), plan
+            )
             if chosen == Metric.INSTRUCTIONS
             else verdicts("versions", pairs, replace(plan, family=len(pairs)))
         )

@@ -103,12 +103,15 @@ class RunContext:
     def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
         """Close the outputs; name the run file, unless an error is on its way to the user."""
         with self._closing:
-            if self._session is None or error is not None:
+            if self._session is None:
                 return
-            if self._session.file is not None:
+            if self._session.file is not None and error is None:
                 self.out.print(f"\nRun file: {self._session.file}", soft_wrap=True)
             for note in self._session.notes():
-                self.out.print(note, soft_wrap=True)
+                if error is None:
+                    self.out.print(note, soft_wrap=True)
+                else:
+                    report_line(note)
 
     @property
     def session(self) -> "Session":
@@ -135,7 +138,8 @@ class RunContext:
     def interrupt(self) -> None:
         """Note that the user stopped the work, and tell them that results are saved."""
         self.interrupted = self.is_stopped = True
-        report_line("interrupted; what was measured is saved")
+        saved = "; what was measured is saved" if self.session.records else ""
+        report_line(f"interrupted{saved}")
 
     def show(self, sections: Iterable["Section"], code: bool = False) -> None:
         """Print sections; `code`: with their snippets."""
@@ -245,13 +249,22 @@ def _measure_items(
 ) -> None:
     """Store items as they are measured, and print what each comes to."""
     unshown: list[Record] = []
-    for item in items:
-        run.take(item)
-        unshown += item.records
-        if run.is_stopped or not item.is_part:
-            observer.show(None)
-            if each and unshown and not item.failure:
-                run.show(each(run.session.run(unshown)), code)
-            unshown = []
-        if run.is_stopped:
-            return
+
+    def show() -> None:
+        observer.show(None)
+        if each and unshown:
+            run.show(each(run.session.run(unshown)), code)
+        unshown.clear()
+
+    try:
+        for item in items:
+            run.take(item)
+            if item.failure is None:
+                unshown += item.records
+            if run.is_stopped or not item.is_part:
+                show()
+            if run.is_stopped:
+                return
+    finally:  # parts of what was not measured to its end
+        if unshown:
+            show()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mjbench.cli.context import OutputOptions, measure
-from mjbench.cli.shared import Text, as_one
+from mjbench.cli.shared import Text, as_one, parsed
 from mjbench.paired.outcomes import Verdict
 from mjbench.status import ExitCode, exit_code
 
@@ -33,10 +33,10 @@ class _Findings(Text[list[GateFinding]]):
     expected = f"one of {', '.join(GateFinding)}, or several with commas"
 
     def _parse(self, text: str) -> list[GateFinding]:
-        findings = [GateFinding(name.strip()) for name in text.split(",") if name.strip()]
-        if not findings:
+        words = [word for word in text.split(",") if word.strip()]
+        if not words:
             raise ValueError
-        return findings
+        return parsed(",".join(words), lambda word: GateFinding(word.strip()))
 
 
 @dataclass(frozen=True)

@@ -144,12 +144,12 @@ def run(
             assert pid is not None, "one of both is given"
             name, seen = f"process {pid}", launch.attach(pid, seconds or 10.0, sampling)
         row = ProgramRow.of(name, seen)
+        if flame_graph is not None:
+            flame.write(flame_graph, seen.threads)
         if confirm and of_program is not None:
             yield from _confirmed(of_program, row, observer)
         else:
             yield Item([row])
-        if flame_graph is not None:
-            flame.write(flame_graph, seen.threads)
 
     arguments = {
         "program": program,

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 _Value = TypeVar("_Value")
 _Number = TypeVar("_Number", int, float)
+_Parsed = TypeVar("_Parsed")
 
 # Where run files are stored unless --results says otherwise.
 RESULTS_FOLDER = Path("results/runs")
@@ -49,8 +50,33 @@ class Text(click.ParamType[_Value]):
             return value  # type: ignore[no-any-return]
         try:
             return self._parse(value)
+        except ValueError as error:
+            is_part = isinstance(error, WordError) and error.word != value
+            word = f": {one_line(repr(error.args[0]), 60)}" if is_part else ""
+            self.fail(f"{one_line(repr(value), 60)} is not {self.expected}{word}", param, ctx)
+
+
+class WordError(ValueError):
+    """A word of a list is refused."""
+
+    def __init__(self, word: str):
+        super().__init__(word)
+        self.word = word
+
+
+def parsed(text: str, parse: Callable[[str], _Parsed]) -> list[_Parsed]:
+    """Return what the words of a list with commas stand for.
+
+    Raises:
+      WordError: `parse` refuses one by a ValueError.
+    """
+    values = []
+    for word in text.split(","):
+        try:
+            values.append(parse(word))
         except ValueError:
-            self.fail(f"{one_line(repr(value), 60)} is not {self.expected}", param, ctx)
+            raise WordError(word) from None
+    return values
 
 
 def _within(number: _Number, bounds: Bounds) -> _Number:
@@ -70,7 +96,7 @@ class Numbers(Text[list[int]]):
         self.expected = f"a list of whole numbers such as 1,2,4, each {bounds}"
 
     def _parse(self, text: str) -> list[int]:
-        return list(dict.fromkeys(_within(int(word), self._bounds) for word in text.split(",")))
+        return list(dict.fromkeys(parsed(text, lambda word: _within(int(word), self._bounds))))
 
 
 class LargeCount(Text[int]):
