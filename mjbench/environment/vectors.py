@@ -386,7 +386,7 @@ def _timed(
     form_s = dict.fromkeys(forms, 0.0)
     single_s = [0.0] * len(singles)
     turns = [*((i, False) for i in range(len(singles))), *((i, True) for i in forms)]
-    random.shuffle(turns)
+    random.Random().shuffle(turns)  # not the generator that the environment may have seeded
     for number in range(_ROUNDS):
         for i, is_form in turns[:: -1 if number % 2 else 1]:
             if is_form:

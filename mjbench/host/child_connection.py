@@ -125,9 +125,11 @@ class ChildConnection:
 
     def end(self) -> None:
         """End the child, whatever it is doing."""
-        self.process.end()
-        for each in {self.connection, *self._awaited}:
-            each.close()
+        try:
+            self.process.end()
+        finally:
+            for each in {self.connection, *self._awaited}:
+                each.close()
 
     def _timeout(self, cause: str, activity: str) -> ChildError:
         """Kill a silent child; return the error that says so, or how it ended if it had."""

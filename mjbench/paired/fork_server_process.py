@@ -121,12 +121,12 @@ class ForkServerProcess:
         with contextlib.suppress(OSError):
             self._control.settimeout(max(deadline_s - self._clock(), 0.0))
             answer = self._control.recv(size + fork_server.MAX_MARK_BYTES, socket.MSG_PEEK)
-        worker = self._workers.get(answer[size:].decode())
-        if worker is None:
+        if not answer:
             self.process.end()
             self._give_up()
             return
-        if worker.is_awaited:
+        worker = self._workers.get(answer[size:].decode())
+        if worker is not None and worker.is_awaited:
             worker.adopt(*fork_server.PID.unpack(answer[:size]))
         self._control.recv(len(answer))
 

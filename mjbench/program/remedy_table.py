@@ -243,7 +243,10 @@ class LineRemedy:
 LINE_REMEDIES = (
     LineRemedy(re.compile(""), "", Trial.NAMED_ACCESS, NAMED_ACCESS),
     LineRemedy(
-        re.compile(r"\b(concatenate|append|tile|[hv]?stack)\("), "", Trial.CONCATENATION, NEW_ARRAY
+        re.compile(r"\b(np|numpy)\.(concatenate|append|tile|[hv]?stack)\("),
+        "",
+        Trial.CONCATENATION,
+        NEW_ARRAY,
     ),
     LineRemedy(re.compile(""), "", Trial.NEW_ARRAY, NEW_ARRAY),
     LineRemedy(
@@ -252,7 +255,7 @@ LINE_REMEDIES = (
         Trial.RAYS,
     ),
     LineRemedy(
-        re.compile(r"\.contact\[|\bin\b.*\.contact\b"),
+        re.compile(r"\.contact\[|\bin\b.*\.contact\b(?!\.)"),
         "each contact becomes an object of Python: data.contact.geom, .dist, .pos and the like are"
         " arrays of all contacts, to be read once for each step",
         Trial.CONTACTS,

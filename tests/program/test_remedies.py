@@ -12,6 +12,7 @@ from mjbench.program.hook import call_clock
 from mjbench.program.launch import Program
 from mjbench.program.loop_time import LineTime, LoopTime
 from mjbench.program.remedy import Basis, Confirmed, Remedy, RemedyKind
+from mjbench.program.remedy_table import LINE_REMEDIES
 from mjbench.program.replacements import MeasuredRatios, TimeRatio
 from mjbench.program.source_loops import SourceLoop
 from mjbench.program.step_times import Durations, StepTimes
@@ -547,3 +548,15 @@ def test_processes_that_are_started_again_and_again_cost_their_whole_line():
     time = replace(time, calls=[call(call_clock.PROCESS_START, seconds=1.0)])
     (remedy,) = remedies.remedies(time)
     assert (remedy.place.line, remedy.gain) == (15, pytest.approx(0.3))
+
+
+@pytest.mark.parametrize(
+    ("line", "trial"),
+    [
+        ("log.append(np.zeros(3))", Trial.CONCATENATION),
+        ("for pair in data.contact.geom:", Trial.CONTACTS),
+        ("least = min(x for x in data.contact.dist)", Trial.CONTACTS),
+    ],
+)
+def test_lines_that_look_alike_are_not_tried(line: str, trial: Trial) -> None:
+    assert not any(each.line.search(line) for each in LINE_REMEDIES if each.trial == trial)
