@@ -133,12 +133,12 @@ class RunContext:
         except MachineError as error:
             self._write_error, self.is_stopped = error, True
         if Status.INTERRUPTED in map(_status, item.records):
-            self.interrupt()
+            self.interrupt(bool(self.session.records))
 
-    def interrupt(self) -> None:
-        """Note that the user stopped the work, and tell them that results are saved."""
+    def interrupt(self, is_saved: bool) -> None:
+        """Note that the user stopped the work, and tell them whether results are saved."""
         self.interrupted = self.is_stopped = True
-        saved = "; what was measured is saved" if self.session.records else ""
+        saved = "; what was measured is saved" if is_saved else ""
         report_line(f"interrupted{saved}")
 
     def show(self, sections: Iterable["Section"], code: bool = False) -> None:
@@ -229,7 +229,7 @@ def measure(
             ):
                 _measure_items(run, items, observer, each, bool(code))
         except KeyboardInterrupt:
-            run.interrupt()
+            run.interrupt(bool(session.records))
         if summary:
             run.show(summary(session.run()))
         if code is False:

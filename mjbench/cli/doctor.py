@@ -44,7 +44,7 @@ def doctor(json_file: str | None) -> None:
         try:
             noise = _noise()
         except KeyboardInterrupt:
-            run.interrupt()
+            run.interrupt(is_saved=False)
             run.exit([])
         run.show([noise_section(noise)])
         run.write(DoctorDocument(machine=machine.describe(), conditions=rows, noise=noise))

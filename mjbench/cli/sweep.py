@@ -122,7 +122,7 @@ def _sweep(
     run.out.print(f"\nRun set: {target}", soft_wrap=True)
     run.out.print(f"Report: mjbench report {target}", soft_wrap=True)
     if summary and summary.is_interrupted:
-        run.interrupt()
+        run.interrupt(is_saved=True)
     elif summary and summary.missing:
         reasons = "; ".join(summary.reasons)
         raise MachineError(

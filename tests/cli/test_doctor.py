@@ -56,6 +56,16 @@ def test_noise_decides_the_exit_code(
     assert "takes 30 % of a cart-pole's step" in result.output
 
 
+def test_interrupted_it_says_so_in_one_line(quick: pytest.MonkeyPatch) -> None:
+    def interrupt(pool: WorkerPool) -> Noise:
+        raise KeyboardInterrupt
+
+    quick.setattr(machine_check, "noise", interrupt)
+    result = CliRunner().invoke(cli, ["doctor"])
+    assert result.exit_code == 130
+    assert result.stderr.endswith("mjbench: interrupted\n")
+
+
 def test_backends_that_render_nothing_are_named(quick: pytest.MonkeyPatch) -> None:
     noise = Noise(launches=20, deviation=0.003, launch_s=0.6, ratio=1.0)
     quick.setattr(machine_check, "noise", lambda pool: noise)
