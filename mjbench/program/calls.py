@@ -6,7 +6,7 @@
 import contextlib
 import json
 import struct
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -38,6 +38,10 @@ _FACTS = (
     call_clock.SOFTWARE_GL,
     call_clock.COPIED_ENVIRONMENT,
 )
+
+
+# A thread of one process, and a loop that it runs; None where it runs none.
+_Runner = tuple[int, SourceLoop | None]
 
 
 @dataclass(frozen=True)
@@ -88,6 +92,11 @@ class CallTime:
     def is_callback(self) -> bool:
         """Whether it is a Python function that MuJoCo calls in a step."""
         return self.callee.startswith(call_clock.CALLBACK)
+
+    @property
+    def runner(self) -> _Runner:
+        """What runs the line: a thread, and a loop of it."""
+        return self.thread, self.loop
 
     @property
     def is_of_jax(self) -> bool:
@@ -277,21 +286,27 @@ def _estimated(
 def _with_callbacks_between_bursts(
     calls: Sequence[CallTime], slots: Sequence[_Slot]
 ) -> list[_Slot]:
-    """Return the slots, where callbacks were called in steps between bursts as in those timed."""
-    steps = [
-        slot for call, slot in zip(calls, slots, strict=True) if call.callee in call_clock.STEPS
-    ]
-    passed = sum(slot.passed_calls for slot in steps) / max(
-        1, sum(slot.timed_calls for slot in steps)
-    )
-    return [
-        replace(
+    """Return the slots, where callbacks were called in steps between bursts as in those timed.
+
+    Those steps are of the same loop and thread: another loop may have no callback, or be timed from
+    end to end.
+    """
+    timed, passed = Counter[_Runner](), Counter[_Runner]()
+    for call, slot in zip(calls, slots, strict=True):
+        if call.callee in call_clock.STEPS:
+            timed[call.runner] += slot.timed_calls
+            passed[call.runner] += slot.passed_calls
+
+    def estimated(call: CallTime, slot: _Slot) -> _Slot:
+        ratio = passed[call.runner] / max(1, timed[call.runner])
+        return replace(
             slot,
-            passed_calls=round(passed * slot.timed_calls),
-            passed_ns=round(passed * slot.timed_ns),
+            passed_calls=round(ratio * slot.timed_calls),
+            passed_ns=round(ratio * slot.timed_ns),
         )
-        if call.is_callback
-        else slot
+
+    return [
+        estimated(call, slot) if call.is_callback else slot
         for call, slot in zip(calls, slots, strict=True)
     ]
 
@@ -307,18 +322,18 @@ def _is_fast(callee: str) -> bool:
 
 def _without_callbacks(calls: Sequence[CallTime]) -> list[CallTime]:
     """Return the calls, where the time of a callback is not that of the step as well."""
-    callbacks_s: dict[tuple[int, int, SourceLoop | None], float] = defaultdict(float)
-    steps_s: dict[tuple[int, int, SourceLoop | None], float] = defaultdict(float)
+    callbacks_s, steps_s = defaultdict[_Runner, float](float), defaultdict[_Runner, float](float)
     for call in calls:
-        key = (call.pid, call.thread, call.loop)
         if call.is_callback:
-            callbacks_s[key] += call.seconds
+            callbacks_s[call.runner] += call.seconds
         elif call.callee in call_clock.STEPS:
-            steps_s[key] += call.seconds
+            steps_s[call.runner] += call.seconds
     return [
-        replace(call, seconds=call.seconds * max(0.0, 1 - callbacks_s[key] / steps_s[key]))
-        if call.callee in call_clock.STEPS
-        and steps_s[key := (call.pid, call.thread, call.loop)] > 0
+        replace(
+            call,
+            seconds=call.seconds * max(0.0, 1 - callbacks_s[call.runner] / steps_s[call.runner]),
+        )
+        if call.callee in call_clock.STEPS and steps_s[call.runner] > 0
         else call
         for call in calls
     ]
