@@ -64,6 +64,7 @@ class CallTime:
       clock_s: seconds that timing them took the program.
       frame: of a renderer, height and width in pixels; None of other calls.
       backend: of a renderer, `MUJOCO_GL`; "" if that was not set.
+      lines: file and number of the user's lines that led to the first call, innermost first.
     """
 
     callee: str
@@ -80,6 +81,7 @@ class CallTime:
     clock_s: float = 0.0
     frame: tuple[int, int] | None = None
     backend: str = ""
+    lines: Sequence[tuple[str, int]] = ()
 
     @property
     def activity(self) -> Activity:
@@ -184,7 +186,7 @@ def _read(file: Path, header: Header | None, warnings: Mapping[int, str]) -> Pro
     calls, slots_of_calls, incidents = [], [], []
     for site in sites:
         slot, stack = slots[site["slot"]], site["stack"]
-        place = _own_place(stack)
+        place, *_ = _places(stack)
         if site["callee"].startswith(call_clock.WARNING):
             kind = int(site["callee"].split()[1])
             incidents.append(Incident(warnings.get(kind, str(kind)), place, slot.calls))
@@ -215,11 +217,12 @@ def _lines(file: Path) -> list[str]:
 def _call_time(
     pid: int, callee: str, thread: int, slot: _Slot, stack: Sequence[tuple[str, int, str]]
 ) -> CallTime:
+    places = _places(stack)
     return CallTime(
         callee=callee,
         pid=pid,
         thread=thread,
-        place=_own_place(stack),
+        place=places[0],
         loop=_loop(stack),
         calls=slot.calls,
         seconds=1e-9 * slot.ns,
@@ -227,14 +230,14 @@ def _call_time(
         last_ns=slot.last_ns,
         steps=slot.steps,
         all_steps=slot.all_steps,
+        lines=[place.position for place in places],
     )
 
 
-def _own_place(stack: Sequence[tuple[str, int, str]]) -> Place:
-    """Return the innermost line of the user's code; the innermost line where none is."""
-    own = [frame for frame in stack if not activities.package_of(frame[0])]
-    file, line, function = (own or stack)[0]
-    return activities.place_of(Frame(function, file, line))
+def _places(stack: Sequence[tuple[str, int, str]]) -> list[Place]:
+    """Return the lines of the user's code, innermost first; the innermost line where none is."""
+    own = [frame for frame in stack if not activities.package_of(frame[0])] or stack[:1]
+    return [activities.place_of(Frame(function, file, line)) for file, line, function in own]
 
 
 def _loop(stack: Sequence[tuple[str, int, str]]) -> SourceLoop | None:

@@ -309,8 +309,8 @@ def _gain_of_line(
     nstep = sum(call.calls for call in call_remedies.steps_of(loop))
     if ratio is None:
         return share, Basis.BOUND
-    steps = [(call.place.file, call.place.line) for call in loop.calls if call.is_step]
-    if not count or not nstep or runs_within_step(line.place.position, steps):
+    to_step = [position for call in loop.calls if call.is_step for position in call.lines]
+    if not count or not nstep or runs_within_step(line.place.position, to_step):
         return share * ratio.saved, Basis.PAIRED
     gain = count * ratio.certainly_saved_s * nstep / loop.seconds
     return min(share, gain), Basis.PAIRED

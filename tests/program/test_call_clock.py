@@ -59,6 +59,7 @@ def test_a_slow_call_is_counted_by_its_line_with_what_it_took(clock, tmp_path):
     assert call.place.file.endswith("test_call_clock.py")
     assert "timed(i) for i" in call.place.text
     assert call.loop is not None
+    assert call.lines[0] == call.place.position
 
 
 def test_a_call_inside_another_is_part_of_it(clock, tmp_path):

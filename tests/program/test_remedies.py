@@ -325,13 +325,26 @@ def test_what_runs_many_times_a_step_saves_a_share_of_its_line(tmp_path):
     file.write_text("for _ in range(9):\n    step()\n    x = [data.body(n) for n in names]\n")
     place = Place(str(file), 3, "main", "x = [data.body(n) for n in names]")
     named = LineTime(place, 0.4, {BINDINGS: 0.4})
-    stepping = replace(step(calls=1000), place=Place(str(file), 2, "main"))
+    stepping = replace(step(calls=1000), lines=[("env.py", 9), (str(file), 2)])
     time = replace(loop(line(12, {PHYSICS: 0.6}), named), calls=[stepping])
     found = Finding(str(file), 3, 1, "MJB002", "hoist it", 900.0, None)
     assert remedies.questions_of_lines([time], [found]) == [Question(Trial.NAMED_ACCESS)]
     measured = MeasuredRatios({Question(Trial.NAMED_ACCESS): ratio(0.25, saved_s=1e-6)})
     first = remedies.remedies(time, [found], measured)[0]
     assert (first.code, first.basis, first.gain) == ("MJB002", Basis.PAIRED, pytest.approx(0.3))
+
+
+def test_what_runs_once_a_step_saves_its_difference_where_a_method_steps(tmp_path):
+    file = tmp_path / "train.py"
+    file.write_text("for _ in range(9):\n    env.step()\n    x = data.body('torso').xpos\n")
+    named = LineTime(Place(str(file), 3, "main", "text"), 0.4, {BINDINGS: 0.4})
+    stepping = replace(step(calls=1000), lines=[("env.py", 9), (str(file), 2)])
+    time = replace(loop(line(12, {PHYSICS: 0.6}), named), calls=[stepping])
+    found = Finding(str(file), 3, 1, "MJB002", "hoist it", 900.0, None)
+    measured = MeasuredRatios({Question(Trial.NAMED_ACCESS): ratio(0.25, saved_s=1e-3)})
+    listed = remedies.remedies(time, [found], measured)
+    (named_access,) = [each for each in listed if each.code == "MJB002"]
+    assert named_access.gain == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(
