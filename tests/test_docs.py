@@ -113,6 +113,14 @@ def test_every_command_that_a_page_shows_exists_with_its_options(page: Path) -> 
         assert options <= known, line
 
 
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_pages_for_users_have_no_words_of_the_house(page: Path) -> None:
+    if page.name in ("CHANGELOG.md", "CONTRIBUTING.md", "architecture.md", "keys.md"):
+        pytest.skip("of the code, or written from it")
+    words = r"\b(regimes?|residues?|excursions?|contests?|selfchecks? arms?)\b"
+    assert not re.findall(words, page.read_text(), flags=re.I)
+
+
 def test_each_answer_of_the_questions_is_short_and_names_a_command() -> None:
     answers = (ROOT / "docs/faq.md").read_text().split("\n### ")[1:]
     for answer in answers:
