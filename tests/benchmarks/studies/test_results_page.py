@@ -4,7 +4,6 @@ import re
 
 from benchmarks.studies import results_page
 from benchmarks.studies.page_part import of_lines
-from mjbench.simulation import models
 
 WRITE = "python -m benchmarks.studies.results_page"
 
@@ -15,7 +14,7 @@ def test_the_page_and_the_chart_have_what_the_committed_run_advises() -> None:
     assert results_page.MODELS.text() == of_lines(lines), WRITE
     chart = results_page.chart(run)
     assert results_page.CHART.read_text(encoding="utf-8") == chart, WRITE
-    names = models.shipped()
+    names = run.header.arguments["models"]
     assert all(f">{name}</text>" in chart for name in names)
     assert chart.count("<circle") == 2 * len(names) + 2  # and the legend
 
