@@ -1,12 +1,15 @@
 """The pages name what exists: modules, files, links, commands."""
 
+import ast
 import itertools
 import re
 import shlex
+import tomllib
 from pathlib import Path
 
 import click
 import pytest
+import yaml
 from commands import ROOT, mjbench
 
 from benchmarks.studies import races
@@ -119,6 +122,17 @@ def test_pages_for_users_have_no_words_of_the_house(page: Path) -> None:
         pytest.skip("of the code, or written from it")
     words = r"\b(regimes?|residues?|excursions?|contests?|selfchecks? arms?)\b"
     assert not re.findall(words, page.read_text(), flags=re.I)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_every_block_of_code_can_be_read(page: Path) -> None:
+    readers = {"python": ast.parse, "toml": tomllib.loads, "yaml": yaml.safe_load}
+    for language, block in re.findall(
+        r"^```(\w+)\n(.*?)^```$", page.read_text(), flags=re.M | re.S
+    ):
+        assert language in {"text", *readers}, language
+        if language in readers:
+            readers[language](block)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)
