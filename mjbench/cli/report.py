@@ -18,7 +18,11 @@ if TYPE_CHECKING:
 
 # Formats of pages, which several runs share, and of other tools.
 _PAGES = ("html", "markdown")
-FORMATS = (*_PAGES, "csv", "parquet", "github-action-benchmark", "bencher", "otava", "junit")
+_COMMENT = "comment"
+FORMATS = (
+    *(*_PAGES, _COMMENT, "csv", "parquet", "github-action-benchmark", "bencher", "otava"),
+    "junit",
+)
 
 
 @cli.command()
@@ -35,8 +39,8 @@ FORMATS = (*_PAGES, "csv", "parquet", "github-action-benchmark", "bencher", "ota
     type=click.Choice(FORMATS),
     default="html",
     show_default=True,
-    help="html: a page to look at; markdown: for a job summary or a comment; the others: a RUN for"
-    " other tools.",
+    help="html: a page to look at; markdown: for a job summary; comment: verdicts of a RUN, for a"
+    " pull request; the others: a RUN for other tools.",
 )
 @click.option("--markdown", is_flag=True, help="The same as --format markdown.")
 @RESULTS
@@ -54,6 +58,7 @@ def report(
       mjbench report -o report.html
       mjbench report results/runs/*.jsonl
       mjbench report --markdown >> "$GITHUB_STEP_SUMMARY"
+      mjbench report --format comment -o comment.md
       mjbench report --format junit -o junit.xml
     """
     from mjbench.pages import exports
@@ -92,8 +97,11 @@ def _stored(file: Path) -> "RunSet":
 
 def _text(form: str, files: Sequence[Path]) -> str:
     """Return run files and sets in a format."""
-    from mjbench.pages import exports, html, markdown, reports
+    from mjbench.pages import comment, exports, html, markdown, reports
 
+    if form == _COMMENT:
+        (named,) = reports.read(files)
+        return comment.text(named.run)
     if form not in _PAGES:
         return exports.FORMATS[form](_stored(files[0]))
     content = reports.build(reports.read(files))
