@@ -1,48 +1,29 @@
-"""`mjbench diff`: two run files, or two run sets, of `compare`."""
+"""`mjbench show --against`: two run files, or two run sets, of `compare`."""
 
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-
 from mjbench.cli.context import RunContext
-from mjbench.cli.group import cli, report_line
-from mjbench.cli.shared import JSON
+from mjbench.cli.fail_on import FailOn
+from mjbench.cli.group import report_line
 from mjbench.errors import InputError
+from mjbench.status import exit_code
 
 if TYPE_CHECKING:
     from mjbench.store.run_set import RunSet
 
 
-@cli.command()
-@click.argument("old", type=click.Path(path_type=Path))
-@click.argument("new", type=click.Path(path_type=Path))
-@click.option(
-    "--across",
-    is_flag=True,
-    help="Compare even where JAX, jaxlib, XLA flags, device or precision differ.",
-)
-@JSON
-def diff(old: Path, new: Path, across: bool, json_file: str | None) -> None:
-    """Compare the speeds of two run files or run sets of `compare`, row by row.
+def show(old: Path, new: Path, across: bool, fail_on: FailOn, json_file: str | None) -> None:
+    """Print how speeds differ, and end with the exit code.
 
-    In run sets, each machine is compared with itself. The two were measured at different times,
-    which no statistics can correct. To compare releases, models or options, use `mjbench versions`
-    or `mjbench ab`, which alternate both targets.
-
-    \b
-    Example:
-      mjbench diff old.jsonl new.jsonl
+    Args:
+      across: see `run_differences.differences`.
     """
     from mjbench.report.documents import DiffDocument
     from mjbench.report.kinds import RECORD_TYPES
-    from mjbench.report.run_differences import (
-        difference_cautions,
-        differences,
-        differences_table,
-    )
+    from mjbench.report.run_differences import differences, differences_section
     from mjbench.store import run_set
 
     with RunContext(json_file, [old, new]) as run:
@@ -50,14 +31,12 @@ def diff(old: Path, new: Path, across: bool, json_file: str | None) -> None:
         rows = differences(stored[0], stored[1], across)
         if line := _left_out(stored):
             report_line(line)
-        for caution in difference_cautions(rows):
-            run.out.print(caution, soft_wrap=True)
         if rows:
-            run.table(differences_table(rows))
+            run.show([differences_section(rows)])
         if not any(row.path for row in rows):
             raise InputError(f"{old} and {new} have no timed row of `compare` in common")
         run.write(DiffDocument(results=rows))
-    run.exit(row.status for row in rows)
+    run.exit_with(exit_code(row.status for row in rows) or fail_on.of_differences(rows))
 
 
 def _left_out(stored: "Sequence[RunSet]") -> str:

@@ -1,4 +1,4 @@
-"""`mjbench diff`: two run files or run sets of `compare`."""
+"""`mjbench show --against`: two run files or run sets of `compare`."""
 
 import json
 from dataclasses import replace
@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 from commands import ROOT, check_document, mjbench
+from example_races import compared, raced
 from example_records import measurement, model_record
 from set_files import MACHINE, labelled, run_file, set_of
 from verdict_records import SAME
@@ -36,17 +37,17 @@ def stored_run(folder: Path, jax: str, seconds: float) -> str:
 def test_diff_compares_run_files_and_refuses_other_versions_of_jax(tmp_path: Path) -> None:
     old = stored_run(tmp_path / "old", "1", 1.0)
     new = stored_run(tmp_path / "new", "2", 1.5)
-    refused = mjbench("diff", old, new)
+    refused = mjbench("show", new, "--against", old)
     assert refused.returncode == 2
     assert "they differ in jax (2, 1)" in refused.stdout
-    compared = mjbench("diff", old, new, "--across", "--json", "-")
+    compared = mjbench("show", new, "--against", old, "--across", "--json", "-")
     assert compared.returncode == 0, compared.stderr
     assert json.loads(compared.stdout)["results"][0]["ratio"]["estimate"] == pytest.approx(1.5)
 
 
 def test_run_files_with_nothing_in_common_are_bad_input(tmp_path: Path) -> None:
     old = stored_run(tmp_path, "1", 1.0)
-    done = mjbench("diff", old, str(RUNS / "reference-selfcheck-quiet.jsonl"))
+    done = mjbench("show", "--against", old, str(RUNS / "reference-selfcheck-quiet.jsonl"))
     assert done.returncode == 2
     assert "no timed row" in done.stderr
 
@@ -64,8 +65,8 @@ def diff(folder: Path, old: list[Path], new: list[Path]) -> Result:
     """Return how sets of run files compare; what is printed, and the rows in `out.json`."""
     (folder / "old.jsonl").unlink(missing_ok=True)
     (folder / "new.jsonl").unlink(missing_ok=True)
-    words = [set_of(folder / "old.jsonl", old), set_of(folder / "new.jsonl", new)]
-    done = CliRunner().invoke(cli, ["diff", *map(str, words), "--json", str(folder / "out.json")])
+    words = [set_of(folder / "new.jsonl", new), "--against", set_of(folder / "old.jsonl", old)]
+    done = CliRunner().invoke(cli, ["show", *map(str, words), "--json", str(folder / "out.json")])
     if done.exit_code == 0:
         check_document("diff", (folder / "out.json").read_text())
     return done
@@ -83,8 +84,9 @@ def test_each_machine_of_a_set_is_compared_with_itself(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     ratios = {row["machine"]: row["ratio"]["estimate"] for row in rows(tmp_path)}
     assert ratios == {"a": pytest.approx(1.5), "b": pytest.approx(2.0)}
-    lines = done.output.splitlines()
-    assert lines[0] == "a, m: OLD: timed by an earlier version of mjbench"
+    _, first, *lines = done.output.splitlines()
+    assert first == "a, m: OLD: timed by an earlier version of mjbench"
+    assert lines[3] == "Of 2 rows: 2 undecided"
     assert lines[4].split()[:2] == ["machine", "model"]
 
 
@@ -143,8 +145,70 @@ def test_runs_of_other_commands_in_a_set_are_left_out_and_counted(tmp_path: Path
 def test_a_run_file_is_compared_with_its_machine_in_a_set(tmp_path: Path) -> None:
     file = timed(tmp_path, labelled("a"), 1.0)
     others = [timed(tmp_path, labelled(name), 1.5) for name in "ab"]
-    words = ["diff", str(file), str(set_of(tmp_path / "new.jsonl", others))]
+    words = ["show", str(set_of(tmp_path / "new.jsonl", others)), "--against", str(file)]
     done = CliRunner().invoke(cli, words)
     assert done.exit_code == 0
     assert "1.500" in done.stdout
     assert "not in OLD" in done.stdout
+
+
+# what fails a command
+
+
+def raced_run(folder: Path, factor: float, cores: float = 2.0) -> Path:
+    """Return a run file of a comparison in which every step takes `factor` microseconds or less."""
+    record = raced(steps=round(1000 / factor), cores=cores)
+    return run_file(folder, labelled("a"), *compared(record))
+
+
+@pytest.mark.parametrize(
+    ("factor", "fail_on", "verdict", "code"),
+    [
+        (1.2, "slower", "slower", 1),
+        (1.2, "faster", "slower", 0),
+        (0.8, "slower", "faster", 0),
+        (0.8, "faster", "faster", 1),
+        (1.02, "slower,faster", "same", 0),
+        (1.05, "slower", "inconclusive", 3),
+        (1.05, "inconclusive", "inconclusive", 1),
+        (1.05, "slower,--allow-inconclusive", "inconclusive", 0),
+    ],
+)
+def test_what_is_certainly_slower_than_an_earlier_run_fails_in_ci(
+    tmp_path: Path, factor: float, fail_on: str, verdict: str, code: int
+) -> None:
+    old, new = raced_run(tmp_path / "old", 1.0), raced_run(tmp_path / "new", factor)
+    findings, _, flag = fail_on.partition(",--")
+    words = ["show", str(new), "--against", str(old), "--fail-on", findings]
+    words += [f"--{flag}"] * bool(flag) + ["--json", str(tmp_path / "out.json")]
+    done = CliRunner().invoke(cli, words)
+    verdicts = [row["verdict"] for row in rows(tmp_path)]
+    assert set(verdicts) == {verdict, None}  # the slow paths leave the race early
+    assert done.exit_code == code, done.output
+    assert done.stdout.splitlines()[1].startswith(f"Of 4 rows: {4 - verdicts.count(None)} ")
+
+
+def test_a_disturbed_run_decides_nothing(tmp_path: Path) -> None:
+    old, new = raced_run(tmp_path / "old", 1.0), raced_run(tmp_path / "new", 2.0, cores=0.5)
+    words = ["show", str(new), "--against", str(old), "--fail-on", "slower"]
+    done = CliRunner().invoke(cli, words)
+    assert done.exit_code == 3
+    assert "undecided" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--fail-on", "slower"], "add --against OLD"),
+        (["--html", "--against", "old"], "leave out --code and formats"),
+        (["-o", "x"], "add --html, --markdown or --format"),
+        (["--markdown", "--json", "-"], "leave out the format"),
+        (["a", "b", "--against", "old"], "compares one RUN"),
+    ],
+)
+def test_options_of_show_that_do_not_go_together_are_refused(
+    words: list[str], message: str
+) -> None:
+    done = mjbench("show", *words)
+    assert done.returncode == 2
+    assert message in done.stderr
