@@ -15,7 +15,11 @@ if TYPE_CHECKING:
 
 # Formats of pages, which several runs share, and of other tools.
 _PAGES = ("html", "markdown")
-FORMATS = (*_PAGES, "csv", "parquet", "github-action-benchmark", "bencher", "otava", "junit")
+_COMMENT = "comment"
+FORMATS = (
+    *(*_PAGES, _COMMENT, "csv", "parquet", "github-action-benchmark", "bencher", "otava"),
+    "junit",
+)
 
 
 def write(files: Sequence[Path], form: str, output: str | None) -> None:
@@ -59,8 +63,11 @@ def _stored(file: Path) -> "RunSet":
 
 def _text(form: str, files: Sequence[Path]) -> str:
     """Return run files and sets in a format."""
-    from mjbench.pages import exports, html, markdown, reports
+    from mjbench.pages import comment, exports, html, markdown, reports
 
+    if form == _COMMENT:
+        (named,) = reports.read(files)
+        return comment.text(named.run)
     if form not in _PAGES:
         return exports.FORMATS[form](_stored(files[0]))
     content = reports.build(reports.read(files))

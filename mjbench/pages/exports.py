@@ -219,6 +219,7 @@ _OUTCOMES: Mapping[Status, str] = {
     Status.OK: "",
     Status.DISAGREES: "failure",
     Status.UNAVAILABLE: "skipped",
+    Status.NEW: "skipped",
     Status.INTERRUPTED: "skipped",
 }
 _MACHINE_OUTCOMES: Mapping[MachinesOutcome, str] = {
