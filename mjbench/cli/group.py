@@ -65,6 +65,10 @@ class Cli(click.Group):
         """Return a command with its arguments; refuse what cannot run here, but not its help."""
         if args and args[0] in _REMOVED:
             raise InputError(_REMOVED[args[0]])
+        if args and self.get_command(ctx, args[0]) is None:
+            from mjbench.checkups.targets import may_be_target
+
+            args = ["checkup", *args] if may_be_target(args[0]) else args
         name, command, rest = super().resolve_command(ctx, args)
         if name is not None and not set(ctx.help_option_names) & set(rest):
             platforms.check_command(name)

@@ -91,6 +91,7 @@ class StepWork:
                 simulations,
                 callback=target.callback,
                 slowdown=target.slowdown,
+                has_timer=target.has_timer,
                 returns=self._sizes.returns,
                 metric=self._sizes.metric,
                 nsection=self.nsection,

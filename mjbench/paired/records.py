@@ -41,6 +41,7 @@ class TargetRow:
       slowdown: share of its time by which each block lasts longer; 0 in a real comparison.
       build: tells builds of one version apart; empty where it is unknown.
       callback: function of the engine called inside each step; empty in a real comparison.
+      has_timer: whether steps read the timer of MuJoCo's Python package.
     """
 
     release: str
@@ -51,6 +52,7 @@ class TargetRow:
     slowdown: float = 0.0
     build: str = ""
     callback: str = ""
+    has_timer: bool = True
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
         stages = _stages(steps)
         yield Section(
             heading=f"{row.model}: where a step's time goes",
-            conclusions=[*_conclusions(row.model, steps)],
+            conclusions=[*conclusions(row.model, steps)],
             facts=_facts(steps),
             figures=[_figure(row.model, stages)],
             tables=[stages, _simulated_second(row.simulated_second or {})],
@@ -29,7 +29,8 @@ def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
         )
 
 
-def _conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
+def conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
+    """Yield how long a step takes, and what the timer of MuJoCo's Python package takes of it."""
     yield Conclusion(
         f"{model}: a step of a Python loop takes {duration(steps.loop_ns)}: engine"
         f" {duration(steps.engine_ns)} ({100 * steps.engine_ns / steps.loop_ns:.0f} %), Python"
