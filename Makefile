@@ -55,12 +55,12 @@ upgrade: $(STAMP)
 	  || status=$$?; \
 	$(BIN)/mjbench versions previous newest --results $(UPGRADE) --metric instructions --min-effect 0.5% \
 	  || status=$$?; \
-	$(BIN)/mjbench report $(UPGRADE)/*.jsonl -o $(UPGRADE)/report.html || status=$$?; \
-	$(BIN)/mjbench report $(UPGRADE)/*.jsonl --markdown -o $(UPGRADE)/report.md || status=$$?; \
+	$(BIN)/mjbench show $(UPGRADE)/*.jsonl --html -o $(UPGRADE)/report.html || status=$$?; \
+	$(BIN)/mjbench show $(UPGRADE)/*.jsonl --markdown -o $(UPGRADE)/report.md || status=$$?; \
 	exit $$status
 
 site: $(STAMP)
-	$(BIN)/mjbench site -o $(SITE)
+	$(BIN)/mjbench results site -o $(SITE)
 
 # `make lab PACKAGE=FOLDER` names the folder into which npm installed it.
 lab: $(STAMP)

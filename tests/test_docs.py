@@ -77,8 +77,8 @@ def test_the_page_of_method_states_the_confidence_of_each_command() -> None:
     }
     assert stated == {
         "`compare`": race_record.CONFIDENCE,
-        "`versions`, `ab`, `selfcheck`, `placement`": outcomes.CONFIDENCE,
+        "`versions`, `ab`, `doctor --verdicts`, `doctor --placement`": outcomes.CONFIDENCE,
         "`tune`": measurements.CONFIDENCE,
-        "`overhead`": overhead.CONFIDENCE,
+        "`profile --habits`": overhead.CONFIDENCE,
         "the pytest fixture": fixture.CONFIDENCE,
     }

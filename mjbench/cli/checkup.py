@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from mjbench.cli import show_pages
 from mjbench.cli.context import OutputOptions, measure
 from mjbench.cli.group import cli
 from mjbench.cli.output_file import OutputFile
@@ -12,7 +13,6 @@ from mjbench.cli.shared import CODE, LIMIT, LOOP_STARTS, OUTPUT, with_options
 
 if TYPE_CHECKING:
     from mjbench.simulation.starts import StartPlan
-    from mjbench.store.runs import Run
 
 
 @cli.command()
@@ -56,6 +56,7 @@ def checkup(
     """
     from mjbench.api.checkup import CheckupPlan, measurement
     from mjbench.checkups import targets
+    from mjbench.pages.reports import NamedRun
     from mjbench.report import checkup as report
 
     source = targets.recognized(target, arguments, Path.cwd())
@@ -75,19 +76,11 @@ def checkup(
             code=code,
             to_stderr=isinstance(source, targets.ProgramFile) or markdown_file == "-",
         )
+        named = NamedRun(run.session.file or output.results, run.session.run())
         for form, page in pages.items():
             if page.is_wanted:
-                page.write(_page(form, run.session.file, run.session.run()))
+                page.write(show_pages.page(form, [named]))
     finally:
         for page in pages.values():
             page.close()
     run.exit()
-
-
-def _page(form: str, file: Path | None, run: "Run") -> str:
-    """Return a check-up as a page."""
-    from mjbench.pages import html, markdown, reports
-    from mjbench.pages.reports import NamedRun
-
-    content = reports.build([NamedRun(file or Path("checkup.jsonl"), run)])
-    return html.render(content) if form == "html" else "\n".join(markdown.render(content)) + "\n"

@@ -45,9 +45,9 @@ class TimerCost:
         return self.inside_ns + self.outside_ns
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True)
 class LayerTime:
-    """What one function, or the lines of the step itself, took in a pass; counts up while it runs.
+    """What one function, or the lines of the step itself, took in a pass.
 
     Attributes:
       timed_calls: calls of it that were timed, and so cost inside it.
@@ -57,6 +57,16 @@ class LayerTime:
 
     layer: Layer
     name: str
+    calls: int
+    timed_calls: int
+    inner_calls: int
+    ns: int
+
+
+@dataclass(slots=True)
+class _RunningTotals:
+    """The counts of a `LayerTime`, while it is timed."""
+
     calls: int = 0
     timed_calls: int = 0
     inner_calls: int = 0
@@ -70,18 +80,18 @@ class LayerTimer:
         """Time by `clock_ns`, which returns nanoseconds."""
         self._clock_ns = clock_ns
         self._thread = threading.get_ident()
-        self._times: dict[tuple[Layer, str], LayerTime] = {}
-        self._stack: list[LayerTime] = []
+        self._totals: dict[tuple[Layer, str], _RunningTotals] = {}
+        self._stack: list[_RunningTotals] = []
         self._last = [0]
 
-    def _time_of(self, layer: Layer, name: str) -> LayerTime:
-        return self._times.setdefault((layer, name), LayerTime(layer, name))
+    def _totals_of(self, layer: Layer, name: str) -> _RunningTotals:
+        return self._totals.setdefault((layer, name), _RunningTotals())
 
     def outermost(
         self, function: Callable[[Any], Any], layer: Layer, name: str
     ) -> Callable[[Any], tuple[Any, int]]:
         """Return a function that runs a whole step, and returns its result and its nanoseconds."""
-        own, stack, last = self._time_of(layer, name), self._stack, self._last
+        own, stack, last = self._totals_of(layer, name), self._stack, self._last
         clock_ns = self._clock_ns
 
         def run(action: Any) -> tuple[Any, int]:
@@ -103,7 +113,7 @@ class LayerTimer:
 
         Outside of a step, and in another thread, it does nothing else.
         """
-        own, stack, last = self._time_of(layer, name), self._stack, self._last
+        own, stack, last = self._totals_of(layer, name), self._stack, self._last
         clock_ns, thread, get_ident = self._clock_ns, self._thread, threading.get_ident
 
         def run(*args: Any, **keywords: Any) -> Any:
@@ -132,7 +142,10 @@ class LayerTimer:
 
     def layers(self) -> list[LayerTime]:
         """Return what every function took since the timer was made, with the timer's cost."""
-        return list(self._times.values())
+        return [
+            LayerTime(layer, name, total.calls, total.timed_calls, total.inner_calls, total.ns)
+            for (layer, name), total in self._totals.items()
+        ]
 
 
 def measure_cost(clock_ns: ClockNs = time.perf_counter_ns) -> TimerCost:

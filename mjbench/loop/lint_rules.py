@@ -46,7 +46,7 @@ COSTS_NS = {
 _CREATE = (
     *("zeros", "ones", "empty", "full", "zeros_like", "ones_like", "empty_like", "array", "eye"),
 )
-_ALLOCATIONS = {
+ALLOCATIONS = {
     **dict.fromkeys(_CREATE, "allocate zeros"),
     **dict.fromkeys(("concatenate", "append", "tile"), "concatenate"),
     **dict.fromkeys(("hstack", "vstack", "stack"), "hstack"),
@@ -124,13 +124,13 @@ def allocations(script: SteppingScript) -> Iterator[Match]:
     arrays = [
         call
         for call in script.calls
-        if is_call(call, *_ALLOCATIONS)
+        if is_call(call, *ALLOCATIONS)
         and script.is_numpy_call(call)
         and not any(keyword.arg == "out" for keyword in call.keywords)
     ]
     for call, loop in _in_steps(script, arrays, script.loops):
         if not script.is_conditional(call):
-            yield Match(call, COSTS_NS[_ALLOCATIONS[last_name(call.func)]], loop=loop)
+            yield Match(call, COSTS_NS[ALLOCATIONS[last_name(call.func)]], loop=loop)
 
 
 def _in_steps(

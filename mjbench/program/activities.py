@@ -131,8 +131,10 @@ _LOGGING_FILE = re.compile(
 )
 _STANDARD_LOGGING = re.compile(r"^(logging/\w+|csv|json/\w+|pickle|shelve|gzip|zipfile\w*)\.py$")
 _STANDARD_PROCESSES = re.compile(r"^(multiprocessing/|subprocess\.py|concurrent/futures/process)")
-# A thread of the pool reads what its processes send, and the caller waits for that thread.
-_PROCESS_POOL = "multiprocessing/pool.py"
+# A pool's caller waits for a thread, which reads what processes send; `ThreadPool` has none of
+# those. The workers of both run the same function, behind `_bootstrap` in a process of its own.
+_POOL, _WORKER = "multiprocessing/pool.py", "worker"
+PROCESS_MODULE = "multiprocessing/process.py"
 _STANDARD_THREADS = re.compile(r"^(threading|queue|concurrent/futures/(thread|_base))\.py$")
 _STANDARD_WAITING = re.compile(r"^(selectors|socket|asyncio/\w+)\.py$")
 _THREADED_ENGINE = re.compile(r"/mujoco/(rollout|batch\w*)\.py$")
@@ -161,18 +163,21 @@ _LINES = (
 _NEAR = 4
 
 
-def activity(stack: Sequence[Frame], has_native: bool = True) -> Activity | None:
+def activity(
+    stack: Sequence[Frame], has_native: bool = True, has_thread_pool: bool = False
+) -> Activity | None:
     """Return what a stack shows; None where only the line's other samples can tell.
 
     Args:
       has_native: whether stacks of libraries were read. Where they were not, a line of Python that
         steps counts as physics.
+      has_thread_pool: whether pools of `multiprocessing` are of threads in this process.
     """
     python = [frame for frame in stack if frame.is_python]
     library = _libraries_at_end(stack)
     return (
         _by_engine(python, library)
-        or _by_caller(python, library)
+        or _by_caller(python, library, has_thread_pool)
         or _by_library(library)
         or (None if has_native else _by_line(python))
         or _by_python(python, library)
@@ -234,7 +239,9 @@ def _called_by_own(python: Sequence[Frame]) -> Iterator[Frame]:
         yield frame
 
 
-def _by_caller(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | None:
+def _by_caller(
+    python: Sequence[Frame], library: Sequence[Frame], has_thread_pool: bool
+) -> Activity | None:
     """Return the activity of what is one whole, whatever it calls.
 
     Callers beyond the innermost line of the user's code do not count: that line is what they run.
@@ -251,8 +258,8 @@ def _by_caller(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | 
             return Activity.LOGGING
         if _THREADED_ENGINE.search(file):
             return Activity.PHYSICS
-        if standard_name(file) == _PROCESS_POOL:
-            return Activity.PROCESSES
+        if standard_name(file) == _POOL:
+            return Activity.THREADS if has_thread_pool else Activity.PROCESSES
         if imports(frame):
             return Activity.IMPORT
     return None
@@ -350,6 +357,16 @@ def place_of(frame: Frame) -> Place:
 def imports(frame: Frame) -> bool:
     """Return whether a frame finds or executes a module."""
     return _IMPORTS.match(frame.file) is not None
+
+
+def is_of_thread_pool(stack: Sequence[Frame]) -> bool:
+    """Return whether a worker of a `ThreadPool` of `multiprocessing` runs a stack."""
+    names = [standard_name(frame.file) for frame in stack]
+    is_worker = any(
+        name == _POOL and frame.function == _WORKER
+        for name, frame in zip(names, stack, strict=True)
+    )
+    return is_worker and PROCESS_MODULE not in names
 
 
 def steps_on_threads(stack: Sequence[Frame]) -> bool:

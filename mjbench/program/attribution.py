@@ -26,8 +26,6 @@ _MOST_TORN_SHARE, _FEW_TORN_SHARE = 0.05, 0.25
 # Average gaps between timed calls that may lie beyond the first and the last by chance: more do in
 # 4 % of the cases, if the gaps are exponentially distributed. Times that samples must see calls.
 _MOST_CHANCE_GAPS, _LEAST_RUNS = 5, 10
-# The `_bootstrap` of this module begins a process, which may be a fork.
-_PROCESS_MODULE = "multiprocessing/process.py"
 
 
 @dataclass(frozen=True)
@@ -61,13 +59,17 @@ def loop_times(
         not show.
     """
     by_loop: dict[SourceLoop, list[_Sample]] = defaultdict(list)
+    of_pools = {
+        each.thread.pid for each in threads if any(map(activities.is_of_thread_pool, each.stacks))
+    }
     for thread in threads:
+        has_pool = thread.thread.pid in of_pools
         for stack in thread.stacks:
             position = _loop_frame(stack)
             if position is not None:
                 loop = _shown_loop(stack[position])
                 assert loop is not None, "the frame was chosen because it is in a loop"
-                activity = activities.activity(stack, thread.has_native)
+                activity = activities.activity(stack, thread.has_native, has_pool)
                 by_loop[loop].append(_Sample(thread, stack, position, activity))
     loading = _loading_lines(calls)
     sampled = [_loop_time(loop, samples, main_pid, loading) for loop, samples in by_loop.items()]
@@ -182,7 +184,7 @@ def _own_begin(stack: Sequence[Frame]) -> int:
     begins = [
         i + 1
         for i, frame in enumerate(stack)
-        if activities.standard_name(frame.file) == _PROCESS_MODULE
+        if activities.standard_name(frame.file) == activities.PROCESS_MODULE
         and frame.function.endswith("_bootstrap")
     ]
     return begins[-1] if begins else 0

@@ -6,7 +6,7 @@
 import contextlib
 import json
 import struct
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -40,6 +40,10 @@ _FACTS = (
 )
 
 
+# A thread of one process, and a loop that it runs; None where it runs none.
+_Runner = tuple[int, SourceLoop | None]
+
+
 @dataclass(frozen=True)
 class CallTime:
     """The calls of one function from one line of the user's code, on one thread.
@@ -60,6 +64,7 @@ class CallTime:
       clock_s: seconds that timing them took the program.
       frame: of a renderer, height and width in pixels; None of other calls.
       backend: of a renderer, `MUJOCO_GL`; "" if that was not set.
+      lines: file and number of the user's lines that led to the first call, innermost first.
     """
 
     callee: str
@@ -76,6 +81,7 @@ class CallTime:
     clock_s: float = 0.0
     frame: tuple[int, int] | None = None
     backend: str = ""
+    lines: Sequence[tuple[str, int]] = ()
 
     @property
     def activity(self) -> Activity:
@@ -88,6 +94,11 @@ class CallTime:
     def is_callback(self) -> bool:
         """Whether it is a Python function that MuJoCo calls in a step."""
         return self.callee.startswith(call_clock.CALLBACK)
+
+    @property
+    def runner(self) -> _Runner:
+        """What runs the line: a thread, and a loop of it."""
+        return self.thread, self.loop
 
     @property
     def is_of_jax(self) -> bool:
@@ -175,7 +186,7 @@ def _read(file: Path, header: Header | None, warnings: Mapping[int, str]) -> Pro
     calls, slots_of_calls, incidents = [], [], []
     for site in sites:
         slot, stack = slots[site["slot"]], site["stack"]
-        place = _own_place(stack)
+        place, *_ = _places(stack)
         if site["callee"].startswith(call_clock.WARNING):
             kind = int(site["callee"].split()[1])
             incidents.append(Incident(warnings.get(kind, str(kind)), place, slot.calls))
@@ -206,11 +217,12 @@ def _lines(file: Path) -> list[str]:
 def _call_time(
     pid: int, callee: str, thread: int, slot: _Slot, stack: Sequence[tuple[str, int, str]]
 ) -> CallTime:
+    places = _places(stack)
     return CallTime(
         callee=callee,
         pid=pid,
         thread=thread,
-        place=_own_place(stack),
+        place=places[0],
         loop=_loop(stack),
         calls=slot.calls,
         seconds=1e-9 * slot.ns,
@@ -218,14 +230,14 @@ def _call_time(
         last_ns=slot.last_ns,
         steps=slot.steps,
         all_steps=slot.all_steps,
+        lines=[place.position for place in places],
     )
 
 
-def _own_place(stack: Sequence[tuple[str, int, str]]) -> Place:
-    """Return the innermost line of the user's code; the innermost line where none is."""
-    own = [frame for frame in stack if not activities.package_of(frame[0])]
-    file, line, function = (own or stack)[0]
-    return activities.place_of(Frame(function, file, line))
+def _places(stack: Sequence[tuple[str, int, str]]) -> list[Place]:
+    """Return the lines of the user's code, innermost first; the innermost line where none is."""
+    own = [frame for frame in stack if not activities.package_of(frame[0])] or stack[:1]
+    return [activities.place_of(Frame(function, file, line)) for file, line, function in own]
 
 
 def _loop(stack: Sequence[tuple[str, int, str]]) -> SourceLoop | None:
@@ -277,21 +289,27 @@ def _estimated(
 def _with_callbacks_between_bursts(
     calls: Sequence[CallTime], slots: Sequence[_Slot]
 ) -> list[_Slot]:
-    """Return the slots, where callbacks were called in steps between bursts as in those timed."""
-    steps = [
-        slot for call, slot in zip(calls, slots, strict=True) if call.callee in call_clock.STEPS
-    ]
-    passed = sum(slot.passed_calls for slot in steps) / max(
-        1, sum(slot.timed_calls for slot in steps)
-    )
-    return [
-        replace(
+    """Return the slots, where callbacks were called in steps between bursts as in those timed.
+
+    Those steps are of the same loop and thread: another loop may have no callback, or be timed from
+    end to end.
+    """
+    timed, passed = Counter[_Runner](), Counter[_Runner]()
+    for call, slot in zip(calls, slots, strict=True):
+        if call.callee in call_clock.STEPS:
+            timed[call.runner] += slot.timed_calls
+            passed[call.runner] += slot.passed_calls
+
+    def estimated(call: CallTime, slot: _Slot) -> _Slot:
+        ratio = passed[call.runner] / max(1, timed[call.runner])
+        return replace(
             slot,
-            passed_calls=round(passed * slot.timed_calls),
-            passed_ns=round(passed * slot.timed_ns),
+            passed_calls=round(ratio * slot.timed_calls),
+            passed_ns=round(ratio * slot.timed_ns),
         )
-        if call.is_callback
-        else slot
+
+    return [
+        estimated(call, slot) if call.is_callback else slot
         for call, slot in zip(calls, slots, strict=True)
     ]
 
@@ -307,18 +325,18 @@ def _is_fast(callee: str) -> bool:
 
 def _without_callbacks(calls: Sequence[CallTime]) -> list[CallTime]:
     """Return the calls, where the time of a callback is not that of the step as well."""
-    callbacks_s: dict[tuple[int, int, SourceLoop | None], float] = defaultdict(float)
-    steps_s: dict[tuple[int, int, SourceLoop | None], float] = defaultdict(float)
+    callbacks_s, steps_s = defaultdict[_Runner, float](float), defaultdict[_Runner, float](float)
     for call in calls:
-        key = (call.pid, call.thread, call.loop)
         if call.is_callback:
-            callbacks_s[key] += call.seconds
+            callbacks_s[call.runner] += call.seconds
         elif call.callee in call_clock.STEPS:
-            steps_s[key] += call.seconds
+            steps_s[call.runner] += call.seconds
     return [
-        replace(call, seconds=call.seconds * max(0.0, 1 - callbacks_s[key] / steps_s[key]))
-        if call.callee in call_clock.STEPS
-        and steps_s[key := (call.pid, call.thread, call.loop)] > 0
+        replace(
+            call,
+            seconds=call.seconds * max(0.0, 1 - callbacks_s[call.runner] / steps_s[call.runner]),
+        )
+        if call.callee in call_clock.STEPS and steps_s[call.runner] > 0
         else call
         for call in calls
     ]

@@ -17,6 +17,7 @@ from mjbench.program import (
     wrong_results,
 )
 from mjbench.program.activities import Activity, Place
+from mjbench.program.calls import CallTime
 from mjbench.program.gil_waits import GilWait
 from mjbench.program.launch import ProgramObservation
 from mjbench.program.loop_time import LineTime, LoopTime
@@ -55,12 +56,18 @@ def _own_files(times: Sequence[LoopTime], observation: ProgramObservation) -> li
     return sorted(file for file in files if not activities.package_of(file))
 
 
-def _others_busy_s(time: LoopTime, observation: ProgramObservation) -> float:
-    """Return the seconds that steps of other processes take, at least, on all cores."""
+def others_busy_s(time: LoopTime, calls: Sequence[CallTime]) -> float:
+    """Return the seconds of a loop for which other processes step, at least, on all cores.
+
+    What they step before or after the loop does not count. When each call was made is not known, so
+    it is taken to be as likely at any time between the first and the last.
+    """
+    loop_s = time.seconds / len(time.threads)
     by_pid = defaultdict[int, float](float)
-    for call in observation.calls.calls:
+    for call in calls:
         if call.pid not in time.pids and call.activity == Activity.PHYSICS:
-            by_pid[call.pid] += call.seconds
+            span_s = 1e-9 * (call.last_ns - call.first_ns)
+            by_pid[call.pid] += call.seconds * min(1.0, loop_s / max(1e-9, span_s))
     return max([0.0, *by_pid.values(), sum(by_pid.values()) / machine.usable_cores()])
 
 
@@ -152,7 +159,7 @@ class ProgramRow:
                         findings,
                         measured,
                         observation.calls.incidents,
-                        _others_busy_s(time, observation),
+                        others_busy_s(time, observation.calls.calls),
                     ),
                 )
                 for time in times

@@ -12,6 +12,7 @@ from dataclasses import replace
 from mjbench.errors import InputError
 from mjbench.loop import lint
 from mjbench.loop.lint import Finding
+from mjbench.loop.lint_rules import ALLOCATIONS, NEW_ARRAY
 from mjbench.program import call_remedies
 from mjbench.program.activities import STANDARD_LIBRARY, Activity, Place
 from mjbench.program.calls import Incident
@@ -53,6 +54,8 @@ _ONE_CALL = re.compile(r"([\w\s,]+ = )?[\w.]+\([\w\s.,=]*\)$")
 _READS_VIEWS = re.compile(
     r"\b(data|d)\.(q|x|c|act|sensor|site|geom|body|joint|ten|subtree|mocap)\w*|\.(joint|body|geom|site)\("
 )
+# What a line calls, and the functions that only create an array.
+_CALLED, _CREATE = re.compile(r"(\w+)\("), {*ALLOCATIONS, "append", "asarray", "copy"}
 # Activities that are changed line by line; each of the others is one thing to change.
 _OF_LINES = {Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY, Activity.ALLOCATION}
 # Of calls whose line does little else.
@@ -257,7 +260,10 @@ def _of_line(
     if is_one_call or has_remedy:
         return  # what samples saw beside the call makes it, or frees its result
     for line_remedy, matching in _line_remedies(line.place, findings):
-        gain, basis = _gain_of_line(loop, line, line_remedy, len(matching), share, measured)
+        known = _gain_of_line(loop, line, line_remedy, len(matching), share, measured)
+        if known is None:
+            continue
+        gain, basis = known
         text = matching[0].message if matching else line_remedy.text
         remedy = _remedy(loop, RemedyKind.LINE, activity, line.place, text, gain)
         error = None if basis == Basis.PAIRED else remedy.gain_error
@@ -300,20 +306,27 @@ def _gain_of_line(
     count: int,
     share: float,
     measured: MeasuredRatios,
-) -> tuple[float, Basis]:
+) -> tuple[float, Basis] | None:
     """Return what a line saves: that of its findings in each step, or its share at most.
 
-    Where a loop within a step runs the line, only its samples say how often it runs.
+    Where a loop within a step runs the line, only its samples say how often it runs. They say
+    nothing of an array that is a part of what the line computes: None.
     """
+    is_part = remedy.code == NEW_ARRAY and not _only_creates(line.place.text)
     ratio = None if remedy.trial is None else measured.ratios.get(Question(remedy.trial))
     nstep = sum(call.calls for call in call_remedies.steps_of(loop))
     if ratio is None:
-        return share, Basis.BOUND
-    steps = [(call.place.file, call.place.line) for call in loop.calls if call.is_step]
-    if not count or not nstep or runs_within_step(line.place.position, steps):
-        return share * ratio.saved, Basis.PAIRED
+        return None if is_part else (share, Basis.BOUND)
+    to_step = [position for call in loop.calls if call.is_step for position in call.lines]
+    if not count or not nstep or runs_within_step(line.place.position, to_step):
+        return None if is_part else (share * ratio.saved, Basis.PAIRED)
     gain = count * ratio.certainly_saved_s * nstep / loop.seconds
     return min(share, gain), Basis.PAIRED
+
+
+def _only_creates(text: str) -> bool:
+    """Return whether a line calls nothing but what creates arrays, or puts them into a list."""
+    return " @ " not in text and set(_CALLED.findall(text)) <= _CREATE
 
 
 def _of_function(loop: LoopTime, lines: Sequence[LineTime]) -> Remedy:

@@ -64,12 +64,14 @@ def _has_several_simulations(calls: Sequence[CallTime], of_loop: Sequence[CallTi
     return any(call.all_steps > call.steps for call in calls)
 
 
-def _has_one_simulation(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
-    return all(call.all_steps == call.steps for call in calls)
-
-
 def _takes_one_step(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
     return all(call.steps == call.calls for call in calls)
+
+
+def _takes_one_step_of_one_simulation(
+    calls: Sequence[CallTime], of_loop: Sequence[CallTime]
+) -> bool:
+    return all(call.all_steps == call.calls for call in calls)
 
 
 def count_of(calls: Sequence[CallTime]) -> float:
@@ -185,11 +187,11 @@ CALL_REMEDIES = (
     ),
     CallRemedy(
         callees=("rollout",),
-        text="rollout copies states for each call: mj_step(model, data, nstep=n) takes the same"
-        " steps of one simulation",
+        text="rollout copies states for each step of one simulation: write data.ctrl, and call"
+        " mj_step(model, data)",
         effect="later states within the solver's tolerance: rollout begins without a warm start",
         trial=Trial.NO_ROLLOUT,
-        applies=_has_one_simulation,
+        applies=_takes_one_step_of_one_simulation,
     ),
     CallRemedy(
         callees=("Rollout.rollout",),

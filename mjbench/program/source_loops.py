@@ -45,10 +45,10 @@ def outermost_loop(file: str, line: int) -> SourceLoop | None:
     return min(holding, key=lambda loop: (loop.first, -loop.last)) if holding else None
 
 
-def runs_within_step(position: tuple[str, int], steps: Collection[tuple[str, int]]) -> bool:
-    """Return whether a loop runs a line, and none of the lines that step."""
+def runs_within_step(position: tuple[str, int], lines_to_step: Collection[tuple[str, int]]) -> bool:
+    """Return whether a loop runs a line, and none of those that lead to a step."""
     file, line = position
-    lines = {step_line for step_file, step_line in steps if step_file == file}
+    lines = {step_line for step_file, step_line in lines_to_step if step_file == file}
     spans = (
         range(node.lineno, (node.end_lineno or node.lineno) + 1)
         for node in ast.walk(_tree(file))
@@ -99,6 +99,7 @@ def _functions(loop: ast.AST) -> list[ast.AST]:
     return [node for node in ast.walk(loop) if isinstance(node, _FUNCTIONS)]
 
 
+@cache
 def _tree(file: str) -> ast.Module:
     """Return the syntax of a file; that of an empty one where it cannot be parsed."""
     try:

@@ -53,7 +53,7 @@ class Trial(enum.StrEnum):
     MORE_THREADS = "rollout on threads"
     """`mujoco.rollout.rollout` with one MjData, and `Rollout` with one for each core."""
     NO_ROLLOUT = "mj_step in place of rollout"
-    """`mujoco.rollout.rollout` of one simulation, and `mj_step`."""
+    """`mujoco.rollout.rollout` of one step of one simulation, and `mj_step`."""
     BATCH_OR_ROLLOUT = "Batch in place of rollout"
     """`Rollout` with its pool, and `mujoco.batch.Batch`, which has no states to copy."""
     BATCH = "Batch"
@@ -112,7 +112,7 @@ BY_WALL_TIME = {
     *(Trial.BATCH, Trial.RENDERER, Trial.NAMED_ACCESS),
 }
 # What is raised where a release, a model or a machine lacks something; OpenGL raises its own kinds.
-LACKING = (AttributeError, ImportError, TypeError, ValueError, RuntimeError)
+LACKING = (AttributeError, ImportError, ValueError, RuntimeError)
 # Rays of a trial.
 _RAYS = 32
 
@@ -266,14 +266,8 @@ def _rays(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
         return [mujoco.mj_ray(model, data, origin, each, None, 1, -1, geom) for each in vectors]
 
     def at_once(data: mujoco.MjData) -> None:
-        mujoco.mj_multiRay(
-            *(model, data, origin, vectors.ravel(), None, 1, -1, geoms, distances),
-            *((None,) if has_normals else ()),
-            *(_RAYS, mujoco.mjMAXVAL),
-        )
+        compat.cast_rays(model, data, origin, vectors, geoms, distances)
 
-    # newer releases take the normals of surfaces, too
-    has_normals = "normal" in (mujoco.mj_multiRay.__doc__ or "")
     return Way(one_by_one), Way(at_once)
 
 
@@ -284,17 +278,23 @@ def _rollouts(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
 
     threads, nstep = machine.usable_cores(), question.steps
     datas = [mujoco.MjData(model) for _ in range(threads)]
-    spec = compat.FULLPHYSICS
-    start = np.empty((1, mujoco.mj_stateSize(model, spec)))
-    mujoco.mj_getState(model, datas[0], start[0], spec)
+    start = np.empty((1, compat.state_size(model, compat.FULLPHYSICS)))
+    compat.get_state(model, datas[0], start[0], compat.FULLPHYSICS)
     starts = np.repeat(start, question.simulations, axis=0)
     if question.trial == Trial.NO_ROLLOUT:
+        control = np.zeros((1, 1, model.nu))
 
         def from_present_state(data: mujoco.MjData) -> None:
-            mujoco.mj_getState(model, data, starts[0], spec)
-            rollout.rollout(model, data, starts[:1], nstep=nstep)
+            compat.get_state(model, data, start[0], compat.FULLPHYSICS)
+            rollout.rollout(model, data, start, control)
 
-        return Way(from_present_state), Way(lambda data: mujoco.mj_step(model, data, nstep))
+        def step(data: mujoco.MjData) -> None:
+            data.ctrl[:] = control[0, 0]
+            mujoco.mj_step(model, data)
+
+        return Way(from_present_state), Way(step)
+    if (problem := compat.rollout_threads_unavailable()) is not None:
+        raise InputError(problem)
     pool = rollout.Rollout(nthread=threads)
     in_pool = Way(lambda data: pool.rollout(model, datas, starts, nstep=nstep))
     if question.trial == Trial.BATCH_OR_ROLLOUT:

@@ -1,4 +1,4 @@
-"""What `instructions` and `explain` come to: counts, and what explains a difference of releases."""
+"""What counts of instructions come to, and what explains a difference of releases."""
 
 from collections.abc import Iterator, Mapping, Sequence
 

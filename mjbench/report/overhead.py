@@ -1,4 +1,4 @@
-"""What `mjbench overhead` comes to: what habits of a Python loop cost."""
+"""What `mjbench profile --habits` comes to: what habits of a Python loop cost."""
 
 from collections.abc import Iterator, Sequence
 

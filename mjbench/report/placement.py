@@ -1,4 +1,4 @@
-"""What `mjbench placement` comes to: a sentence for each model, and the table of residues."""
+"""What `mjbench doctor --placement` comes to: a sentence for each model, and residues."""
 
 from collections.abc import Sequence
 

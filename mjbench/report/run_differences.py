@@ -197,7 +197,7 @@ def _step_s(record: MeasurementRecord, race: RaceRecord | None) -> Sequence[floa
 
 
 def difference_cautions(rows: Sequence[RunDifference]) -> list[str]:
-    """Return what to know before the ratios of `mjbench diff`, a line each."""
+    """Return what to know before the ratios of `mjbench show --against`, a line each."""
     lines = (
         f"{', '.join(filter(None, (row.machine, row.model)))}: {caution}"
         for row in rows
@@ -207,7 +207,7 @@ def difference_cautions(rows: Sequence[RunDifference]) -> list[str]:
 
 
 def differences_table(rows: Sequence[RunDifference]) -> DataTable:
-    """Return the table of `mjbench diff`; of sets, with a column for the machine."""
+    """Return the table of `mjbench show --against`; of sets, with a column for the machine."""
     return DataTable.of(
         "Differences",
         rows,

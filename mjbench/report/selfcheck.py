@@ -1,4 +1,4 @@
-"""What `mjbench selfcheck` comes to: how often verdicts on known truths are wrong."""
+"""What `mjbench doctor --verdicts` comes to: how often verdicts on known truths are wrong."""
 
 from collections.abc import Callable, Sequence
 from typing import assert_never

@@ -246,6 +246,29 @@ def copied_data(
     return copy.copy(source)
 
 
+def cast_rays(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    origin: np.ndarray,
+    vectors: np.ndarray,
+    geoms: np.ndarray,
+    distances: np.ndarray,
+) -> None:
+    """Cast (nray, 3) rays from one point by `mj_multiRay`, into (nray,) geoms and distances."""
+    nray = len(vectors)
+    mujoco.mj_multiRay(
+        *(model, data, origin, vectors.ravel(), None, 1, -1, geoms, distances),
+        *((None,) if _takes_normals() else ()),
+        *(nray, mujoco.mjMAXVAL),
+    )
+
+
+@functools.cache
+def _takes_normals() -> bool:
+    """Return whether `mj_multiRay` also takes the normals of surfaces; only its text tells."""
+    return "normal" in (mujoco.mj_multiRay.__doc__ or "")
+
+
 def sensor_shares(model: mujoco.MjModel) -> np.ndarray:
     """Return (nsensor,) in which share of the steps each sensor is computed: 1 without interval."""
     period = np.array(getattr(model, "sensor_interval", np.zeros((model.nsensor, 2))))[:, 0]

@@ -62,8 +62,10 @@ def test_layers_exclude_what_they_call_and_add_up_to_the_step(clock: Clock) -> N
         "do_simulation": (1, 1, 2, 8),
         "mj_step": (2, 2, 0, 140),
     }
+    after_one = timer.layers()
     run("right")
     assert sum(t.ns for t in timer.layers()) == 320
+    assert sum(t.ns for t in after_one) == 160, "what was returned stays"
 
 
 def test_calls_outside_of_a_step_and_in_other_threads_are_not_charged(clock: Clock) -> None:

@@ -229,7 +229,7 @@ def test_a_set_is_reported_side_by_side_first_and_then_run_by_run(tmp_path: Path
     ]
     assert [column.title for column in first.tables[0].columns] == ["comparison", "a", "b"]
     assert [row[0] for row in content.machines.rows] == ["a", "b"]
-    assert first.command.startswith("mjbench report ")
+    assert first.command.startswith("mjbench show ")
     # what runs show alone is in their sections
     assert len(content.conclusions) == 2
     assert "slower on 1 of 2 machines, same on 1" in texts(content)[1]
@@ -352,4 +352,6 @@ def test_the_command_of_a_section_names_some_files(tmp_path: Path) -> None:
             reports.read(verdict_runs(tmp_path, a=SAME, b=SAME, c=SAME, d=SAME))
         )
     ]
-    assert reports.build(runs).sections[0].command == ("mjbench report 0.jsonl 1.jsonl 2.jsonl …")
+    assert reports.build(runs).sections[0].command == (
+        "mjbench show 0.jsonl 1.jsonl 2.jsonl … --html"
+    )

@@ -1,5 +1,7 @@
 """Samples become shares of a loop's time."""
 
+import importlib
+import threading
 from dataclasses import replace
 
 import pytest
@@ -123,6 +125,31 @@ def test_a_loop_that_waits_for_processes_that_step_comes_first(file):
     assert both.pids == [1, 2, 3]
     assert both.activities[Activity.PROCESSES] == pytest.approx(5 / 13)
     assert waiting[0].file == file
+
+
+@pytest.mark.parametrize("forks", [True, False])
+def test_a_pool_of_threads_is_none_of_processes(file, forks):
+    """The caller of `ThreadPool.map` waits as that of `Pool.map` does."""
+    pool, process = (
+        importlib.import_module(f"multiprocessing.{name}").__file__ for name in ("pool", "process")
+    )
+    waiting = [Frame("main", file, 9), Frame("ApplyResult.wait", pool, 762)]
+    begins = [Frame("BaseProcess._bootstrap", process, 314)] if forks else []
+    steps = [Frame("worker", pool, 125), *stacks(file)["step"][1:]]
+    worker = samples([[*begins, *steps]] * 4, 2 if forks else 1, 2)
+    (time,) = attribution.loop_times([samples([waiting] * 5), worker], 1)
+    waits_for = Activity.PROCESSES if forks else Activity.THREADS
+    assert time.activities == pytest.approx({waits_for: 5 / 9, Activity.PHYSICS: 4 / 9})
+
+
+def test_a_loop_that_waits_for_threads_that_step_is_shown(file):
+    waiting = [Frame("main", file, 8), Frame("wait", threading.__file__, 320)]
+    stepping = stacks(file)["step"]
+    assert not attribution.loop_times([samples([waiting] * 40)], 1)
+    (time,) = attribution.loop_times(
+        [samples([waiting] * 40), samples([stepping[2:]] * 40, 1, 2)], 1, {1}
+    )
+    assert set(time.activities) == {Activity.THREADS}
 
 
 def test_a_forked_process_has_loops_of_its_own(file):

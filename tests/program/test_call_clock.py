@@ -14,7 +14,8 @@ import pytest
 
 from mjbench.program import calls, recorded_models, step_times
 from mjbench.program.activities import Activity
-from mjbench.program.hook import call_clock, slow_functions, watch
+from mjbench.program.hook import call_clock, slow_functions, step_file, watch
+from mjbench.program.step_times import Header
 
 HOOK = Path(call_clock.__file__).parent
 
@@ -58,6 +59,7 @@ def test_a_slow_call_is_counted_by_its_line_with_what_it_took(clock, tmp_path):
     assert call.place.file.endswith("test_call_clock.py")
     assert "timed(i) for i" in call.place.text
     assert call.loop is not None
+    assert call.lines[0] == call.place.position
 
 
 def test_a_call_inside_another_is_part_of_it(clock, tmp_path):
@@ -240,6 +242,30 @@ def test_a_batch_counts_the_simulations_that_it_steps(slow, tmp_path):
     batch.rollout(10)
     counts = {(call.callee, call.all_steps) for call in read(tmp_path).calls}
     assert counts == {("Batch.step", 16), ("Batch.step", 6), ("Batch.rollout", 160)}
+
+
+def test_callbacks_between_bursts_are_those_of_the_steps_of_their_own_loop(clock, tmp_path):
+    burst = call_clock.Burst(clock)
+
+    def program():
+        frame = sys._getframe()
+        for i in range(10):
+            clock.add("callback mjcb_control", frame, 100 * i, 100 * i + 5)
+            burst.add("mj_step", frame, 100 * i, 100 * i + 10, 1)
+        burst.write()
+        for i in range(10, 20):
+            burst.add("mj_step", frame, 100 * i, 100 * i + 10, 1)
+        burst.write()
+        burst.pass_on(9, until_ns=20_000)
+
+    thread = threading.Thread(target=program)  # without the loops of those who run tests
+    thread.start()
+    thread.join()
+    header = dict.fromkeys(Header.__dataclass_fields__, 0) | {"pid": os.getpid(), "first_ns": 1}
+    step_file.StepFile(str(tmp_path)).write_header(*header.values())
+    callback, with_callback, without = read(tmp_path).calls
+    assert (with_callback.calls, without.calls) == (10, 100)
+    assert callback.calls == 10
 
 
 def test_a_damaged_file_is_left_out(tmp_path):

@@ -325,13 +325,44 @@ def test_what_runs_many_times_a_step_saves_a_share_of_its_line(tmp_path):
     file.write_text("for _ in range(9):\n    step()\n    x = [data.body(n) for n in names]\n")
     place = Place(str(file), 3, "main", "x = [data.body(n) for n in names]")
     named = LineTime(place, 0.4, {BINDINGS: 0.4})
-    stepping = replace(step(calls=1000), place=Place(str(file), 2, "main"))
+    stepping = replace(step(calls=1000), lines=[("env.py", 9), (str(file), 2)])
     time = replace(loop(line(12, {PHYSICS: 0.6}), named), calls=[stepping])
     found = Finding(str(file), 3, 1, "MJB002", "hoist it", 900.0, None)
     assert remedies.questions_of_lines([time], [found]) == [Question(Trial.NAMED_ACCESS)]
     measured = MeasuredRatios({Question(Trial.NAMED_ACCESS): ratio(0.25, saved_s=1e-6)})
     first = remedies.remedies(time, [found], measured)[0]
     assert (first.code, first.basis, first.gain) == ("MJB002", Basis.PAIRED, pytest.approx(0.3))
+
+
+@pytest.mark.parametrize(
+    ("text", "gain"), [("x = np.linalg.solve(A, np.zeros(3))", None), ("x = np.zeros(3)", 0.4)]
+)
+def test_a_new_array_is_not_the_cost_of_what_a_line_computes(text, gain):
+    """Neither as a bound, nor where a loop within the step runs it."""
+    place = Place("train.py", 15, "main", text)
+    time = loop(line(12, {PHYSICS: 0.6}), LineTime(place, 0.4, {NUMPY: 0.4}))
+    found = replace(finding("MJB003"), ns_per_step=300.0)
+    listed = {each.code: each.gain for each in remedies.remedies(time, [found])}
+    assert listed == {"MJB003": gain} if gain else {"": 0.4}
+    measured = MeasuredRatios({Question(Trial.NEW_ARRAY): ratio(0.5, saved_s=1e-3)})
+    listed = {each.code: each.gain for each in remedies.remedies(time, [found], measured)}
+    assert listed == {"MJB003": gain / 2, "": gain / 2} if gain else {"": 0.4}
+    once_a_step = replace(time, calls=[step(calls=1000)])
+    listed = {each.code: each.gain for each in remedies.remedies(once_a_step, [found], measured)}
+    assert listed["MJB003"] == pytest.approx(0.1)
+
+
+def test_what_runs_once_a_step_saves_its_difference_where_a_method_steps(tmp_path):
+    file = tmp_path / "train.py"
+    file.write_text("for _ in range(9):\n    env.step()\n    x = data.body('torso').xpos\n")
+    named = LineTime(Place(str(file), 3, "main", "text"), 0.4, {BINDINGS: 0.4})
+    stepping = replace(step(calls=1000), lines=[("env.py", 9), (str(file), 2)])
+    time = replace(loop(line(12, {PHYSICS: 0.6}), named), calls=[stepping])
+    found = Finding(str(file), 3, 1, "MJB002", "hoist it", 900.0, None)
+    measured = MeasuredRatios({Question(Trial.NAMED_ACCESS): ratio(0.25, saved_s=1e-3)})
+    listed = remedies.remedies(time, [found], measured)
+    (named_access,) = [each for each in listed if each.code == "MJB002"]
+    assert named_access.gain == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(

@@ -66,3 +66,21 @@ def test_a_file_that_is_missing_has_neither_loops_nor_lines(tmp_path):
 def test_a_line_is_returned_without_its_spaces(file):
     assert source_loops.source_line(file, 11) == "step_once()"
     assert source_loops.source_line(file, 99) == ""
+
+
+@pytest.mark.parametrize(("line", "is_within"), [(4, True), (5, True), (6, False), (7, True)])
+def test_a_loop_runs_within_a_step_if_no_line_that_leads_to_the_step_is_in_it(
+    tmp_path, line, is_within
+):
+    path = tmp_path / "program.py"
+    path.write_text(
+        "for episode in range(9):\n"
+        "    for i in range(9):\n"
+        "        env.advance()\n"
+        "        for name in names:\n"
+        "            read(name)\n"
+        "        read('torso')\n"
+        "        log.append([read(name) for name in names])\n"
+    )
+    lines_to_step = [(str(path), 3), (str(tmp_path / "environment.py"), 5)]
+    assert source_loops.runs_within_step((str(path), line), lines_to_step) == is_within

@@ -7,6 +7,7 @@ import pytest
 from mjbench.errors import InputError
 from mjbench.program import trials
 from mjbench.program.trials import Question, Trial
+from mjbench.simulation import compat
 
 FALLING = """
 <mujoco>
@@ -46,3 +47,43 @@ def test_contacts_one_by_one_and_as_arrays_are_the_same():
     one_by_one, arrays = trials.ways(model(), Question(Trial.CONTACTS))
     assert data.ncon
     assert np.array_equal(one_by_one.run(data), arrays.run(data))
+
+
+@pytest.mark.parametrize("trial", [trial for trial in Trial if trial != Trial.RENDERER])
+def test_both_ways_of_each_trial_run(trial):
+    functions = ("mj_kinematics",) if trial == Trial.FUNCTIONS else ()
+    for way in trials.ways(model(), Question(trial, functions, simulations=2)):
+        way.run(mujoco.MjData(model()))
+
+
+def test_a_mistake_in_a_trial_is_no_lack_of_a_release():
+    """A TypeError ends the child of `replacements`, which says so."""
+    assert not issubclass(TypeError, trials.LACKING)
+
+
+def test_rays_at_once_hit_what_single_rays_hit():
+    data = mujoco.MjData(model())
+    mujoco.mj_forward(model(), data)
+    vectors, geom = np.array([[0.0, 0, -1], [0, 0, 1], [1, 0, -0.1]]), np.empty(1, np.int32)
+    origin, geoms, distances = np.array([0.0, 0, 1]), np.empty(3, np.int32), np.empty(3)
+    compat.cast_rays(model(), data, origin, vectors, geoms, distances)
+    single = [mujoco.mj_ray(model(), data, origin, each, None, 1, -1, geom) for each in vectors]
+    assert distances.tolist() == single
+
+
+def test_a_step_with_controls_is_that_of_a_rollout():
+    actuated = mujoco.MjModel.from_xml_string(
+        FALLING.format("Euler")
+        .replace(
+            "</worldbody>",
+            "</worldbody><actuator><motor joint='hinge'/></actuator>",
+        )
+        .replace("<joint axis", '<joint name="hinge" axis')
+    )
+    ends = []
+    for way in trials.ways(actuated, Question(Trial.NO_ROLLOUT)):
+        data = mujoco.MjData(actuated)
+        for _ in range(3):
+            way.run(data)
+        ends.append([*data.qpos, *data.ctrl])
+    assert ends[0] == ends[1]

@@ -1,4 +1,4 @@
-"""`mjbench instructions`: instructions per step, counted by Callgrind."""
+"""`mjbench profile --instructions`: instructions per step, counted by Callgrind."""
 
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from mjbench.store.runs import Record
 
 
-@cli.command()
+@cli.command("profile --instructions")
 @models_argument()
 @click.option(
     "--release",
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     help="Kill a release's process that finishes no model for this long.",
 )
 @with_options(SIZES, COUNTS_OUTPUT)
-def instructions(
+def profile_instructions(
     sources: "list[ModelSource]",
     releases: tuple[str, ...],
     top: int,
@@ -56,7 +56,7 @@ def instructions(
 
     \b
     Example:
-      mjbench instructions humanoid --release 3.3.0 --release 4.0.0
+      mjbench profile --instructions humanoid --release 3.3.0 --release 4.0.0
     """
     from mjbench.api.session import Item, Measurement, input_files
     from mjbench.counts.instructions import InstructionCounter

@@ -1,4 +1,4 @@
-"""`mjbench diff`: two run files or run sets of `compare`."""
+"""`mjbench show --against`: two run files or run sets of `compare`."""
 
 import json
 from dataclasses import replace
@@ -36,17 +36,17 @@ def stored_run(folder: Path, jax: str, seconds: float) -> str:
 def test_diff_compares_run_files_and_refuses_other_versions_of_jax(tmp_path: Path) -> None:
     old = stored_run(tmp_path / "old", "1", 1.0)
     new = stored_run(tmp_path / "new", "2", 1.5)
-    refused = mjbench("diff", old, new)
+    refused = mjbench("show", new, "--against", old)
     assert refused.returncode == 2
     assert "they differ in jax (2, 1)" in refused.stdout
-    compared = mjbench("diff", old, new, "--across", "--json", "-")
+    compared = mjbench("show", new, "--against", old, "--across", "--json", "-")
     assert compared.returncode == 0, compared.stderr
     assert json.loads(compared.stdout)["results"][0]["ratio"]["estimate"] == pytest.approx(1.5)
 
 
 def test_run_files_with_nothing_in_common_are_bad_input(tmp_path: Path) -> None:
     old = stored_run(tmp_path, "1", 1.0)
-    done = mjbench("diff", old, str(RUNS / "reference-selfcheck-quiet.jsonl"))
+    done = mjbench("show", "--against", old, str(RUNS / "reference-selfcheck-quiet.jsonl"))
     assert done.returncode == 2
     assert "no timed row" in done.stderr
 
@@ -64,8 +64,8 @@ def diff(folder: Path, old: list[Path], new: list[Path]) -> Result:
     """Return how sets of run files compare; what is printed, and the rows in `out.json`."""
     (folder / "old.jsonl").unlink(missing_ok=True)
     (folder / "new.jsonl").unlink(missing_ok=True)
-    words = [set_of(folder / "old.jsonl", old), set_of(folder / "new.jsonl", new)]
-    done = CliRunner().invoke(cli, ["diff", *map(str, words), "--json", str(folder / "out.json")])
+    words = [set_of(folder / "new.jsonl", new), "--against", set_of(folder / "old.jsonl", old)]
+    done = CliRunner().invoke(cli, ["show", *map(str, words), "--json", str(folder / "out.json")])
     if done.exit_code == 0:
         check_document("diff", (folder / "out.json").read_text())
     return done
@@ -143,7 +143,7 @@ def test_runs_of_other_commands_in_a_set_are_left_out_and_counted(tmp_path: Path
 def test_a_run_file_is_compared_with_its_machine_in_a_set(tmp_path: Path) -> None:
     file = timed(tmp_path, labelled("a"), 1.0)
     others = [timed(tmp_path, labelled(name), 1.5) for name in "ab"]
-    words = ["diff", str(file), str(set_of(tmp_path / "new.jsonl", others))]
+    words = ["show", str(set_of(tmp_path / "new.jsonl", others)), "--against", str(file)]
     done = CliRunner().invoke(cli, words)
     assert done.exit_code == 0
     assert "1.500" in done.stdout

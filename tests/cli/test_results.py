@@ -1,4 +1,4 @@
-"""`mjbench merge`: every run once, to the byte; nothing else in a set ever changes."""
+"""`mjbench results merge`: every run once, to the byte; nothing else in a set ever changes."""
 
 import os
 import shutil
@@ -20,7 +20,7 @@ from mjbench.store.run_set import RunSetFile
 
 
 def merge(*arguments: str | Path) -> Result:
-    return CliRunner().invoke(cli, ["merge", *map(str, arguments)])
+    return CliRunner().invoke(cli, ["results", "merge", *map(str, arguments)])
 
 
 def stored(folder: Path, name: str, models: str = "m") -> Path:

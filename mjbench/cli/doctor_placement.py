@@ -1,4 +1,4 @@
-"""The command `mjbench placement`: how far a step's time depends on where the code lies."""
+"""`mjbench doctor --placement`: how far a step's time depends on where the code lies."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from mjbench.store.runs import Record
 
 
-@cli.command()
+@cli.command("doctor --placement")
 @models_argument("cartpole", "humanoid")
 @click.option(
     "--release",
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     help="Time for each model, once it is loaded; after it, no launch begins.",
 )
 @with_options(SIZES_OF_STARTS, STORING)
-def placement(
+def doctor_placement(
     sources: "list[ModelSource]",
     release_name: str,
     launches: int,
@@ -65,8 +65,8 @@ def placement(
 
     \b
     Examples:
-      mjbench placement robot.xml
-      mjbench placement cloth pile --release 3.3.1
+      mjbench doctor --placement robot.xml
+      mjbench doctor --placement cloth pile --release 3.3.1
     """
     from mjbench.api.session import Item, Measurement, pinning_notes
     from mjbench.paired import placement_spread

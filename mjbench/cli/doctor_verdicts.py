@@ -1,4 +1,4 @@
-"""The command `mjbench selfcheck`: how often verdicts are wrong."""
+"""`mjbench doctor --verdicts`: how often verdicts are wrong."""
 
 import contextlib
 from collections.abc import Iterator, Sequence
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _SLOWDOWNS = (0.0, 0.005, 0.01, 0.02, 0.05)
 
 
-@cli.command()
+@cli.command("doctor --verdicts")
 @click.argument("names", nargs=-1, metavar="[MODEL]…")
 @click.option(
     "--trials",
@@ -55,7 +55,7 @@ _SLOWDOWNS = (0.0, 0.005, 0.01, 0.02, 0.05)
 )
 @click.option("--busy", is_flag=True, help="Keep the last core busy during the trials.")
 @with_options(TRIAL_PLAN, STORING)
-def selfcheck(
+def doctor_verdicts(
     names: tuple[str, ...],
     trials: int,
     slowdowns: list[float] | None,
@@ -76,8 +76,8 @@ def selfcheck(
 
     \b
     Examples:
-      mjbench selfcheck
-      mjbench selfcheck cartpole --slowdowns 0,1 --trials 20
+      mjbench doctor --verdicts
+      mjbench doctor --verdicts cartpole --slowdowns 0,1 --trials 20
     """
     from mjbench.api.session import Item, Measurement, input_files, pinning_notes
     from mjbench.paired import selfcheck as checks

@@ -1,4 +1,4 @@
-"""`mjbench merge`: run files of several machines in one run set."""
+"""`mjbench results`, and `results merge`: run files of several machines in one run set."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +13,15 @@ if TYPE_CHECKING:
     from mjbench.store.run_set import Merged
 
 
-@cli.command()
+@cli.group()
+def results() -> None:
+    """Merge run files into a set, or write a site of all of them.
+
+    `mjbench show` prints, exports and compares runs.
+    """
+
+
+@results.command(short_help="merge run files into one, a run set")
 @click.argument("files", nargs=-1, required=True, metavar="RUN…", type=click.Path(path_type=Path))
 @click.option(
     "-o",
@@ -26,14 +34,14 @@ if TYPE_CHECKING:
 def merge(files: tuple[Path, ...], output: Path) -> None:
     """Merge run files of one or several machines into one file, a run set.
 
-    The set has every run once, unchanged. Sets can be merged, too. `report`, `show`, `diff`,
-    `history` and mjbench.load read sets like run files. They tell machines apart by the environment
+    The set has every run once, unchanged. Sets can be merged, too. `show`, `history`
+    and mjbench.load read sets like run files. They tell machines apart by the environment
     variable MJBENCH_MACHINE of the command that measured, otherwise by a hash of the host.
 
     \b
     Example:
-      mjbench merge runs-*/*.jsonl -o all.jsonl
-      mjbench report all.jsonl
+      mjbench results merge runs-*/*.jsonl -o all.jsonl
+      mjbench show all.jsonl --html
     """
     from mjbench.report.kinds import RECORD_TYPES
     from mjbench.store import run_set

@@ -1,4 +1,4 @@
-"""`mjbench overhead`: what the habits of a Python loop cost."""
+"""`mjbench profile --habits`: what the habits of a Python loop cost."""
 
 from typing import TYPE_CHECKING
 
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from mjbench.simulation.starts import StartPlan
 
 
-@cli.command()
+@cli.command("profile --habits")
 @models_argument("cartpole")
 @click.option("--code", is_flag=True, help="Print each habit's loop, and its cheaper form.")
 @with_options(LOOP_STARTS, LIMIT, OUTPUT)
-def overhead(
+def profile_habits(
     sources: "list[ModelSource]",
     code: bool,
     starts: "StartPlan",
@@ -33,8 +33,8 @@ def overhead(
 
     \b
     Examples:
-      mjbench overhead cartpole
-      mjbench overhead robot.mjb --states states.npz
+      mjbench profile --habits cartpole
+      mjbench profile --habits robot.mjb --states states.npz
     """
     from mjbench.api.session import of_each_model
     from mjbench.loop import overhead as loop_overhead

@@ -1,4 +1,4 @@
-"""`mjbench selfcheck`: its arms, its rows, its run file, and Ctrl-C."""
+"""`mjbench doctor --verdicts`: its arms, its rows, its run file, and Ctrl-C."""
 
 import json
 import os
@@ -51,7 +51,7 @@ def run_selfcheck(
         )
 
     monkeypatch.setattr(selfcheck, "trial", trial)
-    done = CliRunner().invoke(cli, ["selfcheck", "--trials", "1", *words])
+    done = CliRunner().invoke(cli, ["doctor", "--verdicts", "--trials", "1", *words])
     return tried, done.exit_code
 
 
@@ -109,7 +109,17 @@ def test_a_function_that_is_not_declared_is_bad_input(monkeypatch: pytest.Monkey
 
 def test_selfcheck_reports_a_row_for_each_model_and_slowdown(tmp_path: Path) -> None:
     done = mjbench(
-        *("selfcheck", "cartpole", "--trials", "1", "--slowdowns", "0,5", "--time-limit", "0.2s"),
+        *(
+            "doctor",
+            "--verdicts",
+            "cartpole",
+            "--trials",
+            "1",
+            "--slowdowns",
+            "0,5",
+            "--time-limit",
+            "0.2s",
+        ),
         *("--json", "out.json"),
         cwd=tmp_path,
     )
@@ -135,7 +145,7 @@ def test_selfcheck_reports_a_row_for_each_model_and_slowdown(tmp_path: Path) -> 
 def test_a_slowdown_that_cannot_be_injected_is_bad_input(
     tmp_path: Path, slowdowns: str, message: str
 ) -> None:
-    done = mjbench("selfcheck", "--slowdowns", slowdowns, cwd=tmp_path)
+    done = mjbench("doctor", "--verdicts", "--slowdowns", slowdowns, cwd=tmp_path)
     assert done.returncode == 2
     assert message in done.stderr
 
@@ -143,7 +153,7 @@ def test_a_slowdown_that_cannot_be_injected_is_bad_input(
 def test_ctrl_c_saves_what_was_measured_and_leaves_no_process(tmp_path: Path) -> None:
     before = process_tree.descendants()
     with subprocess.Popen(
-        [sys.executable, "-m", "mjbench", "selfcheck", "cartpole", "--slowdowns", "0"],
+        [sys.executable, "-m", "mjbench", "doctor", "--verdicts", "cartpole", "--slowdowns", "0"],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": PYTHONPATH},
         stdout=subprocess.PIPE,

@@ -1,11 +1,11 @@
-"""`mjbench placement` as a user types it."""
+"""`mjbench doctor --placement` as a user types it."""
 
 import json
 from pathlib import Path
 
 from commands import mjbench
 
-WORDS = ("placement", "contact.xml", "broken.xml", "--time-limit", "0.1s")
+WORDS = ("doctor", "--placement", "contact.xml", "broken.xml", "--time-limit", "0.1s")
 
 
 def test_a_model_is_measured_and_stored_and_not_measured_again(
@@ -40,6 +40,6 @@ def test_a_model_is_measured_and_stored_and_not_measured_again(
 
 
 def test_an_unknown_release_is_bad_input(tmp_path: Path) -> None:
-    done = mjbench("placement", "cartpole", "--release", "tea", cwd=tmp_path)
+    done = mjbench("doctor", "--placement", "cartpole", "--release", "tea", cwd=tmp_path)
     assert done.returncode == 2
     assert "'tea' is not a release" in done.stderr

@@ -1,4 +1,4 @@
-"""`mjbench explain`: what changed from one release to another, by function."""
+"""`mjbench versions --explain`: what changed from one release to another, by function."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from mjbench.paired.worker_pool import WorkerPool
 
 
-@cli.command()
+@cli.command("versions --explain")
 @click.argument("names", nargs=-1, required=True, metavar="OLD NEW [MODEL]…")
 @click.option(
     "--top",
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     "--clock/--no-clock", default=True, show_default=True, help="Compare wall-clock times too."
 )
 @with_options(VERDICT_PLAN, WAIT, JSON)
-def explain(
+def versions_explain(
     names: tuple[str, ...],
     top: int,
     clock: bool,
@@ -51,7 +51,7 @@ def explain(
 
     \b
     Example:
-      mjbench explain 3.17.0 4.0.0 pile
+      mjbench versions --explain 3.17.0 4.0.0 pile
     """
     from mjbench.api.session import Measurement, Session, input_files
     from mjbench.counts.explain import explain_change
@@ -64,7 +64,9 @@ def explain(
 
     release_names, sources = releases_and_models(names)
     if len(release_names) != 2:
-        raise InputError("name an OLD and a NEW release, such as `mjbench explain 3.17.0 4.0.0`")
+        raise InputError(
+            "name an OLD and a NEW release, such as `mjbench versions --explain 3.17.0 4.0.0`"
+        )
     specs = [installs.parse_release(name) for name in release_names]
     files = input_files(sources, specs, plan.sizes.starts)
     session = Session(Measurement("explain", {}, files), wait, report=report_line)

@@ -1,4 +1,4 @@
-"""`mjbench overhead` as a user types it."""
+"""`mjbench profile --habits` as a user types it."""
 
 import json
 from pathlib import Path
@@ -8,7 +8,7 @@ from commands import mjbench
 
 def test_a_model_that_does_not_load_costs_its_row(tmp_path: Path) -> None:
     (tmp_path / "broken.xml").write_text("<mujoco><nothing/></mujoco>")
-    done = mjbench("overhead", "broken.xml", "--json", "out.json", cwd=tmp_path)
+    done = mjbench("profile", "--habits", "broken.xml", "--json", "out.json", cwd=tmp_path)
     assert done.returncode == 2
     assert "mjbench: broken.xml: MuJoCo cannot load it" in done.stderr
     document = json.loads((tmp_path / "out.json").read_text())

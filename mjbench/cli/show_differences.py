@@ -1,40 +1,23 @@
-"""`mjbench diff`: two run files, or two run sets, of `compare`."""
+"""`mjbench show --against`: two run files, or two run sets, of `compare`."""
 
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-
 from mjbench.cli.context import RunContext
-from mjbench.cli.group import cli, report_line
-from mjbench.cli.shared import JSON
+from mjbench.cli.group import report_line
 from mjbench.errors import InputError
 
 if TYPE_CHECKING:
     from mjbench.store.run_set import RunSet
 
 
-@cli.command()
-@click.argument("old", type=click.Path(path_type=Path))
-@click.argument("new", type=click.Path(path_type=Path))
-@click.option(
-    "--across",
-    is_flag=True,
-    help="Compare even where JAX, jaxlib, XLA flags, device or precision differ.",
-)
-@JSON
-def diff(old: Path, new: Path, across: bool, json_file: str | None) -> None:
-    """Compare the speeds of two run files or run sets of `compare`, row by row.
+def show(old: Path, new: Path, across: bool, json_file: str | None) -> None:
+    """Print how speeds differ, and end with the exit code.
 
-    In run sets, each machine is compared with itself. The two were measured at different times,
-    which no statistics can correct. To compare releases, models or options, use `mjbench versions`
-    or `mjbench ab`, which alternate both targets.
-
-    \b
-    Example:
-      mjbench diff old.jsonl new.jsonl
+    Args:
+      across: see `run_differences.differences`.
     """
     from mjbench.report.documents import DiffDocument
     from mjbench.report.kinds import RECORD_TYPES
