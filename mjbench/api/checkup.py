@@ -73,11 +73,13 @@ class _Times:
 
 
 _FULL = _Times(end=TOTAL_S, paths=14.0, together=5.0, steps=25.0, program=40.0, rounds=8.0)
-_QUICK = _Times(end=QUICK_S, paths=9.0, together=0.0, steps=6.0, program=9.0, rounds=3.0)
+_QUICK = _Times(end=QUICK_S, paths=QUICK_S, together=0.0, steps=6.0, program=9.0, rounds=3.0)
 # Seconds that measuring something as a whole takes beside its time limit: it starts processes.
 _STARTING_S = 4.0
 # Seconds that tuning needs at least.
 _LEAST_TUNING_S = 5.0
+# Ways of stepping that race, beside the plain loop: others rarely win, and cost each of these time.
+_PATHS = ("rollout", "batch_step", "batch_rollout")
 # Changes that are measured together, at least: one alone has its figure.
 _SEVERAL = 2
 
@@ -265,14 +267,14 @@ def _model_items(source: ModelSource, parts: _Parts) -> Iterator[Item]:
     with WorkerPool(plan.limit_s) as pool:
         yield parts.measured(
             CheckupPart.PATHS,
-            f"ways of stepping, about {plan.times.paths:.0f} s",
+            "racing ways of stepping",
             lambda part: (part, _compared(pool, source, parts)),
         )
         settings_s = parts.left_s() - plan.times.together - _STARTING_S
         if not plan.is_quick and settings_s > _LEAST_TUNING_S:
             yield parts.measured(
                 CheckupPart.SETTINGS,
-                f"settings, about {settings_s:.0f} s",
+                f"trying settings, about {settings_s:.0f} s",
                 lambda part: (part, [_tuned(pool, source, parts, settings_s)]),
             )
         if plan.times.together:
@@ -282,9 +284,10 @@ def _model_items(source: ModelSource, parts: _Parts) -> Iterator[Item]:
 def _compared(pool: WorkerPool, source: ModelSource, parts: _Parts) -> list[Record]:
     """Return the records of a race of the usual paths in C."""
     plan, records = parts.plan, list[Record]()
-    budget_s = plan.times.paths
+    budget_s = max(1.0, min(plan.times.paths, parts.left_s()))
     comparison = ComparisonPlan((), starts=plan.starts, budget_s=budget_s, limit_s=plan.limit_s)
-    plans = selection.plans(comparison, [])
+    threads = [machine.usable_cores()] if plan.is_quick else None
+    plans = selection.plans(comparison, _PATHS, threads)
     end = 1 - parts.left_s() / plan.times.end
     shares = end, min(1.0, end + budget_s / plan.times.end)
     for item in compare.measure_model(pool, source, plans, shares, (), parts.observer):

@@ -16,7 +16,6 @@ from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paths.parallelism import WORKER_OPTIONS
 from mjbench.releases import installs
 from mjbench.simulation import models, package_timer
 from mjbench.simulation.models import ModelSource
@@ -25,6 +24,8 @@ from mjbench.tuning import variants
 from mjbench.tuning.records import Effect, Recommendation, TuneRecord
 from mjbench.tuning.settings import NO_CHANGE, Edit, edits_of
 
+# Options of paths whose processes have a timer of their own.
+_OF_PROCESSES = {"processes", "actors"}
 # Smallest gain that counts, and the confidence of its interval.
 MIN_EFFECT, CONFIDENCE = 0.01, 0.95
 
@@ -51,9 +52,8 @@ def combined(race: RaceRecord | None, tuned: TuneRecord | None) -> Combination:
         variant = race.variants[race.advised(race.standings[Loop.OPEN])]
     recommended = free(tuned)
     settings = recommended.settings if recommended else ()
-    # processes of a path have a timer of their own
     turns_off = timer_pays(race) or any(each.loop.is_clock_off for each in settings)
-    has_timer = not turns_off or bool(set(WORKER_OPTIONS) & set(variant.options))
+    has_timer = not turns_off or not _OF_PROCESSES.isdisjoint(variant.options)
     return Combination(variant, [s for s in settings if s.loop == NO_CHANGE], has_timer)
 
 

@@ -71,7 +71,7 @@ def checkup(
         run = measure(
             work,
             output,
-            each=lambda run: [report.part_section(run)],
+            each=report.part_sections,
             summary=lambda run: [report.list_section(run)],
             code=code,
             to_stderr=isinstance(source, targets.ProgramFile) or markdown_file == "-",

@@ -26,10 +26,19 @@ from mjbench.status import Status
 from mjbench.store.runs import SCHEMA, Run
 from mjbench.tuning.records import TuneRecord
 from mjbench.tuning.settings import label
-from mjbench.units import count_of, listed, plain
+from mjbench.units import count_of, listed
 
 # Stages of a step, and items, that are named at most.
 _MOST_STAGES, _MOST_ITEMS = 3, 12
+_HEADINGS = {
+    CheckupPart.STEP: "Where a step's time goes",
+    CheckupPart.PATHS: "Ways of stepping",
+    CheckupPart.SETTINGS: "Settings",
+    CheckupPart.TOGETHER: "All that changes no result, together",
+    CheckupPart.PROGRAM: "The program",
+    CheckupPart.SOURCE: "Its code",
+    CheckupPart.ENVIRONMENT: "Where the time of env.step goes",
+}
 # How a part ends that has not failed.
 _ENDED_WELL = (Status.OK, Status.UNAVAILABLE, Status.INTERRUPTED)
 # Of items of these groups, only one can be followed.
@@ -55,9 +64,9 @@ class CheckupDocument:
 
 def sections(run: Run) -> Iterator[Section]:
     """Yield the list, and what each part came to."""
-    if parts := run.of_type(CheckedPart):
+    if run.of_type(CheckedPart):
         yield list_section(run)
-        yield Section("What it rests on", facts=[*_lines(run, parts)])
+        yield from part_sections(run)
 
 
 def list_section(run: Run) -> Section:
@@ -77,9 +86,10 @@ def list_section(run: Run) -> Section:
     )
 
 
-def part_section(run: Run) -> Section:
-    """Return what parts of a check-up came to, as soon as they are measured."""
-    return Section("", facts=[*_lines(run, run.of_type(CheckedPart))])
+def part_sections(run: Run) -> Iterator[Section]:
+    """Yield what parts of a check-up came to, as soon as they are measured."""
+    for part in run.of_type(CheckedPart):
+        yield Section(_HEADINGS[part.part], facts=[*_lines(run, part)])
 
 
 # -- conclusions -----------------------------------------------------------------------------------
@@ -105,7 +115,8 @@ def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> It
         same = "" if first.change == ResultChange.NONE else f", {first.change_text}"
         yield Conclusion(f"{name}: {first.action}: {_gain(first)}{same}", Tone.GOOD)
     elif not failed:
-        yield Conclusion(f"{name}: nothing to gain here: {_why_nothing(run)}", Tone.NEUTRAL)
+        begin = "nothing to gain here" if _is_certain(run) else "no gain is certain yet"
+        yield Conclusion(f"{name}: {begin}: {_why_nothing(run)}", Tone.NEUTRAL)
 
 
 def _gain(item: CheckupItem) -> str:
@@ -139,6 +150,13 @@ def _described(combination: Combination) -> str:
     return ", ".join(parts)
 
 
+def _is_certain(run: Run) -> bool:
+    """Return whether all ways of stepping that raced, and all settings, were looked at enough."""
+    rows = [row for results in derive_all(run.records) for row in advice.advise(results)]
+    has_tried_all = not any(record.untried for record in run.of_type(TuneRecord))
+    return all(row.is_certain for row in rows) and has_tried_all
+
+
 def _why_nothing(run: Run) -> str:
     """Return why nothing gains, for what was measured."""
     reasons = []
@@ -163,7 +181,7 @@ def _why_no_path(results: ModelResults) -> str:
         return "other ways of stepping were not timed"
     if all(row.is_certain for row in rows):
         return "no other way of stepping is faster by 2 %"
-    return "no other way of stepping is certainly faster in this time"
+    return "no other way of stepping is certainly faster"
 
 
 def _why_no_setting(record: TuneRecord) -> str:
@@ -176,7 +194,7 @@ def _why_no_setting(record: TuneRecord) -> str:
 def _stages(steps: ProfiledSteps) -> str:
     """Return the stages that take most of a step."""
     largest = sorted(steps.stages.items(), key=lambda stage: -stage[1])[:_MOST_STAGES]
-    named = [f"{name} {formats.whole_percent(share)}" for name, share in largest]
+    named = [f"{name} {formats.whole_percent(share)}" for name, share in largest if share]
     return ", ".join(named)
 
 
@@ -262,35 +280,28 @@ def _not_tried(run: Run, parts: Sequence[CheckedPart]) -> Iterator[str]:
 # -- parts -----------------------------------------------------------------------------------------
 
 
-def _lines(run: Run, parts: Sequence[CheckedPart]) -> Iterator[str]:
-    """Yield what each part came to."""
-    for part in parts:
-        if part.status not in (Status.OK, Status.INTERRUPTED):
-            yield f"{part.part}: {part.status}: {part.detail}"
-            continue
-        match part.part:
-            case CheckupPart.STEP:
-                yield from _step_lines(run.of_type(ProfileRow))
-            case CheckupPart.PATHS:
-                yield from _path_lines(derive_all(run.records))
-            case CheckupPart.SETTINGS:
-                for record in run.of_type(TuneRecord):
-                    yield f"Settings: {_without(part, tuning.conclusion(record))}"
-            case CheckupPart.TOGETHER:
-                yield from filter(None, [_combined(run)])
-            case CheckupPart.PROGRAM:
-                for row in run.of_type(ProgramRow):
-                    yield f"Running it: {program.conclusion(row)}"
-            case CheckupPart.SOURCE:
-                yield f"Its code: lint has {count_of(len(part.findings), 'finding')}"
-            case CheckupPart.ENVIRONMENT:
-                for environment_record in run.of_type(EnvironmentRecord):
-                    yield from environment.conclusions(environment_record)
-
-
-def _without(part: CheckedPart, text: str) -> str:
-    """Return a sentence without the name that it begins with."""
-    return text.removeprefix(f"{part.target}: ")
+def _lines(run: Run, part: CheckedPart) -> Iterator[str]:
+    """Yield what a part came to."""
+    if part.status not in (Status.OK, Status.INTERRUPTED):
+        yield f"{part.status}: {part.detail}"
+        return
+    match part.part:
+        case CheckupPart.STEP:
+            yield from _step_lines(run.of_type(ProfileRow))
+        case CheckupPart.PATHS:
+            yield from _path_lines(derive_all(run.records))
+        case CheckupPart.SETTINGS:
+            for record in run.of_type(TuneRecord):
+                yield tuning.conclusion(record).removeprefix(f"{part.target}: ")
+        case CheckupPart.TOGETHER:
+            yield _combined(run) or "not certainly faster than the plain loop"
+        case CheckupPart.PROGRAM:
+            yield from map(program.conclusion, run.of_type(ProgramRow))
+        case CheckupPart.SOURCE:
+            yield f"lint has {count_of(len(part.findings), 'finding')}"
+        case CheckupPart.ENVIRONMENT:
+            for environment_record in run.of_type(EnvironmentRecord):
+                yield from environment.conclusions(environment_record)
 
 
 def _step_lines(rows: Sequence[ProfileRow]) -> Iterator[str]:
@@ -299,14 +310,10 @@ def _step_lines(rows: Sequence[ProfileRow]) -> Iterator[str]:
         steps = row.steps
         if steps is None:
             continue
-        for conclusion in profile.conclusions(row.model, steps):
-            yield conclusion.text.removeprefix(f"{row.model}: ")
-        work = steps.work
+        first = next(profile.conclusions(row.model, steps))
+        yield first.text.removeprefix(f"{row.model}: ")
         yield f"Of the engine's time: {_stages(steps)}"
-        yield (
-            f"A step has {plain(work.contacts, 3)} contacts, {plain(work.constraints, 3)}"
-            f" constraints, {plain(work.solver_iterations, 3)} solver iterations"
-        )
+        yield profile.work_line(steps)
         yield from starts_lines(steps.starts)
 
 

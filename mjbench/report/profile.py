@@ -45,13 +45,20 @@ def conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
         )
 
 
+def work_line(steps: ProfiledSteps) -> str:
+    """Return what a step did."""
+    work = steps.work
+    return (
+        f"A step has {plain(work.contacts, 3)} contacts, {plain(work.constraints, 3)} constraints,"
+        f" {plain(work.solver_iterations, 3)} solver iterations"
+    )
+
+
 def _facts(steps: ProfiledSteps) -> list[str]:
     """Return what a step did, and which states were stepped."""
-    work = steps.work
     held = ["Each run holds the controls of its start"] if steps.run_nstep else []
     return [
-        f"A step has {plain(work.contacts, 3)} contacts, {plain(work.constraints, 3)} constraints,"
-        f" {plain(work.solver_iterations, 3)} solver iterations",
+        work_line(steps),
         *starts_lines(steps.starts, with_warnings=False),
         *held,
         *warning_lines(steps.warnings),
