@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# When what measures was installed, and when what tests, too, was.
+BASE := $(VENV)/.measures
 STAMP := $(VENV)/.up-to-date
 
 UPGRADE := build/upgrade
@@ -25,7 +27,7 @@ help:
 	@echo "make clean     remove the virtual environment and caches"
 	@echo "All but clean set up .venv first, if it is missing or out of date."
 
-bench: $(STAMP)
+bench: $(BASE)
 	$(BIN)/mjbench compare --budget 22s
 
 test: style
@@ -88,10 +90,14 @@ foreign: $(STAMP)
 	$(BIN)/python -m benchmarks.foreign
 
 # Rebuilt when its inputs change, or when an earlier set-up did not finish.
-$(STAMP): pyproject.toml constraints.txt
+$(BASE): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "mjbench needs Python 3.11 or newer; name one: make PYTHON=python3.12"; exit 2; }
 	$(PYTHON) -m venv --clear $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+$(STAMP): $(BASE)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev]"
 	@touch $@
 

@@ -76,8 +76,8 @@ _FULL = _Times(end=TOTAL_S, paths=14.0, together=5.0, steps=25.0, program=40.0, 
 _QUICK = _Times(end=QUICK_S, paths=QUICK_S, together=0.0, steps=6.0, program=9.0, rounds=3.0)
 # Seconds that measuring something as a whole takes beside its time limit: it starts processes.
 _STARTING_S = 4.0
-# Seconds that tuning needs at least.
-_LEAST_TUNING_S = 5.0
+# Seconds that tuning, and measuring something as a whole, need at least.
+_LEAST_TUNING_S, _LEAST_TOGETHER_S = 5.0, 2.0
 # Ways of stepping that race, beside the plain loop: others rarely win, and cost each of these time.
 _PATHS = ("rollout", "batch_step", "batch_rollout")
 # Changes that are measured together, at least: one alone has its figure.
@@ -231,7 +231,6 @@ class _Parts:
             is_quick=self.plan.is_quick,
         )
         records: Sequence[Record] = ()
-        failure: Failure | None = None
         try:
             ended, records = measure(begun)
         except MjbenchError as error:
@@ -240,8 +239,9 @@ class _Parts:
             ended = replace(begun, status=failure.status, detail=detail)
         ended = replace(ended, seconds=self.clock() - begin_s)
         self.records += [ended, *records]
-        is_failure = ended.status not in (Status.OK, Status.UNAVAILABLE)
-        return Item([ended, *records], failure if is_failure else None)
+        if ended.has_ended_well:
+            return Item([ended, *records])
+        return Item([ended, *records], Failure(ended.status, f"{name}: {ended.detail}"))
 
     def of_type(self, kind: type[_Record]) -> _Record | None:
         """Return the record of a type; None where there is none."""
@@ -268,20 +268,21 @@ def _model_items(source: ModelSource, parts: _Parts) -> Iterator[Item]:
         yield parts.measured(
             CheckupPart.PATHS,
             "racing ways of stepping",
-            lambda part: (part, _compared(pool, source, parts)),
+            lambda part: _compared(part, pool, source, parts),
         )
         settings_s = parts.left_s() - plan.times.together - _STARTING_S
         if not plan.is_quick and settings_s > _LEAST_TUNING_S:
             yield parts.measured(
                 CheckupPart.SETTINGS,
                 f"trying settings, about {settings_s:.0f} s",
-                lambda part: (part, [_tuned(pool, source, parts, settings_s)]),
+                lambda part: _tuned(part, pool, source, parts, settings_s),
             )
-        if plan.times.together:
-            yield from _together(pool, source, parts)
+        yield from _together(pool, source, parts)
 
 
-def _compared(pool: WorkerPool, source: ModelSource, parts: _Parts) -> list[Record]:
+def _compared(
+    part: CheckedPart, pool: WorkerPool, source: ModelSource, parts: _Parts
+) -> tuple[CheckedPart, list[Record]]:
     """Return the records of a race of the usual paths in C."""
     plan, records = parts.plan, list[Record]()
     budget_s = max(1.0, min(plan.times.paths, parts.left_s()))
@@ -293,15 +294,19 @@ def _compared(pool: WorkerPool, source: ModelSource, parts: _Parts) -> list[Reco
     for item in compare.measure_model(pool, source, plans, shares, (), parts.observer):
         records += item.records
     parts.observer.show(None)
-    return records
+    (model,) = (each for each in records if isinstance(each, ModelRecord))
+    return replace(part, status=model.status, detail=model.detail), records
 
 
-def _tuned(pool: WorkerPool, source: ModelSource, parts: _Parts, budget_s: float) -> TuneRecord:
+def _tuned(
+    part: CheckedPart, pool: WorkerPool, source: ModelSource, parts: _Parts, budget_s: float
+) -> tuple[CheckedPart, list[Record]]:
     """Return a search for settings of C."""
     plan = SearchPlan(starts=parts.plan.starts, budget_s=budget_s)
-    return tune(
+    record = tune(
         pool, source, plan, parts.plan.limit_s, lambda done, text, share: parts.progress(text)
     )
+    return replace(part, status=record.status, detail=record.detail), [record]
 
 
 def _together(pool: WorkerPool, source: ModelSource, parts: _Parts) -> Iterator[Item]:
@@ -309,19 +314,14 @@ def _together(pool: WorkerPool, source: ModelSource, parts: _Parts) -> Iterator[
     plan, model = parts.plan, parts.of_type(ModelRecord)
     race, tuned = parts.of_type(RaceRecord), parts.of_type(TuneRecord)
     combined = combination.combined(race, tuned)
-    if (
-        combined.count < _SEVERAL
-        or model is None
-        or Status.INTERRUPTED in (model.status, tuned.status if tuned else None)
-    ):
+    time_s = min(plan.times.together, parts.left_s() - _STARTING_S)
+    if combined.count < _SEVERAL or model is None or time_s < _LEAST_TOGETHER_S:
         return
     sizes = Sizes(model.nbatch, model.nstep, starts=plan.starts)
 
     def measured(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
         parts.progress("all that changes nothing, together")
-        verdict = combination.measure(
-            pool, source, combined, sizes, plan.times.together, plan.limit_s
-        )
+        verdict = combination.measure(pool, source, combined, sizes, time_s, plan.limit_s)
         return replace(part, combination=combined, verdict=verdict), []
 
     yield parts.measured(CheckupPart.TOGETHER, "all that changes nothing, together", measured)
@@ -365,8 +365,8 @@ def _environment_items(source: EnvironmentSource, parts: _Parts) -> Iterator[Ite
             source,
             EnvironmentPlan(None, 0, threads, counts, plan.times.rounds, plan.limit_s),
         )
-        if record.facts is None and record.status != Status.INTERRUPTED:
-            part = replace(part, status=record.status, detail=record.detail)
-        return part, [record]
+        measured_well = record.facts is not None
+        records = [record] if measured_well or record.status == Status.INTERRUPTED else []
+        return replace(part, status=record.status, detail=record.detail), records
 
     yield parts.measured(CheckupPart.ENVIRONMENT, "where the time of env.step goes", measured)

@@ -75,3 +75,8 @@ class CheckedPart:
     findings: Sequence[Finding] = ()
     combination: Combination | None = None
     verdict: VerdictRecord | None = None
+
+    @property
+    def has_ended_well(self) -> bool:
+        """Whether nothing failed; what is not installed is no failure."""
+        return self.status in (Status.OK, Status.UNAVAILABLE, Status.INTERRUPTED)

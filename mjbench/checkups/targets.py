@@ -4,6 +4,7 @@ Nothing is imported or run to find out. What could be two things is refused in a
 commands for each.
 """
 
+import difflib
 import importlib.util
 import re
 from dataclasses import dataclass
@@ -71,7 +72,9 @@ def kind_of(source: CheckedSource) -> TargetKind:
 def may_be_target(word: str) -> bool:
     """Return whether a word rather names something to check than a command, a mistyped one even."""
     has_sign = any(sign in word for sign in "./:\\") or bool(_ENVIRONMENT_ID.search(word))
-    return has_sign or word in models.shipped() or _exists(Path(word))
+    # a mistyped name of a shipped model is one, too
+    is_shipped = bool(difflib.get_close_matches(word, models.shipped(), cutoff=0.8))
+    return has_sign or is_shipped or _exists(Path(word))
 
 
 def recognized(name: str, arguments: tuple[str, ...], folder: Path) -> CheckedSource:

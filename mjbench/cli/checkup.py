@@ -72,7 +72,7 @@ def checkup(
             work,
             output,
             each=report.part_sections,
-            summary=lambda run: [report.list_section(run)],
+            summary=report.summary,
             code=code,
             to_stderr=isinstance(source, targets.ProgramFile) or markdown_file == "-",
         )

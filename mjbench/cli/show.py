@@ -8,6 +8,7 @@ import click
 
 from mjbench.cli import show_differences, show_pages
 from mjbench.cli.context import RunContext
+from mjbench.cli.fail_on import FAIL_ON, FailOn
 from mjbench.cli.group import cli, report_line
 from mjbench.cli.shared import CODE, JSON, RESULTS, with_options
 from mjbench.errors import InputError
@@ -48,7 +49,7 @@ _MOST_RUNS = 20
     help="With --against: compare even where JAX, jaxlib, XLA flags, device or precision differ.",
 )
 @CODE
-@with_options(RESULTS, JSON)
+@with_options(FAIL_ON, RESULTS, JSON)
 def show(
     files: tuple[Path, ...],
     form: str | None,
@@ -56,6 +57,7 @@ def show(
     against: str | None,
     across: bool,
     code: bool,
+    fail_on: FailOn,
     results: Path,
     json_file: str | None,
 ) -> None:
@@ -67,8 +69,8 @@ def show(
     vl-convert-python and Jinja2: the extra `report`.
 
     --against compares runs of `compare`; in run sets, each machine is compared with itself. The two
-    were measured at different times, which no statistics can correct: to compare releases, models
-    or options, use `mjbench versions` or `mjbench ab`, which alternate both.
+    were measured at different times, so only what certainly differs by more than 5 % is slower or
+    faster. `mjbench versions` and `mjbench ab` alternate both, and find smaller changes.
 
     \b
     Examples:
@@ -77,7 +79,7 @@ def show(
       mjbench show results/runs/*.jsonl --html -o report.html
       mjbench show --markdown >> "$GITHUB_STEP_SUMMARY"
       mjbench show --format junit -o junit.xml
-      mjbench show new.jsonl --against old.jsonl
+      mjbench show new.jsonl --against old.jsonl --fail-on slower
     """
     from mjbench.store import runs
 
@@ -85,6 +87,8 @@ def show(
         raise InputError("--against prints a table: leave out --code and formats")
     if form and (code or json_file):
         raise InputError("--code and --json belong to what is printed: leave out the format")
+    if fail_on.findings and against is None:
+        raise InputError("--fail-on is about two runs: add --against OLD")
     if output and not form:
         raise InputError("-o is for a page or a format: add --html, --markdown or --format")
     if against is None:
@@ -99,7 +103,7 @@ def show(
     if len(olds) != 1 or len(news) > 1:
         raise InputError("--against compares one RUN; `mjbench results merge` makes one of several")
     new = news[0] if news else runs.latest(results)
-    show_differences.show(olds[0], new, across, json_file)
+    show_differences.show(olds[0], new, across, fail_on, json_file)
 
 
 def _print(files: Sequence[Path], code: bool, json_file: str | None) -> None:

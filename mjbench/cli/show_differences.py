@@ -6,14 +6,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjbench.cli.context import RunContext
+from mjbench.cli.fail_on import FailOn
 from mjbench.cli.group import report_line
 from mjbench.errors import InputError
+from mjbench.status import exit_code
 
 if TYPE_CHECKING:
     from mjbench.store.run_set import RunSet
 
 
-def show(old: Path, new: Path, across: bool, json_file: str | None) -> None:
+def show(old: Path, new: Path, across: bool, fail_on: FailOn, json_file: str | None) -> None:
     """Print how speeds differ, and end with the exit code.
 
     Args:
@@ -21,11 +23,7 @@ def show(old: Path, new: Path, across: bool, json_file: str | None) -> None:
     """
     from mjbench.report.documents import DiffDocument
     from mjbench.report.kinds import RECORD_TYPES
-    from mjbench.report.run_differences import (
-        difference_cautions,
-        differences,
-        differences_table,
-    )
+    from mjbench.report.run_differences import differences, differences_section
     from mjbench.store import run_set
 
     with RunContext(json_file, [old, new]) as run:
@@ -33,14 +31,12 @@ def show(old: Path, new: Path, across: bool, json_file: str | None) -> None:
         rows = differences(stored[0], stored[1], across)
         if line := _left_out(stored):
             report_line(line)
-        for caution in difference_cautions(rows):
-            run.out.print(caution, soft_wrap=True)
         if rows:
-            run.table(differences_table(rows))
+            run.show([differences_section(rows)])
         if not any(row.path for row in rows):
             raise InputError(f"{old} and {new} have no timed row of `compare` in common")
         run.write(DiffDocument(results=rows))
-    run.exit(row.status for row in rows)
+    run.exit_with(exit_code(row.status for row in rows) or fail_on.of_differences(rows))
 
 
 def _left_out(stored: "Sequence[RunSet]") -> str:

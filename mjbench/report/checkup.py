@@ -39,8 +39,6 @@ _HEADINGS = {
     CheckupPart.SOURCE: "Its code",
     CheckupPart.ENVIRONMENT: "Where the time of env.step goes",
 }
-# How a part ends that has not failed.
-_ENDED_WELL = (Status.OK, Status.UNAVAILABLE, Status.INTERRUPTED)
 # Of items of these groups, only one can be followed.
 _ALTERNATIVES = (GainGroup.PATHS, GainGroup.SETTINGS, GainGroup.PHYSICS)
 
@@ -69,10 +67,17 @@ def sections(run: Run) -> Iterator[Section]:
         yield from part_sections(run)
 
 
+def summary(run: Run) -> list[Section]:
+    """Return the list, unless nothing was measured: why is then known."""
+    parts = run.of_type(CheckedPart)
+    has_results = len(run.records) > len(parts) or any(part.has_ended_well for part in parts)
+    return [list_section(run)] if has_results else []
+
+
 def list_section(run: Run) -> Section:
     """Return the ranked list, with its conclusions and the commands that look closer."""
     parts, listed_items = run.of_type(CheckedPart), items(run)[:_MOST_ITEMS]
-    name = parts[0].target if parts else ""
+    name = checkup_items.short_name(parts[0].target) if parts else ""
     return Section(
         heading=f"{name}: what to do first",
         conclusions=[*_conclusions(run, name, listed_items)],
@@ -103,20 +108,32 @@ def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> It
     for item in listed_items:
         if item.change == ResultChange.CORRECTED:
             yield Conclusion(f"{name}: first, correct a wrong result: {item.action}", Tone.BAD)
-    failed = [part for part in run.of_type(CheckedPart) if part.status not in _ENDED_WELL]
+    failed = [part for part in run.of_type(CheckedPart) if not part.has_ended_well]
     for part in failed:
-        yield Conclusion(f"{name}: {part.status}: {part.detail}", Tone.BAD)
-    keeping = [item for item in listed_items if item.gain is not None and item.change.keeps]
+        yield Conclusion(f"{name}: {_failure(part)}", Tone.BAD)
+    gains = [item for item in listed_items if item.gain is not None]
+    keeping = [item for item in gains if item.change.keeps]
     combined = _combined(run)
     if combined:
         yield Conclusion(f"{name}: {combined}", Tone.GOOD)
-    elif keeping:
-        first = keeping[0]
-        same = "" if first.change == ResultChange.NONE else f", {first.change_text}"
-        yield Conclusion(f"{name}: {first.action}: {_gain(first)}{same}", Tone.GOOD)
+    elif gains:
+        first = (keeping or gains)[0]
+        changes = "" if first.change == ResultChange.NONE else f"; {_changes(first)}"
+        tone = Tone.GOOD if keeping else Tone.UNSURE
+        yield Conclusion(f"{name}: {first.action}: {_gain(first)}{changes}", tone)
     elif not failed:
         begin = "nothing to gain here" if _is_certain(run) else "no gain is certain yet"
         yield Conclusion(f"{name}: {begin}: {_why_nothing(run)}", Tone.NEUTRAL)
+
+
+def _failure(part: CheckedPart) -> str:
+    """Return how a part failed, and why."""
+    return part.detail if part.status == Status.INPUT else f"{part.status}: {part.detail}"
+
+
+def _changes(item: CheckupItem) -> str:
+    """Return what an item does to results, for a sentence."""
+    return f"it changes results: {item.change_text}"
 
 
 def _gain(item: CheckupItem) -> str:
@@ -151,10 +168,16 @@ def _described(combination: Combination) -> str:
 
 
 def _is_certain(run: Run) -> bool:
-    """Return whether all ways of stepping that raced, and all settings, were looked at enough."""
+    """Return whether all that may gain something was looked at enough."""
+    parts = run.of_type(CheckedPart)
+    if any(part.status != Status.OK for part in parts):
+        return False
+    if parts[0].kind != TargetKind.MODEL:
+        return True
     rows = [row for results in derive_all(run.records) for row in advice.advise(results)]
-    has_tried_all = not any(record.untried for record in run.of_type(TuneRecord))
-    return all(row.is_certain for row in rows) and has_tried_all
+    searches = run.of_type(TuneRecord)
+    is_decided = bool(rows) and all(row.is_certain for row in rows)
+    return is_decided and bool(searches) and not any(each.untried for each in searches)
 
 
 def _why_nothing(run: Run) -> str:
@@ -168,7 +191,7 @@ def _why_nothing(run: Run) -> str:
     reasons += map(_why_no_setting, run.of_type(TuneRecord))
     reasons += map(program.conclusion, run.of_type(ProgramRow))
     for record in run.of_type(EnvironmentRecord):
-        reasons += environment.conclusions(record)
+        reasons += [_without_name(each, record) for each in environment.conclusions(record)]
     if not reasons:
         reasons.append("lint finds nothing in its code, which was not run")
     return "; ".join(filter(None, reasons))
@@ -187,8 +210,10 @@ def _why_no_path(results: ModelResults) -> str:
 def _why_no_setting(record: TuneRecord) -> str:
     """Return how many settings were tried; those for which there was no time are named, too."""
     tried = sum(len(each.settings) == 1 for each in record.attempts)
+    if not tried:
+        return "there was no time to try settings" if record.untried else ""
     left = f" ({record.untried} were not tried)" if record.untried else ""
-    return f"none of {tried} settings is certainly faster with the same results{left}"
+    return f"none of {count_of(tried, 'setting')} is certainly faster with the same results{left}"
 
 
 def _stages(steps: ProfiledSteps) -> str:
@@ -283,7 +308,7 @@ def _not_tried(run: Run, parts: Sequence[CheckedPart]) -> Iterator[str]:
 def _lines(run: Run, part: CheckedPart) -> Iterator[str]:
     """Yield what a part came to."""
     if part.status not in (Status.OK, Status.INTERRUPTED):
-        yield f"{part.status}: {part.detail}"
+        yield _failure(part)
         return
     match part.part:
         case CheckupPart.STEP:
@@ -301,7 +326,13 @@ def _lines(run: Run, part: CheckedPart) -> Iterator[str]:
             yield f"lint has {count_of(len(part.findings), 'finding')}"
         case CheckupPart.ENVIRONMENT:
             for environment_record in run.of_type(EnvironmentRecord):
-                yield from environment.conclusions(environment_record)
+                for sentence in environment.conclusions(environment_record):
+                    yield _without_name(sentence, environment_record)
+
+
+def _without_name(sentence: str, record: EnvironmentRecord) -> str:
+    """Return a sentence about an environment without its name, and without a full stop."""
+    return sentence.removeprefix(f"{record.environment}: ").removesuffix(".")
 
 
 def _step_lines(rows: Sequence[ProfileRow]) -> Iterator[str]:

@@ -113,6 +113,8 @@ class CheckupItem:
             return 0, 0.0
         if self.gain is None:
             return 3, 0.0
+        if self.group == GainGroup.LOOP:  # `run` has ranked them
+            return 1, 0.0
         return (1 if self.change.keeps else 2), -self.times
 
     @property
@@ -142,7 +144,9 @@ class CheckupItem:
             case ResultChange.TOLERANCE:
                 return "within the solver's tolerance"
             case ResultChange.ERROR:
-                return f"an error of {tuning.percent(self.error or 0.0)} of the motion"
+                if self.error is None:
+                    return "an error of unknown size"
+                return f"an error of {tuning.percent(self.error)} of the motion"
         return self.change_detail
 
 
@@ -154,6 +158,11 @@ def items(run: Run) -> list[CheckupItem]:
 def quoted(target: str) -> str:
     """Return a target as a command line has it."""
     return shlex.quote(target)
+
+
+def short_name(target: str) -> str:
+    """Return a target, or the name of a file, for sentences: without its folder."""
+    return target.rpartition("/")[2] or target
 
 
 def _items(run: Run) -> Iterator[CheckupItem]:
@@ -270,7 +279,7 @@ def _of_recommendation(each: Recommendation, command: str) -> CheckupItem:
         gain=_inverse(each.ratio),
         unit=GainUnit.SIMULATED_SECOND,
         change=changes[each.effect],
-        error=each.error.share if each.effect == Effect.APPROXIMATE else None,
+        error=each.error.share if each.error and each.effect == Effect.APPROXIMATE else None,
         group=GainGroup.SETTINGS,
         command=command,
         snippet=_applied(each.settings),
@@ -331,7 +340,7 @@ def _of_program(row: ProgramRow, target: str) -> Iterator[CheckupItem]:
     command = f"mjbench run {target}"
     if row.crash is not None:
         yield CheckupItem(
-            action=f"it crashed at {row.crash}: {row.crash.text}",
+            action=f"it crashed at {short_name(row.crash.file)}:{row.crash.line}: {row.crash.text}",
             change=ResultChange.CORRECTED,
             command=command,
         )
@@ -363,7 +372,7 @@ def _of_remedy(remedy: Remedy, command: str) -> CheckupItem:
 
 
 def _placed(remedy: Remedy) -> str:
-    place = f"{remedy.place}: " if remedy.place is not None else ""
+    place = f"{short_name(remedy.place.file)}:{remedy.place.line}: " if remedy.place else ""
     code = f" ({remedy.code})" if remedy.code else ""
     return f"{place}{program.subject(remedy)}{remedy.text}{code}"
 

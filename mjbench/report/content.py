@@ -1,6 +1,6 @@
 """What results come to, whatever shows it: conclusions, tables, figures and notes."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, TypeVar
@@ -49,13 +49,16 @@ class Column:
     Attributes:
       title: with the unit, where its cells have none.
       form: how its numbers, or intervals, are written; None for a column of text.
-      wraps: whether its cells may have several lines.
+      wraps: whether its cells are sentences, which wrap before other texts do.
+      leaves: in which order columns leave a table that is too wide, the first one at 1; 0 for one
+        that stays.
       is_bar: whether its cells are bars of text, which pages draw as a chart instead.
     """
 
     title: str
     form: Form | None = None
     wraps: bool = False
+    leaves: int = 0
     is_bar: bool = False
 
     @property
@@ -112,8 +115,16 @@ class DataTable:
             for i, column in enumerate(self.columns)
             if any(column.shown(row[i]) for row in self.rows) and (with_bars or not column.is_bar)
         ]
-        columns = [self.columns[i] for i in filled]
-        return DataTable(self.title, columns, [[row[i] for i in filled] for row in self.rows])
+        return self._with_columns(filled)
+
+    def without(self, left_out: Collection[str]) -> "DataTable":
+        """Return the table without the columns of some titles."""
+        stay = [i for i, column in enumerate(self.columns) if column.title not in left_out]
+        return self._with_columns(stay)
+
+    def _with_columns(self, chosen: Sequence[int]) -> "DataTable":
+        columns = [self.columns[i] for i in chosen]
+        return DataTable(self.title, columns, [[row[i] for i in chosen] for row in self.rows])
 
 
 @dataclass(frozen=True)

@@ -68,6 +68,7 @@ def test_what_could_be_two_things_is_asked_about(folder: Path) -> None:
         ("missing.xml", (), "no such file: missing.xml"),
         ("assets/x.py", (), "no such file"),
         ("gymnasium:antt", (), "did you mean ant"),
+        ("humaniod", (), "did you mean humanoid"),
         ("no_such_package:make", (), "no package 'no_such_package' is installed here"),
         ("https://x.org/robot", (), "is an address"),
         ("robot.xml", ("other.xml",), "one thing at a time"),
@@ -83,6 +84,6 @@ def test_what_stands_for_nothing_is_one_line(
     assert "\n" not in str(raised.value)
 
 
-@pytest.mark.parametrize("word", ["comapre", "--quick", "humaniod", "prof"])
+@pytest.mark.parametrize("word", ["comapre", "--quick", "plna", "prof", "tnue"])
 def test_a_mistyped_command_is_no_target(folder: Path, word: str) -> None:
     assert not targets.may_be_target(word)

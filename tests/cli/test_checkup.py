@@ -1,12 +1,15 @@
 """`mjbench TARGET`: what it resolves to, one quick check-up, and what it refuses."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 import pytest
 from commands import ROOT, Completed, mjbench
 
 import mjbench as package
+from mjbench.api.checkup import CheckupPlan
 
 CARTPOLE = ROOT / "models" / "cartpole.xml"
 
@@ -16,7 +19,9 @@ def checked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Completed]:
     """Return a folder in which the cart-pole was checked without a subcommand, and the command."""
     folder = tmp_path_factory.mktemp("checked")
     words = [str(CARTPOLE), "--quick", "--json", "c.json", "--html", "c.html"]
-    return folder, mjbench(*words, "--results", "runs", cwd=folder)
+    times = replace(CheckupPlan(is_quick=True).times, end=2.0, paths=2.0)
+    with mock.patch.object(CheckupPlan, "times", times):
+        return folder, mjbench(*words, "--results", "runs", cwd=folder)
 
 
 def test_a_model_without_a_subcommand_is_checked(checked: tuple[Path, Completed]) -> None:
@@ -34,7 +39,9 @@ def test_it_is_one_run_file_that_show_and_load_read(checked: tuple[Path, Complet
     (file,) = (folder / "runs").iterdir()
     shown = mjbench("show", str(file), cwd=folder)
     assert shown.returncode == 0, shown.stderr
-    conclusion = next(line for line in done.stdout.splitlines() if line.startswith(f"{CARTPOLE}: "))
+    conclusion = next(
+        line for line in done.stdout.splitlines() if line.startswith("cartpole.xml: ")
+    )
     assert conclusion in shown.stdout
     document = json.loads((folder / "c.json").read_text())
     actions = [row["action"] for row in package.load(file) if row.get("action")]

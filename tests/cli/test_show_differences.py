@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 from commands import ROOT, check_document, mjbench
+from example_races import compared, raced
 from example_records import measurement, model_record
 from set_files import MACHINE, labelled, run_file, set_of
 from verdict_records import SAME
@@ -83,8 +84,9 @@ def test_each_machine_of_a_set_is_compared_with_itself(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     ratios = {row["machine"]: row["ratio"]["estimate"] for row in rows(tmp_path)}
     assert ratios == {"a": pytest.approx(1.5), "b": pytest.approx(2.0)}
-    lines = done.output.splitlines()
-    assert lines[0] == "a, m: OLD: timed by an earlier version of mjbench"
+    _, first, *lines = done.output.splitlines()
+    assert first == "a, m: OLD: timed by an earlier version of mjbench"
+    assert lines[3] == "Of 2 rows: 2 undecided"
     assert lines[4].split()[:2] == ["machine", "model"]
 
 
@@ -148,3 +150,65 @@ def test_a_run_file_is_compared_with_its_machine_in_a_set(tmp_path: Path) -> Non
     assert done.exit_code == 0
     assert "1.500" in done.stdout
     assert "not in OLD" in done.stdout
+
+
+# what fails a command
+
+
+def raced_run(folder: Path, factor: float, cores: float = 2.0) -> Path:
+    """Return a run file of a comparison in which every step takes `factor` microseconds or less."""
+    record = raced(steps=round(1000 / factor), cores=cores)
+    return run_file(folder, labelled("a"), *compared(record))
+
+
+@pytest.mark.parametrize(
+    ("factor", "fail_on", "verdict", "code"),
+    [
+        (1.2, "slower", "slower", 1),
+        (1.2, "faster", "slower", 0),
+        (0.8, "slower", "faster", 0),
+        (0.8, "faster", "faster", 1),
+        (1.02, "slower,faster", "same", 0),
+        (1.05, "slower", "inconclusive", 3),
+        (1.05, "inconclusive", "inconclusive", 1),
+        (1.05, "slower,--allow-inconclusive", "inconclusive", 0),
+    ],
+)
+def test_what_is_certainly_slower_than_an_earlier_run_fails_in_ci(
+    tmp_path: Path, factor: float, fail_on: str, verdict: str, code: int
+) -> None:
+    old, new = raced_run(tmp_path / "old", 1.0), raced_run(tmp_path / "new", factor)
+    findings, _, flag = fail_on.partition(",--")
+    words = ["show", str(new), "--against", str(old), "--fail-on", findings]
+    words += [f"--{flag}"] * bool(flag) + ["--json", str(tmp_path / "out.json")]
+    done = CliRunner().invoke(cli, words)
+    verdicts = [row["verdict"] for row in rows(tmp_path)]
+    assert set(verdicts) == {verdict, None}  # the slow paths leave the race early
+    assert done.exit_code == code, done.output
+    assert done.stdout.splitlines()[1].startswith(f"Of 4 rows: {4 - verdicts.count(None)} ")
+
+
+def test_a_disturbed_run_decides_nothing(tmp_path: Path) -> None:
+    old, new = raced_run(tmp_path / "old", 1.0), raced_run(tmp_path / "new", 2.0, cores=0.5)
+    words = ["show", str(new), "--against", str(old), "--fail-on", "slower"]
+    done = CliRunner().invoke(cli, words)
+    assert done.exit_code == 3
+    assert "undecided" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--fail-on", "slower"], "add --against OLD"),
+        (["--html", "--against", "old"], "leave out --code and formats"),
+        (["-o", "x"], "add --html, --markdown or --format"),
+        (["--markdown", "--json", "-"], "leave out the format"),
+        (["a", "b", "--against", "old"], "compares one RUN"),
+    ],
+)
+def test_options_of_show_that_do_not_go_together_are_refused(
+    words: list[str], message: str
+) -> None:
+    done = mjbench("show", *words)
+    assert done.returncode == 2
+    assert message in done.stderr

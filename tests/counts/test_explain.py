@@ -1,7 +1,6 @@
 """What explains the difference of two counts, and the verdict on instructions."""
 
 import json
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -193,13 +192,6 @@ def test_cost_that_moved_is_named_with_what_is_left_of_it() -> None:
     assert "cost moved between f (-900) and g (+950), together +50" in explain.summary(
         count, count, row
     )
-
-
-def test_without_capstone_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "mjbench.counts.code_comparison", None)
-    row = explained(counted("1.0", a=1000.0), counted("2.0", a=1000.0))
-    assert row.code is None
-    assert "python -m pip install " in row.code_detail
 
 
 def test_a_time_that_could_not_be_compared_says_why() -> None:
