@@ -79,7 +79,7 @@ _STARTING_S = 4.0
 # Seconds that tuning, and measuring something as a whole, need at least.
 _LEAST_TUNING_S, _LEAST_TOGETHER_S = 5.0, 2.0
 # Ways of stepping that race, beside the plain loop: others rarely win, and cost each of these time.
-_PATHS = ("rollout", "batch_step", "batch_rollout")
+_PATHS, _OPTIONS = ("rollout", "batch_step", "batch_rollout"), ("pool=kept",)
 # Changes that are measured together, at least: one alone has its figure.
 _SEVERAL = 2
 
@@ -288,7 +288,7 @@ def _compared(
     budget_s = max(1.0, min(plan.times.paths, parts.left_s()))
     comparison = ComparisonPlan((), starts=plan.starts, budget_s=budget_s, limit_s=plan.limit_s)
     threads = [machine.usable_cores()] if plan.is_quick else None
-    plans = selection.plans(comparison, _PATHS, threads)
+    plans = selection.plans(comparison, _PATHS, threads, option_words=_OPTIONS)
     end = 1 - parts.left_s() / plan.times.end
     shares = end, min(1.0, end + budget_s / plan.times.end)
     for item in compare.measure_model(pool, source, plans, shares, (), parts.observer):
@@ -365,8 +365,8 @@ def _environment_items(source: EnvironmentSource, parts: _Parts) -> Iterator[Ite
             source,
             EnvironmentPlan(None, 0, threads, counts, plan.times.rounds, plan.limit_s),
         )
-        measured_well = record.facts is not None
-        records = [record] if measured_well or record.status == Status.INTERRUPTED else []
+        is_stored = record.facts is not None or record.status == Status.INTERRUPTED
+        records: list[Record] = [record] if is_stored else []
         return replace(part, status=record.status, detail=record.detail), records
 
     yield parts.measured(CheckupPart.ENVIRONMENT, "where the time of env.step goes", measured)

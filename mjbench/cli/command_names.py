@@ -17,7 +17,7 @@ LISTED: Mapping[str, Mapping[str, str]] = {
         "compare": "the fastest way of stepping; how many threads",
         "tune": "faster settings of a model, and their errors",
         "versions": "is a release slower for my model? --explain",
-        "ab": "is one of two models, paths or options slower?",
+        "ab": "which of two models or revisions is slower?",
         "lint": "what is slow or wrong in a script",
         "doctor": "can I measure here? --verdicts, --placement",
         "show": "results again: --html, --markdown, --against",

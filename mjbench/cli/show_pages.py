@@ -16,7 +16,11 @@ if TYPE_CHECKING:
 
 # Formats of pages, which several runs share, and of other tools.
 _PAGES = ("html", "markdown")
-FORMATS = (*_PAGES, "csv", "parquet", "github-action-benchmark", "bencher", "otava", "junit")
+_COMMENT = "comment"
+FORMATS = (
+    *(*_PAGES, _COMMENT, "csv", "parquet", "github-action-benchmark", "bencher", "otava"),
+    "junit",
+)
 
 
 def write(files: Sequence[Path], form: str, output: str | None) -> None:
@@ -60,8 +64,11 @@ def _stored(file: Path) -> "RunSet":
 
 def _text(form: str, files: Sequence[Path]) -> str:
     """Return run files and sets in a format."""
-    from mjbench.pages import exports, reports
+    from mjbench.pages import comment, exports, reports
 
+    if form == _COMMENT:
+        (named,) = reports.read(files)
+        return comment.text(named.run)
     if form not in _PAGES:
         return exports.FORMATS[form](_stored(files[0]))
     return page(form, reports.read(files))

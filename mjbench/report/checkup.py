@@ -112,14 +112,14 @@ def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> It
     for part in failed:
         yield Conclusion(f"{name}: {_failure(part)}", Tone.BAD)
     gains = [item for item in listed_items if item.gain is not None]
-    keeping = [item for item in gains if item.change.keeps]
     combined = _combined(run)
     if combined:
         yield Conclusion(f"{name}: {combined}", Tone.GOOD)
     elif gains:
-        first = (keeping or gains)[0]
-        changes = "" if first.change == ResultChange.NONE else f"; {_changes(first)}"
-        tone = Tone.GOOD if keeping else Tone.UNSURE
+        first = gains[0]
+        is_same = first.change == ResultChange.NONE
+        changes = "" if is_same else f"; changes in results: {first.change_text}"
+        tone = Tone.GOOD if first.change.keeps else Tone.UNSURE
         yield Conclusion(f"{name}: {first.action}: {_gain(first)}{changes}", tone)
     elif not failed:
         begin = "nothing to gain here" if _is_certain(run) else "no gain is certain yet"
@@ -129,11 +129,6 @@ def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> It
 def _failure(part: CheckedPart) -> str:
     """Return how a part failed, and why."""
     return part.detail if part.status == Status.INPUT else f"{part.status}: {part.detail}"
-
-
-def _changes(item: CheckupItem) -> str:
-    """Return what an item does to results, for a sentence."""
-    return f"it changes results: {item.change_text}"
 
 
 def _gain(item: CheckupItem) -> str:
