@@ -2,12 +2,14 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# When what measures was installed, and when what tests, too, was.
+BASE := $(VENV)/.measures
 STAMP := $(VENV)/.up-to-date
 
 UPGRADE := build/upgrade
 SITE := build/site
 LAB := build/lab/mujoco-lab.html
-.PHONY: help bench test tests lint style types types-darwin upgrade site lab picture c-floor slowdown soak fuzz verdicts foreign clean
+.PHONY: help bench test tests lint style types types-darwin upgrade site lab c-floor slowdown soak fuzz verdicts foreign clean
 
 help:
 	@echo "make bench     compare the C paths on the ten shipped models (4 minutes)"
@@ -25,7 +27,7 @@ help:
 	@echo "make clean     remove the virtual environment and caches"
 	@echo "All but clean set up .venv first, if it is missing or out of date."
 
-bench: $(STAMP)
+bench: $(BASE)
 	$(BIN)/mjbench compare --budget 22s
 
 test: style
@@ -55,19 +57,16 @@ upgrade: $(STAMP)
 	  || status=$$?; \
 	$(BIN)/mjbench versions previous newest --results $(UPGRADE) --metric instructions --min-effect 0.5% \
 	  || status=$$?; \
-	$(BIN)/mjbench report $(UPGRADE)/*.jsonl -o $(UPGRADE)/report.html || status=$$?; \
-	$(BIN)/mjbench report $(UPGRADE)/*.jsonl --markdown -o $(UPGRADE)/report.md || status=$$?; \
+	$(BIN)/mjbench show $(UPGRADE)/*.jsonl --html -o $(UPGRADE)/report.html || status=$$?; \
+	$(BIN)/mjbench show $(UPGRADE)/*.jsonl --markdown -o $(UPGRADE)/report.md || status=$$?; \
 	exit $$status
 
 site: $(STAMP)
-	$(BIN)/mjbench site -o $(SITE)
+	$(BIN)/mjbench results site -o $(SITE)
 
 # `make lab PACKAGE=FOLDER` names the folder into which npm installed it.
 lab: $(STAMP)
 	$(BIN)/python -m benchmarks.lab -o $(LAB) $(if $(PACKAGE),--package $(PACKAGE))
-
-picture: $(STAMP)
-	$(BIN)/python -m benchmarks.picture
 
 c-floor: $(STAMP)
 	$(BIN)/python -m benchmarks.c_floor
@@ -88,10 +87,14 @@ foreign: $(STAMP)
 	$(BIN)/python -m benchmarks.foreign
 
 # Rebuilt when its inputs change, or when an earlier set-up did not finish.
-$(STAMP): pyproject.toml constraints.txt
+$(BASE): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "mjbench needs Python 3.11 or newer; name one: make PYTHON=python3.12"; exit 2; }
 	$(PYTHON) -m venv --clear $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+$(STAMP): $(BASE)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev]"
 	@touch $@
 

@@ -108,7 +108,7 @@ def _leaves(
         if isinstance(command, click.Group):
             yield from _leaves(command, (*path, name))
         else:
-            yield (*path, name), command
+            yield (*path, *name.split()), command
 
 
 def _options(choices: random.Random, command: "click.Command") -> list[str]:

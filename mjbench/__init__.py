@@ -33,8 +33,6 @@ _HOMES = {
     "versions": "api.versions:versions",
 }
 __all__ = [*_HOMES]
-# What needs the packages of the command line.
-_MEASURING = ("compare", "latency", "profile", "versions")
 
 
 def __getattr__(name: str) -> object:
@@ -43,9 +41,5 @@ def __getattr__(name: str) -> object:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     import importlib
 
-    if name in _MEASURING:
-        from mjbench import extras
-
-        extras.require(f"mjbench.{name}", "cli", extras.OF_EVERY_COMMAND)
     module, _, attribute = _HOMES[name].partition(":")
     return getattr(importlib.import_module(f"{__name__}.{module}"), attribute)

@@ -1,4 +1,4 @@
-"""Start the command line; without its optional packages, say in one line what to install."""
+"""Start the command line; without its packages, say in one line what to install."""
 
 import signal
 import sys
@@ -12,16 +12,13 @@ def main() -> None:
     # until a command has something to save: an import that is interrupted need not be a traceback
     if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    from mjbench import extras
-    from mjbench.errors import MachineError
-
-    try:
-        extras.require("the command line", "cli", extras.OF_EVERY_COMMAND)
-    except MachineError as error:
-        _fail(str(error))
     try:
         from mjbench.api import interrupts
         from mjbench.cli import cli
+    except ModuleNotFoundError as error:  # mjbench is run where it was not installed
+        from mjbench import extras
+
+        _fail(f"{error.name} is missing: {extras.install_command()}")
     except Exception as error:  # a broken package, too few file descriptors
         _fail(f"cannot start: {type(error).__name__}: {error}")
     try:

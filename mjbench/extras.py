@@ -11,11 +11,10 @@ from collections.abc import Iterable, Iterator
 
 from mjbench.errors import MachineError
 
-# Packages of the extra `cli` that every command needs.
-OF_EVERY_COMMAND = ("click", "msgspec", "packaging", "platformdirs", "psutil", "rich")
-
 # `name>=1 ; extra == 'mjx'`, as the metadata of a package has it.
-_OF_EXTRA = re.compile(r"^(?P<package>[^;]*?)\s*;.*\bextra\s*==\s*['\"](?P<extra>[\w-]+)['\"]")
+_OF_EXTRA = re.compile(
+    r"^(?P<package>[^;]*?)\s*(;.*\bextra\s*==\s*['\"](?P<extra>[\w-]+)['\"].*)?$"
+)
 _OWN = re.compile(r"^mjbench\[(?P<extras>[\w,-]+)\]$")
 
 
@@ -47,8 +46,10 @@ def _is_installed(name: str) -> bool:
         return False
 
 
-def install_command(names: str) -> str:
+def install_command(names: str = "") -> str:
     """Return the command that installs the packages of extras, such as `mjx,warp`.
+
+    Without a name, they are those that mjbench always needs.
 
     Where the metadata of mjbench is missing, because it was not installed, the command is that for
     a clone.
@@ -60,7 +61,7 @@ def install_command(names: str) -> str:
     except importlib.metadata.PackageNotFoundError:
         requirements = []
     packages = [each for name in names.split(",") for each in _packages(name, requirements)]
-    arguments = list(dict.fromkeys(packages)) or [f".[{names}]"]
+    arguments = list(dict.fromkeys(packages)) or [f".[{names}]" if names else "."]
     return f"python -m pip install {' '.join(map(_quoted, arguments))}"
 
 
@@ -68,7 +69,7 @@ def _packages(extra: str, requirements: list[str]) -> Iterator[str]:
     """Yield what an extra requires; extras that it contains are replaced by theirs."""
     for requirement in requirements:
         match = _OF_EXTRA.match(requirement)
-        if match is None or match["extra"] != extra:
+        if match is None or (match["extra"] or "") != extra:
             continue
         own = _OWN.match(match["package"])
         if own is None:

@@ -9,7 +9,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from unittest import mock
 
@@ -71,7 +71,7 @@ def _checked(words: tuple[str, ...], cwd: Path, run: Callable[[], Completed]) ->
     if document is not None:
         written = document.read_text() if document.is_file() else ""
     if "--json" in words and written and written != earlier:
-        check_document(words[0], written)
+        check_document(_kind(words), written)
     return done
 
 
@@ -79,6 +79,16 @@ def _document(words: tuple[str, ...], cwd: Path) -> Path | None:
     """Return the file that a command is to write its JSON document to, if it is a file."""
     target = words[words.index("--json") + 1] if "--json" in words else "-"
     return None if target == "-" else cwd / target
+
+
+def _kind(words: Sequence[str]) -> str:
+    """Return the name of the document that a command line writes."""
+    from mjbench.cli.command_names import EARLIER
+
+    for name, (command, mode, *_) in EARLIER.items():
+        if words[0] == command and mode.removesuffix("=") in words:
+            return name
+    return words[0]
 
 
 def check_document(command: str, text: str) -> None:

@@ -18,6 +18,7 @@ REQUIREMENTS = [
 @pytest.mark.parametrize(
     ("extra", "arguments"),
     [
+        ("", '"numpy>=1.26"'),
         ("report", '"jinja2>=3.1" vl-convert-python'),
         ("site", '"jinja2>=3.1" vl-convert-python "sphinx>=8"'),
         ("site,report", '"jinja2>=3.1" vl-convert-python "sphinx>=8"'),
@@ -36,11 +37,12 @@ def test_without_metadata_it_is_the_command_for_a_clone(monkeypatch: pytest.Monk
         raise importlib.metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(importlib.metadata, "requires", fail)
-    assert extras.install_command("cli") == 'python -m pip install ".[cli]"'
+    assert extras.install_command("mjx") == 'python -m pip install ".[mjx]"'
+    assert extras.install_command() == "python -m pip install ."
 
 
 @pytest.mark.parametrize(
-    "extra", ["cli", "env", "history", "mjx", "report", "run", "site", "test", "warp"]
+    "extra", ["", "env", "history", "mjx", "report", "run", "site", "test", "warp"]
 )
 def test_every_extra_of_mjbench_has_packages(extra: str) -> None:
-    assert ".[" not in extras.install_command(extra)
+    assert " ." not in extras.install_command(extra)

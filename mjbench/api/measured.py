@@ -74,7 +74,7 @@ class Measured:
         return self.run.header.machine
 
     def save(self, folder: str | Path = "results/runs") -> Path:
-        """Write a run file, which `mjbench show`, `report` and `diff` read; return its path.
+        """Write a run file, which `mjbench show` reads; return its path.
 
         Args:
           folder: for the file, which is named by time and command.

@@ -159,7 +159,7 @@ class RunContext:
         """Print a table alone."""
         from mjbench.pages import terminal
 
-        self.out.print(terminal.rich_table(table, self.out.width), soft_wrap=True)
+        terminal.print_lines(self.out, terminal.table_parts(table, self.out.width))
 
     def write(self, document: Any) -> None:
         """Write the command's JSON document, where one was asked for."""
@@ -251,13 +251,13 @@ def _measure_items(
     unshown: list[Record] = []
 
     def show() -> None:
-        observer.show(None)
         if each and unshown:
             run.show(each(run.session.run(unshown)), code)
         unshown.clear()
 
     try:
         for item in items:
+            observer.show(None)
             run.take(item)
             if item.failure is None:
                 unshown += item.records

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON
+from mjbench.cli.shared import JSON, mode
 from mjbench.status import ExitCode
 
 # Seconds after which a backend that renders nothing does not work.
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 
 @cli.command()
+@mode("--verdicts", "How often are verdicts wrong on this machine?")
+@mode("--placement", "How far does speed depend on where MuJoCo's code lies in memory?")
 @JSON
 def doctor(json_file: str | None) -> None:
     """What on this machine spoils measurements, and how small a change can it decide?

@@ -1,6 +1,6 @@
 """Verdicts of a command, and `--fail-on`: which of them end it with exit code 1."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -15,6 +15,7 @@ from mjbench.status import ExitCode, exit_code
 if TYPE_CHECKING:
     from mjbench.api.session import Measurement
     from mjbench.paired.records import VerdictRow
+    from mjbench.report.run_differences import RunDifference
 
 
 class GateFinding(StrEnum):
@@ -69,17 +70,37 @@ class FailOn:
             GateFinding.CHANGED_WORK: any(row.changed_work for row in rows),
             GateFinding.INCONCLUSIVE: any(row.verdict == Verdict.INCONCLUSIVE for row in rows),
         }
-        if any(is_there[finding] for finding in self.findings):
-            return ExitCode.FINDING
-        asks_for_speed = bool({GateFinding.SLOWER, GateFinding.FASTER} & set(self.findings))
-        is_speed_open = asks_for_speed and any(
+        is_speed_open = any(
             row.verdict != Verdict.INCONCLUSIVE or not self.allow_inconclusive
             for row in decided.undecided
         )
-        is_work_open = GateFinding.CHANGED_WORK in self.findings and any(
-            row.changed_work is None for row in rows
+        return self._code(is_there, is_speed_open, any(row.changed_work is None for row in rows))
+
+    def of_differences(self, rows: Sequence["RunDifference"]) -> ExitCode:
+        """Return the exit code that differences of two stored runs stand for."""
+        verdicts = {row.verdict for row in rows}
+        is_there = {
+            GateFinding.SLOWER: Verdict.SLOWER in verdicts,
+            GateFinding.FASTER: Verdict.FASTER in verdicts,
+            GateFinding.CHANGED_WORK: False,  # the rows of other work were refused
+            GateFinding.INCONCLUSIVE: Verdict.INCONCLUSIVE in verdicts,
+        }
+        decided = {row.model for row in rows if row.verdict not in (None, Verdict.INCONCLUSIVE)}
+        is_open = Verdict.INCONCLUSIVE in verdicts or {row.model for row in rows} - decided
+        return self._code(
+            is_there, bool(is_open) and not self.allow_inconclusive, is_work_open=False
         )
-        return ExitCode.ENVIRONMENT if is_speed_open or is_work_open else ExitCode.OK
+
+    def _code(
+        self, is_there: Mapping[GateFinding, bool], is_speed_open: bool, is_work_open: bool
+    ) -> ExitCode:
+        """Return the exit code: what is there outweighs what could not be decided."""
+        if any(is_there[finding] for finding in self.findings):
+            return ExitCode.FINDING
+        asks_for_speed = bool({GateFinding.SLOWER, GateFinding.FASTER} & set(self.findings))
+        asks_for_work = GateFinding.CHANGED_WORK in self.findings
+        is_open = (asks_for_speed and is_speed_open) or (asks_for_work and is_work_open)
+        return ExitCode.ENVIRONMENT if is_open else ExitCode.OK
 
 
 FAIL_ON = as_one(

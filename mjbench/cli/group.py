@@ -11,14 +11,11 @@ from typing import Any
 import click
 
 import mjbench
+from mjbench.cli.command_names import LISTED, REMOVED, with_mode
 from mjbench.errors import InputError, MachineError, MjbenchError, describe, one_line, printable
 from mjbench.host import platforms
 from mjbench.status import ExitCode
 
-# What became of commands of earlier versions.
-_REMOVED = {
-    "falls": "`falls` is an example of mjbench's repository now: python docs/examples/falls.py"
-}
 # Where a context keeps the words of the command line.
 _COMMAND_LINE = "mjbench.command_line"
 # Handlers of encoding errors that fail on some characters.
@@ -63,12 +60,18 @@ class Cli(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return a command with its arguments; refuse what cannot run here, but not its help."""
-        if args and args[0] in _REMOVED:
-            raise InputError(_REMOVED[args[0]])
-        name, command, rest = super().resolve_command(ctx, args)
+        if args[0] in REMOVED:
+            raise InputError(REMOVED[args[0]])
+        name, command, rest = super().resolve_command(ctx, with_mode(args, self.commands))
         if name is not None and not set(ctx.help_option_names) & set(rest):
             platforms.check_command(name)
         return name, command, rest
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the commands in groups, each in a line."""
+        for heading, lines in LISTED.items():
+            with formatter.section(heading):
+                formatter.write_dl([(name.ljust(8), line) for name, line in lines.items()])
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; report its error in a line, and end with the error's exit code."""
@@ -206,21 +209,16 @@ def _flush_output(is_failure: bool = False) -> None:
 @click.group(cls=Cli, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(mjbench.__version__, message="mjbench %(version)s")
 def cli() -> None:
-    """Measure MuJoCo in Python: ways of stepping, your loop, releases.
+    """Measure MuJoCo in Python: your program, ways of stepping, releases.
 
     \b
     Examples:
-      mjbench compare robot.xml              which way of stepping is fastest; do all agree?
-      mjbench compare humanoid --threads 1,2,4 --nbatch 256
-      mjbench profile robot.xml              where does a step's time go?
-      mjbench tune robot.xml                 which settings make it faster, at what error?
-      mjbench lint train.py                  what makes my loop slow, or its log wrong?
-      mjbench versions 3.17.0 4.0.0 robot.xml    is the new release slower?
-      mjbench explain 3.17.0 4.0.0 pile      which functions account for it?
-      mjbench selfcheck                      how often is a verdict wrong here?
-      mjbench placement robot.xml            how far does its speed depend on where code lies?
-      mjbench sweep plan.toml --address auto    measure a matrix on a Ray cluster
-      mjbench models                         the shipped models
+      mjbench compare robot.xml      which way of stepping is fastest?
+      mjbench run train.py           what does my loop waste?
+      mjbench versions 3.17.0 4.0.0 robot.xml    is it slower?
+      mjbench tune robot.xml         which settings are faster?
+      mjbench compare robot.xml --paths mjx,warp,rollout
+      mjbench doctor --verdicts      how far can I trust it here?
 
     MODEL is one of the shipped models, a path to .xml, .urdf or .mjb, or PACKAGE:NAME for a model
     inside an installed package, such as gymnasium:ant or dm_control:humanoid.

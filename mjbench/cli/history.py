@@ -249,7 +249,7 @@ _SELECTION = as_one(
 )
 
 
-@history.command("measure")
+@history.command("measure", short_help="time releases against one of them")
 @with_options(_SELECTION, as_one("output", OutputOptions, _RESULTS, RESUME, WAIT, JSON))
 def measure(selection: _Selection, output: OutputOptions) -> None:
     """Time steps and operations in RELEASEs against one fixed release.
@@ -323,7 +323,7 @@ def _tasks(selection: _Selection, release: "ReleaseSpec") -> list["ReleaseTask"]
     return tasks
 
 
-@history.command("explain")
+@history.command("explain", short_help="count instructions of each release")
 @with_options(_SELECTION, as_one("output", OutputOptions, _RESULTS, RESUME))
 def explain(selection: _Selection, output: OutputOptions) -> None:
     """Count instructions of steps and operations by function, from each RELEASE to the next.

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from mjbench.cli.context import OutputOptions, measure
 from mjbench.cli.group import cli
-from mjbench.cli.shared import LIMIT, LOOP_STARTS, OUTPUT, models_argument, with_options
+from mjbench.cli.shared import LIMIT, LOOP_STARTS, OUTPUT, mode, models_argument, with_options
 
 if TYPE_CHECKING:
     from mjbench.simulation.models import ModelSource
@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 
 @cli.command()
+@mode("--habits", "What does each habit of a Python loop cost?")
+@mode("--instructions", "Count instructions by function; needs valgrind.")
 @models_argument(required=True)
 @with_options(LOOP_STARTS, LIMIT, OUTPUT)
 def profile(

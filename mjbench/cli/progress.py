@@ -1,14 +1,17 @@
 """The progress bar of terminals, with the results so far above it."""
 
 import contextlib
+import logging
 from collections.abc import Callable, Iterator
 
 import click
 from rich.console import Console, Group
 from rich.live import Live
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Column
 
 from mjbench.api.session import Observer
+from mjbench.cli.group import report_line
 from mjbench.errors import printable
 from mjbench.pages import terminal
 from mjbench.report.content import Section
@@ -35,29 +38,65 @@ class _TerminalBar(Observer):
         self._live.start()  # the first time; until then a program may print
         self._live.refresh()
 
+    def begin(self, phase: str) -> None:
+        self(phase, self._bar.tasks[0].completed)
+
     def show(self, section: Callable[[], Section | None] | None) -> None:
         so_far = section() if section else None
         parts = terminal.section_parts(so_far, self._live.console.width) if so_far else ()
         self._live.update(Group(*parts, self._bar), refresh=True)
+        if section is None:
+            self._live.stop()  # what others print begins a line
+
+
+class _Phases(logging.Handler):
+    """Shows what mjbench logs: a phase, such as an install, as progress, a warning as a line."""
+
+    def __init__(self, observer: Observer):
+        super().__init__(logging.INFO)
+        self._observer = observer
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.levelno > logging.INFO:
+            report_line(record.getMessage().removeprefix("mjbench: "))
+        else:
+            self._observer.begin(record.getMessage())
+
+
+@contextlib.contextmanager
+def _logged_to(observer: Observer) -> Iterator[Observer]:
+    """Show in the block what mjbench logs."""
+    logger, handler = logging.getLogger("mjbench"), _Phases(observer)
+    level = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    try:
+        yield observer
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
 
 
 @contextlib.contextmanager
 def progress(out: Console) -> Iterator[Observer]:
     """Yield what shows progress: a bar, which is gone at the end, or lines."""
-    if not out.is_terminal:
-        yield PhaseLines()
+    if not out.is_terminal or out.is_dumb_terminal:
+        with _logged_to(PhaseLines()) as observer:
+            yield observer
         return
+    name_column = Column(no_wrap=True, ratio=1)  # what does not fit is cut here, and not in times
     bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
+        TextColumn("{task.description}", markup=False, table_column=name_column),
+        BarColumn(bar_width=12),
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
         console=out,
         auto_refresh=False,
+        expand=True,
     )
     # no refresh thread: it would take time from the blocks being timed
     live = Live(bar, console=out, auto_refresh=False, transient=True)
     with contextlib.ExitStack() as closing:
         closing.callback(live.stop)
-        yield _TerminalBar(live, bar)
+        yield closing.enter_context(_logged_to(_TerminalBar(live, bar)))

@@ -34,7 +34,7 @@ def releases(ctx: click.Context) -> None:
         ctx.invoke(list_releases)
 
 
-@releases.command("list")
+@releases.command("list", short_help="list the releases there are")
 @HISTORY
 @JSON
 def list_releases(history: Path | None = None, json_file: str | None = None) -> None:
@@ -52,7 +52,7 @@ def list_releases(history: Path | None = None, json_file: str | None = None) -> 
         run.write(ReleasesDocument(releases=known.releases))
 
 
-@releases.command("update")
+@releases.command("update", short_help="append new releases to the git history")
 @HISTORY
 def update_releases(history: Path | None) -> None:
     """Append to the git history the releases on the package index that it lacks."""
@@ -66,7 +66,7 @@ def update_releases(history: Path | None) -> None:
         click.echo(f"nothing to append: {path} ends with {bundle.read(path)[-1].tag}")
 
 
-@releases.command("verify")
+@releases.command("verify", short_help="check the git history")
 @HISTORY
 def verify_releases(history: Path | None) -> None:
     """Build the git history again and compare every hash; exit with 1 if one differs."""
@@ -88,7 +88,7 @@ def verify_releases(history: Path | None) -> None:
     click.echo(f"{path}: {len(bundle.read(path))} releases, every hash is as expected")
 
 
-@releases.command("install")
+@releases.command("install", short_help="install releases in the cache")
 @click.argument("names", nargs=-1, required=True, metavar="RELEASE…")
 def install_releases(names: tuple[str, ...]) -> None:
     """Install releases, each alone, in the cache folder, for `mjbench versions`.
@@ -106,7 +106,7 @@ def install_releases(names: tuple[str, ...]) -> None:
         click.echo(installs.install(release))
 
 
-@releases.command("installs")
+@releases.command("installs", short_help="list what is installed in the cache")
 def list_installs() -> None:
     """List the installs in the cache folder, with their size and when they were last used."""
     from mjbench.releases import installs
@@ -121,7 +121,7 @@ def list_installs() -> None:
         click.echo(f"{len(sizes)} installs, {_mebibytes(sum(s.size_bytes for s in sizes))}")
 
 
-@releases.command("prune")
+@releases.command("prune", short_help="remove installs not used for some time")
 @click.option(
     "--days",
     type=click.IntRange(0, 36_500),
@@ -155,7 +155,7 @@ def prune_installs(days: int) -> None:
     click.echo(f"freed {_mebibytes(freed_bytes)}")
 
 
-@releases.command("remove")
+@releases.command("remove", short_help="remove installs")
 @click.argument("names", nargs=-1, metavar="[NAME…]")
 @click.option("--all", "all_installs", is_flag=True, help="Remove every install.")
 def remove_releases(names: tuple[str, ...], all_installs: bool) -> None:

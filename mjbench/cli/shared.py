@@ -250,6 +250,11 @@ def models_argument(
     return as_one("sources", sources, argument)
 
 
+def mode(flag: str, text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that names a mode in a command's help (see `command_names`)."""
+    return click.option(flag, is_flag=True, expose_value=False, help=f"{text} See its --help.")
+
+
 def check_sizes(nstep: int | None, hold: int) -> None:
     """Refuse a number of steps that is not a multiple of hold."""
     if nstep and nstep % hold:

@@ -1,4 +1,4 @@
-"""`mjbench show`: print a run file or a run set again."""
+"""`mjbench show`: run files and run sets again, printed, as a page, or beside an earlier run."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,44 +6,124 @@ from typing import TYPE_CHECKING
 
 import click
 
+from mjbench.cli import show_differences, show_pages
 from mjbench.cli.context import RunContext
+from mjbench.cli.fail_on import FAIL_ON, FailOn
 from mjbench.cli.group import cli, report_line
 from mjbench.cli.shared import CODE, JSON, RESULTS, with_options
+from mjbench.errors import InputError
 
 if TYPE_CHECKING:
     from mjbench.store.runs import Run
 
-# Runs of a set that are printed; of more there is a list.
+# Runs that are printed; of more there is a list.
 _MOST_RUNS = 20
 
 
 @cli.command()
-@click.argument("file", required=False, type=click.Path(path_type=Path))
+@click.argument("files", nargs=-1, metavar="[RUN]…", type=click.Path(path_type=Path))
+@click.option("--html", "form", flag_value="html", help="Write a page to look at, mail or attach.")
+@click.option(
+    "--markdown", "form", flag_value="markdown", help="For a job's summary or a pull request."
+)
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(show_pages.FORMATS),
+    help="html and markdown, or a format of other tools.",
+)
+@click.option(
+    "-o",
+    "--output",
+    metavar="FILE",
+    help="With a format: write to FILE, or - for stdout  [default: report.html, others to stdout]",
+)
+@click.option(
+    "--against",
+    metavar="OLD",
+    help="Compare the speeds of RUN with those of an earlier one, row by row.",
+)
+@click.option(
+    "--across",
+    is_flag=True,
+    help="With --against: compare even where JAX, jaxlib, XLA flags, device or precision differ.",
+)
 @CODE
-@with_options(RESULTS, JSON)
-def show(file: Path | None, code: bool, results: Path, json_file: str | None) -> None:
-    """Print a run FILE or a run set again; without one, the newest in results/runs.
+@with_options(FAIL_ON, RESULTS, JSON)
+def show(
+    files: tuple[Path, ...],
+    form: str | None,
+    output: str | None,
+    against: str | None,
+    across: bool,
+    code: bool,
+    fail_on: FailOn,
+    results: Path,
+    json_file: str | None,
+) -> None:
+    """Show run files and run sets again; without a RUN, the newest in results/runs.
 
-    Of several machines, it first prints what they show side by side.
+    Runs of several machines begin with what they show side by side.
+
+    --html is one file, which needs no network and nothing beside it. Its charts need
+    vl-convert-python and Jinja2: the extra `report`.
+
+    --against compares runs of `compare`; in run sets, each machine is compared with itself. The two
+    were measured at different times, so only what certainly differs by more than 5 % is slower or
+    faster. `mjbench versions` and `mjbench ab` alternate both, and find smaller changes.
 
     \b
     Examples:
       mjbench show
       mjbench show results/runs/run.jsonl --code
+      mjbench show results/runs/*.jsonl --html -o report.html
+      mjbench show --markdown >> "$GITHUB_STEP_SUMMARY"
+      mjbench show --format junit -o junit.xml
+      mjbench show new.jsonl --against old.jsonl --fail-on slower
     """
-    from mjbench.report.kinds import RECORD_TYPES
-    from mjbench.store import run_set, runs
+    from mjbench.store import runs
 
-    file = file or runs.latest(results)
-    stored = run_set.read(file, RECORD_TYPES)
-    with RunContext(json_file, [file]) as run:
+    if against is not None and (form or code):
+        raise InputError("--against prints a table: leave out --code and formats")
+    if form and (code or json_file):
+        raise InputError("--code and --json belong to what is printed: leave out the format")
+    if fail_on.findings and against is None:
+        raise InputError("--fail-on is about two runs: add --against OLD")
+    if output and not form:
+        raise InputError("-o is for a page or a format: add --html, --markdown or --format")
+    if against is None:
+        chosen = files or (runs.latest(results),)
+        if form:
+            show_pages.write(chosen, form, output)
+        else:
+            _print(chosen, code, json_file)
+        return
+    olds = [Path(against)] if against else files[:1]  # the first RUN of `diff OLD NEW`
+    news = files if against else files[1:]
+    if len(olds) != 1 or len(news) > 1:
+        raise InputError("--against compares one RUN; `mjbench results merge` makes one of several")
+    new = news[0] if news else runs.latest(results)
+    show_differences.show(olds[0], new, across, fail_on, json_file)
+
+
+def _print(files: Sequence[Path], code: bool, json_file: str | None) -> None:
+    """Print runs, and write their JSON document."""
+    from mjbench.report.kinds import RECORD_TYPES
+    from mjbench.store import run_set
+
+    with RunContext(json_file, files) as run:
+        if len(files) == 1:
+            stored = run_set.read(files[0], RECORD_TYPES)
+        else:
+            sections = [section for _, section in run_set.load_files(files, RECORD_TYPES)]
+            stored = run_set.RunSet(tuple(sections))
         if stored.is_run_file:
             run.write(_shown(run, stored.runs[0], code))
         else:
-            _show_set(run, stored.runs, code)
+            _print_set(run, stored.runs, code)
 
 
-def _show_set(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:
+def _print_set(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:
     """Print what machines show side by side, and each run after it; of many runs, a list."""
     from mjbench.report import across_machines, advice_across
     from mjbench.report.documents import RunSetDocument
@@ -57,7 +137,7 @@ def _show_set(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:
     if len(stored) > _MOST_RUNS:
         run.out.print()
         run.table(across_machines.runs_table(stored, names))
-        report_line(f"{len(stored)} runs: only listed; `mjbench report` has a section of each")
+        report_line(f"{len(stored)} runs: only listed; `mjbench show --html` has a section of each")
     else:
         for number, (each, name) in enumerate(zip(stored, names, strict=True), 1):
             run.out.print()

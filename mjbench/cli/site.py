@@ -1,4 +1,4 @@
-"""`mjbench site`: results and documents of a project as a static site."""
+"""`mjbench results site`: results and documents of a project as a static site."""
 
 import contextlib
 from collections.abc import Iterable, Iterator
@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING
 import click
 
 from mjbench.cli.context import RunContext
-from mjbench.cli.group import cli, report_line
+from mjbench.cli.group import report_line
+from mjbench.cli.results import results
 from mjbench.errors import InputError
 
 if TYPE_CHECKING:
     from mjbench.pages.site import Project
 
 
-@cli.command()
+@results.command(short_help="write a static site of results and documents")
 @click.option(
     "-o",
     "--output",
@@ -42,7 +43,7 @@ def site(output: Path, project: Path) -> None:
 
     \b
     Examples:
-      mjbench site -o build/site
+      mjbench results site -o build/site
       python -m http.server --directory build/site
     """
     from mjbench.host import scratch

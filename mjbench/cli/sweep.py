@@ -120,7 +120,7 @@ def _sweep(
             stored |= summary.outcomes
             run.show([report.summary_section(summary, stored)])
     run.out.print(f"\nRun set: {target}", soft_wrap=True)
-    run.out.print(f"Report: mjbench report {target}", soft_wrap=True)
+    run.out.print(f"Report: mjbench show {target} --html", soft_wrap=True)
     if summary and summary.is_interrupted:
         run.interrupt(is_saved=True)
     elif summary and summary.missing:

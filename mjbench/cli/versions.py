@@ -9,7 +9,7 @@ import click
 from mjbench.cli.context import OutputOptions
 from mjbench.cli.fail_on import FAIL_ON, FailOn, measure_verdicts
 from mjbench.cli.group import cli
-from mjbench.cli.shared import COUNT, STORING, VERDICT_PLAN, Names, with_options
+from mjbench.cli.shared import COUNT, STORING, VERDICT_PLAN, Names, mode, with_options
 from mjbench.errors import InputError, shown, suggestion
 from mjbench.paired.outcomes import Metric
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 
 @cli.command()
+@mode("--explain", "Which functions account for the difference? Needs valgrind.")
 @click.argument("names", nargs=-1, metavar="[OLD NEW…] [MODEL]…")
 @click.option("--old", metavar="RELEASE", help="The old release, if it is not the first argument.")
 @click.option(

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from mjbench import extras
 from mjbench.counts import counted_program
 from mjbench.counts.function_differences import (
     CodeChanges,
@@ -153,12 +152,8 @@ def _code_changes(baseline: ModelCount, candidate: ModelCount) -> CodeChanges:
     Raises:
       MachineError: it cannot be read here.
     """
-    try:
-        from mjbench.counts.code_comparison import compare
-    except ImportError as error:
-        raise MachineError(
-            f"{error.name} is missing; install it by `{extras.install_command('cli')}`"
-        ) from error
+    from mjbench.counts.code_comparison import compare  # late: Capstone takes long to import
+
     return compare(baseline.places, candidate.places)
 
 

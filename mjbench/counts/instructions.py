@@ -85,7 +85,7 @@ class ModelCount(InstructionsRecord):
     followed: Followed | None = None
 
     def record(self) -> InstructionsRecord:
-        """Return what a run file and `mjbench instructions --json` have of it."""
+        """Return what a run file and `mjbench profile --instructions --json` have of it."""
         values = {each.name: getattr(self, each.name) for each in fields(InstructionsRecord)}
         return InstructionsRecord(**values)
 

@@ -1,4 +1,4 @@
-"""The rows of `mjbench instructions --json` and `mjbench explain --json`.
+"""The rows of `mjbench profile --instructions --json` and `mjbench versions --explain --json`.
 
 Field names are the keys of the JSON format (docs/formats.md); there the baseline is `old` and the
 candidate `new`, as on the command line.

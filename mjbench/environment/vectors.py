@@ -6,7 +6,8 @@ except info, must be equal to the last bit. All are new at first and run equally
 environment may remember earlier episodes, as statistics of its observations do.
 
 Each launch makes and compares them anew in a fresh process, and times them there. A form that is
-wrong, or ends a process, loses its own row.
+wrong, or ends a process, loses its own row. A form has a position: that of its pair of form and
+number of environments in `sized_forms`.
 """
 
 import contextlib
@@ -30,7 +31,7 @@ from mjbench.environment.source import EnvironmentSource
 from mjbench.errors import Failure, InputError, describe
 from mjbench.host import isolate, machine
 from mjbench.host.isolate import Channel, Ended
-from mjbench.paired.launches import StopRule, Targets, UnableError, launch
+from mjbench.paired.launches import StopRule, Targets, launch
 from mjbench.status import Status
 
 # Launches at least and at most; a 95 % interval needs six.
@@ -49,23 +50,14 @@ class VectorRequest:
 
     Attributes:
       repeats: whether one environment did the same again.
-      forms: which, by their positions in `forms`.
+      positions: of the forms that take part.
     """
 
     source: EnvironmentSource
     plan: EnvironmentPlan
     step_s: float
     repeats: bool
-    forms: Sequence[int]
-
-
-@dataclass(frozen=True)
-class WrongForm:
-    """Why a form cannot be timed, and which, by its position."""
-
-    position: int
-    status: Status
-    detail: str
+    positions: Sequence[int]
 
 
 @dataclass(frozen=True)
@@ -74,13 +66,15 @@ class VectorLaunch:
 
     Attributes:
       single_ns: of the same steps in one environment after the other.
+      wrong: why the others cannot be timed.
     """
 
     ns: Mapping[int, float]
     single_ns: Mapping[int, float]
+    wrong: Mapping[int, Failure] = field(default_factory=dict)
 
 
-def forms(plan: EnvironmentPlan) -> list[tuple[VectorForm, int]]:
+def sized_forms(plan: EnvironmentPlan) -> list[tuple[VectorForm, int]]:
     """Return the forms with their numbers of environments."""
     return [(form, nenv) for nenv in plan.nenv for form in VectorForm]
 
@@ -112,23 +106,20 @@ class _VectorLaunches(Targets[VectorLaunch]):
 
     def launch(self, positions: Sequence[int]) -> VectorLaunch:
         """See `Targets.launch`."""
-        answer = isolate.call(
+        return isolate.call(
             measure_in_child,
-            dataclasses.replace(self._request, forms=positions),
+            dataclasses.replace(self._request, positions=positions),
             limit_s=self._request.plan.limit_s,
-            otherwise=_ended_by,
+            otherwise=_without_figures,
         )
-        if isinstance(answer, WrongForm):
-            raise UnableError(answer.position, answer.status, answer.detail)
-        return answer
 
 
-def _ended_by(ended: Ended) -> WrongForm:
-    """Return the form that ended a child; raises as `Ended.check` does where none did."""
+def _without_figures(ended: Ended) -> VectorLaunch:
+    """Return a launch that a form ended; raises as `Ended.check` does where none did."""
     if ended.item is None:
         ended.check()
     assert ended.item is not None, "it did not end well"
-    return WrongForm(ended.item, ended.status, ended.detail)
+    return VectorLaunch({}, {}, {ended.item: Failure(ended.status, ended.detail)})
 
 
 class _VectorRule(StopRule[VectorLaunch]):
@@ -136,7 +127,7 @@ class _VectorRule(StopRule[VectorLaunch]):
 
     def __init__(self, plan: EnvironmentPlan, clock: Callable[[], float] = time.monotonic):
         self.launches: list[VectorLaunch] = []
-        self.wrong: dict[int, UnableError] = {}
+        self.wrong: dict[int, Failure] = {}
         self._plan, self._clock, self._begin_s = plan, clock, clock()
 
     def next_targets(self) -> Sequence[int]:
@@ -146,23 +137,21 @@ class _VectorRule(StopRule[VectorLaunch]):
         is_over = expected_s > self._plan.budget_s or count == MOST_LAUNCHES
         if count >= LEAST_LAUNCHES and is_over:
             return ()
-        return [i for i in range(len(forms(self._plan))) if i not in self.wrong]
+        return [i for i in range(len(sized_forms(self._plan))) if i not in self.wrong]
 
     def add(self, launch: VectorLaunch) -> None:
-        """See `StopRule.add`."""
-        self.launches.append(launch)
-
-    def withdraw(self, error: UnableError) -> None:
-        """Go on without a form, and without what was measured of it."""
-        self.wrong[error.position] = error
+        """Take a launch into account; go on without forms that were wrong in it."""
+        if launch.ns or not launch.wrong:
+            self.launches.append(launch)
+        self.wrong.update(launch.wrong)
 
     def samples(self, ending: Failure) -> list[VectorSamples]:
         """Return the samples of every form; one that was not timed ended as the launches did."""
         samples = []
-        for position, (form, nenv) in enumerate(forms(self._plan)):
+        for position, (form, nenv) in enumerate(sized_forms(self._plan)):
             timed = [each for each in self.launches if position in each.ns]
-            if (error := self.wrong.get(position)) is not None:
-                samples.append(VectorSamples(form, nenv, error.status, error.detail))
+            if (failure := self.wrong.get(position)) is not None:
+                samples.append(VectorSamples(form, nenv, failure.status, failure.detail))
             elif not timed:
                 detail = ending.detail or "it was not timed"
                 samples.append(VectorSamples(form, nenv, ending.status, detail))
@@ -177,7 +166,7 @@ class _VectorRule(StopRule[VectorLaunch]):
 # -- in the child ---------------------------------------------------------------------------------
 
 
-def measure_in_child(request: VectorRequest, channel: Channel) -> VectorLaunch | WrongForm:
+def measure_in_child(request: VectorRequest, channel: Channel) -> VectorLaunch:
     """Make vectorised forms, compare and time them.
 
     Raises:
@@ -187,22 +176,26 @@ def measure_in_child(request: VectorRequest, channel: Channel) -> VectorLaunch |
     adapter = adapters.adapt(construction.make(request.source))
     if reason := _no_forms(adapter):
         raise InputError(reason)
-    kinds = {position: forms(request.plan)[position] for position in request.forms}
-    most = max(nenv for _, nenv in kinds.values())
+    all_forms = sized_forms(request.plan)
+    most = max(all_forms[position][1] for position in request.positions)
     nstep = int(min(MOST_NSTEP, max(LEAST_NSTEP, BLOCK_S / most / max(request.step_s, 1e-9))))
     singles = _singles(request, adapter, nstep, most, channel)
-    compared: dict[int, _Form] = {}
+    right: dict[int, _VectorEnvironment] = {}
+    wrong: dict[int, Failure] = {}
     with contextlib.ExitStack() as closing:
-        for position, (kind, nenv) in kinds.items():
-            channel.doing(f"making {kind} of {nenv}", position)
+        for position in request.positions:
+            form, nenv = all_forms[position]
+            channel.doing(f"making {form} of {nenv}", position)
             channel.allow_silence(PATIENCE * request.step_s * nstep * nenv)
-            form = _compared(position, kind, request.source, singles[:nenv])
-            if isinstance(form, WrongForm):
-                return form
-            closing.callback(form.close)
-            compared[position] = form
-        channel.allow_silence(PATIENCE * request.step_s * nstep * most * len(compared) * _ROUNDS)
-        return _timed(compared, singles, channel)
+            compared = _compared(form, request.source, singles[:nenv])
+            if isinstance(compared, Failure):
+                wrong[position] = compared
+            else:
+                closing.callback(compared.close)
+                right[position] = compared
+        channel.allow_silence(PATIENCE * request.step_s * nstep * most * len(right) * _ROUNDS)
+        timed = _timed(right, singles, channel)
+        return dataclasses.replace(timed, wrong={**wrong, **timed.wrong})
 
 
 def _singles(
@@ -307,8 +300,8 @@ def _after_reset(returned: tuple[Any, Any]) -> tuple[Any, float, bool, bool]:
 
 
 @dataclass
-class _Form:
-    """A vectorised form of Gymnasium, to be timed.
+class _VectorEnvironment:
+    """The environments of a vectorised form, to be timed.
 
     Attributes:
       batched: actions of all environments, for each step.
@@ -361,51 +354,52 @@ class _Form:
 
 
 def _compared(
-    position: int, kind: VectorForm, source: EnvironmentSource, singles: Sequence[_Single]
-) -> "_Form | WrongForm":
+    form: VectorForm, source: EnvironmentSource, singles: Sequence[_Single]
+) -> _VectorEnvironment | Failure:
     """Make a form and compare what its steps return; whatever it raises costs its own row."""
     import gymnasium
 
     try:
-        vector_class = getattr(gymnasium.vector, kind.value)
+        vector_class = getattr(gymnasium.vector, form.value)
         factory = functools.partial(construction.make, source)
-        form = _Form(vector_class([factory] * len(singles)), singles)
-        difference = form.difference()
+        environment = _VectorEnvironment(vector_class([factory] * len(singles)), singles)
+        difference = environment.difference()
     except Exception as error:
-        return WrongForm(position, Status.FAILED, describe(error))
+        return Failure(Status.FAILED, describe(error))
     if difference:
-        form.close()
-        return WrongForm(position, Status.DISAGREES, difference)
-    return form
+        environment.close()
+        return Failure(Status.DISAGREES, difference)
+    return environment
 
 
 def _timed(
-    forms: Mapping[int, _Form], singles: Sequence[_Single], channel: Channel
-) -> VectorLaunch | WrongForm:
-    """Time every form, by its position, and every single environment in each round."""
-    form_s = dict.fromkeys(forms, 0.0)
+    environments: Mapping[int, _VectorEnvironment], singles: Sequence[_Single], channel: Channel
+) -> VectorLaunch:
+    """Time the environments of every form, by its position, and single ones in each round."""
+    right, wrong = dict(environments), dict[int, Failure]()
+    form_s = dict.fromkeys(right, 0.0)
     single_s = [0.0] * len(singles)
-    turns = [*((i, False) for i in range(len(singles))), *((i, True) for i in forms)]
+    turns = [*((i, False) for i in range(len(singles))), *((i, True) for i in right)]
     random.Random().shuffle(turns)  # not the generator that the environment may have seeded
     for number in range(_ROUNDS):
         for i, is_form in turns[:: -1 if number % 2 else 1]:
-            if is_form:
-                channel.doing("timing a vectorised form", i)
-                form_s[i] += forms[i].run()
-            else:
+            if not is_form:
                 channel.doing("timing one environment")
                 single_s[i] += singles[i].run()
-        for position, form in forms.items():
-            if difference := form.difference_after(len(form.batched)):
-                detail = f"in a timed block, {difference}"
-                return WrongForm(position, Status.DISAGREES, detail)
+            elif i in right:
+                channel.doing("timing a vectorised form", i)
+                form_s[i] += right[i].run()
+        for position, environment in list(right.items()):
+            if difference := environment.difference_after(len(environment.batched)):
+                del right[position]
+                wrong[position] = Failure(Status.DISAGREES, f"in a timed block, {difference}")
     ns, single_ns = {}, {}
-    for position, form in forms.items():
-        nenv = len(form.singles)
-        count = _ROUNDS * nenv * len(form.batched)
+    for position, environment in right.items():
+        nenv = len(environment.singles)
+        count = _ROUNDS * nenv * len(environment.batched)
         ns[position] = 1e9 * form_s[position] / count
         single_ns[position] = 1e9 * sum(single_s[:nenv]) / count
-    return VectorLaunch(ns, single_ns)
+    return VectorLaunch(ns, single_ns, wrong)
 
 
 def _resets_in_next_step() -> bool:

@@ -16,7 +16,7 @@ from pathlib import Path
 from mjbench.errors import MachineError
 
 # The commands that start no process, and so run on Windows.
-RUN_ON_WINDOWS = ("lint", "show", "diff", "paths")
+RUN_ON_WINDOWS = ("lint", "show", "paths")
 # How often a process looks for its parent where the kernel does not end it, in seconds. This takes
 # some microseconds, beside a timed block or in it.
 _PARENT_CHECK_S = 1.0

@@ -9,7 +9,9 @@ are stored, in windows of `nstep` consecutive steps that are spread evenly over 
 
 import contextlib
 import copy
+import dataclasses
 import os
+import shutil
 import sys
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
@@ -21,7 +23,7 @@ from typing import BinaryIO
 import mujoco
 import numpy as np
 
-from mjbench.errors import InputError, MjbenchError, shown, writing
+from mjbench.errors import InputError, MachineError, MjbenchError, shown, writing
 from mjbench.loop import engine_functions
 from mjbench.loop.step_recorder import ModelRecorder, RecordedWindow, StepRecorder
 from mjbench.simulation import capture_header, state_file
@@ -135,7 +137,7 @@ class Capture(contextlib.ContextDecorator):
         """Prepare to capture.
 
         Args:
-          file: to write, ending in `.npz`.
+          file: to write, ending in `.npz`; below the folder of the process when the block begins.
           model: whose states to take, and those of models with the same digest; None for the model
             that is stepped most.
           data: whose states to take; None for any MjData of the model.
@@ -147,23 +149,20 @@ class Capture(contextlib.ContextDecorator):
         Raises:
           InputError: a number is too small, or a file ends in something else.
         """
-        # absolute now, because the program may change its folder
-        self._file = _absolute(file, ".npz", "a file of states")
+        self._file = _ending(file, ".npz", "a file of states")
         self._model_file = None
         if save_model is not None:
-            self._model_file = _absolute(save_model, ".mjb", "a compiled model")
+            self._model_file = _ending(save_model, ".mjb", "a compiled model")
         _check_at_least("max_states", max_states, 2)
         _check_at_least("nstep", nstep, 1)
         self._model, self._data, self._max_states, self._nstep = model, data, max_states, nstep
-        self._recorder: StepRecorder | None = None
-        self._replaced = contextlib.ExitStack()
-        self._pid = 0
+        self._block: _Block | None = None
         self.result: Captured | None = None
 
     def _recreate_cm(self) -> "Capture":
         """Return a new one, for each call of a decorated function."""
         new = copy.copy(self)
-        new._recorder, new._replaced = None, contextlib.ExitStack()
+        new._block = None
         return new
 
     def __enter__(self) -> "Capture":
@@ -173,14 +172,15 @@ class Capture(contextlib.ContextDecorator):
           InputError: this one captures already.
           MachineError: a file cannot be written.
         """
-        if self._recorder is not None:
+        if self._block is not None:
             raise InputError("this capture has begun already; make another one")
-        for file in filter(None, (self._model_file, self._file)):
-            _check_writable(file)
-        with_mjb = self._model_file is not None
+        model_file = None if self._model_file is None else _writable(self._model_file)
+        file = _writable(self._file)
+        with_mjb = model_file is not None
         recorder = StepRecorder(self._max_states, self._nstep, self._model, self._data, with_mjb)
-        self._recorder, self._pid = recorder, os.getpid()
-        self._replaced.enter_context(engine_functions.replaced(recorder.wrappers()))
+        replaced = contextlib.ExitStack()
+        replaced.enter_context(engine_functions.replaced(recorder.wrappers()))
+        self._block = _Block(file, model_file, recorder, replaced)
         self.result = None
         return self
 
@@ -198,23 +198,37 @@ class Capture(contextlib.ContextDecorator):
           MachineError: it cannot be written, and no exception is on its way already; otherwise that
             is a RuntimeWarning.
         """
-        self._replaced.close()
-        recorder, self._recorder = self._recorder, None
-        assert recorder is not None, "it was entered"
-        if os.getpid() != self._pid:
-            return
+        block, self._block = self._block, None
+        assert block is not None, "it was entered"
+        block.replaced.close()
         try:
-            self.result = self._write(recorder)
+            if os.getpid() != block.pid:
+                return
+            self.result = block.write()
+            block.check_model()
         except MjbenchError as failure:
             if error is None:
                 raise
             warnings.warn(f"mjbench.capture: {failure}", RuntimeWarning, stacklevel=2)
+        finally:
+            block.recorder.close()
         if self.result is not None and self.result.file is None and error is None:
             warnings.warn(f"mjbench.capture: {self.result}", RuntimeWarning, stacklevel=2)
 
-    def _write(self, recorder: StepRecorder) -> Captured:
+
+@dataclass(frozen=True)
+class _Block:
+    """A block that is captured: its files, what it has recorded, and the functions to put back."""
+
+    file: Path
+    model_file: Path | None
+    recorder: StepRecorder
+    replaced: contextlib.ExitStack
+    pid: int = dataclasses.field(default_factory=os.getpid)
+
+    def write(self) -> Captured:
         """Write the files; return what is in them."""
-        models, others = recorder.models(), recorder.other_nstep()
+        models, others = self.recorder.models(), self.recorder.other_nstep()
         unseen = tuple(_modules_with_own_functions())
         windows = models[0].windows() if models else []
         segments = [segment for window in windows for segment in window.segments()]
@@ -222,13 +236,14 @@ class Capture(contextlib.ContextDecorator):
             return Captured(None, others=_others(others, models), unseen=unseen)
         recorded, *rest = models
         header = _header(recorded, windows)
-        with _replacing(self._file) as stream:
+        with _replacing(self.file) as stream:
             state_file.write(stream, header, recorded.reader.columns, segments)
-        if self._model_file is not None and recorded.mjb is not None:
-            with _replacing(self._model_file) as stream:
-                stream.write(recorded.mjb.data)
+        if self.model_file is not None and recorded.mjb is not None:
+            recorded.mjb.seek(0)
+            with _replacing(self.model_file) as stream:
+                shutil.copyfileobj(recorded.mjb, stream)
         return Captured(
-            file=self._file,
+            file=self.file,
             model=header.model,
             model_digest=header.digests[0],
             variants=len(header.digests),
@@ -238,9 +253,15 @@ class Capture(contextlib.ContextDecorator):
             simulated_s=recorded.nstep * recorded.timestep_s,
             changed_inputs=header.changed_inputs,
             others=_others(others, rest),
-            model_file=self._model_file,
+            model_file=self.model_file if recorded.mjb is not None else None,
             unseen=unseen,
         )
+
+    def check_model(self) -> None:
+        """Raise a MachineError if the model was to be written, and could not be saved."""
+        for recorded in self.recorder.models()[:1]:
+            if recorded.mjb_failure:
+                raise MachineError(f"cannot save {self.model_file}: {recorded.mjb_failure}")
 
 
 def _header(recorded: ModelRecorder, windows: Sequence[RecordedWindow]) -> CaptureHeader:
@@ -276,20 +297,25 @@ def _modules_with_own_functions() -> list[str]:
     return sorted(set(modules))
 
 
-def _absolute(file: str | os.PathLike[str], ending: str, what: str) -> Path:
-    """Return the absolute path of a file; refuse one with another ending."""
+def _ending(file: str | os.PathLike[str], ending: str, what: str) -> Path:
+    """Return the path of a file; refuse one with another ending."""
     path = Path(file)
     if path.suffix != ending:
         raise InputError(f"{shown(str(path))}: {what} ends in {ending}")
-    return Path(os.path.realpath(path))
+    return path
 
 
-def _check_writable(file: Path) -> None:
-    """Raise a MachineError if a file cannot be written."""
+def _writable(path: Path) -> Path:
+    """Return the absolute path of a file; raise a MachineError if it cannot be written.
+
+    It is absolute, because the program may change its folder.
+    """
+    file = Path(os.path.realpath(path))
     with writing(file):
         if file.exists():
             file.open("ab").close()  # a folder, or no permission
         files.create_beside(file).unlink()
+    return file
 
 
 @contextlib.contextmanager

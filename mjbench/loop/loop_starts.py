@@ -1,4 +1,4 @@
-"""From which states the loops of `profile` and `overhead` start: many, in turns.
+"""From which states the loops of `profile` and `profile --habits` start: many, in turns.
 
 They are those of every other command. These loops write no controls, because writing them is one of
 the habits that are measured. So each run holds the controls of its start, and runs are short: a

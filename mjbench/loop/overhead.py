@@ -1,4 +1,4 @@
-"""What each habit of a Python loop costs for one model: `mjbench overhead`.
+"""What each habit of a Python loop costs for one model: `mjbench profile --habits`.
 
 Each launch is a process of its own, which times every habit (habits.py) against the bare loop in
 quads. A launch gives one number per habit: the median over quads of the difference per step. The

@@ -5,17 +5,20 @@ anew for each episode, or changes its masses, steps one model here.
 """
 
 import collections
+import contextlib
 import functools
 import operator
 import random
+import tempfile
 import threading
 import weakref
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Generic, TypeVar
+from typing import IO, Any, Generic, TypeVar
 
 import mujoco
 import numpy as np
 
+from mjbench.errors import failure_of
 from mjbench.loop.engine_functions import EngineFunction
 from mjbench.simulation import compat
 from mjbench.simulation.capture_header import ModelLayout, model_name
@@ -176,7 +179,8 @@ class ModelRecorder:
     """Takes the steps of one model, and stores states of some of them.
 
     Attributes:
-      mjb: the model before its first step, as `mj_saveModel` writes it; None unless it is wanted.
+      mjb: file with the model before its first step; None unless it is wanted and can be saved.
+      mjb_failure: why it cannot be saved; empty otherwise.
       timestep_s: of the model, as it was first.
       nstep: that the program took, of what is to be captured.
     """
@@ -184,10 +188,13 @@ class ModelRecorder:
     def __init__(
         self, model: mujoco.MjModel, max_states: int, window_nstep: int, with_mjb: bool = False
     ):
-        self.mjb: np.ndarray | None = None
+        self.mjb: IO[bytes] | None = None
+        self.mjb_failure = ""
         if with_mjb:
-            self.mjb = np.empty(mujoco.mj_sizeModel(model), np.uint8)
-            mujoco.mj_saveModel(model, None, self.mjb)
+            try:
+                self.mjb = _saved(model)
+            except Exception as error:  # this is inside a step of the program, which goes on
+                self.mjb_failure = failure_of(error).detail
         self.name, self.layout = model_name(model), ModelLayout.of(model)
         self.timestep_s = float(model.opt.timestep)
         self.reader = StateReader(model)
@@ -200,6 +207,11 @@ class ModelRecorder:
         self._window: RecordedWindow | None = None
         self._followed_at = 0
         self._lock = threading.Lock()
+
+    def close(self) -> None:
+        """Remove the file with the model."""
+        if self.mjb is not None:
+            self.mjb.close()
 
     def windows(self) -> list[RecordedWindow]:
         """Return the windows with states, in the order of the run."""
@@ -262,6 +274,22 @@ class ModelRecorder:
         self._sample.add(window, self.nstep)
 
 
+def _saved(model: mujoco.MjModel) -> IO[bytes]:
+    """Return a temporary file with a model, as `mj_saveModel` writes it.
+
+    It has no name, so it is gone when this process is, however it ends.
+    """
+    content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, content)
+    with contextlib.ExitStack() as on_error:
+        file = on_error.enter_context(tempfile.TemporaryFile(buffering=0))
+        rest = content.data
+        while rest:
+            rest = rest[file.write(rest) :]
+        on_error.pop_all()
+    return file
+
+
 class StepRecorder:
     """The replacements of MuJoCo's stepping functions, and what they have seen."""
 
@@ -295,6 +323,11 @@ class StepRecorder:
         """Return the models that were captured, the one that took most steps first."""
         seen = [recorder for recorder in self._by_layout.values() if recorder.nstep]
         return sorted(seen, key=lambda recorder: -recorder.nstep)
+
+    def close(self) -> None:
+        """Remove the files with models."""
+        for recorder in self._by_layout.values():
+            recorder.close()
 
     def other_nstep(self) -> dict[str, int]:
         """Return the steps that were not captured, by the name of their model."""
@@ -358,7 +391,8 @@ class StepRecorder:
         if key not in self._by_layout and len(self._by_layout) < MAX_MODELS:
             recorder = ModelRecorder(model, self._max_states, self._window_nstep, self._with_mjb)
             # without a lock, which a forked child could wait for: another thread may be first
-            self._by_layout.setdefault(key, recorder)
+            if self._by_layout.setdefault(key, recorder) is not recorder:
+                recorder.close()
         return self._by_layout.get(key)
 
     def _forget(self, identity: int) -> None:

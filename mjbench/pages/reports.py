@@ -101,7 +101,7 @@ def first_of(conclusions: Sequence[Conclusion]) -> list[Conclusion]:
 def _report_command(named_runs: Sequence[NamedRun]) -> str:
     files = list(dict.fromkeys(str(named.file) for named in named_runs))
     more = ["…"] if len(files) > _MOST_FILES else []
-    return " ".join([shlex.join(["mjbench", "report", *files[:_MOST_FILES]]), *more])
+    return " ".join([shlex.join(["mjbench", "show", *files[:_MOST_FILES]]), *more, "--html"])
 
 
 def _most_important(parts: Sequence[_Part]) -> list[_Part]:

@@ -1,6 +1,7 @@
 """Sections on a terminal, or as plain text: the conclusions first, then facts, tables and notes."""
 
 import io
+import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
@@ -14,9 +15,12 @@ from mjbench.errors import printable
 from mjbench.report.content import DataTable, Section, Tone
 from mjbench.status import ExitCode
 
-_PLAIN_WIDTH, _MIN_WIDTH = 160, 80
-# Characters between columns, and of a column that wraps at least.
-_GAP, _LEAST_WRAPPED = 2, 16
+# Of what is no terminal, and of a narrow one at least.
+_PLAIN_WIDTH, _MIN_WIDTH = 160, 60
+# Characters between columns, and of a word that is cut only where a table would be too wide.
+_GAP, _LEAST_WRAPPED = 2, 12
+# Columns leave rather than that a text is narrower.
+_READABLE = 16
 
 
 class _Console(Console):
@@ -36,9 +40,10 @@ class _Console(Console):
 
 
 def console(stderr: bool = False) -> Console:
-    """Return a console that never squeezes a table: the terminal wraps long lines."""
+    """Return a console as wide as the terminal, or as COLUMNS says."""
     out = _Console(stderr=stderr, highlight=False, markup=False, emoji=False)
-    out.width = max(out.width, _MIN_WIDTH) if out.is_terminal else _PLAIN_WIDTH
+    knows_width = out.is_terminal or os.environ.get("COLUMNS", "").isdecimal()
+    out.width = max(out.width, _MIN_WIDTH) if knows_width else _PLAIN_WIDTH
     return out
 
 
@@ -64,8 +69,7 @@ def print_sections(out: Console, sections: Iterable[Section], code: bool = False
     """Print sections, an empty line before each; `code`: with their snippets."""
     for section in sections:
         out.print()
-        for part in section_parts(section, out.width):
-            out.print(part, soft_wrap=True)
+        print_lines(out, section_parts(section, out.width))
         for snippet in section.snippets if code or section.shows_code else ():
             out.print()
             out.print(headed(snippet.title, ":"), soft_wrap=True)
@@ -88,40 +92,99 @@ def section_parts(section: Section, width: int) -> Iterator[RenderableType]:
     for table in tables:
         if len(tables) > 1:
             yield Text(table.title, style="italic")
-        yield rich_table(table, width)
+        yield from table_parts(table, width)
     yield from section.notes
 
 
-def rich_table(table: DataTable, width: int) -> Table:
-    """Return a table without frames, in which no cell is cut.
+def table_parts(table: DataTable, width: int) -> Iterator[RenderableType]:
+    """Yield a table without frames, in which no cell is cut, and which columns it lacks.
 
-    Without any column that wraps, the last one of text does. Where columns are wider than the
-    console even so, the table is wider, and the terminal wraps its lines.
+    Where it is too wide for the console, columns leave in their order and texts wrap, first those
+    that are sentences. A table that is too wide even so is wider, and the terminal wraps its lines.
     """
-    table = table.filled_columns()
-    wrapped = [i for i, column in enumerate(table.columns) if column.wraps] or [
-        i for i, column in enumerate(table.columns) if not column.is_number
-    ][-1:]
-    printed = Table(box=None, pad_edge=False, header_style="bold")
-    rows = table.texts
-    least_width = _GAP * (len(table.columns) - 1)
-    for i, column in enumerate(table.columns):
-        is_wrapped = i in wrapped
-        natural = max(cell_len(printable(text)) for text in (column.title, *(r[i] for r in rows)))
-        least = min(natural, _LEAST_WRAPPED) if is_wrapped else natural
-        least_width += least
+    table, left_out = _fitting(table.filled_columns(), width)
+    widths = _widths(table, width)
+    printed = Table(box=None, pad_edge=False, header_style="bold", width=_total(widths))
+    for column, column_width in zip(table.columns, widths, strict=True):
         printed.add_column(
             column.title,
             justify="right" if column.is_number else "left",
-            no_wrap=not is_wrapped,
             overflow="fold",
-            min_width=least,
+            width=column_width,
         )
-    if least_width > width:
-        printed.width = least_width
-    for row in rows:
+    for row in table.texts:
         printed.add_row(*row)
-    return printed
+    yield printed
+    if left_out:
+        names = ", ".join(left_out)
+        yield Text(_printable_lines(f"Columns that need a wider terminal: {names}"), style="dim")
+
+
+def _fitting(table: DataTable, width: int) -> tuple[DataTable, list[str]]:
+    """Return a table whose least widths fit, where that is possible, and which columns it lost."""
+    optional = sorted((c for c in table.columns if c.leaves), key=lambda column: column.leaves)
+    left_out: list[str] = []
+    for column in optional:
+        natural, least = _natural_widths(table), _least_widths(table)
+        readable = [
+            max(narrow, min(wide, _READABLE)) for narrow, wide in zip(least, natural, strict=True)
+        ]
+        if _total(readable) <= width:
+            break
+        table = table.without([column.title])
+        left_out.append(column.title)
+    return table, left_out
+
+
+def _widths(table: DataTable, width: int) -> list[int]:
+    """Return the widths of columns, of which none is less than it needs."""
+    least = _least_widths(table)
+    if _total(least) > width:
+        least = _least_widths(table, longest_word=_LEAST_WRAPPED)
+    widths = _natural_widths(table)
+    for only_sentences in (True, False):
+        while _total(widths) > width:
+            reducible = [
+                i
+                for i, column in enumerate(table.columns)
+                if widths[i] > least[i] and (column.wraps or not only_sentences)
+            ]
+            if not reducible:
+                break
+            widths[max(reducible, key=lambda i: widths[i])] -= 1
+    return widths
+
+
+def _natural_widths(table: DataTable) -> list[int]:
+    """Return the widths of columns in which nothing wraps."""
+    return [
+        max(cell_len(printable(text)) for text in (column.title, *(row[i] for row in table.texts)))
+        for i, column in enumerate(table.columns)
+    ]
+
+
+def _least_widths(table: DataTable, longest_word: int = 1000) -> list[int]:
+    """Return the widths below which a number would be cut, or a word.
+
+    Args:
+      longest_word: longer words of texts are cut.
+    """
+    least = []
+    for i, column in enumerate(table.columns):
+        cells = [row[i] for row in table.texts]
+        words = [word for text in (column.title, *cells) for word in text.split(" ")]
+        width = max(cell_len(printable(word)) for word in words)
+        if column.is_number:
+            width = max(width, *(cell_len(printable(text)) for text in cells))
+        elif width > longest_word:
+            width = max(longest_word, max(map(cell_len, column.title.split(" "))))
+        least.append(width)
+    return least
+
+
+def _total(widths: Sequence[int]) -> int:
+    """Return how wide a table is whose columns have some widths."""
+    return sum(widths) + _GAP * (len(widths) - 1)
 
 
 def _parted(text: str) -> tuple[str, str]:
@@ -134,10 +197,10 @@ def _parted(text: str) -> tuple[str, str]:
     return text[:end], text[end:]
 
 
-def print_lines(out: Console, lines: Sequence[str | Text]) -> None:
-    """Print lines, which the terminal wraps."""
+def print_lines(out: Console, lines: Iterable[RenderableType]) -> None:
+    """Print lines and tables; on a terminal, lines wrap at words."""
     for line in lines:
-        out.print(line, soft_wrap=True)
+        out.print(line, soft_wrap=isinstance(line, Table) or not out.is_terminal)
 
 
 def headed(heading: str, rest: str) -> Text:

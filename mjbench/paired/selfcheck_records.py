@@ -1,4 +1,4 @@
-"""The records and rows of `mjbench selfcheck`: what a run file stores, and what `--json` gives.
+"""The records and rows of `mjbench doctor --verdicts`, in run files and in its document.
 
 Field names are the keys of the JSON format (docs/formats.md).
 """
@@ -15,7 +15,7 @@ from mjbench.paired.records import PlacementEffect
 
 @dataclass(frozen=True, kw_only=True)
 class CaseRow:
-    """What a trial of `mjbench selfcheck` compares; the truth about it is known.
+    """What a trial of `mjbench doctor --verdicts` compares; the truth about it is known.
 
     Attributes:
       slowdown: of the candidate, as a share of the baseline's time: 0 where the two are the same;
@@ -39,7 +39,7 @@ class CaseRow:
 
 @dataclass(frozen=True, kw_only=True)
 class TrialRecord(CaseRow):
-    """One comparison of `mjbench selfcheck`.
+    """One comparison of `mjbench doctor --verdicts`.
 
     Attributes:
       cause: why the times differ; None where they do not, or where more differs than the build.

@@ -52,9 +52,10 @@ class NoChangePair:
 
 
 # The releases of each pair execute equally many instructions per step on every shipped model, as
-# counted by `mjbench instructions`. Their libraries differ nevertheless: code lies elsewhere, and
-# instructions hold other displacements where a struct grew. In the last pair five functions that
-# the cloth executes use other registers, too (`mjbench explain 3.3.1 3.3.2 cloth`).
+# counted by `mjbench profile --instructions`. Their libraries differ nevertheless: code lies
+# elsewhere, and instructions hold other displacements where a struct grew. In the last pair five
+# functions that the cloth executes use other registers, too (`mjbench versions --explain 3.3.1
+# 3.3.2 cloth`).
 NO_CHANGE_PAIRS = (
     NoChangePair("3.1.2", "3.1.3"),
     NoChangePair("3.2.0", "3.2.1"),

@@ -211,7 +211,7 @@ def runs_table(runs: Sequence[Run], names: Sequence[str]) -> DataTable:
             lambda row: shlex.join(row[1].header.command_line or (row[1].header.command,)),
         ),
         (Column("began"), lambda row: row[1].header.began),
-        (Column("records", formats.count), lambda row: len(row[1].records)),
+        (Column("records", formats.count, leaves=1), lambda row: len(row[1].records)),
     )
 
 

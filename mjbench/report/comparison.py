@@ -170,15 +170,18 @@ def advice_table(models: Sequence[ModelResults]) -> DataTable:
         "Advice",
         advice,
         (Column("model"), lambda row: names[row.model]),
-        (Column("simulations", formats.count), lambda row: row.nbatch if has_sizes else None),
-        (Column("loop"), lambda row: row.loop.value),
+        (
+            Column("simulations", formats.count),
+            lambda row: row.nbatch if has_sizes else None,
+        ),
+        (Column("loop", leaves=2), lambda row: row.loop.value),
         (Column("advised"), lambda row: f"{mark(row.is_certain)} {row.variant}"),
         (
             Column("speed-up", formats.factor),
             lambda row: row.speedup.estimate if row.speedup else 1.0,
         ),
         (Column("95 %", formats.ends), lambda row: row.speedup),
-        (Column("× real time", times_real_time), lambda row: row.realtime_factor),
+        (Column("× real time", times_real_time, leaves=1), lambda row: row.realtime_factor),
     )
 
 
@@ -257,12 +260,15 @@ def path_table(sizes: Sequence[ModelResults]) -> DataTable:
         [(marks(each).get(str(r.variant)), r, r.speedup) for each in sizes for r in _shown(each)],
         (Column(""), lambda row: row[0]),
         (Column("path", wraps=True), lambda row: str(row[1].variant)),
-        (Column("simulations", formats.count), lambda row: row[1].nbatch if has_sizes else None),
+        (
+            Column("simulations", formats.count),
+            lambda row: row[1].nbatch if has_sizes else None,
+        ),
         (Column("ns/step", formats.count), lambda row: row[1].step_ns if row[2] else None),
         (Column("speed-up", formats.factor), lambda row: row[2].estimate if row[2] else None),
         (Column("95 %", formats.ends), lambda row: row[1].interval),
-        (Column("× real", times_real_time), lambda row: row[1].realtime_factor),
-        (Column("loop"), lambda row: row[1].loop.value),
+        (Column("× real", times_real_time, leaves=1), lambda row: row[1].realtime_factor),
+        (Column("loop", leaves=2), lambda row: row[1].loop.value),
         (Column("agrees"), lambda row: None if all_agree else agrees(row[1])),
     )
 
@@ -310,13 +316,13 @@ def _compile_table(results: Sequence[PathResult]) -> DataTable:
         "Compiling",
         results,
         (Column("compiled"), lambda result: result.path),
-        (Column("precision"), lambda result: result.precision),
-        (Column("device"), lambda result: result.device),
-        (Column("trace s", formats.tenths), lambda result: result.trace_s),
+        (Column("precision", leaves=4), lambda result: result.precision),
+        (Column("device", leaves=3), lambda result: result.device),
+        (Column("trace s", formats.tenths, leaves=5), lambda result: result.trace_s),
         (Column("compile s", formats.tenths), lambda result: result.compile_s),
-        (Column("cached s", formats.tenths), lambda result: result.cached_compile_s),
+        (Column("cached s", formats.tenths, leaves=1), lambda result: result.cached_compile_s),
         (Column("steady ns/step", formats.count), lambda result: result.step_ns),
-        (Column("memory"), _memory),
+        (Column("memory", leaves=2), _memory),
         (Column("break-even"), _break_even),
     )
 

@@ -1,11 +1,13 @@
 """What results come to, whatever shows it: conclusions, tables, figures and notes."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import itertools
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, TypeVar
 
 from mjbench.releases.release_ratios import LogEstimate
+from mjbench.report import formats
 from mjbench.report.formats import Bounded, Form
 
 # What a cell can hold: a text, a number, an estimate or interval, or nothing.
@@ -49,13 +51,16 @@ class Column:
     Attributes:
       title: with the unit, where its cells have none.
       form: how its numbers, or intervals, are written; None for a column of text.
-      wraps: whether its cells may have several lines.
+      wraps: whether its cells are sentences, which wrap before other texts do.
+      leaves: in which order columns leave a table that is too wide, the first one at 1; 0 for one
+        that stays.
       is_bar: whether its cells are bars of text, which pages draw as a chart instead.
     """
 
     title: str
     form: Form | None = None
     wraps: bool = False
+    leaves: int = 0
     is_bar: bool = False
 
     @property
@@ -73,6 +78,29 @@ class Column:
             case LogEstimate():
                 return cell.log_ratio
         return cell.low
+
+    def raw(self, cells: Sequence[Cell]) -> list[list[str | float | None]]:
+        """Return the columns of numbers, not rounded, that stand for it: a heading, then cells.
+
+        An estimate, or an interval, has two.
+        """
+        if self.form is None:
+            return [[self.title, *map(self.shown, cells)]]
+        match next((cell for cell in cells if not isinstance(cell, str | None)), 0.0):
+            case int() | float():
+                unit = formats.RAW_UNITS.get(self.form)
+                parts = {f" ({unit})" if unit else "": "real"}
+            case LogEstimate():
+                parts = {" (log ratio)": "log_ratio", " (its standard error)": "deviation"}
+            case _:
+                parts = {" (low)": "low", " (high)": "high"}
+        return [
+            [
+                self.title + suffix,
+                *(c if isinstance(c, str | None) else getattr(c, attribute) for c in cells),
+            ]
+            for suffix, attribute in parts.items()
+        ]
 
     def shown(self, cell: Cell) -> str:
         """Return a cell as people read it."""
@@ -105,6 +133,14 @@ class DataTable:
             for row in self.rows
         ]
 
+    @property
+    def raw_rows(self) -> list[tuple[str | float | None, ...]]:
+        """Its headings and its rows as programs read them."""
+        columns = (
+            column.raw([row[i] for row in self.rows]) for i, column in enumerate(self.columns)
+        )
+        return list(zip(*itertools.chain(*columns), strict=True))
+
     def filled_columns(self, with_bars: bool = True) -> "DataTable":
         """Return the table without the columns in which every cell is empty."""
         filled = [
@@ -112,8 +148,16 @@ class DataTable:
             for i, column in enumerate(self.columns)
             if any(column.shown(row[i]) for row in self.rows) and (with_bars or not column.is_bar)
         ]
-        columns = [self.columns[i] for i in filled]
-        return DataTable(self.title, columns, [[row[i] for i in filled] for row in self.rows])
+        return self._with_columns(filled)
+
+    def without(self, left_out: Collection[str]) -> "DataTable":
+        """Return the table without the columns of some titles."""
+        stay = [i for i, column in enumerate(self.columns) if column.title not in left_out]
+        return self._with_columns(stay)
+
+    def _with_columns(self, chosen: Sequence[int]) -> "DataTable":
+        columns = [self.columns[i] for i in chosen]
+        return DataTable(self.title, columns, [[row[i] for i in chosen] for row in self.rows])
 
 
 @dataclass(frozen=True)

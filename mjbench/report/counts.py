@@ -1,4 +1,4 @@
-"""What `instructions` and `explain` come to: counts, and what explains a difference of releases."""
+"""What counts of instructions come to, and what explains a difference of releases."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -29,7 +29,10 @@ def sections(counts: Sequence[InstructionsRecord], top: int = _MOST_LISTED) -> I
         (Column("model"), lambda count: count.model),
         (Column("release"), lambda count: count.release),
         (Column("instructions/step", formats.count), lambda count: count.instructions_per_step),
-        (Column("outside the engine/step", formats.count), lambda count: count.outside_per_step),
+        (
+            Column("outside the engine/step", formats.count, leaves=1),
+            lambda count: count.outside_per_step,
+        ),
         (Column("why not"), lambda count: count.detail),
     )
     failed = [
@@ -50,7 +53,7 @@ def _functions_section(count: InstructionsRecord, total: float, top: int) -> Sec
         (Column("function"), lambda function: function.name),
         (Column("self/step", formats.count), lambda function: function.self),
         (Column("share", formats.percent), lambda function: function.self / total),
-        (Column("inclusive", formats.count), lambda function: function.inclusive),
+        (Column("inclusive", formats.count, leaves=1), lambda function: function.inclusive),
     )
     return Section(
         f"{count.model}, MuJoCo {count.release}",

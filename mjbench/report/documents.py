@@ -77,7 +77,7 @@ class CompareDocument:
 
 @dataclass(frozen=True, kw_only=True)
 class DiffDocument:
-    """What `mjbench diff --json` writes."""
+    """What `mjbench show --against --json` writes."""
 
     schema: int = SCHEMA
     results: Sequence[RunDifference]
@@ -128,7 +128,7 @@ class PathsDocument:
 
 @dataclass(frozen=True, kw_only=True)
 class SelfcheckDocument:
-    """What `mjbench selfcheck --json` writes; `busy`: whether a core was kept busy meanwhile."""
+    """What `mjbench doctor --verdicts --json` writes; `busy`: whether a core was kept busy."""
 
     schema: int = SCHEMA
     machine: Machine

@@ -218,7 +218,7 @@ def _layers_table(record: EnvironmentRecord) -> DataTable:
         Column("of env.step", _share_text),
         Column("95 %", formats.ends_in(_percent)),
         Column("time", duration),
-        Column("calls", formats.digits(3)),
+        Column("calls", formats.digits(3), leaves=1),
     )
     assert record.step is not None, "it was timed"
     rows: list[Sequence[content.Cell]] = []
@@ -328,10 +328,10 @@ def _paths_table(record: EnvironmentRecord) -> DataTable:
         (Column("same physics by"), lambda row: row[0].path),
         (Column("options"), lambda row: describe_options(row[0].options)),
         (Column("env steps/s", formats.count), lambda row: row[0].env_steps_per_s),
-        (Column("engine steps/s", formats.count), lambda row: row[0].steps_per_s),
+        (Column("engine steps/s", formats.count, leaves=1), lambda row: row[0].steps_per_s),
         (Column("× env.step", formats.factor), lambda row: row[1].median),
         (Column("95 %", formats.ends), lambda row: row[1]),
-        (Column("loop"), lambda row: "closed" if row[0].closed_loop else "open"),
+        (Column("loop", leaves=2), lambda row: "closed" if row[0].closed_loop else "open"),
     )
 
 

@@ -1,6 +1,6 @@
 """The kinds of results: what a run file stores of each, and what each comes to.
 
-What is listed here is all that `show`, `report`, `--json`, `mjbench.load`, the JSON Schemas and the
+What is listed here is all that `show`, `--json`, `mjbench.load`, the JSON Schemas and the
 results of `import mjbench` know of a kind.
 """
 

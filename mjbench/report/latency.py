@@ -56,13 +56,13 @@ def _table(rows: Sequence[LatencyRow]) -> DataTable:
             Column("pace"),
             lambda row: f"{row.pace} at {plain(row.rate_hz, 3)} Hz" if row.rate_hz else row.pace,
         ),
-        (Column("steps", formats.count), lambda row: row.nstep),
+        (Column("steps", formats.count, leaves=1), lambda row: row.nstep),
         *(
             (Column(f"p{100 * q.quantile:g}", duration), lambda row, i=i: row.quantiles[i].ns)
             for i, q in enumerate(rows[0].quantiles)
         ),
         (Column("max", duration), lambda row: row.max_ns),
-        (Column("deadline", duration), lambda row: 1e9 * (row.deadline_s or 0.0)),
+        (Column("deadline", duration, leaves=2), lambda row: 1e9 * (row.deadline_s or 0.0)),
         (Column("missed", formats.count), lambda row: row.missed),
     )
 

@@ -41,18 +41,21 @@ class PathRow:
 
 def models_table(rows: Sequence[ListedModel]) -> DataTable:
     """Return the table of `mjbench models`, of those that could be loaded."""
-    sizes = ("nq", "nv", "nu", "na", "contacts", "constraints")
+    sizes = {"nq": 4, "nv": 0, "nu": 0, "na": 3, "contacts": 0, "constraints": 0}
     return DataTable.of(
         "Models",
         [(row.model, row.facts) for row in rows if row.facts is not None],
         (Column("model"), lambda row: row[0]),
-        *((Column(size, str), lambda row, size=size: getattr(row[1], size)) for size in sizes),
+        *(
+            (Column(size, str, leaves=leaves), lambda row, size=size: getattr(row[1], size))
+            for size, leaves in sizes.items()
+        ),
         (
             Column("timestep", _milliseconds),
             lambda row: row[1].timestep,
         ),
-        (Column("integrator"), lambda row: row[1].integrator),
-        (Column("solver"), lambda row: row[1].solver),
+        (Column("integrator", leaves=2), lambda row: row[1].integrator),
+        (Column("solver", leaves=1), lambda row: row[1].solver),
     )
 
 
@@ -78,7 +81,7 @@ def paths_table(rows: Sequence[PathRow]) -> DataTable:
         (Column("closed loop"), lambda row: yes_no(row.closed_loop)),
         (Column("here"), lambda row: row.unavailable or "yes"),
         (Column("what it is"), lambda row: row.summary),
-        (Column("options"), lambda row: ", ".join(row.options)),
+        (Column("options", leaves=1), lambda row: ", ".join(row.options)),
     )
 
 
@@ -93,6 +96,6 @@ def releases_table(rows: Sequence[ReleaseRow]) -> DataTable:
             Column("on the index"),
             lambda row: "not asked" if row.in_index is None else yes_no(row.in_index),
         ),
-        (Column("in the history"), lambda row: yes_no(row.in_history)),
+        (Column("in the history", leaves=1), lambda row: yes_no(row.in_history)),
         (Column("here"), lambda row: "installed" if row.installed else ""),
     )

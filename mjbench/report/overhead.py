@@ -1,4 +1,4 @@
-"""What `mjbench overhead` comes to: what habits of a Python loop cost."""
+"""What `mjbench profile --habits` comes to: what habits of a Python loop cost."""
 
 from collections.abc import Iterator, Sequence
 
@@ -77,8 +77,8 @@ def _table(table: OverheadRow) -> DataTable:
         table.costs or (),
         (Column("in the loop"), lambda cost: cost.source),
         (Column("adds ns/step", formats.count), lambda cost: cost.ns),
-        (Column("95 %", formats.ends_in(formats.count)), lambda cost: cost),
-        (Column("of a step", formats.percent), lambda cost: cost.share),
+        (Column("95 %", formats.ends_in(formats.count), leaves=2), lambda cost: cost),
+        (Column("of a step", formats.percent, leaves=1), lambda cost: cost.share),
         (Column("cheaper"), lambda cost: cost.cheaper),
         (Column("saves ns", formats.count), lambda cost: cost.saved_ns),
     )

@@ -1,4 +1,4 @@
-"""What `mjbench placement` comes to: a sentence for each model, and the table of residues."""
+"""What `mjbench doctor --placement` comes to: a sentence for each model, and residues."""
 
 from collections.abc import Sequence
 
@@ -17,7 +17,7 @@ def section(rows: Sequence[SpreadRecord]) -> Section:
         "Spreads",
         measured,
         (Column("model"), lambda row: row.model),
-        (Column("release"), lambda row: row.release),
+        (Column("release", leaves=3), lambda row: row.release),
         (
             Column("spread", short_percent),
             lambda row: row.spread.estimate if row.spread else None,
@@ -30,8 +30,8 @@ def section(rows: Sequence[SpreadRecord]) -> Section:
             )
             for residue in RESIDUES
         ),
-        (Column("launches", formats.count), lambda row: row.launches),
-        (Column("seconds", formats.tenths), lambda row: row.seconds),
+        (Column("launches", formats.count, leaves=2), lambda row: row.launches),
+        (Column("seconds", formats.tenths, leaves=1), lambda row: row.seconds),
     )
     note = (
         "spread: slowest over fastest; moved by: bytes modulo 64, change of a step's time against"

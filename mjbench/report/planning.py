@@ -132,9 +132,9 @@ def _sizes_section(model: str, rows: Sequence[PlanningRow]) -> Iterator[Section]
         "Sizes",
         fastest,
         (Column("samples", formats.count), lambda row: row.samples),
-        (Column("steps", formats.count), lambda row: row.horizon),
+        (Column("steps", formats.count, leaves=2), lambda row: row.horizon),
         (Column("plans/s", formats.count), lambda row: row.plans_per_s),
-        (Column("real time needs", formats.digits(3)), lambda row: row.control_hz),
+        (Column("real time needs", formats.digits(3), leaves=1), lambda row: row.control_hz),
         (
             Column("achieved"),
             lambda row: None if row.achieved is None else formats.yes_no(row.achieved),

@@ -30,11 +30,11 @@ def section(records: Sequence[RatioRecord]) -> Section:
             lambda row: release_ratios.averaged(row[2].launches),
         ),
         (
-            Column("as shipped", formats.change_with_error),
+            Column("as shipped", formats.change_with_error, leaves=3),
             lambda row: release_ratios.as_shipped(row[2].launches),
         ),
-        (Column("launches", formats.count), lambda row: len(row[2].launches)),
-        (Column("seconds", formats.tenths), lambda row: row[2].seconds or None),
+        (Column("launches", formats.count, leaves=2), lambda row: len(row[2].launches)),
+        (Column("seconds", formats.tenths, leaves=1), lambda row: row[2].seconds or None),
         (Column("work"), lambda row: row[1]),
     )
     references = sorted({record.reference for record in records})

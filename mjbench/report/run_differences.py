@@ -1,6 +1,6 @@
 """How measurements of `compare` differ from earlier ones, row by row, each machine for itself."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,20 +12,25 @@ from mjbench.host.machine import Machine
 from mjbench.measuring import stats
 from mjbench.measuring.ratio import Ratio
 from mjbench.measuring.stats import TimedBlocks
+from mjbench.paired.outcomes import Verdict
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paths.accelerated import CPU
 from mjbench.report import formats
-from mjbench.report.content import Column, DataTable
+from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.report.results import PathResult, derive_all, steps_per_block
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.status import Status
 from mjbench.store.machine_identity import MachineIdentity, identify
 from mjbench.store.run_set import RunSet
 from mjbench.store.runs import Run
+from mjbench.units import count_of
 
 # What must not differ where something was compiled: what compiled it, and with which flags.
 _COMPILERS = ("jax", "jaxlib", "warp-lang")
 _COMPILER_FLAGS = ("XLA_FLAGS", "JAX_DEFAULT_MATMUL_PRECISION", "NVIDIA_TF32_OVERRIDE")
+
+# Less is what a machine does from one run to another, as far as anyone can tell from two runs.
+MIN_EFFECT = 0.05
 
 # Model, path, options and simulations.
 _Key = tuple[str, str, str, int | None]
@@ -39,6 +44,8 @@ class RunDifference:
       status: `ok`, `input` where the two cannot be compared, or `unavailable` where one is missing.
       detail: why they cannot; empty when ok.
       ratio: new time of a step over old time.
+      verdict: what the interval of the ratio says beside `MIN_EFFECT`; `inconclusive` with
+        cautions, None without an interval: paths that left a race early have too few launches.
       machine: name of the machine that measured both; empty for two run files.
       cautions: what to know before the ratio: what disturbed either, and which is of an earlier
         version of mjbench; then the ratio has no interval.
@@ -51,6 +58,7 @@ class RunDifference:
     status: Status = Status.OK
     detail: str = ""
     ratio: Ratio | None = None
+    verdict: Verdict | None = None
     machine: str = ""
     cautions: Sequence[str] = ()
 
@@ -163,8 +171,25 @@ def _difference(olds: Sequence[_Timed], news: Sequence[_Timed], across: bool) ->
             ratio = Ratio(speedup.median, None, None)
     except InputError as error:
         status, detail = Status.INPUT, str(error)
-    row = RunDifference(new.model, new.path, new.options, new.nbatch, status, detail, ratio)
+    verdict = None
+    if ratio is not None:
+        verdict = Verdict.INCONCLUSIVE if cautions else _verdict(ratio)
+    row = RunDifference(
+        new.model, new.path, new.options, new.nbatch, status, detail, ratio, verdict
+    )
     return replace(row, cautions=cautions)
+
+
+def _verdict(ratio: Ratio) -> Verdict | None:
+    """Return what an interval says: it lies above, below or between the smallest effects."""
+    if ratio.low is None or ratio.high is None:
+        return None
+    if ratio.low > 1 + MIN_EFFECT:
+        return Verdict.SLOWER
+    if ratio.high < 1 / (1 + MIN_EFFECT):
+        return Verdict.FASTER
+    is_same = ratio.low > 1 / (1 + MIN_EFFECT) and ratio.high < 1 + MIN_EFFECT
+    return Verdict.SAME if is_same else Verdict.INCONCLUSIVE
 
 
 def _timed(runs: Sequence[Run]) -> dict[_Key, list[_Timed]]:
@@ -196,18 +221,47 @@ def _step_s(record: MeasurementRecord, race: RaceRecord | None) -> Sequence[floa
     return race.step_s(Variant(record.path, record.options)) if race is not None else ()
 
 
-def difference_cautions(rows: Sequence[RunDifference]) -> list[str]:
-    """Return what to know before the ratios of `mjbench diff`, a line each."""
-    lines = (
+def differences_section(rows: Sequence[RunDifference]) -> Section:
+    """Return what `mjbench show --against` comes to."""
+    cautions = [
         f"{', '.join(filter(None, (row.machine, row.model)))}: {caution}"
         for row in rows
         for caution in row.cautions
+    ]
+    return Section(
+        "NEW against OLD",
+        [
+            *(Conclusion(caution, Tone.CAUTION) for caution in dict.fromkeys(cautions)),
+            _conclusion(rows),
+        ],
+        tables=[_table(rows)],
+        notes=[
+            "The two were measured at different times; to find smaller differences, alternate both:"
+            " `mjbench versions` or `mjbench ab`",
+            *["Rows without a verdict have too few launches: their paths left a race early"]
+            * any(row.ratio is not None and row.verdict is None for row in rows),
+        ],
     )
-    return list(dict.fromkeys(lines))
 
 
-def differences_table(rows: Sequence[RunDifference]) -> DataTable:
-    """Return the table of `mjbench diff`; of sets, with a column for the machine."""
+def _conclusion(rows: Sequence[RunDifference]) -> Conclusion:
+    counts = Counter(row.verdict for row in rows)
+    tone = Tone.BAD if counts[Verdict.SLOWER] else Tone.UNSURE
+    if counts.keys() <= {Verdict.SAME, Verdict.FASTER, None} and len(counts) > 1:
+        tone = Tone.GOOD
+    named = {
+        Verdict.SLOWER: "slower",
+        Verdict.FASTER: "faster",
+        Verdict.SAME: f"the same within {100 * MIN_EFFECT:g} %",
+        Verdict.INCONCLUSIVE: "undecided",
+        None: "without a verdict",
+    }
+    parts = ", ".join(f"{counts[each]} {name}" for each, name in named.items() if counts[each])
+    return Conclusion(f"Of {count_of(len(rows), 'row')}: {parts}", tone)
+
+
+def _table(rows: Sequence[RunDifference]) -> DataTable:
+    """Return the table; of sets, with a column for the machine."""
     return DataTable.of(
         "Differences",
         rows,
@@ -215,9 +269,10 @@ def differences_table(rows: Sequence[RunDifference]) -> DataTable:
         (Column("model"), lambda row: row.model),
         (Column("path"), lambda row: row.path),
         (Column("options"), lambda row: describe_options(row.options)),
-        (Column("simulations", formats.count), lambda row: row.nbatch),
+        (Column("simulations", formats.count, leaves=1), lambda row: row.nbatch),
         (Column("new / old", _three_digits), lambda row: row.ratio.estimate if row.ratio else None),
         (Column("95 %", formats.ends_in(_three_digits)), lambda row: row.ratio),
+        (Column("verdict"), lambda row: row.verdict.value if row.verdict else None),
         (Column("detail"), lambda row: row.detail),
     )
 

@@ -1,4 +1,4 @@
-"""What `mjbench selfcheck` comes to: how often verdicts on known truths are wrong."""
+"""What `mjbench doctor --verdicts` comes to: how often verdicts on known truths are wrong."""
 
 from collections.abc import Callable, Sequence
 from typing import assert_never
@@ -54,7 +54,7 @@ def _build_table(rows: Sequence[SelfcheckRow]) -> DataTable:
         rows,
         (Column("different", formats.percent), lambda row: row.wrong),
         (Column("by code", formats.percent), lambda row: row.by_code),
-        (Column("only as shipped", formats.percent), lambda row: row.by_placement),
+        (Column("only as shipped", formats.percent, leaves=8), lambda row: row.by_placement),
     )
 
 
@@ -70,15 +70,18 @@ def _table(
         rows,
         (Column("model"), lambda row: row.model),
         (Column(case), describe_case),
-        (Column("placement"), lambda row: "averaged" if row.averaged else "as shipped"),
+        (Column("placement", leaves=6), lambda row: "averaged" if row.averaged else "as shipped"),
         (Column("trials", formats.count), lambda row: row.trials),
         *shares,
-        (Column("inconclusive", formats.percent), lambda row: row.inconclusive),
-        (Column("coverage", formats.percent), lambda row: row.covered),
-        (Column("mean error", lambda error: f"{100 * error:+.3f} %"), lambda row: row.error),
-        (Column("seconds", formats.tenths), lambda row: row.seconds),
-        (Column("launches", formats.tenths), lambda row: row.launches),
-        (Column("launch sd", lambda sd: f"{100 * sd:.2f} %"), lambda row: row.launch_sd),
+        (Column("inconclusive", formats.percent, leaves=7), lambda row: row.inconclusive),
+        (Column("coverage", formats.percent, leaves=5), lambda row: row.covered),
+        (
+            Column("mean error", lambda error: f"{100 * error:+.3f} %", leaves=3),
+            lambda row: row.error,
+        ),
+        (Column("seconds", formats.tenths, leaves=4), lambda row: row.seconds),
+        (Column("launches", formats.tenths, leaves=2), lambda row: row.launches),
+        (Column("launch sd", lambda sd: f"{100 * sd:.2f} %", leaves=1), lambda row: row.launch_sd),
     )
 
 

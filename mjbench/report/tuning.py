@@ -197,8 +197,11 @@ def _front_table(record: TuneRecord) -> DataTable:
     return DataTable.of(
         "Confirmed from new starts" if is_in_c else "Settings",
         _front_rows(record),
-        (Column("recommended"), lambda row: "yes" if row.is_recommended else None),
-        (Column("results"), lambda row: _RESULTS[row.effect] if row.effect and is_in_c else None),
+        (Column("advised"), lambda row: "yes" if row.is_recommended else None),
+        (
+            Column("results", leaves=3),
+            lambda row: _RESULTS[row.effect] if row.effect and is_in_c else None,
+        ),
         (
             Column(f"time of a {'simulated second' if is_in_c else 'batched step'}", four_digits),
             lambda row: row.ratio.estimate,
@@ -209,11 +212,11 @@ def _front_table(record: TuneRecord) -> DataTable:
             lambda row: 100 * row.error.share if row.error else None,
         ),
         (
-            Column("in units"),
+            Column("in units", leaves=2),
             lambda row: in_units(row.error) if row.error and is_in_c else None,
         ),
         (
-            Column("compile s", formats.digits(3)),
+            Column("compile s", formats.digits(3), leaves=1),
             lambda row: row.program.compile_s if row.program and not is_in_c else None,
         ),
         (Column("settings"), lambda row: label(row.settings)),
@@ -234,9 +237,9 @@ def _alone_table(record: TuneRecord, attempts: Sequence[Attempt]) -> DataTable:
             Column("time of a simulated second", formats.digits(4)),
             lambda row: row[0].ratio.estimate if row[0].ratio else row[0].time_ratio,
         ),
-        (Column("why it can help", wraps=True), lambda row: why(row[1], record)),
+        (Column("why it can help", wraps=True, leaves=1), lambda row: why(row[1], record)),
         (
-            Column("what it may change", wraps=True),
+            Column("what it may change", wraps=True, leaves=2),
             lambda row: knobs.find(row[1].knob).changes,
         ),
     )

@@ -342,15 +342,15 @@ def _table(rows: Sequence[VerdictRow]) -> DataTable:
         (Column("new / old", _four_digits), lambda row: row.ratio.estimate if row.ratio else None),
         (Column("interval", formats.ends_in(_four_digits)), lambda row: row.ratio),
         (Column("verdict"), lambda row: (row.verdict or row.status).value),
-        (Column("cause"), lambda row: row.cause.value if row.cause else None),
-        (Column("placement", formats.change), _added_by_placement),
+        (Column("cause", leaves=6), lambda row: row.cause.value if row.cause else None),
+        (Column("placement", formats.change, leaves=4), _added_by_placement),
         (
-            Column("work"),
+            Column("work", leaves=5),
             lambda row: None if row.work is None else "changed" if row.changed_work else "same",
         ),
-        (Column("drift", lambda drift: f"{drift:.1g}"), lambda row: row.drift),
-        (Column("launches", formats.count), lambda row: row.launches),
-        (Column("seconds", formats.tenths), lambda row: row.seconds),
+        (Column("drift", lambda drift: f"{drift:.1g}", leaves=1), lambda row: row.drift),
+        (Column("launches", formats.count, leaves=3), lambda row: row.launches),
+        (Column("seconds", formats.tenths, leaves=2), lambda row: row.seconds),
     )
 
 
@@ -377,7 +377,7 @@ def _forest(rows: Sequence[VerdictRow]) -> Figure:
         (Column("low", formats.digits(3)), lambda row: _percent(row[1].low)),
         (Column("high", formats.digits(3)), lambda row: _percent(row[1].high)),
         (Column("verdict"), lambda row: (row[0].verdict or Verdict.INCONCLUSIVE).value),
-        (Column("cause"), lambda row: row[0].cause.value if row[0].cause else ""),
+        (Column("cause", leaves=6), lambda row: row[0].cause.value if row[0].cause else ""),
     )
     title = "change, % (above 0 is slower)"
     shared = {"y": charts.names(data), "color": charts.colour("verdict", _COLOURS, "verdict")}

@@ -169,23 +169,23 @@ def _table(record: WebRecord) -> DataTable:
         (Column("95 %", formats.ends), lambda path: path.ratio if path.is_wasm else None),
         (Column("agrees"), _agrees),
         (
-            Column("difference", _small),
+            Column("difference", _small, leaves=6),
             lambda path: path.check.final.difference if path.check else None,
         ),
         (
-            Column("start ms", formats.count),
+            Column("start ms", formats.count, leaves=5),
             lambda path: s.import_ms + s.instantiate_ms if (s := path.start_up) else None,
         ),
         (
-            Column("model ms", formats.count),
+            Column("model ms", formats.count, leaves=4),
             lambda path: s.compile_ms if (s := path.start_up) else None,
         ),
         (
-            Column("first ns/step", formats.count),
+            Column("first ns/step", formats.count, leaves=3),
             lambda path: s.first_ns if (s := path.start_up) else None,
         ),
-        (Column("heap MiB", _mebibytes), lambda path: path.heap_bytes),
-        (Column("process MiB", _mebibytes), lambda path: path.rss_bytes),
+        (Column("heap MiB", _mebibytes, leaves=2), lambda path: path.heap_bytes),
+        (Column("process MiB", _mebibytes, leaves=1), lambda path: path.rss_bytes),
     )
 
 

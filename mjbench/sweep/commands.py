@@ -76,7 +76,7 @@ def _instructions(cells: Sequence[Cell]) -> CommandLine:
         for version in releases
         for argument in ("--release", _version_argument(first, version))
     ]
-    return CommandLine(("instructions", *options), (first.model,))
+    return CommandLine(("profile", "--instructions", *options), (first.model,))
 
 
 def _history(cells: Sequence[Cell]) -> CommandLine:
@@ -111,7 +111,7 @@ COMMANDS: Mapping[CellKind, Command] = {
     ),
     CellKind.INSTRUCTIONS: Command(
         options=("time-limit", *_SIZES),
-        name=("instructions",),
+        name=("profile", "--instructions"),
         needs_quiet=False,
         together=lambda c: (c.model,),
         least=4,  # the release that draws start states is counted again in each command

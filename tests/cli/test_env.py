@@ -25,7 +25,7 @@ def test_it_measures_and_writes_json_and_show_prints_it_again(tmp_path: Path) ->
     again = mjbench("show", "--json", "-", cwd=tmp_path)
     assert json.loads(again.stdout)["results"] == [row]
     assert "of env.step is physics" in again.stderr
-    report = mjbench("report", "--markdown", cwd=tmp_path)
+    report = mjbench("show", "--markdown", cwd=tmp_path)
     assert "where a step's time goes" in report.stdout
 
 

@@ -368,6 +368,6 @@ def test_a_set_in_the_folder_is_read_and_what_is_there_twice_counts_once(
     measured(monkeypatch)
     invoke("measure", "3.3.0", "3.3.1", "--model", "pile")
     page = invoke().output
-    merged = ["merge", str(only_run_file()), "-o", "results/history/set.jsonl"]
+    merged = ["results", "merge", str(only_run_file()), "-o", "results/history/set.jsonl"]
     assert CliRunner().invoke(cli, merged).exit_code == 0
     assert invoke().output == page

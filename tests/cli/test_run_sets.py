@@ -98,7 +98,7 @@ def test_a_set_of_one_machine_has_nothing_side_by_side(tmp_path: Path) -> None:
 def test_an_empty_set_is_shown_and_reported(tmp_path: Path) -> None:
     path = set_of(tmp_path / "set.jsonl", [])
     assert command("show", path).exit_code == 0
-    done = command("report", path, "--markdown")
+    done = command("show", path, "--markdown")
     assert done.exit_code == 0, done.output
     assert "Nothing was measured." in done.stdout
     assert mjbench.load(path) == []
@@ -123,7 +123,7 @@ def test_rows_of_a_set_say_which_machine_they_are_of(tmp_path: Path) -> None:
     assert [row["machine"] for row in rows] == [*"aabbaabb", "c"]
     assert (rows[-1]["cell"], rows[-1]["began"]) == ("a cell", "2026-01-05")
     assert len({tuple(row) for row in rows}) == 1
-    done = command("report", file.path, "--format", "csv")
+    done = command("show", file.path, "--format", "csv")
     lines = list(csv.DictReader(done.stdout.splitlines()))
     assert [line["machine"] for line in lines] == [row["machine"] for row in rows]
 
@@ -135,7 +135,7 @@ def test_rows_of_a_run_file_are_as_before(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("form", ["github-action-benchmark", "bencher", "otava"])
 def test_metrics_of_a_set_begin_with_the_machine(tmp_path: Path, form: str) -> None:
-    done = command("report", mixed(tmp_path), "--format", form)
+    done = command("show", mixed(tmp_path), "--format", form)
     assert done.exit_code == 0, done.output
     for machine in "ab":
         assert f"{machine}: m: 1.0.0" in done.stdout
@@ -145,7 +145,7 @@ def test_metrics_of_a_set_begin_with_the_machine(tmp_path: Path, form: str) -> N
 
 def test_a_metric_that_was_measured_twice_is_refused_and_not_averaged(tmp_path: Path) -> None:
     files = [run_file(tmp_path, labelled("a"), verdict) for verdict in (SAME, SLOWER)]
-    done = command("report", set_of(tmp_path / "s.jsonl", files), "--format", "bencher")
+    done = command("show", set_of(tmp_path / "s.jsonl", files), "--format", "bencher")
     assert done.exit_code == 2
     assert "m: 1.0.0 → 2.0.0 was measured 2 times" in done.stderr
 
@@ -154,7 +154,7 @@ def test_junit_decides_all_machines_together(tmp_path: Path) -> None:
     weak = of_model(SLOWER, "m", e_slower=150.0)
     files = [run_file(tmp_path, labelled(name), weak) for name in "a"]
     files += [run_file(tmp_path, labelled("b"), SAME, of_model(FAILED, "n"))]
-    done = command("report", set_of(tmp_path / "set.jsonl", files), "--format", "junit")
+    done = command("show", set_of(tmp_path / "set.jsonl", files), "--format", "junit")
     suite = ElementTree.fromstring(done.stdout)
     assert [suite.get(name) for name in ("tests", "failures", "errors", "skipped")] == [
         *("3", "0", "1", "1")
@@ -178,7 +178,11 @@ def test_a_set_of_other_bytes_is_read_or_refused(
     place = int(at * len(content))
     damaged = content[:place] + inserted + content[place + len(inserted) :]
     path.write_bytes(damaged[: int(cut * len(content))])
-    for words in (["show", path], ["diff", path, path], ["merge", path, "-o", folder / "o.jsonl"]):
+    for words in (
+        ["show", path],
+        ["show", path, "--against", path],
+        ["results", "merge", path, "-o", folder / "o.jsonl"],
+    ):
         done = command(*words)
         assert done.exit_code in (0, 2), (done.exit_code, done.stderr)
         assert "unexpected" not in done.stderr

@@ -93,7 +93,7 @@ def options_of_commands(flag: str) -> dict[str, click.Parameter]:
 
 def test_every_command_reads_a_time_limit_alike() -> None:
     options = options_of_commands("--time-limit")
-    assert {"compare", "instructions", "versions"} <= set(options)
+    assert {"compare", "profile --instructions", "versions"} <= set(options)
     assert {name for name, o in options.items() if not isinstance(o.type, Seconds)} == set()
 
 

@@ -23,13 +23,13 @@ TAKES_STATES = (
     ("versions", "installed", "installed", "cartpole"),
     ("versions", "installed", "installed", "cartpole", "--metric", "instructions"),
     ("ab", "model=cartpole", "model=cartpole"),
-    ("explain", "installed", "installed", "cartpole"),
-    ("selfcheck", "cartpole"),
-    ("placement", "cartpole"),
-    ("instructions", "cartpole"),
+    ("versions", "--explain", "installed", "installed", "cartpole"),
+    ("doctor", "--verdicts", "cartpole"),
+    ("doctor", "--placement", "cartpole"),
+    ("profile", "--instructions", "cartpole"),
     ("latency", "cartpole"),
     ("profile", "cartpole"),
-    ("overhead", "cartpole"),
+    ("profile", "--habits", "cartpole"),
     ("plan", "cartpole"),
 )
 # These hold controls, or choose them.

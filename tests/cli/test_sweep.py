@@ -89,7 +89,7 @@ def test_a_sweep_measures_what_is_missing_and_nothing_else(tmp_path: Path) -> No
     first = mjbench("sweep", "plan.toml", cwd=tmp_path)
     assert first.returncode == 0, first.stderr
     assert first.stderr == ""
-    assert f"mjbench report {SET}" in first.stdout
+    assert f"mjbench show {SET} --html" in first.stdout
     (section,) = sections(tmp_path)
     assert section.run.header.command == "compare"
     assert results.outcome(section.run).status == Status.OK

@@ -65,10 +65,10 @@ def test_a_stored_search_is_shown_and_reported(tuned):
     shown = mjbench("show", str(run), cwd=folder)
     assert shown.returncode == 0, shown.stderr
     assert shown.stdout.splitlines()[1] in done.stdout
-    for form in ([], ["--markdown"]):
-        report = mjbench("report", str(run), *form, "-o", f"report{len(form)}", cwd=folder)
+    for form in (["--html"], ["--markdown"]):
+        report = mjbench("show", str(run), *form, "-o", f"report{form[0]}", cwd=folder)
         assert report.returncode == 0, report.stderr
-        assert "at 1/8 of its timestep" in (folder / f"report{len(form)}").read_text()
+        assert "at 1/8 of its timestep" in (folder / f"report{form[0]}").read_text()
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,7 @@ def test_a_stored_search_is_printed_again_with_its_document(stored: Path) -> Non
 
 def test_a_stored_search_is_in_reports_and_tables(stored: Path, tmp_path: Path) -> None:
     page = tmp_path / "report.md"
-    done = mjbench("report", str(stored), "--markdown", "-o", str(page))
+    done = mjbench("show", str(stored), "--markdown", "-o", str(page))
     assert done.returncode == 0, done.stderr
     assert "| yes | 0.8 | 0.78–0.82 | 0.01 | 12 | iterations=4 |" in page.read_text()
     from mjbench.report import rows

@@ -55,9 +55,9 @@ def test_builds_that_agree_are_timed_beside_c(tmp_path: Path, words: list[str]) 
 
     again = mjbench("show", "--json", "-", cwd=tmp_path)
     assert json.loads(again.stdout) == written
-    report = mjbench("report", "--markdown", cwd=tmp_path)
+    report = mjbench("show", "--markdown", cwd=tmp_path)
     assert "cartpole in WebAssembly" in report.stdout
-    table = mjbench("report", "--format", "csv", cwd=tmp_path)
+    table = mjbench("show", "--format", "csv", cwd=tmp_path)
     assert table.stdout.count("\ncartpole,") == len(by_path)
 
 

@@ -1,7 +1,6 @@
 """What explains the difference of two counts, and the verdict on instructions."""
 
 import json
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -195,13 +194,6 @@ def test_cost_that_moved_is_named_with_what_is_left_of_it() -> None:
     )
 
 
-def test_without_capstone_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "mjbench.counts.code_comparison", None)
-    row = explained(counted("1.0", a=1000.0), counted("2.0", a=1000.0))
-    assert row.code is None
-    assert "python -m pip install " in row.code_detail
-
-
 def test_a_time_that_could_not_be_compared_says_why() -> None:
     count = counted("1.0", a=1000.0)
     lines = summarized(count, count, timed(None, Status.FAILED, "no core"))
@@ -228,7 +220,7 @@ def test_the_command_compares_functions_and_writes_json(
 ) -> None:
     monkeypatch.setattr(instructions, "unavailable", lambda: None)
     monkeypatch.setattr(InstructionCounter, "count", InventedCounter(1.1).count)
-    words = ["explain", "installed", "installed", "cartpole", "--no-clock", "--json"]
+    words = ["versions", "--explain", "installed", "installed", "cartpole", "--no-clock", "--json"]
     done = CliRunner().invoke(cli, [*words, str(tmp_path / "out.json")])
     assert done.exit_code == 0, done.stderr
     assert "same work" in done.stdout

@@ -14,9 +14,8 @@ from mjbench.environment import vectors
 from mjbench.environment.records import EnvironmentRecord, VectorForm
 from mjbench.environment.run import EnvironmentPlan
 from mjbench.environment.source import resolve
-from mjbench.environment.vectors import LEAST_LAUNCHES, VectorLaunch, WrongForm
+from mjbench.environment.vectors import LEAST_LAUNCHES, VectorLaunch
 from mjbench.errors import Failure
-from mjbench.paired.launches import UnableError
 from mjbench.status import Status
 
 PLAN = EnvironmentPlan(nstep=None, seed=0, threads=(), nenv=(1, 2), budget_s=0.0, limit_s=60.0)
@@ -202,7 +201,7 @@ def test_without_gymnasium_there_are_none(monkeypatch: pytest.MonkeyPatch) -> No
 def test_a_form_that_was_wrong_in_any_launch_has_its_reason_and_the_others_their_figures() -> None:
     rule = vectors._VectorRule(PLAN)
     rule.add(VectorLaunch({0: 1.0, 1: 3.0, 2: 2.0}, {0: 1.5, 1: 1.5, 2: 2.5}))
-    rule.withdraw(UnableError(1, Status.TIMEOUT, "no answer"))
+    rule.add(VectorLaunch({}, {}, {1: Failure(Status.TIMEOUT, "no answer")}))
     assert rule.next_targets() == [0, 2, 3]
     rule.add(VectorLaunch({0: 1.0, 2: 2.0}, {0: 1.5, 2: 2.5}))
     first, second, third, fourth = rule.samples(Failure(Status.FAILED, "it ended early"))
@@ -226,23 +225,27 @@ def test_launches_end_with_the_budget_but_for_the_six_of_an_interval(
 
 def test_without_any_form_left_nothing_is_launched() -> None:
     rule = vectors._VectorRule(PLAN)
-    for position in range(4):
-        rule.withdraw(UnableError(position, Status.FAILED, "no"))
+    rule.add(VectorLaunch({}, {}, dict.fromkeys(range(4), Failure(Status.FAILED, "no"))))
     assert rule.next_targets() == []
 
 
 @pytest.mark.parametrize("number", [0, 1])
-def test_what_was_wrong_in_a_timed_block_is_no_launch(number: int) -> None:
-    class Form:
+def test_a_form_that_was_wrong_in_a_timed_block_leaves_the_figures_of_the_others(
+    number: int,
+) -> None:
+    class Environment:
         singles, batched = [object()], [0] * 20
         ran = 0
+
+        def __init__(self, right_blocks: int):
+            self.right_blocks = right_blocks
 
         def run(self) -> float:
             self.ran += 1
             return 1.0
 
         def difference_after(self, step: int) -> str:
-            return "another reward" if self.ran > number else ""
+            return "another reward" if self.ran > self.right_blocks else ""
 
     class Single:
         def run(self) -> float:
@@ -251,9 +254,11 @@ def test_what_was_wrong_in_a_timed_block_is_no_launch(number: int) -> None:
     class Channel:
         def doing(self, text: str, index: int | None = None) -> None: ...
 
-    launch = vectors._timed({3: Form()}, [Single()], Channel())  # type: ignore[dict-item, list-item, arg-type]
-    expected = WrongForm(3, Status.DISAGREES, "in a timed block, another reward")
-    assert launch == expected
+    environments = {3: Environment(number), 4: Environment(9)}
+    launch = vectors._timed(environments, [Single()], Channel())  # type: ignore[arg-type, list-item]
+    failure = Failure(Status.DISAGREES, "in a timed block, another reward")
+    assert launch == VectorLaunch({4: 5e7}, {4: 5e7}, {3: failure})
+    assert environments[3].ran == number + 1
 
 
 def test_observations_are_compared_bit_by_bit_in_the_types_of_the_form() -> None:

@@ -18,7 +18,7 @@ import pytest
 
 import mjbench
 from mjbench.errors import InputError, MachineError
-from mjbench.loop import step_recorder
+from mjbench.loop import engine_functions, step_recorder
 from mjbench.loop.capture import Capture, Captured
 from mjbench.simulation import compat, models, state_file
 from mjbench.simulation.model_digest import model_digest
@@ -486,6 +486,49 @@ def test_the_model_is_saved_as_it_was_before_its_first_step(tmp_path: Path) -> N
     assert names(tmp_path) == ["ball.mjb", "states.npz"]
 
 
+@pytest.mark.parametrize(
+    "error", [mujoco.FatalError("engine error"), MemoryError(), OSError(28, "No space left")]
+)
+def test_a_model_that_cannot_be_saved_is_reported_when_the_block_ends_and_states_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def refuse(*arguments: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(mujoco, "mj_saveModel", refuse)
+    states, model_file = tmp_path / "states.npz", tmp_path / "cartpole.mjb"
+    with (
+        pytest.raises(MachineError, match=f"cannot save {model_file}: "),
+        mjbench.capture(states, save_model=model_file),
+    ):
+        list(program(CARTPOLE, one_by_one, 2))
+    assert state_file.read(states, CARTPOLE).nrow == 3
+    assert names(tmp_path) == ["states.npz"]
+
+
+def test_compiled_models_wait_in_files_and_not_in_the_memory_of_the_program() -> None:
+    recorder = step_recorder.StepRecorder(10, 1, with_mjb=True)
+    recorder.wrappers()["mj_step"](mujoco.mj_step)(CARTPOLE, mujoco.MjData(CARTPOLE))
+    (recorded,) = recorder.models()
+    assert recorded.mjb is not None
+    assert os.fstat(recorded.mjb.fileno()).st_size == mujoco.mj_sizeModel(CARTPOLE)
+    recorder.close()
+    assert recorded.mjb.closed
+
+
+def test_a_capture_that_could_not_begin_can_begin_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture = mjbench.capture(tmp_path / "states.npz")
+    with monkeypatch.context() as broken:
+        broken.setattr(engine_functions, "replaced", None)
+        with pytest.raises(TypeError), capture:
+            pytest.fail("the block ran")
+    with capture:
+        list(program(CARTPOLE, one_by_one, 2))
+    assert capture.result is not None and capture.result.steps == 2
+
+
 def test_a_disk_that_fills_up_is_reported_when_the_block_ends(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -506,15 +549,19 @@ def test_a_disk_that_fills_up_is_reported_when_the_block_ends(
     assert names(tmp_path) == []
 
 
-def test_the_file_is_the_one_that_was_named_wherever_the_program_goes(
+def test_the_file_is_in_the_folder_where_the_block_began_wherever_the_program_goes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path)
-    with mjbench.capture("states.npz"):
-        list(program(CARTPOLE, one_by_one, 2))
-        os.chdir("elsewhere")
-    assert (tmp_path / "states.npz").is_file()
+    capture = mjbench.capture("states.npz")
+    for folder in (tmp_path, tmp_path / "elsewhere"):
+        monkeypatch.chdir(folder)
+        with capture:
+            list(program(CARTPOLE, one_by_one, 2))
+            os.chdir("/")
+        assert capture.result is not None and capture.result.file == folder / "states.npz"
+        assert (folder / "states.npz").is_file()
 
 
 def test_a_decorated_function_is_captured_at_each_call(tmp_path: Path) -> None:

@@ -67,7 +67,7 @@ def test_a_table_fits_into_a_terminal_of_80_columns() -> None:
     sizes = [derived(raced([*CLEAR, (LONG, 2.5)], nbatch_asked=n), nbatch=n) for n in (8, 64)]
     for shown in (sizes[:1], sizes):
         out = Console(file=io.StringIO(), width=80)
-        out.print(terminal.rich_table(comparison.path_table(shown), 80))
+        terminal.print_lines(out, terminal.table_parts(comparison.path_table(shown), 80))
         lines = out.file.getvalue().splitlines()  # type: ignore[attr-defined]
         assert max(map(len, lines)) <= 80
         assert "data=persistent" in "".join(lines)

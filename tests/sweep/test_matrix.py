@@ -96,7 +96,8 @@ def test_the_verdicts_of_one_machine_are_decided_together() -> None:
         (CellKind.COMPARE, "compare --seed 1 -- cartpole"),
         (
             CellKind.INSTRUCTIONS,
-            "instructions --release 3.3.0 --release 3.9.0 --release 4.0.0 --seed 1 -- cartpole",
+            "profile --instructions --release 3.3.0 --release 3.9.0 --release 4.0.0 --seed 1"
+            " -- cartpole",
         ),
         (
             CellKind.HISTORY,
@@ -156,7 +157,7 @@ def test_counts_of_a_part_of_the_releases_are_of_the_same_work() -> None:
     whole = matrix.build(EVERYTHING, HERE)
     last = next(c for c in whole.cells if (c.kind, c.release) == (CellKind.INSTRUCTIONS, "4.0.0"))
     assert whole.command_line([last]).arguments == (
-        *("instructions", "--release", "3.3.0", "--release", "4.0.0"),
+        *("profile", "--instructions", "--release", "3.3.0", "--release", "4.0.0"),
     )
 
 

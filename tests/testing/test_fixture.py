@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import pytest
 from pytest_runs import PLUGIN, run_pytest
 
 # Work whose time is far from that of other numbers, so that a busy machine does not matter.
@@ -81,15 +80,6 @@ def test_calls():
     done = run_pytest(tmp_path, content, "--benchmark-disable")
     assert "1 passed, 1 skipped in" in done.stdout  # and no warning
     assert "benchmarks are disabled" in done.stdout
-
-
-@pytest.mark.parametrize("package", ["numpy", "scipy"])
-def test_packages_that_are_missing_are_named(tmp_path: Path, package: str) -> None:
-    (tmp_path / "conftest.py").write_text(f"import sys\nsys.modules['{package}'] = None\n")
-    content = "def test_it(mjbench):\n    mjbench.not_slower(int, int)\n"
-    done = run_pytest(tmp_path, content)
-    assert done.returncode == 1
-    assert f"mjbench: the fixture mjbench needs {package}: python -m pip install" in done.stdout
 
 
 def test_tests_that_do_not_use_the_fixture_pay_nothing_for_it(tmp_path: Path) -> None:

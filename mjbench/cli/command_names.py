@@ -1,0 +1,69 @@
+"""Which commands `mjbench --help` lists, in groups, and the names that some had before.
+
+A name of two words is a mode: `doctor --verdicts` is a command of its own, with its own options and
+its own help. `doctor` has the flag only so that its help names it.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+
+# What `mjbench --help` says of each command, in its order; lines fit into a narrow terminal.
+LISTED: Mapping[str, Mapping[str, str]] = {
+    "Every day": {
+        "run": "my program: where time goes, what to change",
+        "env": "an environment: where the time of a step goes",
+        "compare": "the fastest way of stepping; how many threads",
+        "tune": "faster settings of a model, and their errors",
+        "versions": "is a release slower for my model? --explain",
+        "ab": "is one of two models, paths or options slower?",
+        "lint": "what is slow or wrong in a script",
+        "doctor": "can I measure here? --verdicts, --placement",
+        "show": "results again: --html, --markdown, --against",
+    },
+    "A closer look": {
+        "profile": "a step by stage; --habits of loops",
+        "latency": "single steps, and which miss a deadline",
+        "plan": "plans per second of a sampling planner",
+        "web": "MuJoCo in WebAssembly beside C",
+        "models": "list the shipped models",
+        "paths": "list the ways of stepping",
+    },
+    "Many runs": {
+        "history": "in which release speed changed, and why",
+        "releases": "list, install and remove releases",
+        "results": "merge run files; write a site of them",
+        "sweep": "a matrix of models and releases on Ray",
+    },
+}
+
+# Earlier names go on working.
+EARLIER: Mapping[str, Sequence[str]] = {
+    "diff": ("show", "--against="),  # the old run is the first one
+    "explain": ("versions", "--explain"),
+    "instructions": ("profile", "--instructions"),
+    "merge": ("results", "merge"),
+    "overhead": ("profile", "--habits"),
+    "placement": ("doctor", "--placement"),
+    "report": ("show", "--format", "html"),  # a later --format counts
+    "selfcheck": ("doctor", "--verdicts"),
+    "site": ("results", "site"),
+}
+
+# What became of commands that no longer exist.
+REMOVED: Mapping[str, str] = {
+    "falls": "`falls` is an example of mjbench's repository now: python docs/examples/falls.py"
+}
+
+
+def with_mode(words: Sequence[str], names: Collection[str]) -> list[str]:
+    """Return the words of a command line with the command's present name, a mode as one word.
+
+    Args:
+      names: of all commands.
+    """
+    name, *rest = [*EARLIER.get(words[0], words[:1]), *words[1:]]
+    options = rest[: rest.index("--")] if "--" in rest else rest
+    for option in options:
+        if f"{name} {option}" in names:
+            rest.remove(option)
+            return [f"{name} {option}", *rest]
+    return [name, *rest]

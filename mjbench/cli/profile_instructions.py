@@ -1,0 +1,87 @@
+"""`mjbench profile --instructions`: instructions per step, counted by Callgrind."""
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import click
+
+from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.group import cli
+from mjbench.cli.shared import COUNT, COUNTS_OUTPUT, SIZES, Seconds, models_argument, with_options
+
+if TYPE_CHECKING:
+    from mjbench.api.session import Observer
+    from mjbench.paired.run_sizes import Sizes
+    from mjbench.simulation.models import ModelSource
+    from mjbench.store.runs import Record
+
+
+@cli.command("profile --instructions")
+@models_argument()
+@click.option(
+    "--release",
+    "releases",
+    multiple=True,
+    metavar="RELEASE",
+    help="Release to count in; may be given several times.  [default: installed]",
+)
+@click.option(
+    "--top",
+    type=COUNT,
+    default=10,
+    show_default=True,
+    help="List this many functions.",
+)
+@click.option(
+    "--time-limit",
+    "limit_s",
+    type=Seconds(),
+    default="600s",
+    show_default=True,
+    help="Kill a release's process that finishes no model for this long.",
+)
+@with_options(SIZES, COUNTS_OUTPUT)
+def profile_instructions(
+    sources: "list[ModelSource]",
+    releases: tuple[str, ...],
+    top: int,
+    limit_s: float,
+    sizes: "Sizes",
+    output: OutputOptions,
+) -> None:
+    """Count instructions per step, by function and stage; within 0.1 % the same on a busy machine.
+
+    Needs valgrind. The first RELEASE draws start states and controls; every other one does the same
+    work. Without a MODEL: all shipped models.
+
+    \b
+    Example:
+      mjbench profile --instructions humanoid --release 3.3.0 --release 4.0.0
+    """
+    from mjbench.api.session import Item, Measurement, input_files
+    from mjbench.counts.instructions import InstructionCounter
+    from mjbench.counts.records import InstructionsRecord
+    from mjbench.releases import installs
+    from mjbench.report import counts
+
+    specs = [installs.parse_release(name) for name in releases or (installs.INSTALLED,)]
+
+    def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
+        for number, spec in enumerate(specs):
+            observer(f"MuJoCo {spec.version}", number / len(specs))
+            yield Item([count.record() for count in counter.count(spec, sources, limit_s)])
+
+    arguments = {
+        "sizes": sizes,
+        "releases": [spec.key for spec in specs],
+        "models": [source.name for source in sources],
+    }
+    files = input_files(sources, specs, sizes.starts)
+    measurement = Measurement("instructions", arguments, files, items)
+    with InstructionCounter(sizes) as counter:
+        run = measure(
+            measurement,
+            output,
+            summary=lambda run: counts.sections(run.of_type(InstructionsRecord), top),
+        )
+    run.exit()

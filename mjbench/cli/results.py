@@ -1,0 +1,74 @@
+"""`mjbench results`, and `results merge`: run files of several machines in one run set."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mjbench.cli.context import RunContext
+from mjbench.cli.group import cli, report_line
+from mjbench.errors import InputError
+
+if TYPE_CHECKING:
+    from mjbench.store.run_set import Merged
+
+
+@cli.group()
+def results() -> None:
+    """Merge run files into a set, or write a site of all of them.
+
+    `mjbench show` prints, exports and compares runs.
+    """
+
+
+@results.command(short_help="merge run files into one, a run set")
+@click.argument("files", nargs=-1, required=True, metavar="RUN…", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="SET",
+    type=click.Path(path_type=Path),
+    help="Run set to write. If it exists, runs that it lacks are appended.",
+)
+def merge(files: tuple[Path, ...], output: Path) -> None:
+    """Merge run files of one or several machines into one file, a run set.
+
+    The set has every run once, unchanged. Sets can be merged, too. `show`, `history`
+    and mjbench.load read sets like run files. They tell machines apart by the environment
+    variable MJBENCH_MACHINE of the command that measured, otherwise by a hash of the host.
+
+    \b
+    Example:
+      mjbench results merge runs-*/*.jsonl -o all.jsonl
+      mjbench show all.jsonl --html
+    """
+    from mjbench.report.kinds import RECORD_TYPES
+    from mjbench.store import run_set
+
+    if str(output) == "-":
+        raise InputError("a run set cannot go to standard output: give -o FILE")
+    with RunContext(inputs=files) as run:
+        merged = run_set.merge(files, output, RECORD_TYPES)
+        for path in merged.torn:
+            report_line(f"{path}: its end was cut short; the incomplete part is left out")
+        run.out.print(f"{output}: {_summary(merged)}", soft_wrap=True)
+
+
+def _summary(merged: "Merged") -> str:
+    """Return what a set holds now, what was added and what was skipped, in one line."""
+    from mjbench.store.machine_identity import identify
+    from mjbench.units import count_of
+
+    machines = dict.fromkeys(identify([run.header.machine for run in merged.runs]))
+    skipped = [
+        f"{count} {why}"
+        for count, why in (
+            (merged.repeated, "that it already holds"),
+            (merged.earlier, "of which it holds a later state"),
+        )
+        if count
+    ]
+    end = f", skipped {' and '.join(skipped)}" if skipped else ""
+    runs = count_of(len(merged.runs), "run")
+    return f"{runs} of {count_of(len(machines), 'machine')}; added {merged.added}{end}"

@@ -1,0 +1,67 @@
+"""`mjbench show --html`, `--markdown` and `--format`: runs as a page, or for other tools."""
+
+import contextlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mjbench.cli.context import RunContext
+from mjbench.cli.group import report_line
+from mjbench.cli.output_file import OutputFile
+from mjbench.errors import InputError, writing
+
+if TYPE_CHECKING:
+    from mjbench.store.run_set import RunSet
+
+# Formats of pages, which several runs share, and of other tools.
+_PAGES = ("html", "markdown")
+FORMATS = (*_PAGES, "csv", "parquet", "github-action-benchmark", "bencher", "otava", "junit")
+
+
+def write(files: Sequence[Path], form: str, output: str | None) -> None:
+    """Write run files and sets in a format.
+
+    Args:
+      output: a file, or `-` for standard output; None for the default of the format.
+    """
+    from mjbench.pages import exports
+
+    target = output or ("report.html" if form == "html" else "-")
+    if form not in _PAGES and len(files) > 1:
+        raise InputError(
+            f"--format {form} takes one RUN; `mjbench results merge` makes one of several"
+        )
+    if form == "parquet" and target == "-":
+        raise InputError("--format parquet needs a file: give -o FILE")
+    file = OutputFile("-o", target, files)
+    with RunContext(inputs=files) as run, contextlib.closing(file):
+        if form == "parquet":
+            with writing(Path(target)):
+                exports.write_parquet(_stored(files[0]), Path(target))
+        else:
+            file.open()
+            file.write(_text(form, files))
+        if target != "-":
+            run.out.print(f"Report: {target}", soft_wrap=True)
+
+
+def _stored(file: Path) -> "RunSet":
+    """Return a run file or set for another tool; say what to know before its numbers."""
+    from mjbench.pages import exports
+    from mjbench.report.kinds import RECORD_TYPES
+    from mjbench.store import run_set
+
+    stored = run_set.read(file, RECORD_TYPES)
+    for caution in exports.cautions(stored):
+        report_line(caution)
+    return stored
+
+
+def _text(form: str, files: Sequence[Path]) -> str:
+    """Return run files and sets in a format."""
+    from mjbench.pages import exports, html, markdown, reports
+
+    if form not in _PAGES:
+        return exports.FORMATS[form](_stored(files[0]))
+    content = reports.build(reports.read(files))
+    return html.render(content) if form == "html" else "\n".join(markdown.render(content)) + "\n"

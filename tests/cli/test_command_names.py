@@ -1,0 +1,78 @@
+"""Which commands the help lists, modes of commands, and names of earlier versions."""
+
+import re
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+from commands import ROOT, mjbench
+
+from mjbench.cli import cli
+from mjbench.cli.command_names import EARLIER, LISTED, with_mode
+
+MODES = sorted(name for name in cli.commands if " --" in name)
+
+
+def test_the_help_lists_every_command_once_and_no_earlier_name() -> None:
+    listed = [name for lines in LISTED.values() for name in lines]
+    assert sorted(listed) == sorted(set(cli.commands) - set(MODES))
+    assert not set(EARLIER) & set(cli.commands)
+
+
+@pytest.mark.parametrize("words", [[], *([name] for name, c in cli.commands.items()
+                                        if isinstance(c, click.Group))], ids=" ".join)  # fmt: skip
+def test_the_help_has_a_line_for_each_command_in_a_narrow_terminal(words: list[str]) -> None:
+    done = CliRunner().invoke(cli, [*words, "--help"], env={"COLUMNS": "60"}, terminal_width=60)
+    lists = re.split(r"\n(?:Every day|Commands):\n", done.output)[1]
+    lines = [line for line in lists.splitlines() if line.startswith("  ")]
+    assert len(lines) >= 2
+    for line in lines:
+        assert re.match(r"  \w+ +\S.*[^.]$", line), line
+        assert len(line) <= 60, line
+
+
+@pytest.mark.parametrize("name", MODES)
+def test_a_mode_is_an_option_of_its_command(name: str) -> None:
+    command, flag = name.split()
+    assert flag in [option for p in cli.commands[command].params for option in p.opts]
+
+
+@pytest.mark.parametrize("name", MODES)
+def test_the_help_of_a_mode_is_its_own_wherever_the_flag_stands(name: str) -> None:
+    command, flag = name.split()
+    for words in ([command, flag, "--help"], [command, "cartpole", "--help", flag]):
+        done = CliRunner().invoke(cli, words)
+        assert f" {name} [OPTIONS]" in done.output
+
+
+def test_what_follows_a_separator_is_no_mode() -> None:
+    assert with_mode(["doctor", "--", "--verdicts"], MODES) == ["doctor", "--", "--verdicts"]
+
+
+@pytest.mark.parametrize("name", EARLIER)
+def test_an_earlier_name_is_a_command_and_is_named_as_it_is_now(name: str) -> None:
+    done = CliRunner().invoke(cli, [name, "--help"], prog_name="mjbench")
+    assert done.exit_code == 0, done.output
+    now = " ".join(EARLIER[name][: 2 if f"{EARLIER[name][0]} {EARLIER[name][1]}" in MODES else 1])
+    assert done.output.startswith(f"Usage: mjbench {now} ")
+
+
+def test_earlier_names_take_their_arguments(tmp_path: Path) -> None:
+    run = str(ROOT / "results/runs/reference-mujoco-4.0.0.jsonl")
+    compared = mjbench("diff", "--json", "-", run, run)
+    assert compared.stdout == mjbench("show", run, "--against", run, "--json", "-").stdout
+    assert '"ratio"' in compared.stdout
+    page = mjbench("report", run, "--markdown")
+    assert page.stdout == mjbench("show", run, "--markdown").stdout
+    table = mjbench("report", "--format", "csv", run)
+    assert table.stdout.startswith("model,")
+
+
+def test_a_command_that_became_an_example_names_it() -> None:
+    result = CliRunner().invoke(cli, ["falls", "--samples", "10"])
+    assert result.exit_code == 2
+    assert result.stderr == (
+        "mjbench: `falls` is an example of mjbench's repository now:"
+        " python docs/examples/falls.py\n"
+    )

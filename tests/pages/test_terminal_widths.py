@@ -1,0 +1,111 @@
+"""Tables of the committed runs at several widths: what is printed reads back as the numbers.
+
+A page of a terminal is read by the gaps between columns, as a person does.
+"""
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from commands import ROOT, mjbench
+
+RUNS = ROOT / "results/runs"
+WIDTHS = (60, 80, 100, 200)
+# A number as tables write it, with what may stand around it.
+NUMBER = re.compile(r"[-+×]?[\d,]+(\.\d+)?(–[\d,.]+)?( ±[\d.]+)?( %)?")
+
+Row = Mapping[str, str]
+
+
+def tables(text: str, first: str) -> Iterator[list[Row]]:
+    """Yield the tables whose heading begins with a title, each row by its headings."""
+    lines = text.splitlines()
+    for i, line in enumerate(lines):
+        if line.split()[:1] != [first]:
+            continue
+        end = next((n for n in range(i, len(lines)) if is_below(lines[n])), len(lines))
+        begin = i
+        while begin and lines[begin - 1].startswith("   ") and len(lines[begin - 1]) == len(line):
+            begin -= 1  # a heading of several lines ends here
+        yield rows([each.ljust(len(line)) for each in lines[begin:end]], i - begin + 1)
+
+
+def is_below(line: str) -> bool:
+    return not line or re.match(r"[A-Z\d]\S* [a-z]", line) is not None
+
+
+def rows(lines: list[str], nheading: int) -> list[Row]:
+    """Return the rows of a table; its columns are apart by two spaces or more in all lines."""
+    width = max(map(len, lines))
+    lines = [line.ljust(width) for line in lines]
+    blank = [all(line[i] == " " for line in lines) for i in range(width)]
+    starts = [
+        i for i in range(width) if not blank[i] and (i == 0 or (blank[i - 1] and blank[i - 2]))
+    ]
+    cells = [
+        [line[a:b].strip() for a, b in zip(starts, [*starts[1:], width], strict=True)]
+        for line in lines
+    ]
+    titles = [" ".join(filter(None, parts)) for parts in zip(*cells[:nheading], strict=True)]
+    read: list[list[str]] = []
+    for line in cells[nheading:]:
+        if any(NUMBER.fullmatch(cell) for cell in line):
+            read.append(line)
+        else:  # the rest of names that wrap
+            read[-1] = [f"{a} {b}".strip() for a, b in zip(read[-1], line, strict=True)]
+    return [dict(zip(titles, row, strict=True)) for row in read]
+
+
+def shown(file: Path, width: int, folder: Path) -> tuple[str, Any]:
+    """Return what is printed of a run at a width, and its JSON document."""
+    words = ("show", str(file), "--json", str(folder / "out.json"))
+    done = mjbench(*words, env={"COLUMNS": str(width)})
+    assert done.returncode == 0, done.stderr
+    return done.stdout, json.loads((folder / "out.json").read_text())
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_a_comparison_reads_back_as_its_document(width: int, tmp_path: Path) -> None:
+    text, document = shown(RUNS / "reference-mujoco-4.0.0.jsonl", width, tmp_path)
+    printed = [row for table in tables(text, "path") for row in table]
+    assert len(printed) == len(document["results"]) == 140
+    for row, result in zip(printed, document["results"], strict=True):
+        options = [f"{name}={value}" for name, value in result["options"].items()]
+        assert row["path"] == " ".join([result["path"], *options])
+        speedup = result["speedup"]
+        assert row["ns/step"] == f"{result['step_ns']:,.0f}"
+        assert row["speed-up"] == f"{speedup['estimate']:.2f}"
+        is_measure = row["path"] == "python_loop"  # of all others
+        ends = "" if is_measure else f"{speedup['low']:.2f}–{speedup['high']:.2f}"
+        assert row["95 %"] == ends
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize(
+    ("name", "share", "key"),
+    [
+        ("selfcheck-quiet", "called slower", "detected"),
+        ("inside-step-2", "called slower", "detected"),
+        ("between-builds", "different", "wrong"),
+    ],
+)
+def test_trials_read_back_as_their_document(
+    name: str, share: str, key: str, width: int, tmp_path: Path
+) -> None:
+    text, document = shown(RUNS / f"reference-{name}.jsonl", width, tmp_path)
+    results = document["results"]
+    (table,) = tables(text, "model")
+    assert [row["model"] for row in table] == [r["model"] for r in results]
+    assert [row["trials"] for row in table] == [str(r["trials"]) for r in results]
+    assert [row[share] for row in table] == [f"{100 * r[key]:.1f} %" for r in results]
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_no_line_of_a_table_is_wider_than_the_terminal(width: int) -> None:
+    for file in sorted(RUNS.glob("*.jsonl")):
+        done = mjbench("show", str(file), env={"COLUMNS": str(width)})
+        in_tables = [line for line in done.stdout.splitlines() if re.search(r"\S {2,}\S", line)]
+        assert max(map(len, in_tables)) <= width, file
