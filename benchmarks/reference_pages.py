@@ -58,7 +58,10 @@ def _with_modes(name: str) -> list[str]:
 
 
 def _help(command: click.Command, name: str) -> Iterator[str]:
-    context = click.Context(command, info_name=f"mjbench {name}", terminal_width=WIDTH)
+    names = cli.context_settings["help_option_names"]
+    context = click.Context(
+        command, info_name=f"mjbench {name}", terminal_width=WIDTH, help_option_names=names
+    )
     yield from (line.rstrip() for line in command.get_help(context).splitlines())
     if isinstance(command, click.Group):
         for inner in sorted(command.commands):

@@ -1,19 +1,23 @@
 """The pages name what exists: modules, files, links, commands."""
 
+import ast
 import itertools
 import re
 import shlex
+import tomllib
 from pathlib import Path
 
 import click
 import pytest
-from commands import ROOT
+import yaml
+from commands import ROOT, mjbench
 
 from benchmarks.studies import races
 from benchmarks.studies.tally_file import load
 from mjbench.cli import cli, command_names
 from mjbench.loop import overhead
 from mjbench.paired import outcomes, race_record
+from mjbench.status import ExitCode
 from mjbench.testing import fixture
 from mjbench.tuning import measurements
 
@@ -113,6 +117,42 @@ def test_every_command_that_a_page_shows_exists_with_its_options(page: Path) -> 
         assert options <= known, line
 
 
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_pages_for_users_have_no_words_of_the_house(page: Path) -> None:
+    if page.name in ("CHANGELOG.md", "CONTRIBUTING.md", "architecture.md", "keys.md"):
+        pytest.skip("of the code, or written from it")
+    words = r"\b(regimes?|residues?|excursions?|contests?|selfchecks? arms?)\b"
+    assert not re.findall(words, page.read_text(), flags=re.I)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_every_block_of_code_can_be_read(page: Path) -> None:
+    readers = {"python": ast.parse, "toml": tomllib.loads, "yaml": yaml.safe_load}
+    for language, block in re.findall(
+        r"^```(\w+)\n(.*?)^```$", page.read_text(), flags=re.M | re.S
+    ):
+        assert language in {"text", *readers}, language
+        if language in readers:
+            readers[language](block)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_what_a_page_shows_of_a_committed_run_is_what_show_prints(page: Path) -> None:
+    """Lines may be left out."""
+    shown = r"<!-- of (results/runs/\S+) -->\n+```\n(.*?)^```$"
+    for file, block in re.findall(shown, page.read_text(), flags=re.M | re.S):
+        printed = mjbench("show", file, env={"COLUMNS": "200"}).stdout
+        lines = {" ".join(line.split()) for line in printed.splitlines()}
+        for line in block.splitlines():
+            words = " ".join(line.split())
+            assert words in {"", "…", *lines}, line
+
+
+def test_the_page_of_commands_has_every_exit_code() -> None:
+    text = (ROOT / "docs/commands.md").read_text()
+    assert [int(code) for code in re.findall(r"^\| (\d+) \|", text, flags=re.M)] == [*ExitCode]
+
+
 def test_each_answer_of_the_questions_is_short_and_names_a_command() -> None:
     answers = (ROOT / "docs/faq.md").read_text().split("\n### ")[1:]
     for answer in answers:
@@ -136,6 +176,7 @@ def test_the_page_on_trust_has_the_worst_figures_of_committed_files() -> None:
     regret = [100 * max(model.worst_regret for model in tally.models) for tally in tallies]
     covered = [100 * min(model.covered_final for model in tally.models) for tally in tallies]
     assert f"| {regret[0]:.1f} % on our models, {regret[1]:.1f} % on others |" in page
+    assert f"by up to {max(regret):.1f} %" in (ROOT / "README.md").read_text()
     assert f"| {covered[0]:.1f} % on ours, {covered[1]:.1f} % on others |" in page
 
 

@@ -38,7 +38,8 @@ def ab(
     """Is CANDIDATE faster or slower than BASELINE, each given as KEY=VALUE,KEY=VALUE?
 
     Keys: model, path, release, an option of the path (threads, chunk, pool, data, …), a field of
-    MjOption (solver, integrator, iterations, tolerance, …). A model, path or release that one of
+    MjOption (solver, integrator, iterations, tolerance, …), timer=off (without the timer of
+    MuJoCo's Python package). A model, path or release that one of
     the two leaves out is the other's; where both leave it out, it is cartpole, python_loop or
     installed.
 

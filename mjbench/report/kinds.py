@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from mjbench.checkups.records import CheckedPart
 from mjbench.comparison import records as comparison_records
 from mjbench.comparison.planning_run import PlanningRow
 from mjbench.counts.records import ExplainRecord, InstructionsRecord
@@ -26,6 +27,7 @@ from mjbench.program.records import ProgramRow
 from mjbench.releases.release_ratios import OperationRatioRecord, StepRatioRecord
 from mjbench.report import (
     bisect,
+    checkup,
     comparison,
     counts,
     documents,
@@ -123,6 +125,14 @@ def _selfcheck_sections(run: Run) -> list[Section]:
 _RATIOS = (StepRatioRecord, OperationRatioRecord)
 _VERDICTS = documents.results_document(VerdictRow)
 
+CHECKUP = Kind(
+    ("checkup",),
+    (CheckedPart,),
+    checkup.CheckupDocument,
+    checkup.CheckupDocument.of,
+    checkup.sections,
+    checkup.items,
+)
 COMPARE = Kind(
     ("compare",),
     (*comparison_records.RECORD_TYPES.values(), RaceRecord),
@@ -173,8 +183,9 @@ def _ratios(run: Run) -> list[StepRatioRecord | OperationRatioRecord]:
     return [record for record in run.records if isinstance(record, _RATIOS)]
 
 
+# A run of a check-up has records of several kinds; its own comes first.
 KINDS: Sequence[Kind] = (
-    *(COMPARE, OVERHEAD, PROFILE, PROGRAM, LATENCY, PLAN, ENVIRONMENT, VERDICT, SELFCHECK),
+    *(CHECKUP, COMPARE, OVERHEAD, PROFILE, PROGRAM, LATENCY, PLAN, ENVIRONMENT, VERDICT, SELFCHECK),
     *(PLACEMENT, BISECT, HISTORY, EXPLAIN, INSTRUCTIONS, TUNE, WEB),
 )
 

@@ -77,6 +77,14 @@ def library(function, file):
         ([library("clock_nanosleep", LIBC)], Activity.SLEEPING),
         ([library("gc_collect_main", "/usr/lib/libpython3.11.so.1.0")], Activity.COLLECTION),
         ([Frame("_load", "<frozen importlib._bootstrap>", 690)], Activity.IMPORT),
+        (
+            [
+                Frame("_load", "<frozen importlib._bootstrap>", 690),
+                Frame("<module>", f"{SITE}/glfw/library.py", 20),
+                Frame("run", f"{STANDARD}/subprocess.py", 550),
+            ],
+            Activity.IMPORT,
+        ),
         ([library("list_sort", "/usr/lib/libpython3.11.so.1.0")], Activity.PYTHON),
         ([], Activity.PYTHON),
         ([library("memcpy", LIBC)], None),

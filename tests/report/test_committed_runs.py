@@ -37,6 +37,7 @@ SELFCHECKS = sorted(RUNS.glob("reference-selfcheck-*.jsonl"))
 INSIDE_STEP = sorted(RUNS.glob("reference-inside-step*.jsonl"))
 HISTORY_AGAIN = RUNS / "reference-history-again.jsonl"
 NO_CHANGE = RUNS / "reference-history-no-change.jsonl"
+STORY = sorted(RUNS.glob("reference-story-*.jsonl"))
 BETWEEN_BUILDS = sorted(RUNS.glob("reference-between-builds*.jsonl"))
 
 
@@ -46,7 +47,7 @@ def test_every_committed_run_is_tested_and_there_is_one_of_each_kind() -> None:
     assert INSIDE_STEP
     assert len(BETWEEN_BUILDS) == 6
     histories = {HISTORY_AGAIN, NO_CHANGE}
-    committed = {*COMPARISONS, *SELFCHECKS, *INSIDE_STEP, *BETWEEN_BUILDS, *histories}
+    committed = {*COMPARISONS, *SELFCHECKS, *INSIDE_STEP, *BETWEEN_BUILDS, *histories, *STORY}
     assert committed == set(RUNS.glob("reference-*.jsonl"))
 
 
@@ -206,6 +207,18 @@ def test_no_false_alarm_excludes_the_rate_that_the_page_names() -> None:
     assert (
         f"No false alarm in {alike} excludes a rate above {math.ceil(10 * excluded) / 10} %" in page
     )
+
+
+def test_the_story_has_the_committed_speeds_and_what_its_commands_stored() -> None:
+    stored = json.loads((ROOT / "results/story.json").read_text())
+    before, after = (float(np.median(stored["steps_per_s"][n])) for n in ("walk_env", "walk_batch"))
+    page = (ROOT / "docs/guides/story.md").read_text()
+    assert f"| `walk_env.py` | {before:,.0f} |" in page
+    assert f"| `walk_batch.py` | {after:,.0f} |" in page
+    assert f"That is {after / before:.1f} times as fast" in page
+    for file in STORY:
+        words = runs.load(file, RECORD_TYPES).header.command_line
+        assert any(" ".join(words[:2]) in line for line in page.splitlines()), words
 
 
 def test_docs_say_how_far_changes_of_the_second_history_differ(
