@@ -303,7 +303,7 @@ def _by_python(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | 
         return Activity.LOGGING
     if _CLOCKS.search(python[-1].file):
         return Activity.BINDINGS if _interpreter(library) else Activity.PHYSICS
-    return None
+    return Activity.NUMPY if package_of(python[-1].file) in ("numpy", "scipy") else None
 
 
 @cache

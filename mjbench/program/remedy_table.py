@@ -281,6 +281,14 @@ LINE_REMEDIES = (
         Trial.CONTACTS,
     ),
     LineRemedy(
+        re.compile(r"\blinalg\.p?inv\("),
+        "np.linalg.solve(a, b) takes less time than an inverse times b. For the mass matrix,"
+        " mj_solveM uses the factor that the step has computed. For a Jacobian, damped least"
+        " squares (j.T @ np.linalg.solve(j @ j.T + damping * np.eye(3), x)) take less than"
+        " pinv",
+        effect="rounding; damping changes the result near singular Jacobians",
+    ),
+    LineRemedy(
         re.compile(r"\bmj_contactForce\("),
         "choose contacts by data.contact.geom first, and call this for those alone",
     ),

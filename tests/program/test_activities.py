@@ -57,6 +57,7 @@ def library(function, file):
             ],
             Activity.PHYSICS,
         ),
+        ([Frame("pinv", f"{SITE}/numpy/linalg/_linalg.py", 2100)], Activity.NUMPY),
         ([Frame("emit", f"{STANDARD}/logging/__init__.py", 1100)], Activity.LOGGING),
         ([library("write", LIBC)], Activity.LOGGING),
         (

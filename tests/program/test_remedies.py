@@ -374,6 +374,8 @@ def test_what_runs_once_a_step_saves_its_difference_where_a_method_steps(tmp_pat
         ("contact = data.contact[i]", Trial.CONTACTS, "arrays of all contacts"),
         ("for contact in data.contact:", Trial.CONTACTS, "arrays of all contacts"),
         ("mujoco.mj_contactForce(m, d, i, force)", None, "choose contacts"),
+        ("x = np.linalg.inv(full) @ force", None, "mj_solveM"),
+        ("x = np.linalg.pinv(jacobian) @ error", None, "damped least squares"),
         ("log.append(data.qpos.tolist())", None, "log[i] = data.qpos"),
     ],
 )
