@@ -153,13 +153,15 @@ def _parts(named: NamedRun, machine: str) -> Iterator[_Part]:
     `machine` is its name where there are several: what they show side by side then stands at the
     head, in place of what one of them shows.
     """
-    for kind in kinds.kinds_of(named.run):
+    of_run = kinds.kinds_of(named.run)
+    for kind in of_run:
         if kind is kinds.HISTORY:  # of all runs together
             continue
+        is_detail = kinds.CHECKUP in of_run and kind is not kinds.CHECKUP
         for section in kind.sections(named.run):
             section = replace(section, command=named.command)
-            if not machine:
-                yield _Part(section, section.conclusions)
+            if not machine or is_detail:
+                yield _Part(section, () if is_detail else section.conclusions)
                 continue
             section = replace(section, heading=f"{machine}: {section.heading}")
             yield _Part(section, _main(kind, section, machine))

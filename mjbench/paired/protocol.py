@@ -124,6 +124,7 @@ class StepWork(PairWork):
                 self._drawn,
                 callback=target.callback,
                 slowdown=target.slowdown,
+                has_timer=target.has_timer,
                 returns=self._sizes.returns,
                 metric=self._sizes.metric,
                 nsection=self.nsection,

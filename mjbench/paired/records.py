@@ -41,6 +41,7 @@ class TargetRow:
       slowdown: share of its time by which each block lasts longer; 0 in a real comparison.
       build: tells builds of one version apart; empty where it is unknown.
       callback: function of the engine called inside each step; empty in a real comparison.
+      has_timer: whether steps read the timer of MuJoCo's Python package.
       revision: of the user's code, as it was named; empty where releases are compared.
       commit: its full hash; empty where it is not committed.
       tree: the hash of its files.
@@ -54,6 +55,7 @@ class TargetRow:
     slowdown: float = 0.0
     build: str = ""
     callback: str = ""
+    has_timer: bool = True
     revision: str = ""
     commit: str = ""
     tree: str = ""

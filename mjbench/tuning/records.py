@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
-from mjbench.measuring import stats
+from mjbench.measuring import anytime, stats
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.records import LaunchRow
 from mjbench.simulation.accelerated_limits import Precision
@@ -269,12 +269,12 @@ def allowed_error(max_error: float | None, present_error: float, least: float = 
 
 
 def fresh_ratio(samples: Sequence[LaunchRow]) -> Ratio:
-    """Return the ratio of times over fresh processes, with Student's t interval of their mean.
+    """Return the ratio of times over fresh processes, with Student's interval of their mean.
 
-    How many there are must not depend on what they say.
+    How many there are must not depend on what they say. Disturbed ones are left out.
     """
     logs = [log_ratio(row) for row in samples]
-    return Ratio.of_log(float(np.mean(logs)), stats.mean_half_width(logs, CONFIDENCE))
+    return Ratio.of_log(*anytime.student_interval(logs, CONFIDENCE))
 
 
 def saves_time(ratio: Ratio) -> bool:
