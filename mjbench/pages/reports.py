@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mjbench.errors import printable
+from mjbench.errors import one_line, printable
 from mjbench.releases import bundle
 from mjbench.releases.release_ratios import RatioRecord
 from mjbench.report import across_machines as across
@@ -14,13 +14,16 @@ from mjbench.report.content import Column, Conclusion, DataTable, Report, Sectio
 from mjbench.store import run_set
 from mjbench.store.machine_identity import MachineIdentity
 from mjbench.store.runs import Run
+from mjbench.units import count_of
 
 # Sections of single runs, at most, where there are several runs: a page of more is of no use.
 _MOST_SECTIONS = 100
 # Files that the command of a section names, at most.
 _MOST_FILES = 3
 # Conclusions that stand at the head of a report, at most; the others are in their sections.
-_MOST_CONCLUSIONS = 40
+_MOST_CONCLUSIONS = 8
+# Characters of a title, and parts of a subtitle, at most.
+_TITLE_LENGTH, _MOST_FACTS = 80, 8
 # Figures that are drawn, at most: a page of more opens slowly. Tables are always there.
 _MOST_FIGURES = 20
 
@@ -70,27 +73,51 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
     # several models may say the same
     main = list(dict.fromkeys(conclusion for part in chosen for conclusion in part.main))
     main.sort(key=lambda conclusion: conclusion.tone != Tone.BAD)
-    sections = [part.section for part in chosen]
+    summaries = [replace(p.section, conclusions=()) for p in chosen if p.section.is_summary]
+    sections = [part.section for part in chosen if not part.section.is_summary]
     if results.has_several and (first := across.section(results)):
-        first = replace(first, command=_report_command(named_runs))
+        summaries.insert(0, replace(first, conclusions=(), command=_report_command(named_runs)))
         main = [*first.conclusions, *main]
-        # they stand right above it, unless there are too many
-        are_all_above = len(first.conclusions) <= _MOST_CONCLUSIONS
-        sections.insert(0, replace(first, conclusions=()) if are_all_above else first)
     main.sort(key=lambda conclusion: conclusion.tone != Tone.CAUTION)
-    sections = list(_with_fewer_figures(sections))
-    if len(sections) == 1 and len(main) <= _MOST_CONCLUSIONS:  # they are those of the report
+    summaries, sections = _with_fewer_figures(summaries, sections)
+    if len(sections) == 1 and not summaries:  # they are those of the report
         sections = [replace(sections[0], conclusions=())]
-    if not sections:
+    if not (sections or summaries):
         main.append(Conclusion("Nothing was measured.", Tone.UNSURE))
-    title = f"mjbench {', '.join(dict.fromkeys(n.run.header.command for n in named_runs))}"
-    if len(main) > _MOST_CONCLUSIONS:
-        rest = len(main) - _MOST_CONCLUSIONS
-        main = main[:_MOST_CONCLUSIONS]
-        main.append(Conclusion(f"{rest} further conclusions are in their sections."))
     if len(chosen) < len(parts):
-        main.append(_left_out(len(parts) - len(chosen), len(parts)))
-    return Report(title, main, sections, _machines(named_runs, results.machines))
+        main.insert(0, _left_out(len(parts) - len(chosen), len(parts)))
+    return Report(
+        title(named_runs),
+        main[:_MOST_CONCLUSIONS],
+        sections,
+        _subtitle(named_runs),
+        main[_MOST_CONCLUSIONS:],
+        summaries,
+        _machines(named_runs, results.machines),
+    )
+
+
+def title(named_runs: Sequence[NamedRun]) -> str:
+    """Return the command with what it measured; of several runs, the commands."""
+    if len(named_runs) != 1:
+        return f"mjbench {', '.join(dict.fromkeys(n.run.header.command for n in named_runs))}"
+    return one_line(named_runs[0].command, _TITLE_LENGTH)
+
+
+def _subtitle(named_runs: Sequence[NamedRun]) -> str:
+    """Return when, where and with which versions runs were measured."""
+    days = sorted({named.run.header.began[:10] for named in named_runs} - {""})
+    machines = [named.run.header.machine for named in named_runs]
+    parts = [
+        " to ".join(dict.fromkeys([*days[:1], *days[-1:]])),
+        *dict.fromkeys(f"{m.cpu}, {count_of(m.usable_cores, 'core')}" for m in machines),
+        *dict.fromkeys(
+            f"MuJoCo {m.versions['mujoco']}" for m in machines if "mujoco" in m.versions
+        ),
+        *dict.fromkeys(f"Python {m.python}" for m in machines),
+    ]
+    shown = [part for part in parts if part]
+    return " · ".join(shown[:_MOST_FACTS]) + " …" * (len(shown) > _MOST_FACTS)
 
 
 def first_of(conclusions: Sequence[Conclusion]) -> list[Conclusion]:
@@ -119,18 +146,21 @@ def _left_out(count: int, total: int) -> Conclusion:
     )
 
 
-def _with_fewer_figures(sections: Sequence[Section]) -> Iterator[Section]:
-    """Yield sections, without figures once there are enough; a section says that it lacks some."""
+def _with_fewer_figures(*groups: Sequence[Section]) -> list[list[Section]]:
+    """Return sections, without figures once there are enough; a section says that it lacks some."""
     room = _MOST_FIGURES
-    for section in sections:
+
+    def fewer(section: Section) -> Section:
+        nonlocal room
         drawn, others = section.figures[:room], section.figures[room:]
         room -= len(drawn)
         if not others:
-            yield section
-            continue
+            return section
         note = f"Not drawn: a report has {_MOST_FIGURES} charts at most. Report fewer runs."
         tables = section.tables or [figure.data for figure in others]
-        yield replace(section, figures=drawn, tables=tables, notes=[*section.notes, note])
+        return replace(section, figures=drawn, tables=tables, notes=[*section.notes, note])
+
+    return [[fewer(section) for section in group] for group in groups]
 
 
 def _history_parts(named_runs: Sequence[NamedRun]) -> list[_Part]:
@@ -156,10 +186,14 @@ def _parts(named: NamedRun, machine: str) -> Iterator[_Part]:
     for kind in kinds.kinds_of(named.run):
         if kind is kinds.HISTORY:  # of all runs together
             continue
-        for section in kind.sections(named.run):
+        sections = [*kind.sections(named.run)]
+        has_summary = any(section.is_summary for section in sections)
+        for section in sections:
             section = replace(section, command=named.command)
             if not machine:
-                yield _Part(section, section.conclusions)
+                stands_for_itself = section.is_summary or not has_summary
+                main = section.conclusions if stands_for_itself else first_of(section.conclusions)
+                yield _Part(section, main)
                 continue
             section = replace(section, heading=f"{machine}: {section.heading}")
             yield _Part(section, _main(kind, section, machine))

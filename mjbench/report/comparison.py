@@ -64,7 +64,13 @@ def sections_together(models: Sequence[ModelResults]) -> Iterator[Section]:
         advice = advice_table(models)
         if advice.rows:
             heading_of_advice = "Advice: speed-ups over the plain loop; ? is not certain"
-            yield Section(heading_of_advice, tables=[advice])
+            yield Section(
+                heading_of_advice,
+                [_advice_conclusion(models)],
+                figures=[comparison_figures.advice_figure(models)],
+                tables=[advice],
+                is_summary=True,
+            )
 
 
 def _crossover_section(
@@ -158,6 +164,19 @@ def _conclusions(model_results: ModelResults, names_size: bool) -> Iterator[Conc
         yield Conclusion(thread_conclusion(row, names_size), tone, subject)
     if (clock := advise_clock(model_results)) is not None:
         yield Conclusion(clock_conclusion(clock, names_size), Tone.GOOD, subject)
+
+
+def _advice_conclusion(models: Sequence[ModelResults]) -> Conclusion:
+    """Return what the advice for several models comes to."""
+    advice = [row for model_results in models for row in advise(model_results)]
+    speedups = [row.speedup.estimate if row.speedup else 1.0 for row in advice]
+    ncertain = sum(row.is_certain for row in advice)
+    return Conclusion(
+        f"{formats.factor(min(speedups))} to {formats.factor(max(speedups))} times as fast as the"
+        f" plain loop; {ncertain} of {len(advice)} are certain",
+        Tone.GOOD if ncertain == len(advice) else Tone.UNSURE,
+        f"Advice for {count_of(len(models), 'model')}",
+    )
 
 
 def advice_table(models: Sequence[ModelResults]) -> DataTable:

@@ -20,7 +20,7 @@ from mjbench.paired import selfcheck as trials
 from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import VerdictRecord, VerdictRow
-from mjbench.paired.selfcheck_records import TrialRecord
+from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.program.records import ProgramRow
 from mjbench.releases.release_ratios import OperationRatioRecord, StepRatioRecord
 from mjbench.report import (
@@ -109,13 +109,17 @@ def _selfcheck_document(run: Run) -> documents.SelfcheckDocument:
     return documents.SelfcheckDocument(
         machine=run.header.machine,
         busy=run.header.arguments.get("busy"),
-        results=trials.summary(run.of_type(TrialRecord)),
+        results=_selfcheck_rows(run),
     )
 
 
+def _selfcheck_rows(run: Run) -> list[SelfcheckRow]:
+    _, min_effect = family.rule_of(run.header)
+    return trials.summary(run.of_type(TrialRecord), min_effect)
+
+
 def _selfcheck_sections(run: Run) -> list[Section]:
-    rows = trials.summary(run.of_type(TrialRecord))
-    return [selfcheck.section(rows, family.confidence_of(run.header))]
+    return [selfcheck.section(_selfcheck_rows(run), *family.rule_of(run.header))]
 
 
 _RATIOS = (StepRatioRecord, OperationRatioRecord)
@@ -140,7 +144,7 @@ VERDICT = Kind(
     (VerdictRecord,),
     _VERDICTS,
     lambda run: _VERDICTS(machine=run.header.machine, results=_verdict_rows(run)),
-    lambda run: [verdicts.section(_verdict_rows(run), family.confidence_of(run.header))],
+    lambda run: [verdicts.section(_verdict_rows(run), *family.rule_of(run.header))],
     _verdict_rows,
 )
 SELFCHECK = Kind(
@@ -149,7 +153,7 @@ SELFCHECK = Kind(
     documents.SelfcheckDocument,
     _selfcheck_document,
     _selfcheck_sections,
-    lambda run: trials.summary(run.of_type(TrialRecord)),
+    _selfcheck_rows,
 )
 PLACEMENT = _kind(SpreadRecord, lambda rows: [placement.section(rows)], "placement")
 HISTORY = Kind(

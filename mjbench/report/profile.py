@@ -25,7 +25,10 @@ def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
             facts=_facts(steps),
             figures=[_figure(row.model, stages)],
             tables=[stages, _simulated_second(row.simulated_second or {})],
-            notes=[_frame_line(frame, steps.loop_ns) for frame in row.frames or ()],
+            notes=[
+                *_other_stage(steps),
+                *(_frame_line(frame, steps.loop_ns) for frame in row.frames or ()),
+            ],
         )
 
 
@@ -42,6 +45,19 @@ def _conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
             f" {package_timer.OFF_CODE} turns it off. {package_timer.OFF_NOTE}",
             Tone.UNSURE,
         )
+
+
+def _other_stage(steps: ProfiledSteps) -> Iterator[str]:
+    """Yield what is in the stage `other`, where no stage takes longer."""
+    if steps.stages.get("other", 0.0) < max(steps.stages.values()):
+        return
+    clock_ns = steps.clock_ns or 0.0
+    clock = f" (the clock takes {duration(clock_ns)} in all)" if clock_ns > 0 else ""
+    yield (
+        "other is what MuJoCo's timers leave: reading the clock between"
+        f" stages{clock}, sensors, checks and copies; `mjbench profile --instructions` names the"
+        " functions"
+    )
 
 
 def _facts(steps: ProfiledSteps) -> list[str]:

@@ -59,7 +59,8 @@ def test_several_sizes_have_a_conclusion_each_and_share_a_table() -> None:
 def test_several_models_end_with_a_table_of_what_is_advised() -> None:
     other = derived(raced(model="other", cores=1.0))
     summary = printed(derived(raced()), other).split("Advice: ")[1].splitlines()
-    assert summary[2].split()[:4] == ["m", "open", "✓", "rollout"]
+    assert summary[1].endswith("times as fast as the plain loop; 2 of 4 are certain")
+    assert summary[3].split()[:4] == ["m", "open", "✓", "rollout"]
     assert summary[-1].split()[:4] == ["other", "closed", "?", "batch_step"]
 
 
