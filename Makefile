@@ -9,7 +9,7 @@ STAMP := $(VENV)/.up-to-date
 UPGRADE := build/upgrade
 SITE := build/site
 LAB := build/lab/mujoco-lab.html
-.PHONY: help bench test tests lint style types types-darwin upgrade site lab picture c-floor slowdown soak fuzz verdicts foreign clean
+.PHONY: help bench test tests lint style types types-darwin upgrade site lab c-floor slowdown soak fuzz verdicts foreign clean
 
 help:
 	@echo "make bench     compare the C paths on the ten shipped models (4 minutes)"
@@ -67,9 +67,6 @@ site: $(STAMP)
 # `make lab PACKAGE=FOLDER` names the folder into which npm installed it.
 lab: $(STAMP)
 	$(BIN)/python -m benchmarks.lab -o $(LAB) $(if $(PACKAGE),--package $(PACKAGE))
-
-picture: $(STAMP)
-	$(BIN)/python -m benchmarks.picture
 
 c-floor: $(STAMP)
 	$(BIN)/python -m benchmarks.c_floor

@@ -12,8 +12,8 @@ If final states are not the same to the last bit, an error takes the place of al
 Each launch has new processes: where data lie in memory alone changes a speed by a percent or more,
 and stays the same for the life of a process.
 
-`--write` stores the figures in results/c_floor.json and writes docs/method/c-floor.md from them;
-`--page` writes the page alone.
+`--write` stores the figures in results/c_floor.json and writes a part of docs/method/c.md from
+them; `--page` writes that part alone.
 """
 
 import argparse
@@ -43,7 +43,7 @@ from mjbench.simulation.engine_clock import engine_clock
 from mjbench.simulation.work import step_s
 
 ROOT = Path(__file__).parents[1]
-RESULTS, PAGE = ROOT / "results/c_floor.json", ROOT / "docs/method/c-floor.md"
+RESULTS = ROOT / "results/c_floor.json"
 # Steps for which python_loop_hold holds each control.
 LONG_HOLD = 50
 # A launch that is silent for longer is killed.
@@ -219,7 +219,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             if options.write:
                 RESULTS.write_text(tally_file.dumps(tally))
         if options.page or options.write:
-            PAGE.write_text(c_floor_page.page(stored()))
+            c_floor_page.PART.write(c_floor_page.lines(stored()))
     except MjbenchError as error:
         sys.exit(f"c_floor: {error}")
 

@@ -4,8 +4,9 @@
 
 compares `ray` with the plain loop, `rollout` on one and on all threads, and `processes`, from calls
 of a few steps to calls of half a second. It also measures what Ray takes while nobody uses it. It
-writes results/ray.json, and docs/method/ray.md from it. Named models replace their rows; `--page`
-only writes the page again. It takes about five minutes, and needs the machine for itself.
+writes results/ray.json, and a part of docs/guides/machines.md from it. Named models replace their
+rows; `--page` only writes that part again. It takes about five minutes, and needs the machine for
+itself.
 """
 
 import argparse
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
     from mjbench.report.results import PathResult
 
 ROOT = Path(__file__).resolve().parent.parent
-TALLY, PAGE = ROOT / "results" / "ray.json", ROOT / "docs" / "method" / "ray.md"
+TALLY = ROOT / "results" / "ray.json"
 # About 3, 20 and 500 µs a step. The fewer steps a simulation has, the less the least work is.
 CASES = (Case("cartpole", nstep=20), Case("cube_table", nstep=10), Case("cloth", nstep=2))
 # Simulations: each number is four times the one before, until the plain loop takes this long.
@@ -170,7 +171,7 @@ def run(names: Sequence[str], budget_s: float) -> RayTally:
 def save(tally: RayTally) -> None:
     """Write the tally and the page."""
     TALLY.write_text(tally_file.dumps(tally), encoding="utf-8")
-    PAGE.write_text(ray_page.page(tally), encoding="utf-8")
+    ray_page.PART.write(ray_page.lines(tally))
 
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:

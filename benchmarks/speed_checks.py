@@ -5,8 +5,7 @@
 Each process draws a load of the machine (none, or busy processes), builds some functions twice, and
 measures the two against each other, as `mjbench.not_slower(new, baseline=old)` does. The ratio
 should be one in every process. The tables say how far it is not, how often the fixture would have
-been wrong, and how much the time of one function differs from process to process. docs/python.md
-cites them.
+been wrong, and how much the time of one function differs from process to process.
 """
 
 import json

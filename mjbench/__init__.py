@@ -8,6 +8,7 @@ measure, docs/architecture.md is the map.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from mjbench.api.checkup import checkup as checkup
     from mjbench.api.compare import compare as compare
     from mjbench.api.latency import latency as latency
     from mjbench.api.profile import profile as profile
@@ -23,6 +24,7 @@ __version__ = "0.1.0"
 # Where each is in this package.
 _HOMES = {
     "capture": "loop.capture:Capture",
+    "checkup": "api.checkup:checkup",
     "compare": "api.compare:compare",
     "engine_clock": "simulation.engine_clock:engine_clock",
     "latency": "api.latency:latency",

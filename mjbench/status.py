@@ -24,12 +24,14 @@ class Status(StrEnum):
     """The process was killed by a signal or exited by itself."""
     TIMEOUT = "timeout"
     """The process was silent for longer than its time limit, and was killed."""
+    NEW = "new"
+    """Only the candidate can do it, so there is nothing to compare it with."""
     INTERRUPTED = "interrupted"
     """The user stopped it."""
 
 
 # Work that ended so is not done again when a run is continued; a failure may have a passing cause.
-FINISHED = frozenset({Status.OK, Status.DISAGREES, Status.UNAVAILABLE, Status.INPUT})
+FINISHED = frozenset({Status.OK, Status.DISAGREES, Status.UNAVAILABLE, Status.INPUT, Status.NEW})
 
 
 class ExitCode(IntEnum):
@@ -39,6 +41,12 @@ class ExitCode(IntEnum):
     FINDING = 1
     USAGE = 2
     ENVIRONMENT = 3
+    NOT_BUILT = 4
+    """A revision cannot be built, or what it needs cannot be installed."""
+    OTHER_CODE = 5
+    """The code that would have been measured is not the revision's."""
+    NOTHING_COMPARED = 6
+    """All that was to be compared is new."""
     INTERRUPTED = 130
 
 
@@ -51,4 +59,6 @@ def exit_code(statuses: Iterable[Status]) -> ExitCode:
         return ExitCode.FINDING
     if ended & {Status.CRASHED, Status.TIMEOUT, Status.FAILED}:
         return ExitCode.ENVIRONMENT
-    return ExitCode.USAGE if Status.INPUT in ended else ExitCode.OK
+    if Status.INPUT in ended:
+        return ExitCode.USAGE
+    return ExitCode.NOTHING_COMPARED if ended == {Status.NEW} else ExitCode.OK

@@ -4,10 +4,13 @@ import gc
 import os
 import signal
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
+import benchmark_tables
 import mujoco
 import pytest
+from benchmark_tables import BenchmarkTime
 from commands import TESTS
 from example_models import CONTACT_XML
 from headless_browser import session
@@ -15,6 +18,7 @@ from hypothesis import settings
 
 from mjbench.comparison import step_costs
 from mjbench.host import neighbours
+from mjbench.pages import terminal
 from mjbench.simulation import workload
 
 # The same examples in every run: a test that passed does not fail by chance.
@@ -22,11 +26,70 @@ settings.register_profile("mjbench", derandomize=True, deadline=None)
 settings.load_profile("mjbench")
 
 
+# With --benchmark-only, no other file is collected.
+BENCHMARKS = TESTS / "benchmarks/test_classes.py"
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Time nothing unless asked to, and take signals; `pytest` runs every benchmark once."""
     if not (config.getoption("benchmark_only") or config.getoption("benchmark_enable")):
         config.option.benchmark_disable = True
+    if config.getoption("benchmark_only"):
+        config.option.benchmark_quiet = True  # see pytest_terminal_summary
     _take_signals()
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out files without benchmarks where only benchmarks run and no file is named."""
+    is_named = config.args_source == pytest.Config.ArgsSource.ARGS
+    if is_named or not config.getoption("benchmark_only") or collection_path.is_dir():
+        return None
+    return collection_path != BENCHMARKS or None
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what times nothing where only benchmarks run."""
+    if config.getoption("benchmark_only"):
+        items[:] = [item for item in items if "benchmark" in getattr(item, "fixturenames", ())]
+
+
+def pytest_terminal_summary(
+    terminalreporter: pytest.TerminalReporter, config: pytest.Config
+) -> None:
+    """Print the times of benchmarks, grouped by what is compared."""
+    session = getattr(config, "_benchmarksession", None)
+    if session is None or not config.getoption("benchmark_only"):
+        return
+    times = [time for each in session.benchmarks for time in _times(each)]
+    out = terminal.console()
+    for table, line in benchmark_tables.groups(times):
+        terminalreporter.ensure_newline()
+        out.print(f"\n{table.title}", style="bold", soft_wrap=True)
+        for part in terminal.table_parts(table, benchmark_tables.WIDTH):
+            out.print(part, soft_wrap=True)
+        out.print(line, soft_wrap=True)
+    if times:
+        out.print(f"\n{benchmark_tables.CAUTION}", width=benchmark_tables.WIDTH)
+
+
+def _times(benchmark: Any) -> Iterator[BenchmarkTime]:
+    """Yield the time of one thing that a benchmark does; none where it was not timed."""
+    extra, stats = benchmark.extra_info, benchmark.stats
+    if not stats.data or "variant" not in extra:
+        return
+    median_ns, low_ns, high_ns = (
+        1e9 * seconds / extra["count"] for seconds in (stats.median, stats.q1, stats.q3)
+    )
+    yield BenchmarkTime(
+        benchmark.group,
+        extra["variant"],
+        extra["per"],
+        median_ns,
+        low_ns,
+        high_ns,
+        stats.rounds,
+        extra["is_comparable"],
+    )
 
 
 def _take_signals() -> None:

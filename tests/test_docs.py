@@ -1,13 +1,23 @@
-"""The pages name what exists: modules, files, links."""
+"""The pages name what exists: modules, files, links, commands."""
 
+import ast
+import itertools
 import re
+import shlex
+import tomllib
 from pathlib import Path
 
+import click
 import pytest
-from commands import ROOT
+import yaml
+from commands import ROOT, mjbench
 
+from benchmarks.studies import races
+from benchmarks.studies.tally_file import load
+from mjbench.cli import cli, command_names
 from mjbench.loop import overhead
 from mjbench.paired import outcomes, race_record
+from mjbench.status import ExitCode
 from mjbench.testing import fixture
 from mjbench.tuning import measurements
 
@@ -51,7 +61,8 @@ def test_every_module_that_the_architecture_page_names_exists() -> None:
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_every_file_of_the_project_that_a_page_names_exists(page: Path) -> None:
     folders = "mjbench|benchmarks|tests|models|docs|results"
-    for path in re.findall(rf"(?<![\w/.…-])((?:{folders})/[\w./<>*…-]+\.\w+)", page.read_text()):
+    text = re.sub(r"^```text$.*?^```$", "", page.read_text(), flags=re.M | re.S)  # printed by help
+    for path in re.findall(rf"(?<![\w/.…-])((?:{folders})/[\w./<>*…-]+\.\w+)", text):
         is_pattern = bool(set("<>*…") & set(path)) or path.startswith("models/NAME")
         assert is_pattern or (ROOT / path).exists(), path
 
@@ -67,6 +78,106 @@ def test_every_command_of_the_benchmarks_that_a_page_names_exists(page: Path) ->
     for module in re.findall(r"python\s-m\s(benchmarks\.[\w.]*\w)", page.read_text()):
         file = ROOT / f"{module.replace('.', '/')}.py"
         assert file.is_file() and "__main__" in file.read_text(), module
+
+
+def commands_of(page: Path) -> list[list[str]]:
+    """Return the words of each command of mjbench that a page shows, in a block or inline."""
+    text = page.read_text()
+    blocks = re.findall(r"^```(\w*)\n(.*?)^```$", text, flags=re.M | re.S)
+    lines = [line for language, block in blocks if not language for line in block.splitlines()]
+    prose = re.sub(r"^```.*?^```$", "", text, flags=re.M | re.S)
+    spans = [span for part in prose.split("\n\n") for span in re.findall(r"`([^`]+)`", part)]
+    lines += [" ".join(span.split()) for span in spans if span.startswith("mjbench ")]
+    return [
+        words
+        for line in lines
+        for part in re.split(r"&&|>>", line)
+        if (words := shlex.split(part.replace("'", ""), comments=True)) and "mjbench" in words[0:2]
+    ]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_every_command_that_a_page_shows_exists_with_its_options(page: Path) -> None:
+    if page.name in ("CHANGELOG.md", "commands.md", "keys.md"):
+        pytest.skip("of earlier versions, or written from the code")
+    for line in commands_of(page):
+        words = line[line.index("mjbench") + 1 :]
+        if not words or not words[0].isalpha():  # `mjbench --help`, or a model to check up
+            continue
+        command_name, *rest = command_names.with_mode(words, cli.commands)
+        assert command_name in cli.commands, line
+        command: click.Command = cli.commands[command_name]
+        while isinstance(command, click.Group) and rest and rest[0] in command.commands:
+            command, rest = command.commands[rest[0]], rest[1:]
+        if command_name == "run":  # what follows a program is the program's
+            rest = list(itertools.takewhile(lambda word: not word.endswith(".py"), rest))
+        options_of = [[*each.opts, *each.secondary_opts] for each in command.params]
+        known = {"--help", "-m", *itertools.chain(*options_of)}
+        options = {word.partition("=")[0] for word in rest if re.match(r"--?[a-z]", word)}
+        assert options <= known, line
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_pages_for_users_have_no_words_of_the_house(page: Path) -> None:
+    if page.name in ("CHANGELOG.md", "CONTRIBUTING.md", "architecture.md", "keys.md"):
+        pytest.skip("of the code, or written from it")
+    words = r"\b(regimes?|residues?|excursions?|contests?|selfchecks? arms?)\b"
+    assert not re.findall(words, page.read_text(), flags=re.I)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_every_block_of_code_can_be_read(page: Path) -> None:
+    readers = {"python": ast.parse, "toml": tomllib.loads, "yaml": yaml.safe_load}
+    for language, block in re.findall(
+        r"^```(\w+)\n(.*?)^```$", page.read_text(), flags=re.M | re.S
+    ):
+        assert language in {"text", *readers}, language
+        if language in readers:
+            readers[language](block)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_what_a_page_shows_of_a_committed_run_is_what_show_prints(page: Path) -> None:
+    """Lines may be left out."""
+    shown = r"<!-- of (results/runs/\S+) -->\n+```\n(.*?)^```$"
+    for file, block in re.findall(shown, page.read_text(), flags=re.M | re.S):
+        printed = mjbench("show", file, env={"COLUMNS": "200"}).stdout
+        lines = {" ".join(line.split()) for line in printed.splitlines()}
+        for line in block.splitlines():
+            words = " ".join(line.split())
+            assert words in {"", "…", *lines}, line
+
+
+def test_the_page_of_commands_has_every_exit_code() -> None:
+    text = (ROOT / "docs/commands.md").read_text()
+    assert [int(code) for code in re.findall(r"^\| (\d+) \|", text, flags=re.M)] == [*ExitCode]
+
+
+def test_each_answer_of_the_questions_is_short_and_names_a_command() -> None:
+    answers = (ROOT / "docs/faq.md").read_text().split("\n### ")[1:]
+    for answer in answers:
+        question, _, text = answer.partition("\n")
+        assert len(text.partition("\n## ")[0].split()) <= 80, question
+        assert "mjbench" in text, question
+
+
+def test_the_page_on_trust_has_the_worst_figures_of_committed_files() -> None:
+    page = (ROOT / "docs/guides/trust.md").read_text()
+    foreign, tuning = ((ROOT / f"docs/{name}.md").read_text() for name in ("foreign", "tuning"))
+    (agree,) = re.findall(r"For (\d+ of \d+ models) from", foreign)
+    assert f"| {agree} |" in page
+    (free,) = re.findall(r"changed no state in (\d+ of \d+) cases", tuning)
+    (equivalent,) = re.findall(r"were still equivalent in (\d+ of \d+)", tuning)
+    assert f"| {free} |" in page
+    assert f"| {equivalent} |" in page
+    tallies = [
+        load(study.tally_file, races.RaceTally, "races") for study in (races.SHIPPED, races.FOREIGN)
+    ]
+    regret = [100 * max(model.worst_regret for model in tally.models) for tally in tallies]
+    covered = [100 * min(model.covered_final for model in tally.models) for tally in tallies]
+    assert f"| {regret[0]:.1f} % on our models, {regret[1]:.1f} % on others |" in page
+    assert f"by up to {max(regret):.1f} %" in (ROOT / "README.md").read_text()
+    assert f"| {covered[0]:.1f} % on ours, {covered[1]:.1f} % on others |" in page
 
 
 def test_the_page_of_method_states_the_confidence_of_each_command() -> None:

@@ -75,7 +75,7 @@ def _package_table(packages: Sequence[PackageTally]) -> Iterator[str]:
 
 _NARROWED = """\
 All ways of stepping agree on these models, but some simulations diverge from the usual start
-states. Diverged simulations are [left out](method/agreement.md#diverged-simulations). Where more
+states. Diverged simulations are [left out](method/work.md#simulations-that-diverge). Where more
 than three in four diverge, start states and controls are drawn from a narrower range."""
 
 

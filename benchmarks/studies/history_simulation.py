@@ -3,22 +3,22 @@
     python -m benchmarks.studies.history_simulation [--histories 1000]
 
 draws histories of a model whose truth is known, looks for changes as `mjbench history` does, and
-writes docs/method/history-errors.md. It takes about a minute.
+writes a part of docs/method/history.md. It takes about a minute.
 """
 
 import argparse
 import sys
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import numpy as np
 
 from benchmarks.studies import simulated_histories
+from benchmarks.studies.page_part import PagePart
 from benchmarks.studies.simulated_histories import PLANS, RELEASES, Plan, Score
 from mjbench.pages.markdown import table_lines
 from mjbench.status import ExitCode
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "method" / "history-errors.md"
+PART = PagePart("method/history.md", "history-errors", "benchmarks.studies.history_simulation")
 HISTORIES = 1000
 
 
@@ -29,29 +29,29 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
     parser.add_argument("--histories", type=int, default=HISTORIES, help="of each kind")
     options = parser.parse_args(arguments)
     scores = {plan: simulated_histories.score(plan, options.histories) for plan in PLANS}
-    PAGE.write_text("\n".join(_page(scores)) + "\n", encoding="utf-8")
+    PART.write(_lines(scores))
     return ExitCode.OK
 
 
-def _page(scores: dict[Plan, Score]) -> Iterator[str]:
+def _lines(scores: dict[Plan, Score]) -> Iterator[str]:
     histories = next(iter(scores.values())).histories
-    yield "# Which change points of a history are detected, simulated\n"
-    yield "Written by `python -m benchmarks.studies.history_simulation`; do not edit.\n"
-    yield _conclusion(scores) + "\n"
+    yield _conclusion(scores)
+    yield ""
     yield (
-        f"Each line is {histories:,} histories of {RELEASES} releases, with three change points at"
-        " random releases, up or down (two where there is a drift). A listed one is right if it is"
-        " at the very release and in the right direction; a release off, it counts as wrong. So a"
-        " change that may well be a release earlier or later is not listed."
-        " Changes are listed from 1 % on, so a true one of 1 % is listed about every second time.\n"
+        f"Each line is {histories:,} histories of {RELEASES} releases, with three changes at random"
+        " releases, up or down (two where there is a drift). A listed change is right if it is at"
+        " the very release and in the right direction. Changes are listed from 1 % on, so a true"
+        " one of 1 % is listed about every second time."
     )
-    yield _noise() + "\n"
+    yield ""
+    yield _noise()
+    yield ""
     yield from _table(scores)
+    yield ""
     yield (
-        "\n*Named*: listed as a drift that covers more than half of its releases. *Outliers*: 2 %"
-        " of the releases have a further error, normally distributed with a deviation of 1 %, which"
-        " the standard error does not include. *Understated*: the noise is twice as large as the"
-        " standard error says."
+        "*Named*: listed as a drift that covers more than half of its releases. *Outliers*: 2 % of"
+        " the releases have a further error, with a deviation of 1 %. *Understated*: the noise is"
+        " twice as large as the standard error."
     )
 
 
@@ -74,7 +74,7 @@ def _noise() -> str:
     )
     return (
         "Where a line names no deviation, the error of each release's ratio is drawn from the"
-        " [no-change pairs](selfcheck.md#no-change-pairs). Between these, the 40 measured log"
+        " [no-change pairs](errors.md#what-is-tried). Between these, the 40 measured log"
         f" ratios have a root mean square of {averaged:.2f} % with placement averaged out, and of"
         f" {shipped:.1f} % as shipped."
     )

@@ -7,7 +7,7 @@
 writes the launches to results/races.jsonl. That takes a minute or more a model.
 
 `replay` draws launches from that file at random, runs the race on them as `compare` does, and
-writes results/races.json and the table in docs/method/timing.md. What all stored launches say is
+writes results/races.json and a part of docs/method/timing.md. What all stored launches say is
 the truth there, so it counts: how often the fastest path is dropped; the regret, by how much the
 fastest path is faster than the one that is advised; how often the interval of a speed-up holds, of
 paths that left and of those that won; and how often a path is called faster than itself.
@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks.studies import tally_command
+from benchmarks.studies.page_part import PagePart
 from benchmarks.studies.tally_file import dumps
 from mjbench import units
 from mjbench.errors import InputError, MachineError
@@ -42,8 +43,6 @@ if TYPE_CHECKING:
     from mjbench.paired.race_record import RaceRecord
 
 RESULTS = Path(__file__).parents[2] / "results"
-PAGE = Path(__file__).parents[2] / "docs" / "method" / "timing.md"
-_END = "<!-- end -->"
 # Files of packages of `benchmarks.foreign`, on which all C paths agree.
 FOREIGN_MODELS = {
     "dm_control": "dm_control/suite/quadruped.xml",
@@ -73,9 +72,9 @@ class Study:
         return RESULTS / f"{self.name}.json"
 
     @property
-    def begin(self) -> str:
-        """The line of the page that the table follows."""
-        return f"<!-- {self.name}: written by benchmarks.studies.races -->"
+    def part(self) -> PagePart:
+        """The part of the page that has their table."""
+        return PagePart("method/timing.md", self.name, "benchmarks.studies.races")
 
 
 SHIPPED, FOREIGN = Study("races"), Study("races-foreign")
@@ -191,11 +190,7 @@ def replay(races: int, study: Study) -> ExitCode:
         print(_row(rows[-1]), flush=True)
     result = RaceTally(header["cpu"], header["mujoco"], rows)
     study.tally_file.write_text(dumps(result), encoding="utf-8")
-    page = PAGE.read_text(encoding="utf-8")
-    before, _, rest = page.partition(study.begin)
-    _, _, after = rest.partition(_END)
-    text = "\n".join([study.begin, *lines(result), _END])
-    PAGE.write_text(f"{before}{text}{after}", encoding="utf-8")
+    study.part.write(lines(result))
     return ExitCode.OK
 
 

@@ -1,15 +1,13 @@
-"""The page docs/method/ray.md, written from the tally of `benchmarks.ray_crossover`."""
+"""What docs/guides/machines.md has of the tally of `benchmarks.ray_crossover`."""
 
 from collections.abc import Iterator
 
+from benchmarks.studies.page_part import PagePart
 from benchmarks.studies.ray_tally import Overtaking, PathTime, RayModel, RaySize, RayTally
 from mjbench.pages import markdown
 from mjbench.paths import BASE
 
-
-def page(tally: RayTally) -> str:
-    """Return the Markdown page of a tally."""
-    return "\n".join(_lines(tally)) + "\n"
+PART = PagePart("guides/machines.md", "ray", "benchmarks.studies.ray_page")
 
 
 def size_line(size: RaySize) -> str:
@@ -18,22 +16,14 @@ def size_line(size: RaySize) -> str:
     return f"  {size.steps:,} steps, in ms: {times}"
 
 
-def _lines(tally: RayTally) -> Iterator[str]:
-    yield "# When Ray pays"
-    yield ""
+def lines(tally: RayTally) -> Iterator[str]:
+    """Yield the conclusion, from how much work on Ray overtakes other paths, and what it takes."""
     yield " ".join(_conclusion(tally))
-    yield ""
-    yield "Written by `python -m benchmarks.ray_crossover` from `results/ray.json`; do not edit."
-    yield from _WHAT
-    yield ""
-    yield "## From how much work on"
     yield ""
     yield (
         "Work of a call, in milliseconds of the plain loop and in steps of all simulations"
-        f" together, at which {tally.usable_cores} actors are faster than the other path, and stay"
-        " so at every larger size that was tried. *never* is followed by the largest size tried,"
-        " and Ray's speed relative to the other path there. Ratios are taken round by round, and"
-        " times are medians, so the two differ by a few percent."
+        f" together, from which on {tally.usable_cores} actors are faster than the other path."
+        " *Never* is followed by the largest size tried, and Ray's relative speed there."
     )
     yield ""
     # the last column is Ray's own
@@ -46,12 +36,8 @@ def _lines(tally: RayTally) -> Iterator[str]:
         ),
         ["µs a step"],
     )
-    for model in tally.models:
-        yield ""
-        yield from _call_table(model)
     yield ""
-    yield from _cost(tally)
-    yield from _HOW
+    yield _cost(tally)
 
 
 def _conclusion(tally: RayTally) -> Iterator[str]:
@@ -96,67 +82,19 @@ def _cell(model: RayModel, rival: PathTime) -> str:
     row = _overtaking(model, rival.path, rival.nthread)
     if row.least:
         return f"{_ms(row.least.loop_ms)} ms ({row.least.steps:,} steps)"
-    return f"never up to {_ms(row.largest.loop_ms)} ms ({row.share:.2f}×)"
+    return f"*never* up to {_ms(row.largest.loop_ms)} ms ({row.share:.2f}×)"
 
 
-def _call_table(model: RayModel) -> Iterator[str]:
-    yield f"Milliseconds of a call on `{model.model}`, {model.nstep} steps a simulation:"
-    yield ""
-    columns = ["simulations", "steps", *(time.column for time in model.sizes[0].times)]
-    rows = (
-        [f"{size.nbatch:,}", f"{size.steps:,}", *(_ms(time.ms) for time in size.times)]
-        for size in model.sizes
-    )
-    yield from markdown.table_lines(columns, rows, columns)
-
-
-def _cost(tally: RayTally) -> Iterator[str]:
+def _cost(tally: RayTally) -> str:
     cost = tally.cost
-    yield "## What Ray takes"
-    yield ""
-    yield (
-        f"Ray starts in {cost.start_s:.1f} s, two actors in {cost.actors_s:.1f} s. None of it"
-        f" is in a timed call. Its services take {100 * cost.idle_share:.1f} % of a core while"
-        f" nobody uses them, and {cost.services_bytes / 2**20:.0f} MiB; each actor takes"
-        f" {cost.actor_bytes / 2**20:.0f} MiB, with the cart-pole."
-    )
-    yield ""
-    yield (
-        f"Measured on {tally.date} on {tally.usable_cores} cores of {tally.processor}, with"
-        f" MuJoCo {tally.mujoco} and Ray {tally.ray}."
+    return (
+        f"Ray starts in {cost.start_s:.1f} s, two actors in {cost.actors_s:.1f} s; none of it is in"
+        f" a timed call. Its services take {100 * cost.idle_share:.1f} % of a core while they are"
+        f" idle, and {cost.services_bytes / 2**20:.0f} MiB. (Measured on {tally.date} on"
+        f" {tally.usable_cores} cores of {tally.processor}, with MuJoCo {tally.mujoco} and Ray"
+        f" {tally.ray}.)"
     )
 
 
 def _ms(ms: float) -> str:
     return f"{ms:.0f}" if ms >= 100 else f"{ms:.2g}"
-
-
-_WHAT = """
-## What the path does
-
-`mjbench compare --paths ray` steps in Ray actors: processes that Ray starts, each with its own
-model and one thread of `mujoco.rollout`. A release without rollout gets a Python loop in each
-actor. Actors are as many as usable cores, or as `--threads` says. What they return is compared
-with what the plain loop returns, bit by bit, as of every other C path. The path runs only
-where `--paths` names it, and needs the extra `ray`. `compare` never advises it: Ray takes
-seconds to start, so it has [four launches of its own](timing.md#the-race) beside the plain loop.
-
-A call sends each actor the start states and controls of its share, and copies what comes back to
-one array. Both go as arguments and return values. Ray puts what is larger than 100 KB into its
-object store, which the receiver reads without a copy; with less, it comes with the message.
-Nothing but the model stays in an actor.
-
-Ray runs on this machine alone, whatever `RAY_ADDRESS` says: a comparison is of one machine. It
-starts before the first call, without a dashboard and without usage statistics, and ends with the
-comparison, however that ends. Its ports are open to the network while it runs; a secret of this
-run protects them.""".splitlines()
-
-_HOW = """
-## Run it again
-
-`python -m benchmarks.ray_crossover` takes about five minutes, and needs the machine for itself.
-On your model:
-
-```
-mjbench compare robot.xml --paths python_loop,rollout,ray --nstep 20 --nbatch 2,32,512,8192
-```""".splitlines()

@@ -3,7 +3,7 @@
     python -m benchmarks.studies.verdict_simulation [--comparisons 4000] [--only NAME …]
 
 draws launches at random, judges them as `mjbench` does, prints how each scenario ends, and writes
-results/verdicts.json and docs/method/verdict-errors.md. It takes about three minutes. `--only`
+results/verdicts.json and a part of docs/method/errors.md. It takes about three minutes. `--only`
 simulates the scenarios whose name contains NAME, and writes nothing.
 """
 
@@ -18,7 +18,6 @@ from mjbench.status import ExitCode
 
 ROOT = Path(__file__).resolve().parents[2]
 TALLY: Path = ROOT / "results" / "verdicts.json"
-PAGE: Path = ROOT / "docs" / "method" / "verdict-errors.md"
 COMPARISONS = 2000
 
 
@@ -48,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
         families.append(family)
     tally = VerdictTally(options.comparisons, scenarios, families)
     TALLY.write_text(verdict_tally.dumps(tally), encoding="utf-8")
-    PAGE.write_text(verdict_page.page(tally), encoding="utf-8")
+    verdict_page.PART.write(verdict_page.lines(tally))
     return ExitCode.OK
 
 

@@ -24,6 +24,8 @@ from mjbench.paired.verdict import VerdictPlan
 CHANGES = (0.0, 0.005, 0.01, 0.02)
 # Comparisons of a family; `mjbench versions` compares ten shipped models.
 FAMILY = 10
+# The rule by which `mjbench versions` decides a family.
+TOGETHER = "e-values of the family"
 # Deviation of what the place of code within a page does: it matters by 0.5 to 1 %.
 PAGE = 0.007
 
@@ -136,7 +138,7 @@ def family_rows(comparisons: int) -> Iterator[FamilyRow]:
     level = 1 - VerdictPlan().confidence
     rules = (
         ("each verdict alone", VerdictPlan(), 1),
-        ("e-values of the family", VerdictPlan(), FAMILY),
+        (TOGETHER, VerdictPlan(), FAMILY),
         ("confidence of 99.9 %", VerdictPlan(confidence=1 - level / FAMILY), 1),
     )
     for scenario in (_with_placement(Scenario("normal, 0.85 %")), _COMBINED):

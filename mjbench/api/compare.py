@@ -178,7 +178,7 @@ def measurement(sources: Sequence[ModelSource], plans: Sequence[ComparisonPlan])
         with WorkerPool(plans[0].limit_s) as pool:
             for position, source in enumerate(sources):
                 shares = [(position * len(plans) + i) / count for i in range(len(plans) + 1)]
-                yield from _measure_model(pool, source, plans, shares, earlier, observer)
+                yield from measure_model(pool, source, plans, shares, earlier, observer)
 
     return Measurement(
         "compare",
@@ -189,7 +189,7 @@ def measurement(sources: Sequence[ModelSource], plans: Sequence[ComparisonPlan])
     )
 
 
-def _measure_model(
+def measure_model(
     pool: WorkerPool,
     source: ModelSource,
     plans: Sequence[ComparisonPlan],

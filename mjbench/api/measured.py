@@ -131,7 +131,7 @@ def _in_program() -> Iterator[None]:
 
 
 def _check_any(items: Sequence[Item]) -> None:
-    """Refuse items of which none was measured; the first record of an item is that of its model.
+    """Refuse items of which none was measured; the first record of an item says how it ended.
 
     Raises:
       InputError: the first model's cause is its input, or nothing was to be measured.
@@ -142,8 +142,10 @@ def _check_any(items: Sequence[Item]) -> None:
         return
     if not records:
         raise InputError("name a model")
-    first = records[0]
+    first, failure = records[0], items[0].failure
     is_input = first.status in (Status.INPUT, Status.UNAVAILABLE)
     kind = InputError if is_input else MachineError
+    if failure is not None:
+        raise kind(failure.detail)
     detail = first.detail.removeprefix(f"{first.model}: ")
     raise kind(f"{first.model}: {detail or first.status}")

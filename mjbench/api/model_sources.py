@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from mjbench.errors import InputError, one_line, shown, writing
+from mjbench.errors import InputError, one_line, shown
 from mjbench.host import scratch
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
@@ -71,10 +71,7 @@ def _saved(model: "Model", file: Path, taken: Collection[str]) -> ModelSource:
             f"a model is one of {', '.join(models.shipped())}, {models.FORMS}, an MjModel or an"
             f" MjSpec, not {_described(model)}"
         )
-    with writing(file):
-        mujoco.mj_saveModel(model, str(file))
-        if not file.is_file() or not file.stat().st_size:
-            raise ValueError("MuJoCo did not write the model")
+    models.save(model, file)
     name = shown(bytes(model.names).split(b"\0")[0].decode(errors="replace") or "model")
     names = itertools.chain([name], (f"{name} ({number})" for number in itertools.count(2)))
     return ModelSource(next(each for each in names if each not in taken), file)

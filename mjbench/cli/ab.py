@@ -1,6 +1,8 @@
-"""The command `mjbench ab`: any two targets against each other."""
+"""The command `mjbench ab`: any two targets, or two revisions of your code, against each other."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -9,18 +11,26 @@ from mjbench.cli.context import OutputOptions
 from mjbench.cli.fail_on import FAIL_ON, FailOn, measure_verdicts
 from mjbench.cli.group import cli
 from mjbench.cli.shared import STORING, VERDICT_PLAN, with_options
+from mjbench.errors import InputError, shown
 
 if TYPE_CHECKING:
+    from mjbench.api.session import Measurement
+    from mjbench.paired.revision_sides import RevisionComparison
     from mjbench.paired.verdict import VerdictPlan
+
+# What a side begins with that is a revision of the user's code.
+_REVISION = "rev="
 
 
 @cli.command()
 @click.argument("baseline", metavar="BASELINE")
 @click.argument("candidate", metavar="CANDIDATE")
+@click.argument("functions", metavar="[FUNCTION]…", nargs=-1)
 @with_options(FAIL_ON, VERDICT_PLAN, STORING)
 def ab(
     baseline: str,
     candidate: str,
+    functions: tuple[str, ...],
     fail_on: FailOn,
     plan: "VerdictPlan",
     output: OutputOptions,
@@ -28,20 +38,71 @@ def ab(
     """Is CANDIDATE faster or slower than BASELINE, each given as KEY=VALUE,KEY=VALUE?
 
     Keys: model, path, release, an option of the path (threads, chunk, pool, data, …), a field of
-    MjOption (solver, integrator, iterations, tolerance, …). A model, path or release that one of
+    MjOption (solver, integrator, iterations, tolerance, …), timer=off (without the timer of
+    MuJoCo's Python package). A model, path or release that one of
     the two leaves out is the other's; where both leave it out, it is cartpole, python_loop or
     installed.
+
+    Or each is rev=REVISION, a branch, tag or commit of the git repository here, or rev=WORKTREE,
+    what is not committed included. Then name functions of your code: FILE.py::FUNCTION or
+    MODULE:FUNCTION. Each is called without arguments, after `setup()` of its module, if there is
+    one. A FILE is the CANDIDATE's on both sides.
 
     \b
     Examples:
       mjbench ab path=rollout,threads=2 path=batch_rollout,threads=2
       mjbench ab model=a.xml model=b.xml
       mjbench ab model=humanoid,solver=newton solver=cg
+      mjbench ab rev=main rev=HEAD bench.py::step
+      mjbench ab rev=HEAD rev=WORKTREE my_package.physics:step --fail-on slower
     """
+    if any(side.startswith(_REVISION) for side in (baseline, candidate)):
+        from mjbench.api.revisions import revision_verdicts
+
+        comparison = revision_comparison(baseline, candidate, functions, plan)
+        measurement = revision_verdicts(comparison, plan)
+    elif functions:
+        raise InputError(f"{shown(functions[0])}: functions are compared in revisions, rev=…")
+    else:
+        measurement = _of_targets(baseline, candidate, plan)
+    measure_verdicts(measurement, plan.confidence, fail_on, output)
+
+
+def _of_targets(baseline: str, candidate: str, plan: "VerdictPlan") -> "Measurement":
     from mjbench.api.versions import verdicts
     from mjbench.paired import targets
 
     pair = targets.parse(baseline, candidate)
     has_one_build = len({target.release.key for target in pair}) == 1  # its code stays where it is
     plan = replace(plan, as_shipped=plan.as_shipped or has_one_build)
-    measure_verdicts(verdicts("ab", [pair], plan), plan.confidence, fail_on, output)
+    return verdicts("ab", [pair], plan)
+
+
+def revision_comparison(
+    baseline: str, candidate: str, functions: Sequence[str], plan: "VerdictPlan"
+) -> "RevisionComparison":
+    """Return the comparison of functions in two revisions, as a command line names them.
+
+    Raises:
+      InputError: there are none, or the plan says what is of models alone.
+    """
+    from mjbench.paired import revision_sides
+    from mjbench.paired.revision_sides import RevisionComparison
+    from mjbench.paired.run_sizes import Sizes
+    from mjbench.releases.revisions import Repository
+
+    sides = baseline, candidate
+    if not all(side.startswith(_REVISION) for side in sides):
+        raise InputError("a revision is compared with a revision: give rev=… twice")
+    if not functions:
+        raise InputError(f"name a function of your code: {revision_sides.FORMS}")
+    if plan.sizes != Sizes():
+        raise InputError("sizes, start states and controls are of models, not of functions")
+    cwd = Path.cwd().resolve()
+    repository = Repository(cwd)
+    old, new = (repository.parse(side.removeprefix(_REVISION)) for side in sides)
+    parsed = [
+        revision_sides.parse_function(name, cwd, repository.top)
+        for name in dict.fromkeys(functions)
+    ]
+    return RevisionComparison(repository, old, new, parsed, cwd)

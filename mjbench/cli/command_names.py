@@ -8,13 +8,17 @@ from collections.abc import Collection, Mapping, Sequence
 
 # What `mjbench --help` says of each command, in its order; lines fit into a narrow terminal.
 LISTED: Mapping[str, Mapping[str, str]] = {
+    "To begin with": {
+        "checkup": "it is slow: what can I do? also `mjbench TARGET`",
+    },
     "Every day": {
         "run": "my program: where time goes, what to change",
         "env": "an environment: where the time of a step goes",
         "compare": "the fastest way of stepping; how many threads",
         "tune": "faster settings of a model, and their errors",
         "versions": "is a release slower for my model? --explain",
-        "ab": "is one of two models, paths or options slower?",
+        "ab": "which of two models or revisions is slower?",
+        "bisect": "which commit made my own code slower?",
         "lint": "what is slow or wrong in a script",
         "doctor": "can I measure here? --verdicts, --placement",
         "show": "results again: --html, --markdown, --against",

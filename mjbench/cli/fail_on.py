@@ -10,7 +10,7 @@ import click
 from mjbench.cli.context import OutputOptions, measure
 from mjbench.cli.shared import Text, as_one, parsed
 from mjbench.paired.outcomes import Verdict
-from mjbench.status import ExitCode, exit_code
+from mjbench.status import ExitCode, Status, exit_code
 
 if TYPE_CHECKING:
     from mjbench.api.session import Measurement
@@ -63,6 +63,7 @@ class FailOn:
         code = exit_code(row.status for row in rows)
         if code != ExitCode.OK:
             return code
+        rows = [row for row in rows if row.status != Status.NEW]  # there was nothing to find out
         decided = family.decide(rows, confidence)
         is_there = {
             GateFinding.SLOWER: bool(decided.slower),

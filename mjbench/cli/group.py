@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 import mjbench
+from mjbench.checkups.targets import may_be_target
 from mjbench.cli.command_names import LISTED, REMOVED, with_mode
 from mjbench.errors import InputError, MachineError, MjbenchError, describe, one_line, printable
 from mjbench.host import platforms
@@ -62,7 +63,10 @@ class Cli(click.Group):
         """Return a command with its arguments; refuse what cannot run here, but not its help."""
         if args[0] in REMOVED:
             raise InputError(REMOVED[args[0]])
-        name, command, rest = super().resolve_command(ctx, with_mode(args, self.commands))
+        words = with_mode(args, self.commands)
+        if words[0] not in self.commands and may_be_target(words[0]):
+            words = ["checkup", *words]
+        name, command, rest = super().resolve_command(ctx, words)
         if name is not None and not set(ctx.help_option_names) & set(rest):
             platforms.check_command(name)
         return name, command, rest
@@ -213,6 +217,7 @@ def cli() -> None:
 
     \b
     Examples:
+      mjbench robot.xml              it is slow: what can I do?
       mjbench compare robot.xml      which way of stepping is fastest?
       mjbench run train.py           what does my loop waste?
       mjbench versions 3.17.0 4.0.0 robot.xml    is it slower?

@@ -30,7 +30,7 @@ _MOST_RUNS = 20
     "--format",
     "form",
     type=click.Choice(show_pages.FORMATS),
-    help="html and markdown, or a format of other tools.",
+    help="html, markdown, comment (verdicts, for a pull request), or a format of other tools.",
 )
 @click.option(
     "-o",
@@ -78,6 +78,7 @@ def show(
       mjbench show results/runs/run.jsonl --code
       mjbench show results/runs/*.jsonl --html -o report.html
       mjbench show --markdown >> "$GITHUB_STEP_SUMMARY"
+      mjbench show --format comment -o comment.md
       mjbench show --format junit -o junit.xml
       mjbench show new.jsonl --against old.jsonl --fail-on slower
     """

@@ -11,11 +11,16 @@ from mjbench.cli.output_file import OutputFile
 from mjbench.errors import InputError, writing
 
 if TYPE_CHECKING:
+    from mjbench.pages.reports import NamedRun
     from mjbench.store.run_set import RunSet
 
 # Formats of pages, which several runs share, and of other tools.
 _PAGES = ("html", "markdown")
-FORMATS = (*_PAGES, "csv", "parquet", "github-action-benchmark", "bencher", "otava", "junit")
+_COMMENT = "comment"
+FORMATS = (
+    *(*_PAGES, _COMMENT, "csv", "parquet", "github-action-benchmark", "bencher", "otava"),
+    "junit",
+)
 
 
 def write(files: Sequence[Path], form: str, output: str | None) -> None:
@@ -59,9 +64,19 @@ def _stored(file: Path) -> "RunSet":
 
 def _text(form: str, files: Sequence[Path]) -> str:
     """Return run files and sets in a format."""
-    from mjbench.pages import exports, html, markdown, reports
+    from mjbench.pages import comment, exports, reports
 
+    if form == _COMMENT:
+        (named,) = reports.read(files)
+        return comment.text(named.run)
     if form not in _PAGES:
         return exports.FORMATS[form](_stored(files[0]))
-    content = reports.build(reports.read(files))
+    return page(form, reports.read(files))
+
+
+def page(form: str, named_runs: "Sequence[NamedRun]") -> str:
+    """Return runs as a page."""
+    from mjbench.pages import html, markdown, reports
+
+    content = reports.build(named_runs)
     return html.render(content) if form == "html" else "\n".join(markdown.render(content)) + "\n"

@@ -6,7 +6,7 @@ reference run, checks them against C, and only then times the steady program.
 
 import dataclasses
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -93,8 +93,9 @@ def run(
 def measure_in_child(request: AcceleratedRequest, channel: Channel) -> None:
     """Measure one path on one model; runs in the child.
 
-    Messages: its `MeasurementRecord` as far as it is known, again after each stage; the last one
-    counts. The path disagrees where single steps do, the run, or the end of the timed blocks.
+    Messages: its `MeasurementRecord` as far as it is known, again after each stage and each timed
+    block, so that an interrupt leaves what was timed; the last one counts. The path disagrees where
+    single steps do, the run, or the end of the timed blocks.
     """
     name, variant = request.source.name, request.variant
     path = accelerated_path(variant.path)
@@ -167,7 +168,10 @@ def _checked_and_timed(
         return dataclasses.replace(record, status=Status.DISAGREES, detail=detail, agrees=False)
     channel.send(record)
     channel.doing(f"timing {variant}")
-    record = dataclasses.replace(record, samples_s=_steady_s(case.compiled, channel, limit_s))
+    channel.allow_silence(2 * limit_s)
+    for samples_s in _steady_s(case.compiled):
+        record = dataclasses.replace(record, samples_s=samples_s)
+        channel.send(record)  # a sign of life, too: each block has the limit to itself
     problem = timed_end_problem(case.workload, case.compiled, checked)
     if not problem:
         channel.doing(f"reordering the simulations of {variant}")
@@ -179,19 +183,17 @@ def _checked_and_timed(
     )
 
 
-def _steady_s(compiled: Compiled, channel: Channel, limit_s: float) -> list[float]:
-    """Return the seconds of steady blocks, after one that warms up."""
-    channel.allow_silence(2 * limit_s)
+def _steady_s(compiled: Compiled) -> Iterator[tuple[float, ...]]:
+    """Yield the seconds of all steady blocks so far, after each; one before them warms up."""
     contender = timing.Contender(compiled.run, before=compiled.clear)
     timing.block_s(contender)
     end = time.perf_counter() + STEADY_S
-    samples_s: list[float] = []
+    samples_s: tuple[float, ...] = ()
     while len(samples_s) < MIN_BLOCKS or (
         time.perf_counter() <= end and len(samples_s) < MAX_BLOCKS
     ):
-        channel.allow_silence(0.0)  # a sign of life: each block has the limit to itself
-        samples_s.append(timing.block_s(contender))
-    return samples_s
+        samples_s = (*samples_s, timing.block_s(contender))
+        yield samples_s
 
 
 def _reason_not_to_run(

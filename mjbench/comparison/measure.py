@@ -9,8 +9,6 @@ import functools
 import pickle
 from collections.abc import Collection
 
-import mujoco
-
 from mjbench.comparison import step_costs
 from mjbench.comparison.messages import ModelFiles
 from mjbench.comparison.plan import ComparisonPlan
@@ -91,7 +89,7 @@ def measure_in_child(
 
 def _save(own: Workload, sample: Sample, files: ModelFiles, has_accelerated: bool) -> None:
     """Write the model and the workload."""
-    mujoco.mj_saveModel(own.model, str(files.model), None)
+    models.save(own.model, files.model)
     final_state = sample.observation.final_state
     portable = dataclasses.replace(workload.portable(own), final_state=final_state.copy())
     files.workload.write_bytes(pickle.dumps(portable))

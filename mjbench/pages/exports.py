@@ -4,7 +4,7 @@ import csv
 import io
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -113,12 +113,15 @@ def _ratios(run: Run) -> Iterator[ExportedMetric]:
 
 
 def as_csv(stored: RunSet) -> str:
-    """Return results as CSV (RFC 4180)."""
+    """Return results as CSV."""
     table = rows.of_set(stored)
+    return csv_text([list(table[0]) if table else [], *(row.values() for row in table)])
+
+
+def csv_text(table: Iterable[Iterable[rows.Cell]]) -> str:
+    """Return rows as CSV (RFC 4180)."""
     text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=list(table[0]) if table else [])
-    writer.writerow({name: _cell(name) for name in writer.fieldnames})
-    writer.writerows({name: _cell(cell) for name, cell in row.items()} for row in table)
+    csv.writer(text).writerows(map(_cell, row) for row in table)
     return text.getvalue()
 
 
@@ -175,11 +178,8 @@ def as_otava(stored: RunSet) -> str:
     if not all(began):
         raise InputError("this run file is of an earlier version, and does not say when it began")
     all_metrics = metrics(stored)
-    text = io.StringIO()
-    writer = csv.writer(text)
-    writer.writerow(["time", *(_cell(metric.name) for metric in all_metrics)])
-    writer.writerow([_cell(max(began)), *(metric.value for metric in all_metrics)])
-    return text.getvalue()
+    heading = ["time", *(metric.name for metric in all_metrics)]
+    return csv_text([heading, [max(began), *(metric.value for metric in all_metrics)]])
 
 
 def as_junit(stored: RunSet) -> str:
@@ -219,6 +219,7 @@ _OUTCOMES: Mapping[Status, str] = {
     Status.OK: "",
     Status.DISAGREES: "failure",
     Status.UNAVAILABLE: "skipped",
+    Status.NEW: "skipped",
     Status.INTERRUPTED: "skipped",
 }
 _MACHINE_OUTCOMES: Mapping[MachinesOutcome, str] = {

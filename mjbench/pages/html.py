@@ -1,10 +1,14 @@
 """A report as one HTML file, which needs nothing else: charts are SVG in the page."""
 
+import re
+import urllib.parse
+
 import mjbench
 from mjbench import extras
 from mjbench.errors import MachineError
+from mjbench.pages import exports
 from mjbench.report import charts
-from mjbench.report.content import Figure, Report, Tone
+from mjbench.report.content import DataTable, Figure, Report, Tone
 
 # What stands before a conclusion, beside its colour.
 MARKS = {
@@ -40,6 +44,16 @@ def render(report: Report) -> str:
         autoescape=True,
         undefined=jinja2.StrictUndefined,
     )
-    environment.filters["svg"] = svg
+    environment.filters |= {"svg": svg, "csv": _csv_address, "file_name": _csv_name}
     template = environment.get_template("report.html.j2")
     return template.render(report=report, marks=MARKS, version=mjbench.__version__)
+
+
+def _csv_address(table: DataTable) -> str:
+    """Return an address that holds a table as CSV."""
+    text = exports.csv_text(table.raw_rows)
+    return f"data:text/csv;charset=utf-8,{urllib.parse.quote(text, safe=',')}"
+
+
+def _csv_name(table: DataTable) -> str:
+    return re.sub(r"[^\w-]+", "-", table.title) + ".csv"

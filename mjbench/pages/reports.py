@@ -183,17 +183,20 @@ def _parts(named: NamedRun, machine: str) -> Iterator[_Part]:
     `machine` is its name where there are several: what they show side by side then stands at the
     head, in place of what one of them shows.
     """
-    for kind in kinds.kinds_of(named.run):
+    of_run = kinds.kinds_of(named.run)
+    for kind in of_run:
         if kind is kinds.HISTORY:  # of all runs together
             continue
+        is_detail = kinds.CHECKUP in of_run and kind is not kinds.CHECKUP
         sections = [*kind.sections(named.run)]
         has_summary = any(section.is_summary for section in sections)
         for section in sections:
             section = replace(section, command=named.command)
-            if not machine:
-                stands_for_itself = section.is_summary or not has_summary
-                main = section.conclusions if stands_for_itself else first_of(section.conclusions)
-                yield _Part(section, main)
+            if not machine or is_detail:
+                main = section.conclusions
+                if has_summary and not section.is_summary:
+                    main = first_of(main)
+                yield _Part(section, () if is_detail else main)
                 continue
             section = replace(section, heading=f"{machine}: {section.heading}")
             yield _Part(section, _main(kind, section, machine))

@@ -36,6 +36,21 @@ class Cause(StrEnum):
     """The measurements do not tell."""
 
 
+class ResultsOutcome(StrEnum):
+    """How what a function returned in two revisions compares."""
+
+    SAME = "same"
+    """Bit by bit."""
+    ROUNDING = "rounding"
+    """The differences are those of another order of additions."""
+    DIFFERENT = "different"
+    """They differ by more: the revisions do different work."""
+    RANDOM = "random"
+    """They differ from process to process of one revision, so they say nothing."""
+    NONE = "none"
+    """The function returns nothing, or something that cannot be compared."""
+
+
 class Metric(StrEnum):
     """What a comparison compares."""
 

@@ -3,13 +3,13 @@
 import time
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
 from mjbench.paired.launches import StopRule, launch
 from mjbench.paired.preparation import WorkCheck
-from mjbench.paired.protocol import BOTH, TargetPair
+from mjbench.paired.protocol import BOTH, LaunchedPair, TargetPair
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
@@ -55,8 +55,8 @@ class Launched:
     workload_file: Path | None = None
 
 
-class PairRule(StopRule[LaunchRow]):
-    """When launches of two targets are enough.
+class LaunchRule(StopRule[LaunchRow]):
+    """When launches of two sides are enough.
 
     Class attributes:
       purpose: what they are for, such as `a verdict`.
@@ -64,41 +64,19 @@ class PairRule(StopRule[LaunchRow]):
 
     purpose: ClassVar[str]
 
-    def __init__(
-        self,
-        pool: WorkerPool,
-        targets: tuple[Target, Target],
-        sizes: Sizes,
-        time_limit_s: float,
-        clock: Callable[[], float] = time.monotonic,
-    ):
+    def __init__(self, limit: TimeLimit, clock: Callable[[], float] = time.monotonic):
         """Start nothing yet.
 
         Args:
-          time_limit_s: seconds from when the models are loaded, after which no launch begins.
+          limit: no launch begins after it.
         """
         self.launches: list[LaunchRow] = []
-        self._pool, self._clock = pool, clock
-        self._limit = TimeLimit(time_limit_s, clock=clock, purpose=self.purpose)
-        self._pair = TargetPair(pool, *targets, sizes, self._limit, self._first_placements)
+        self._limit, self._clock = limit, clock
         self._before_s = 0.0
         self._sufficiency = Sufficiency(is_enough=False, has_answer=False)
 
     @abstractmethod
-    def placements(self, pool: WorkerPool) -> Iterator[PlacementPair]:
-        """Return the placements of the targets' libraries, launch by launch.
-
-        Raises:
-          InputError: a release does not exist.
-          MachineError: a release cannot be installed, or moved.
-        """
-
-    @abstractmethod
-    def min_launches(self) -> int:
-        """Return how many launches an answer needs; called after `placements`."""
-
-    @abstractmethod
-    def look(self, launches: Sequence[LaunchRow], work_check: WorkCheck) -> Sufficiency:
+    def look(self, launches: Sequence[LaunchRow]) -> Sufficiency:
         """Return whether launches are enough; called after each."""
 
     def next_targets(self) -> Sequence[int]:
@@ -114,27 +92,71 @@ class PairRule(StopRule[LaunchRow]):
     def add(self, launch: LaunchRow) -> None:
         """See `StopRule.add`."""
         self.launches.append(launch)
-        self._sufficiency = self.look(self.launches, self._pair.work_check)
+        self._sufficiency = self.look(self.launches)
 
-    def run(self) -> Launched:
-        """Launch both targets until there is an answer, or time is up.
+    def run_pair(self, pair: LaunchedPair) -> Launched:
+        """Launch both sides until there is an answer, or time is up.
 
-        Where a target crashes, hangs or fails, or Ctrl-C is pressed, the result says so, and holds
+        Where a side crashes, hangs or fails, or Ctrl-C is pressed, the result says so, and holds
         what was measured until then.
         """
         begin_s = self._clock()
-        *_, ending = launch(self._pair, self)
+        *_, ending = launch(pair, self)
         assert ending is not None, "the last one says how it ended"
-        is_prepared = self._pair.is_prepared
         return Launched(
             status=ending.status,
             detail=ending.detail,
             launches=self.launches,
             is_enough=self._sufficiency.is_enough,
             seconds=self._clock() - begin_s,
-            work_check=self._pair.work_check if is_prepared else None,
-            workload_file=self._pair.baseline_workload if is_prepared else None,
         )
+
+
+class PairRule(LaunchRule):
+    """When launches of two targets are enough."""
+
+    def __init__(
+        self,
+        pool: WorkerPool,
+        targets: tuple[Target, Target],
+        sizes: Sizes,
+        time_limit_s: float,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        """Start nothing yet.
+
+        Args:
+          time_limit_s: seconds from when the models are loaded, after which no launch begins.
+        """
+        super().__init__(TimeLimit(time_limit_s, clock=clock, purpose=self.purpose), clock)
+        self._pool = pool
+        self._pair = TargetPair(pool, *targets, sizes, self._limit, self._first_placements)
+
+    @abstractmethod
+    def placements(self, pool: WorkerPool) -> Iterator[PlacementPair]:
+        """Return the placements of the targets' libraries, launch by launch.
+
+        Raises:
+          InputError: a release does not exist.
+          MachineError: a release cannot be installed, or moved.
+        """
+
+    @abstractmethod
+    def min_launches(self) -> int:
+        """Return how many launches an answer needs; called after `placements`."""
+
+    @property
+    def work_check(self) -> WorkCheck:
+        """How the work of both targets compares; known when they are prepared."""
+        return self._pair.work_check
+
+    def run(self) -> Launched:
+        """Launch both targets until there is an answer, or time is up (see `run_pair`)."""
+        launched = self.run_pair(self._pair)
+        if not self._pair.is_prepared:
+            return launched
+        workload_file = self._pair.baseline_workload
+        return replace(launched, work_check=self.work_check, workload_file=workload_file)
 
     def _first_placements(self) -> Iterator[PlacementPair]:
         placements = self.placements(self._pool)

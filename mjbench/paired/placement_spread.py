@@ -19,7 +19,6 @@ from mjbench.measuring import anytime
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import moved_check
 from mjbench.paired.pair_rule import PairRule, Sufficiency
-from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
@@ -180,7 +179,7 @@ class _SpreadRule(PairRule):
     def min_launches(self) -> int:
         return min(MIN_LAUNCHES, self._plan.launches) * len(RESIDUES)
 
-    def look(self, launches: Sequence[LaunchRow], work_check: WorkCheck) -> Sufficiency:
+    def look(self, launches: Sequence[LaunchRow]) -> Sufficiency:
         # with fewer launches for an answer, a residue has no interval
         count = len(launches)
         self._on_launch(count)

@@ -13,6 +13,7 @@ import contextlib
 import itertools
 import math
 import random
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -38,13 +39,45 @@ from mjbench.paired.time_limit import (
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
+from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.placement import AS_SHIPPED, PlacementPair
 
 # The positions of a baseline and its candidate.
 BOTH = (0, 1)
 
 
-class StepWork:
+class PairWork(ABC):
+    """What the two processes of each launch do, as often as it takes.
+
+    Attributes:
+      nthread: threads or processes that the work takes; with one, launches run on one core.
+      nsection: sections of a run, which blocks time one after the other (see `loop_sections`).
+    """
+
+    nthread: int = 1
+    nsection: int = 1
+
+    @abstractmethod
+    def equip(self, processes: Sequence[WorkerProcess]) -> None:
+        """Have the processes of a launch read what they need, without waiting."""
+
+    @abstractmethod
+    def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
+        """Lay out memory anew; return the nanoseconds of one block of each section, of both.
+
+        Args:
+          is_new_run: whether a run that is divided may be another one than in the layout before.
+
+        Raises:
+          InputError: a process cannot do it.
+          ChildError: a process crashed, hung or failed.
+        """
+
+    def close(self) -> None:  # noqa: B027
+        """Remove what is no longer needed."""
+
+
+class StepWork(PairWork):
     """The simulations that two targets step, as often as it takes.
 
     Attributes:
@@ -61,15 +94,13 @@ class StepWork:
     ):
         """Load the models, and make sure that both targets can do it; see `preparation.prepare`."""
         self._targets, self._sizes = targets, sizes
+        self.nthread = max(target.nthread for target in targets)
         prepared = preparation.prepare(pool, targets, sizes, time_limit, roles)
         self.nsection, self.work_check = prepared.nsection, prepared.work_check
         self.workloads, self._models = prepared.workloads, prepared.models
         # Simulations may differ in how much slower they are, so they are timed equally often.
         self._times_drawn = [0] * prepared.nsim
-
-    def draw(self) -> list[int]:
-        """Return simulations of a run."""
-        return draw_least(self._times_drawn, self.work_check.nbatch)
+        self._drawn: list[int] = []
 
     def equip(self, processes: Sequence[WorkerProcess]) -> None:
         """Have the processes of a launch read model and workload, without waiting."""
@@ -78,8 +109,10 @@ class StepWork:
         ):
             process.ask(Worker.equip, model, workload, target.path)
 
-    def lay_out(self, pair: ProcessPair, simulations: Sequence[int]) -> tuple[int, int]:
-        """Lay out memory anew; return the nanoseconds of one block of each section, of both."""
+    def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
+        """See `PairWork.lay_out`."""
+        if is_new_run or self.nsection == 1:
+            self._drawn = draw_least(self._times_drawn, self.work_check.nbatch)
         ns = {}
         for i in random.sample((0, 1), 2):
             target = self._targets[i]
@@ -88,9 +121,10 @@ class StepWork:
                 target.path,
                 dict(target.options),
                 cores.usable(pair.core),
-                simulations,
+                self._drawn,
                 callback=target.callback,
                 slowdown=target.slowdown,
+                has_timer=target.has_timer,
                 returns=self._sizes.returns,
                 metric=self._sizes.metric,
                 nsection=self.nsection,
@@ -103,8 +137,94 @@ class StepWork:
             file.unlink(missing_ok=True)
 
 
-class TargetPair(Targets[LaunchRow]):
-    """Two targets, which can be launched as often as it takes once they are prepared.
+class LaunchedPair(Targets[LaunchRow]):
+    """Two sides, which can be launched as often as it takes once they are prepared."""
+
+    def __init__(
+        self,
+        pool: WorkerPool,
+        releases: tuple[ReleaseSpec, ReleaseSpec],
+        names: tuple[str, str],
+        time_limit: TimeLimit | None = None,
+        placements: Callable[[], Iterator[PlacementPair]] = lambda: itertools.repeat(AS_SHIPPED),
+    ):
+        """Start nothing yet.
+
+        Args:
+          releases: that the processes of baseline and candidate import.
+          names: of both, for error messages.
+          time_limit: starts with the work; None for no limit.
+          placements: returns those of the releases' libraries, launch by launch, as
+            `placement.schedule` yields them.
+        """
+        self._pool, self._releases, self._names = pool, releases, names
+        self._time_limit, self._placements = time_limit or TimeLimit(), placements
+        self._has_timed = False
+        self._closing = contextlib.ExitStack()
+
+    @abstractmethod
+    def _new_work(self) -> PairWork:
+        """Return what both do, and start the time limit; raises what `prepare` does."""
+
+    def prepare(self) -> None:
+        """Make sure that both sides can do the work.
+
+        Raises:
+          InputError: a side cannot do it.
+          ChildError: a side crashed, hung or failed.
+          OutOfTimeError: the limit does not allow a launch.
+        """
+        # those of the first launch import MuJoCo while the work is prepared
+        self._pairs = ProcessPairs(self._pool, self._releases, self._names, self._placements())
+        self._closing.callback(self._pairs.close)
+        self._work = self._new_work()
+        self._closing.callback(self._work.close)
+        self._calibrator = Calibrator(self._pool, self._releases[0], self._work.nthread)
+        self._closing.callback(self._calibrator.close)
+        self._pairs.equip(self._work.equip)
+
+    def launch(self, positions: Sequence[int] = BOTH) -> LaunchRow:
+        """Measure both once, in fresh processes, on a free core.
+
+        Raises:
+          InputError: a side cannot do the work.
+          ChildError: a side crashed, hung or failed.
+          OutOfTimeError: this is the first launch, and the time limit does not allow it.
+        """
+        assert tuple(positions) == BOTH, "a pair is launched together"
+        self._pairs.wait()
+        # work with threads gets all cores, so nothing may start on one of them meanwhile
+        threaded = self._work.nthread > 1
+        calibrated = self._calibrator.count() if threaded else None
+        with self._pairs.launch(None if threaded else cores.freest_core()) as pair:
+            launch = self._measure(pair)
+        self._has_timed = True
+        return replace(launch, cores=calibrated)
+
+    def _measure(self, pair: ProcessPair) -> LaunchRow:
+        """Measure a launch; the first one only if it fits the time limit."""
+        layouts: list[tuple[list[str], np.ndarray]] = []
+        all_blocks_s, nsection = math.inf, self._work.nsection
+        while len(layouts) < layout_count(all_blocks_s, nsection) or (
+            len(layouts) < MAX_LAYOUTS and not self._pairs.is_next_ready()
+        ):
+            now_s = 1e-9 * sum(self._work.lay_out(pair, is_new_run=not layouts))
+            if not self._has_timed and not layouts:  # steps may be heavier than those at the start
+                self._time_limit.check_first_launch(launch_s(now_s, nsection))
+            all_blocks_s = min(all_blocks_s, now_s)
+            layouts.append(time_quads(*pair.processes, quad_count(now_s, nsection)))
+        orders = [order for layout_orders, _ in layouts for order in layout_orders]
+        ns = np.concatenate([ns for _, ns in layouts]).tolist()
+        sizes = [len(layout_orders) for layout_orders, _ in layouts]
+        return LaunchRow(pair.core, None, orders, ns, pair.placements, sizes, nsection)
+
+    def close(self) -> None:
+        """End the processes that were started ahead, and the work."""
+        self._closing.close()
+
+
+class TargetPair(LaunchedPair):
+    """Two targets; files are removed at the end, but the baseline's workload.
 
     Attributes:
       is_prepared: whether both can do the same work.
@@ -130,79 +250,19 @@ class TargetPair(Targets[LaunchRow]):
         Args:
           sizes: of a run; None for the usual ones.
           time_limit: starts when the models are loaded; None for no limit.
-          placements: returns those of the targets' libraries, launch by launch, as
-            `placement.schedule` yields them.
+          placements: see `LaunchedPair`.
         """
-        self._pool, self._targets = pool, (baseline, candidate)
-        self._sizes, self._placements = sizes or Sizes(), placements
-        self._time_limit, self._has_timed = time_limit or TimeLimit(), False
-        self._nthread = max(baseline.nthread, candidate.nthread)
+        targets = baseline, candidate
+        releases = baseline.release, candidate.release
+        super().__init__(pool, releases, preparation.describe(targets), time_limit, placements)
+        self._targets, self._sizes = targets, sizes or Sizes()
         self.is_prepared = False
-        self._closing = contextlib.ExitStack()
 
-    def prepare(self) -> None:
-        """Load the models, and make sure that both targets can do the same work.
-
-        Raises:
-          InputError: a target cannot do it.
-          ChildError: a target crashed, hung or failed.
-          OutOfTimeError: the limit does not allow a launch.
-        """
-        pool, (baseline, candidate) = self._pool, self._targets
-        placements, names = self._placements(), preparation.describe(self._targets)
-        self._calibrator = Calibrator(pool, baseline.release, self._nthread)
-        self._closing.callback(self._calibrator.close)
-        # those of the first launch import MuJoCo while the work is prepared
-        self._pairs = ProcessPairs(pool, (baseline.release, candidate.release), names, placements)
-        self._closing.callback(self._pairs.close)
-        self._work = StepWork(pool, self._targets, self._sizes, self._time_limit)
-        self._closing.callback(self._work.close)
-        self._pairs.equip(self._work.equip)
-        self.work_check = self._work.work_check
-        self.baseline_workload = self._work.workloads[0]
+    def _new_work(self) -> StepWork:
+        work = StepWork(self._pool, self._targets, self._sizes, self._time_limit)
+        self.work_check, self.baseline_workload = work.work_check, work.workloads[0]
         self.is_prepared = True
-
-    def launch(self, positions: Sequence[int] = BOTH) -> LaunchRow:
-        """Measure both once, in fresh processes, on a free core.
-
-        Raises:
-          InputError: a target cannot run its path.
-          ChildError: a target crashed, hung or failed.
-          OutOfTimeError: this is the first launch, and the time limit does not allow it.
-        """
-        assert tuple(positions) == BOTH, "a pair is launched together"
-        self._pairs.wait()
-        # targets with threads get all cores, so nothing may start on one of them meanwhile
-        threaded = self._nthread > 1
-        calibrated = self._calibrator.count() if threaded else None
-        with self._pairs.launch(None if threaded else cores.freest_core()) as pair:
-            launch = self._measure(pair)
-        self._has_timed = True
-        return replace(launch, cores=calibrated)
-
-    def _measure(self, pair: ProcessPair) -> LaunchRow:
-        """Measure a launch; the first one only if it fits the time limit."""
-        layouts: list[tuple[list[str], np.ndarray]] = []
-        all_blocks_s, nsection = math.inf, self._work.nsection
-        rows: list[int] = []
-        while len(layouts) < layout_count(all_blocks_s, nsection) or (
-            len(layouts) < MAX_LAYOUTS and not self._pairs.is_next_ready()
-        ):
-            if not rows or nsection == 1:
-                rows = self._work.draw()
-            now_s = 1e-9 * sum(self._work.lay_out(pair, rows))
-            if not self._has_timed and not layouts:  # steps may be heavier than those at the start
-                self._time_limit.check_first_launch(launch_s(now_s, nsection))
-            all_blocks_s = min(all_blocks_s, now_s)
-            layouts.append(time_quads(*pair.processes, quad_count(now_s, nsection)))
-        orders = [order for layout_orders, _ in layouts for order in layout_orders]
-        ns = np.concatenate([ns for _, ns in layouts]).tolist()
-        sizes = [len(layout_orders) for layout_orders, _ in layouts]
-        return LaunchRow(pair.core, None, orders, ns, pair.placements, sizes, nsection)
-
-    def close(self) -> None:
-        """End the processes that were started ahead; remove all files but the baseline workload."""
-        self._closing.close()
+        return work
 
 
 def draw_least(times_drawn: list[int], count: int) -> list[int]:

@@ -20,7 +20,7 @@ from mjbench.bounds import (
 )
 from mjbench.measuring import stats
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired.outcomes import Cause, Metric, Verdict
+from mjbench.paired.outcomes import Cause, Metric, ResultsOutcome, Verdict
 from mjbench.releases.placement import AS_SHIPPED, PlacementPair
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
@@ -41,6 +41,10 @@ class TargetRow:
       slowdown: share of its time by which each block lasts longer; 0 in a real comparison.
       build: tells builds of one version apart; empty where it is unknown.
       callback: function of the engine called inside each step; empty in a real comparison.
+      has_timer: whether steps read the timer of MuJoCo's Python package.
+      revision: of the user's code, as it was named; empty where releases are compared.
+      commit: its full hash; empty where it is not committed.
+      tree: the hash of its files.
     """
 
     release: str
@@ -51,6 +55,24 @@ class TargetRow:
     slowdown: float = 0.0
     build: str = ""
     callback: str = ""
+    has_timer: bool = True
+    revision: str = ""
+    commit: str = ""
+    tree: str = ""
+
+
+@dataclass(frozen=True)
+class ControlRow:
+    """The baseline against itself, in launches beside those of a verdict.
+
+    Attributes:
+      ratio: of time; 1 but for noise.
+      covers: whether the interval holds 1, as it should.
+    """
+
+    ratio: Ratio
+    launches: NonNegativeInt
+    covers: bool
 
 
 @dataclass(frozen=True)
@@ -84,6 +106,8 @@ class VerdictRow:
     """One paired comparison, as people and programs read it; None is what cannot be said.
 
     Attributes:
+      model: or the function of the user's code, such as `bench.py::step`.
+      path: of stepping; empty for a function.
       metric: what `ratio` compares.
       detail: one line; empty when ok.
       verdict: None where nothing was measured.
@@ -105,6 +129,10 @@ class VerdictRow:
       launches: in all, those as shipped included.
       pairs: of blocks, over all launches.
       seconds: from start to verdict.
+      results: how what a function returned compares; None for models.
+      results_detail: where it first differs, or why it was not compared; empty otherwise.
+      control: None where nothing of the kind was measured.
+      calls_s: seconds of a call of a function; None for models.
     """
 
     model: str
@@ -135,6 +163,10 @@ class VerdictRow:
     launches: NonNegativeInt = 0
     pairs: NonNegativeInt = 0
     seconds: NonNegativeFloat = 0.0
+    results: ResultsOutcome | None = None
+    results_detail: str = ""
+    control: ControlRow | None = None
+    calls_s: Pair[PositiveFloat] | None = None
 
 
 @dataclass(frozen=True)
@@ -200,10 +232,15 @@ def section_numbers(layouts: Sequence[int], runs: Sequence[int], nsection: int) 
 
 @dataclass(frozen=True, kw_only=True)
 class VerdictRecord(VerdictRow):
-    """A verdict as a run file stores it, with the raw times of every launch."""
+    """A verdict as a run file stores it, with the raw times of every launch.
+
+    Attributes:
+      control_samples: launches of the baseline against itself.
+    """
 
     record_type: ClassVar[str] = "verdict"
     samples: Sequence[LaunchRow] = ()
+    control_samples: Sequence[LaunchRow] = ()
 
     def row(self) -> VerdictRow:
         """Return the verdict without its samples."""

@@ -178,7 +178,7 @@ class StepTask(ReleaseTask):
     def lay_out(self, pair: ProcessPair) -> tuple[int, int]:
         """See `ReleaseTask.lay_out`."""
         assert self._work is not None, "a task is prepared before it is timed"
-        return self._work.lay_out(pair, self._work.draw())
+        return self._work.lay_out(pair)
 
     def record(self, problem: str, seconds: float) -> StepRatioRecord:
         """See `ReleaseTask.record`."""

@@ -16,6 +16,7 @@ from mjbench.paths import parallelism
 from mjbench.releases import installs
 from mjbench.simulation import model_options, models
 
+_TIMER = ("on", "off")
 _DEFAULTS = {"model": "cartpole", "path": paths.BASE, "release": installs.INSTALLED}
 
 
@@ -27,6 +28,7 @@ class Target:
       slowdown: share of its time by which each block lasts longer, a slowdown of known size.
       callback: function of the engine that every timed step calls (see `engine_library`), a
         slowdown of unknown size; empty for none.
+      has_timer: whether steps read the timer of MuJoCo's Python package.
     """
 
     release: installs.ReleaseSpec
@@ -36,6 +38,7 @@ class Target:
     model_options: Mapping[str, str] = field(default_factory=dict)
     slowdown: float = 0.0
     callback: str = ""
+    has_timer: bool = True
 
     @property
     def nthread(self) -> int:
@@ -58,6 +61,7 @@ class Target:
             slowdown=self.slowdown,
             build=self.release.key,
             callback=self.callback,
+            has_timer=self.has_timer,
         )
 
 
@@ -162,8 +166,10 @@ def _target(text: str, settings: Mapping[str, str]) -> Target:
     path_options = {option.name: option for option in path.options}
     options: dict[str, Any] = {}
     fields: dict[str, str] = {}
+    if settings.get("timer", "on") not in _TIMER:
+        raise InputError(f"{text!r}: timer is on or off")
     for key, value in settings.items():
-        if key in _DEFAULTS:
+        if key in _DEFAULTS or key == "timer":
             continue
         if key in path_options:
             options[key] = _option_value(text, path_options[key], value)
@@ -174,7 +180,7 @@ def _target(text: str, settings: Mapping[str, str]) -> Target:
             raise InputError(
                 f"{text!r}: no {key!r}; path {path.name} has"
                 f" {', '.join(path_options) or 'no options'}; other keys are"
-                f" {', '.join(_DEFAULTS)}, and the fields of MjOption"
+                f" {', '.join(_DEFAULTS)}, timer, and the fields of MjOption"
                 f" {', '.join(model_options.FIELDS)}"
             )
     return Target(
@@ -183,6 +189,7 @@ def _target(text: str, settings: Mapping[str, str]) -> Target:
         path.name,
         complete_options(path, options),
         fields,
+        has_timer=settings.get("timer") != "off",
     )
 
 

@@ -207,8 +207,9 @@ class _VerdictRule(PairRule):
         assert self.averaging is not None, "`placements` is called first"
         return self.averaging.launches_with(MIN_LAUNCHES)
 
-    def look(self, launches: Sequence[LaunchRow], work_check: WorkCheck) -> Sufficiency:
-        judgement = _judge_launches(launches, self._plan, _log_scale(work_check, self._plan))
+    def look(self, launches: Sequence[LaunchRow]) -> Sufficiency:
+        log_scale = _log_scale(self.work_check, self._plan)
+        judgement = _judge_launches(launches, self._plan, log_scale)
         assert judgement is not None, "there is a launch"
         self._on_launch(judgement)
         return Sufficiency(judgement.enough, judgement.launches >= MIN_LAUNCHES)
@@ -247,6 +248,11 @@ def _sides_key(sides: Sequence[TargetRow]) -> str:
     return repr([asdict(side) for side in sides])
 
 
+def completed_share(launches: int) -> float:
+    """Return which share of a comparison so many launches are, about."""
+    return 1 - 1 / (1 + launches / _HALFWAY_LAUNCHES)
+
+
 def decide_each(
     pool: WorkerPool,
     pairs: Sequence[tuple[Target, Target]],
@@ -268,9 +274,8 @@ def decide_each(
         name = f"{candidate.model.name}, MuJoCo {candidate.release.version}"
 
         def on_launch(judgement: Judgement, number: int = number, name: str = name) -> None:
-            share = 1 - 1 / (1 + judgement.launches / _HALFWAY_LAUNCHES)
             text = f"{name} {percent_change(judgement.ratio.estimate)} %"
-            on_progress(text, (number + share) / len(pairs))
+            on_progress(text, (number + completed_share(judgement.launches)) / len(pairs))
 
         result = decide(pool, baseline, candidate, plan, on_launch)
         yield result

@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 
     from mjbench.paired.loop_sections import LoopSection, TimedSteps
     from mjbench.paired.race_blocks import RaceBlocks
+    from mjbench.paired.timed_function import TimedFunction
     from mjbench.paths import Resources, States
     from mjbench.simulation.rounding_reference import RoundingReference
     from mjbench.simulation.sampling import SampleRequest
@@ -91,6 +92,7 @@ class Worker:
         self.connection = connection
         self.resources: Resources | None = None
         self.race: RaceBlocks | None = None
+        self.function: TimedFunction | None = None
         self.slowdown = 0.0
         self.sections: Sequence[LoopSection] = ()
         self.single_steps: TimedSteps | None = None
@@ -387,6 +389,13 @@ class Worker:
             previous.close()
         _collect_garbage()
         return self._run_all_sections()
+
+    def prepare_section(self, cores: Sequence[int], new: "Callable[[], LoopSection]") -> int:
+        """Have blocks run one section, made in fresh memory; return a block's nanoseconds."""
+        self._lay_out_memory(cores)
+        self.sections = [new()]
+        _collect_garbage()
+        return self._block(self.sections[0])
 
     def _run_all_sections(self) -> int:
         """Run one block of each section, and check it; return how many nanoseconds that takes."""

@@ -6,6 +6,7 @@ two more variables.
 """
 
 import contextlib
+import math
 import os
 import re
 import signal
@@ -123,19 +124,23 @@ def check(program: Program) -> None:
 
 
 def run(
-    program: Program, seconds: float | None = None, sampling: Sampling = _USUAL_SAMPLING
+    program: Program,
+    seconds: float | None = None,
+    sampling: Sampling = _USUAL_SAMPLING,
+    most_s: float = math.inf,
 ) -> ProgramObservation:
     """Run a program to its end, and return what was seen.
 
     Args:
       seconds: after its first step, for which it runs before it is ended as by Ctrl-C; None to let
         it run.
+      most_s: seconds after which it is ended in any case.
 
     Raises:
       MachineError: the program could not be started.
     """
     with scratch.folder() as folder:
-        return _run(program, folder, seconds, sampling)
+        return _run(program, folder, seconds, sampling, most_s)
 
 
 def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> ProgramObservation:
@@ -201,7 +206,7 @@ def _observation(
 
 
 def _run(
-    program: Program, folder: Path, seconds: float | None, sampling: Sampling
+    program: Program, folder: Path, seconds: float | None, sampling: Sampling, most_s: float
 ) -> ProgramObservation:
     with _passing_on() as signals:
         begin = ProcessorClock.now()
@@ -218,7 +223,9 @@ def _run(
                     profiling.look()
                     if stepped_s > _CALM_S:
                         profiling.look_for_pause()
-                if seconds is not None and not was_ended and first_ns and stepped_s > seconds:
+                has_stepped = seconds is not None and first_ns and stepped_s > seconds
+                is_late = time.monotonic() - begin.time_s > most_s
+                if not was_ended and (has_stepped or is_late):
                     was_ended = True
                     _end(process)
     end = ProcessorClock.now()

@@ -53,11 +53,13 @@ class ReleaseSpec:
       name: as the user named it: a version, a wheel, a folder of wheels, or `installed`.
       version: the version that the release must report.
       wheels: the local wheels to install; empty for a version of the index.
+      own_wheels: of the user's code, installed beside the release with what they need.
     """
 
     name: str
     version: str
     wheels: tuple[Path, ...] = ()
+    own_wheels: tuple[Path, ...] = ()
 
     @functools.cached_property
     def key(self) -> str:
@@ -66,11 +68,11 @@ class ReleaseSpec:
             return f"{INSTALLED}-{self.version}"
         content = hashlib.blake2b(digest_size=4)
         try:
-            for wheel in self.wheels:
+            for wheel in (*self.wheels, *self.own_wheels):
                 content.update(wheel.read_bytes())
         except OSError as error:
             raise InputError(f"cannot read {wheel}: {error.strerror}") from error
-        local = f"+{content.hexdigest()}" if self.wheels else ""
+        local = f"+{content.hexdigest()}" if self.wheels or self.own_wheels else ""
         python = f"{sys.implementation.cache_tag}-{platform.machine()}"
         return f"{self.version}{local}-{python}-numpy{metadata.version('numpy')}"
 
@@ -207,7 +209,7 @@ def use(release: ReleaseSpec) -> Iterator[Path | None]:
         return
     folder = cache_folder() / release.key
     while True:
-        with _locked(release.key, shared=True):
+        with locked(release.key, shared=True):
             if _is_complete(folder):
                 _check_files(folder)
                 with contextlib.suppress(OSError):  # a cache that may only be read
@@ -225,7 +227,7 @@ def install(release: ReleaseSpec) -> Path:
       MachineError: it cannot be installed, or a file of its install has been damaged.
     """
     folder = cache_folder() / release.key
-    with _locked(release.key):
+    with locked(release.key):
         if _is_complete(folder):
             _check_files(folder)
             return folder
@@ -235,7 +237,7 @@ def install(release: ReleaseSpec) -> Path:
                 if remains.exists():
                     shutil.rmtree(remains)
             _LOG.info("installing MuJoCo %s", release.version)
-            pip.install(release.version, release.wheels, partial)
+            pip.install(release.version, release.wheels, partial, release.own_wheels)
             (partial / _MARKER).write_text(f"{release.version}\n")
             partial.rename(folder)
         except OSError as error:
@@ -256,7 +258,7 @@ def remove(name: str) -> None:
     if name not in names:
         raise InputError(f"no install {name!r}; there are {', '.join(names) or 'none'}")
     folder = cache_folder() / name
-    with _locked(name, wait=False):
+    with locked(name, wait=False):
         renamed = folder.with_name(f".{name}.removed")
         try:
             if renamed.exists():  # an earlier removal was killed
@@ -286,7 +288,7 @@ def _check_files(folder: Path) -> None:
 
 
 @contextlib.contextmanager
-def _locked(name: str, shared: bool = False, wait: bool = True) -> Iterator[None]:
+def locked(name: str, shared: bool = False, wait: bool = True) -> Iterator[None]:
     """Hold the lock of an install while the block runs; the kernel frees it if the process dies.
 
     Processes that use the install share the lock; one that makes or removes it holds it alone.

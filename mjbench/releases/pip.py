@@ -6,6 +6,7 @@ reached. Its output is for people, so the index is asked instead of parsing it.
 
 import bisect
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -19,20 +20,34 @@ from mjbench.host import child
 from mjbench.releases import package_index
 from mjbench.releases.release import OLDEST, version_key
 from mjbench.releases.wheels import wheel_of
+from mjbench.status import ExitCode
 
+# What pip says last where a wheel cannot be built, and the line that says why.
+_BUILD_FAILED = "ERROR: Failed to build"
+_OF_COMPILER = re.compile(r"\b(?:error|\w+Error): (?!subprocess-exited)")
 # How many other versions an error names.
 _NEAREST = 4
 
 
-def install(version: str, wheels: Sequence[Path], target: Path) -> None:
+class BuildError(MachineError):
+    """Code of the user's cannot be built, or what it needs cannot be installed (exit code 4)."""
+
+    exit_code = ExitCode.NOT_BUILT
+
+
+def install(
+    version: str, wheels: Sequence[Path], target: Path, own_wheels: Sequence[Path] = ()
+) -> None:
     """Install a release and this environment's NumPy version into a folder.
 
     Args:
       wheels: local wheels of the release; empty for the version of the index.
       target: the folder, which pip creates.
+      own_wheels: of the user's code, to be installed with what they need.
 
     Raises:
       InputError: the index has no such release for this Python.
+      BuildError: what the user's code needs cannot be installed with it.
       MachineError: pip failed, or the index cannot be reached.
     """
     problem = run(
@@ -40,10 +55,24 @@ def install(version: str, wheels: Sequence[Path], target: Path) -> None:
         f"--target={target}",
         *(f"--find-links={folder}" for folder in {wheel.parent for wheel in wheels}),
         *([str(wheel) for wheel in wheels] or [f"mujoco=={version}"]),
+        *map(str, own_wheels),
         f"numpy=={metadata.version('numpy')}",
     )
+    if problem and own_wheels:
+        names = ", ".join(wheel.name for wheel in own_wheels)
+        raise BuildError(f"cannot install {names} with MuJoCo {version}: {problem}")
     if problem:
         raise _error(version, bool(wheels), problem)
+
+
+def build(source: Path, target: Path) -> None:
+    """Build the wheel of a source tree into a folder.
+
+    Raises:
+      BuildError: it cannot be built.
+    """
+    if problem := run("wheel", "--no-deps", f"--wheel-dir={target}", str(source)):
+        raise BuildError(problem)
 
 
 def run(command: str, *arguments: str) -> str:
@@ -71,6 +100,9 @@ def run(command: str, *arguments: str) -> str:
 def _reason(stderr: str) -> str:
     """Return the line of pip's output that says most, as it is."""
     lines = stderr.splitlines() or ["pip failed without a message"]
+    if lines[-1].startswith(_BUILD_FAILED):  # of the compiler
+        causes = (line for line in lines if _OF_COMPILER.search(line))
+        return one_line(next(causes, lines[-1]).removeprefix("ERROR: "))
     errors = [line for line in lines if line.startswith("ERROR: ") and not line.endswith(":")]
     return one_line((errors or lines)[-1].removeprefix("ERROR: "))
 

@@ -37,7 +37,7 @@ TARGET_S = 110.0
 # their own spread: of launches in two modes, all of the first ones may be of one mode.
 TRUSTED_LAUNCHES, TARGET_DEVIATION = 36, 0.002
 # The least standard error, since few launches can agree by chance. Estimates between builds of
-# equal code have a root mean square of 0.18 % (docs/method/history-errors.md).
+# equal code have a root mean square of 0.18 % (docs/method/history.md).
 MIN_DEVIATION = 0.001
 # A launch further from the median of its residue than this many deviations counts as if it were
 # that far away: something else on the machine disturbed it.

@@ -1,11 +1,13 @@
 """What results come to, whatever shows it: conclusions, tables, figures and notes."""
 
+import itertools
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, TypeVar
 
 from mjbench.releases.release_ratios import LogEstimate
+from mjbench.report import formats
 from mjbench.report.formats import Bounded, Form
 
 # What a cell can hold: a text, a number, an estimate or interval, or nothing.
@@ -77,6 +79,29 @@ class Column:
                 return cell.log_ratio
         return cell.low
 
+    def raw(self, cells: Sequence[Cell]) -> list[list[str | float | None]]:
+        """Return the columns of numbers, not rounded, that stand for it: a heading, then cells.
+
+        An estimate, or an interval, has two.
+        """
+        if self.form is None:
+            return [[self.title, *map(self.shown, cells)]]
+        match next((cell for cell in cells if not isinstance(cell, str | None)), 0.0):
+            case int() | float():
+                unit = formats.RAW_UNITS.get(self.form)
+                parts = {f" ({unit})" if unit else "": "real"}
+            case LogEstimate():
+                parts = {" (log ratio)": "log_ratio", " (its standard error)": "deviation"}
+            case _:
+                parts = {" (low)": "low", " (high)": "high"}
+        return [
+            [
+                self.title + suffix,
+                *(c if isinstance(c, str | None) else getattr(c, attribute) for c in cells),
+            ]
+            for suffix, attribute in parts.items()
+        ]
+
     def shown(self, cell: Cell) -> str:
         """Return a cell as people read it."""
         if cell is None:
@@ -107,6 +132,14 @@ class DataTable:
             [column.shown(cell) for column, cell in zip(self.columns, row, strict=True)]
             for row in self.rows
         ]
+
+    @property
+    def raw_rows(self) -> list[tuple[str | float | None, ...]]:
+        """Its headings and its rows as programs read them."""
+        columns = (
+            column.raw([row[i] for row in self.rows]) for i, column in enumerate(self.columns)
+        )
+        return list(zip(*itertools.chain(*columns), strict=True))
 
     def filled_columns(self, with_bars: bool = True) -> "DataTable":
         """Return the table without the columns in which every cell is empty."""

@@ -67,7 +67,7 @@ def conclusions(record: EnvironmentRecord) -> list[str]:
     """Return what follows from an environment's measurement, a sentence each; none without one."""
     if record.step is None or not record.layer_shares:
         return []
-    sentences = [_shares(record), *_unrepeated(record)]
+    sentences = [_shares(record), *unrepeated_lines(record)]
     if physics := _physics_conclusion(record):
         sentences.append(physics)
     return [*sentences, *_vector_conclusions(record)]
@@ -93,7 +93,7 @@ def _costliest_wrapper(layer: LayerShare) -> str:
     return f" ({wrapper.name} {100 * wrapper.share:.0f} %)"
 
 
-def _unrepeated(record: EnvironmentRecord) -> list[str]:
+def unrepeated_lines(record: EnvironmentRecord) -> list[str]:
     """Return a sentence with what was not the same in another pass; none if all was."""
     if record.facts is None or record.facts.repeats:
         return []

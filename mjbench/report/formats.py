@@ -89,6 +89,14 @@ def change_with_error(estimate: LogEstimate) -> str:
     return f"{100 * (ratio - 1):+.1f} ±{100 * error:.1f} %"
 
 
+# What the numbers are that a form writes as percent, for programs that read them as they are.
+RAW_UNITS: dict[Form, str] = {
+    **dict.fromkeys((percent, whole_percent, short_percent), "share"),
+    **dict.fromkeys((change, change_to_tenth), "ratio"),
+    log_change: "log ratio",
+}
+
+
 def _is_factor(ratio: float) -> bool:
     return ratio >= 2 or ratio <= 0.5
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from mjbench.checkups.records import CheckedPart
 from mjbench.comparison import records as comparison_records
 from mjbench.comparison.planning_run import PlanningRow
 from mjbench.counts.records import ExplainRecord, InstructionsRecord
@@ -17,6 +18,7 @@ from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.profile import ProfileRow
 from mjbench.paired import family
 from mjbench.paired import selfcheck as trials
+from mjbench.paired.bisect_records import BisectRecord
 from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import VerdictRecord, VerdictRow
@@ -24,6 +26,8 @@ from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.program.records import ProgramRow
 from mjbench.releases.release_ratios import OperationRatioRecord, StepRatioRecord
 from mjbench.report import (
+    bisect,
+    checkup,
     comparison,
     counts,
     documents,
@@ -125,6 +129,14 @@ def _selfcheck_sections(run: Run) -> list[Section]:
 _RATIOS = (StepRatioRecord, OperationRatioRecord)
 _VERDICTS = documents.results_document(VerdictRow)
 
+CHECKUP = Kind(
+    ("checkup",),
+    (CheckedPart,),
+    checkup.CheckupDocument,
+    checkup.CheckupDocument.of,
+    checkup.sections,
+    checkup.items,
+)
 COMPARE = Kind(
     ("compare",),
     (*comparison_records.RECORD_TYPES.values(), RaceRecord),
@@ -156,6 +168,7 @@ SELFCHECK = Kind(
     _selfcheck_rows,
 )
 PLACEMENT = _kind(SpreadRecord, lambda rows: [placement.section(rows)], "placement")
+BISECT = _kind(BisectRecord, bisect.sections, "bisect")
 HISTORY = Kind(
     ("history",),
     _RATIOS,
@@ -174,9 +187,10 @@ def _ratios(run: Run) -> list[StepRatioRecord | OperationRatioRecord]:
     return [record for record in run.records if isinstance(record, _RATIOS)]
 
 
+# A run of a check-up has records of several kinds; its own comes first.
 KINDS: Sequence[Kind] = (
-    *(COMPARE, OVERHEAD, PROFILE, PROGRAM, LATENCY, PLAN, ENVIRONMENT, VERDICT, SELFCHECK),
-    *(PLACEMENT, HISTORY, EXPLAIN, INSTRUCTIONS, TUNE, WEB),
+    *(CHECKUP, COMPARE, OVERHEAD, PROFILE, PROGRAM, LATENCY, PLAN, ENVIRONMENT, VERDICT, SELFCHECK),
+    *(PLACEMENT, BISECT, HISTORY, EXPLAIN, INSTRUCTIONS, TUNE, WEB),
 )
 
 # The records of a run file by their `type`.

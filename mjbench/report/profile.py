@@ -21,7 +21,7 @@ def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
         stages = _stages(steps)
         yield Section(
             heading=f"{row.model}: where a step's time goes",
-            conclusions=[*_conclusions(row.model, steps)],
+            conclusions=[*conclusions(row.model, steps)],
             facts=_facts(steps),
             figures=[_figure(row.model, stages)],
             tables=[stages, _simulated_second(row.simulated_second or {})],
@@ -32,7 +32,8 @@ def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
         )
 
 
-def _conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
+def conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
+    """Yield how long a step takes, and what the timer of MuJoCo's Python package takes of it."""
     yield Conclusion(
         f"{model}: a step of a Python loop takes {duration(steps.loop_ns)}: engine"
         f" {duration(steps.engine_ns)} ({100 * steps.engine_ns / steps.loop_ns:.0f} %), Python"
@@ -60,13 +61,20 @@ def _other_stage(steps: ProfiledSteps) -> Iterator[str]:
     )
 
 
+def work_line(steps: ProfiledSteps) -> str:
+    """Return what a step did."""
+    work = steps.work
+    return (
+        f"A step has {plain(work.contacts, 3)} contacts, {plain(work.constraints, 3)} constraints,"
+        f" {plain(work.solver_iterations, 3)} solver iterations"
+    )
+
+
 def _facts(steps: ProfiledSteps) -> list[str]:
     """Return what a step did, and which states were stepped."""
-    work = steps.work
     held = ["Each run holds the controls of its start"] if steps.run_nstep else []
     return [
-        f"A step has {plain(work.contacts, 3)} contacts, {plain(work.constraints, 3)} constraints,"
-        f" {plain(work.solver_iterations, 3)} solver iterations",
+        work_line(steps),
         *starts_lines(steps.starts, with_warnings=False),
         *held,
         *warning_lines(steps.warnings),

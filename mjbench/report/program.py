@@ -276,10 +276,11 @@ def _described(remedy: Remedy) -> str:
     """Return what a remedy is, and what it changes besides the time."""
     code = f" ({remedy.code})" if remedy.code else ""
     changes = "" if remedy.effect in ("", "nothing") else f"; it changes {remedy.effect}"
-    return f"{_subject(remedy)}{remedy.text}{code}{changes}"
+    return f"{subject(remedy)}{remedy.text}{code}{changes}"
 
 
-def _subject(remedy: Remedy) -> str:
+def subject(remedy: Remedy) -> str:
+    """Return whose time a remedy saves, before what it says; empty where lint says it."""
     return f"{remedy.activity}: " if remedy.activity is not None and not remedy.code else ""
 
 

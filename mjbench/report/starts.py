@@ -87,15 +87,20 @@ def _limit_lines(starts: Starts) -> list[str]:
     return [f"Starts are at the keyframe: settled for {asked}, the model diverges"]
 
 
+def limited_lines(window: Window) -> list[str]:
+    """Return that the solver mostly stops at its limit of iterations, where it does."""
+    if window.solver_limited <= _MOST_LIMITED:
+        return []
+    limited = short_percent(window.solver_limited)
+    return [
+        f"The solver stopped at its limit of iterations in {limited} of the steps: states and times"
+        " depend on that limit"
+    ]
+
+
 def _regime_lines(window: Window) -> list[str]:
     """Return what limits how far the figures hold, a line each."""
-    lines = []
-    if window.solver_limited > _MOST_LIMITED:
-        limited = short_percent(window.solver_limited)
-        lines.append(
-            f"The solver stopped at its limit of iterations in {limited} of the steps: states and"
-            " times depend on that limit"
-        )
+    lines = limited_lines(window)
     if window.flat_hfields:
         fields = (
             "1 height field is"

@@ -14,14 +14,15 @@ from mjbench.paired.across_machines import (
     MachineVerdict,
 )
 from mjbench.paired.family import Family
-from mjbench.paired.outcomes import MIN_EFFECT, Cause, Metric, Verdict
-from mjbench.paired.records import Pair, TargetRow, VerdictRow
+from mjbench.paired.outcomes import MIN_EFFECT, Cause, Metric, ResultsOutcome, Verdict
+from mjbench.paired.records import ControlRow, Pair, TargetRow, VerdictRow
 from mjbench.paths import BASE
 from mjbench.report import charts, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report.starts import starts_lines, warning_lines
 from mjbench.simulation import agreement
-from mjbench.units import count_of, plain
+from mjbench.status import Status
+from mjbench.units import count_of, duration, plain
 
 # What stands behind the name of a comparison of something else than the time of a block.
 _METRICS = {
@@ -35,6 +36,7 @@ _MOST_NAMES = 3
 _LARGE = 2.0
 
 
+_WORK = {True: "changed", False: "same"}
 _TONES = {
     Verdict.SLOWER: Tone.BAD,
     Verdict.FASTER: Tone.GOOD,
@@ -106,13 +108,15 @@ def _conclusions(rows: Sequence[VerdictRow], confidence: float) -> Iterator[Conc
 
 
 def _tone(row: VerdictRow) -> Tone:
+    if row.status == Status.NEW:
+        return Tone.UNSURE
     tone = Tone.BAD if row.verdict is None else _TONES[row.verdict]
     return Tone.UNSURE if row.changed_work and tone == Tone.NEUTRAL else tone
 
 
 def _label(row: VerdictRow) -> str:
     label = f"{row.model}, {describe_targets(row)}"
-    return label if row.path == BASE else f"{label}, {row.path}"
+    return label if row.path in (BASE, "") else f"{label}, {row.path}"
 
 
 def has_evidence(row: VerdictRow) -> bool:
@@ -187,7 +191,7 @@ def describe_machines(comparison: MachineComparison, name: str) -> str:
 def comparison_name(comparison: MachineComparison) -> str:
     """Return what is compared, such as `humanoid, 3.3.0 → 4.0.0`."""
     name = f"{comparison.model}, {describe_targets(comparison)}"
-    if comparison.path != BASE:
+    if comparison.path not in (BASE, ""):
         name += f", {comparison.path}"
     return name + _METRICS[comparison.metric]
 
@@ -229,15 +233,39 @@ def describe_verdict(row: VerdictRow) -> str:
     name = f"{row.model}, {describe_targets(row)}"
     if row.metric == Metric.P99:
         name += _METRICS[row.metric]
+    outcome = f"{row.verdict}: " if row.verdict and row.ratio is None else ""
+    return f"{name}: {outcome}{describe_change(row)}"
+
+
+def describe_change(row: VerdictRow) -> str:
+    """Return what a comparison with a ratio comes to, without its name."""
     if row.verdict is None or row.ratio is None:
-        outcome = f"{row.verdict}: " if row.verdict else ""
-        return f"{name}: {outcome}{row.detail or 'not measured'}"
-    work = f"changed work: {describe_work(row)}" if row.changed_work else _same_work(row)
+        return row.detail or "not measured"
+    work = _describe_results(row) or (
+        f"changed work: {describe_work(row)}" if row.changed_work else _same_work(row)
+    )
     detail = f"; {row.detail}" if row.detail else ""
     ratio = _describe_ratio(row.verdict, row.ratio)
     if row.timesteps_s is not None and row.metric == Metric.TIME:
         ratio += f" per simulated second (timestep {_timesteps(row.timesteps_s)})"
-    return f"{name}: {ratio}{_describe_cause(row)}, {work}{_describe_placement(row)}{detail}"
+    return f"{ratio}{_describe_cause(row)}, {work}{_describe_placement(row)}{detail}"
+
+
+def _describe_results(row: VerdictRow) -> str:
+    """Return how the results of a function compare; empty for a model."""
+    match row.results:
+        case None:
+            return ""
+        case ResultsOutcome.SAME:
+            return "same results"
+        case ResultsOutcome.ROUNDING:
+            return f"same results but for rounding ({row.results_detail})"
+        case ResultsOutcome.DIFFERENT:
+            return f"other results ({row.results_detail})"
+        case ResultsOutcome.RANDOM:
+            return "results are random, so they were not compared"
+        case ResultsOutcome.NONE:
+            return f"results were not compared ({row.results_detail})"
 
 
 def _same_work(row: VerdictRow) -> str:
@@ -249,8 +277,31 @@ def _same_work(row: VerdictRow) -> str:
 
 
 def notes(row: VerdictRow) -> list[str]:
-    """Return which states a comparison stepped from, and what MuJoCo warned of, a line each."""
-    return [*_starts_lines(row), *_warning_lines(row)]
+    """Return which states or code a comparison was of, and what MuJoCo warned of, a line each."""
+    return [*_starts_lines(row), *_warning_lines(row), *_revision_lines(row)]
+
+
+def _revision_lines(row: VerdictRow) -> list[str]:
+    """Return the commits of two revisions, how long a call takes, and what the control shows."""
+    lines = []
+    if any(side.revision for side in row.sides):
+        named = (f"{s.revision} is {s.commit or 'not committed'}" for s in row.sides)
+        lines.append(", ".join(dict.fromkeys(named)))
+    if row.calls_s is not None:
+        lines.append(f"a call takes about {duration(1e9 * row.calls_s.old)} in {row.old}")
+    if row.control is not None:
+        lines.append(describe_control(row.control))
+    return lines
+
+
+def describe_control(control: ControlRow) -> str:
+    """Return what the baseline against itself shows, as a sentence."""
+    interval = formats.ends(control.ratio, formats.change, " to ") or "too few launches for one"
+    change = formats.change(control.ratio.estimate)
+    text = f"control, the baseline against itself: {change} (interval {interval})"
+    if control.covers:
+        return text
+    return f"{text}; it should hold 0, so this machine was too noisy for this verdict"
 
 
 def _starts_lines(row: VerdictRow) -> list[str]:
@@ -284,7 +335,7 @@ def describe_targets(row: VerdictRow | MachineComparison) -> str:
     """Return what differs between the two targets, such as `3.3.0 → 4.0.0`."""
     baseline, candidate = (_settings(target) for target in row.sides)
     keys = [k for k in {**baseline, **candidate} if baseline.get(k) != candidate.get(k)]
-    if keys in (["release"], []):
+    if keys in (["release"], ["rev"], []):
         return f"{row.old} → {row.new}"
     return " → ".join(
         " ".join(f"{key}={settings[key]}" for key in keys if key in settings) or "default"
@@ -360,6 +411,7 @@ def _times(factor: float) -> str:
 def _settings(target: TargetRow) -> Mapping[str, Any]:
     """Return what was chosen for a target, by name."""
     return {
+        **({"rev": target.revision} if target.revision else {}),
         "release": target.release,
         "model": target.model,
         "path": target.path,
@@ -382,7 +434,7 @@ def _table(rows: Sequence[VerdictRow]) -> DataTable:
         (Column("placement", formats.change, leaves=4), _added_by_placement),
         (
             Column("work", leaves=5),
-            lambda row: None if row.work is None else "changed" if row.changed_work else "same",
+            lambda row: None if row.changed_work is None else _WORK[row.changed_work],
         ),
         (Column("drift", lambda drift: f"{drift:.1g}", leaves=1), lambda row: row.drift),
         (Column("launches", formats.count, leaves=3), lambda row: row.launches),

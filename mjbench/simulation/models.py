@@ -35,6 +35,8 @@ _HOMES = {
 # Names a file that lists models which lie on another machine, that of the user of `mjbench sweep`.
 CARRIED_VARIABLE = "MJBENCH_CARRIED_MODELS"
 _COMPILED = ".mjb"
+# Packages that are known to ship models.
+MODEL_PACKAGES = tuple(_HOMES)
 # What a model file ends in. A package is searched for one group after the other, because many ship
 # the same robot as MJCF and as URDF.
 _SUFFIX_GROUPS = ((".xml", _COMPILED), (".urdf",))

@@ -27,7 +27,7 @@ from mjbench.simulation.workload import (
 _NPY = b"\x93NUMPY"
 # Simulated seconds for which a model settles unless the user says otherwise. A keyframe is a pose
 # that its author chose; it loses its first transients. Without one, models start at their defaults,
-# often in the air: objects that fall and tumble have come to rest by then (see docs/method).
+# often in the air: objects that fall and tumble have come to rest by then (docs/method/work.md).
 KEYFRAME_SETTLE_S = 0.1
 DEFAULT_SETTLE_S = 5.0
 # How far a model's run is followed beyond its starts, to see whether it goes on to do other work:

@@ -1,6 +1,6 @@
 """What a sweep is to measure, from a plan file in TOML; all of it is checked before anything runs.
 
-docs/guides/cluster.md shows a plan with all its keys.
+docs/guides/machines.md shows a plan with all its keys.
 """
 
 import itertools

@@ -11,7 +11,6 @@ PROCESS_SPREAD, which no number of rounds makes smaller.
 
 import contextlib
 import functools
-import itertools
 import math
 import random
 import statistics
@@ -24,29 +23,23 @@ from statistics import NormalDist
 
 import numpy as np
 
-from mjbench.measuring import anytime, stats, timing
+from mjbench.measuring import anytime, calls, stats, timing
 from mjbench.measuring.anytime import Interval
+from mjbench.measuring.calls import Function, nothing
 from mjbench.measuring.timing import Clock
 from mjbench.units import duration
 
-# Seconds of a block, at least, and of a round. Where a core has other work, Linux lets a process
-# run for some milliseconds at a time: most pairs of blocks that are much shorter are undisturbed.
-BLOCK_S, ROUND_S = 0.0002, 0.1
+# Seconds of a round, at least.
+ROUND_S = 0.1
 # Quads of a round, at most.
 MOST_QUADS = 100
 # No time is shorter, in seconds: a clock may not tell two readings apart.
 _SHORTEST_S = 1e-9
 # Fewer rounds give no answer, however clear: see `paired.judgement.MIN_LAUNCHES`.
 LEAST_ROUNDS = 8
-# How often the calls of a block are timed to count them, unless they take longer than any pause.
-_TRIALS, _LONG_S = 5, 0.1
-# Calls of a block, at most: a call that takes no time must not make the calibration endless.
-MOST_CALLS = 1_000_000
 # Standard deviation, from process to process, of the log ratio of identical functions
 # (docs/python.md).
 PROCESS_SPREAD = 0.02
-
-Function = Callable[[], object]
 
 
 class Answer(StrEnum):
@@ -100,10 +93,6 @@ class SpeedCheck:
         return f"{text}; {self.detail}" if self.detail else text
 
 
-def nothing() -> None:
-    """Do nothing."""
-
-
 @dataclass(frozen=True)
 class SpeedQuestion:
     """What is asked of two functions.
@@ -155,13 +144,14 @@ def _compare(
     pair: FunctionPair, question: SpeedQuestion, clock: Clock, rng: random.Random
 ) -> SpeedCheck:
     begin = clock()
-    calls = min(
-        calls_per_block(function, pair.setup, clock) for function in (pair.baseline, pair.candidate)
+    count = min(
+        _calls_per_block(function, pair.setup, clock)
+        for function in (pair.baseline, pair.candidate)
     )
     rounds: list[_Round] = []
     log_ratios: list[float] = []
     while True:
-        rounds.append(_time_round(pair, calls, clock, rng))
+        rounds.append(_time_round(pair, count, clock, rng))
         log_ratios.append(rounds[-1].log_ratio)
         check = _judge(anytime.anytime_interval(log_ratios, question.confidence), question)
         if not check.is_final:
@@ -171,8 +161,8 @@ def _compare(
             check = replace(check, detail=_too_little_time(len(rounds), question))
         return replace(
             check,
-            candidate_s=statistics.median(each.block_s("B") for each in rounds) / calls,
-            baseline_s=statistics.median(each.block_s("A") for each in rounds) / calls,
+            candidate_s=statistics.median(each.block_s("B") for each in rounds) / count,
+            baseline_s=statistics.median(each.block_s("A") for each in rounds) / count,
         )
 
 
@@ -227,32 +217,18 @@ def untraced() -> Iterator[None]:
         sys.settrace(trace)
 
 
-def calls_per_block(function: Function, setup: Function, clock: Clock) -> int:
+def _calls_per_block(function: Function, setup: Function, clock: Clock) -> int:
     """Return how many calls of a function last as long as a block.
 
-    It has been called before its calls are counted, so what it does only once is done. A pause of
-    the process must not pass for a call that takes long, so the shortest of some times counts.
+    It has been called before its calls are counted, so what it does only once is done.
     """
     function()
-    calls = 1
-    while calls < MOST_CALLS:
-        seconds = math.inf
-        for _ in range(_TRIALS):
-            setup()
-            seconds = min(seconds, block_s(function, calls, clock))
-            if not BLOCK_S <= seconds < _LONG_S:
-                break
-        if seconds >= BLOCK_S:
-            break
-        growth = min(10.0, BLOCK_S / seconds) if seconds > 0 else 10.0
-        calls = min(MOST_CALLS, max(calls + 1, math.ceil(calls * growth)))
-    return calls
 
+    def block_s(count: int) -> float:
+        setup()
+        return _block_s(function, count, clock)
 
-def repeat(function: Function, calls: int) -> None:
-    """Call a function some times."""
-    for _ in itertools.repeat(None, calls):
-        function()
+    return calls.calls_per_block(block_s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,17 +249,18 @@ class _Round:
         return float(np.median(self.seconds[is_of]))
 
 
-def block_s(function: Function, calls: int, clock: Clock = time.perf_counter) -> float:
+def _block_s(function: Function, count: int, clock: Clock) -> float:
     """Return the seconds of some calls of a function."""
-    return timing.block_s(timing.Contender(functools.partial(repeat, function, calls)), clock)
+    return timing.block_s(timing.Contender(_block(function, count)), clock)
 
 
-def _time_round(pair: FunctionPair, calls: int, clock: Clock, rng: random.Random) -> _Round:
+def _block(function: Function, count: int) -> Callable[[], None]:
+    return functools.partial(calls.repeat, function, count)
+
+
+def _time_round(pair: FunctionPair, count: int, clock: Clock, rng: random.Random) -> _Round:
     """Time as many quads as a round needs."""
-    blocks = (
-        functools.partial(repeat, pair.baseline, calls),
-        functools.partial(repeat, pair.candidate, calls),
-    )
+    blocks = _block(pair.baseline, count), _block(pair.candidate, count)
     orders, times, spent_s = list[str](), list[list[float]](), 0.0
     while spent_s < ROUND_S and len(orders) < MOST_QUADS:
         drawn = timing.draw_orders(1, rng)

@@ -9,9 +9,11 @@ from typing import Any
 
 import pytest
 
+from mjbench.measuring import calls
+from mjbench.measuring.calls import Function
 from mjbench.paired.outcomes import CONFIDENCE
 from mjbench.testing import callables
-from mjbench.testing.callables import Answer, Function, FunctionPair, SpeedCheck, SpeedQuestion
+from mjbench.testing.callables import Answer, FunctionPair, SpeedCheck, SpeedQuestion
 
 # How much slower than its baseline a function may be.
 MAX_SLOWDOWN = 0.1
@@ -66,7 +68,7 @@ class SpeedFixture:
                 "the baseline must be a function; with times that were stored, pytest-benchmark"
                 " compares: --benchmark-save and --benchmark-compare"
             )
-        result = self._compare(function, baseline, question, setup or callables.nothing, check)
+        result = self._compare(function, baseline, question, setup or calls.nothing, check)
         if result.answer == Answer.SLOWER:
             raise _failure(str(result))
         if result.answer == Answer.INCONCLUSIVE:

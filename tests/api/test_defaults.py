@@ -23,13 +23,16 @@ RENAMED = {
     "time_limit": "time_limit_s",
 }
 # What only commands have: where results go, what is printed, exit codes.
-OF_COMMANDS = {"results", "resume", "json_file", "code", "findings", "allow_inconclusive"}
+OF_COMMANDS = {
+    *("results", "resume", "json_file", "code", "findings", "allow_inconclusive"),
+    *("html_file", "markdown_file", "target", "arguments"),
+}
 # `compare --quick` and `--scaling` stand for other options; `--new` names releases that may also
 # be arguments.
 # `--family` is for verdicts of which a sweep runs each as a command.
 NOT_HERE = {"quick", "scaling", "news", "old", "family"}
 # What only functions have.
-OF_FUNCTIONS = {"on_progress", "model", "models", "old", "news"}
+OF_FUNCTIONS = {"target", "arguments", "quick", "on_progress", "model", "models", "old", "news"}
 # Where the command's default is chosen by what it calls, and its help says so.
 CHOSEN_LATER = {"budget_s": BUDGET_S, "paths": "python_loop"}
 
@@ -44,7 +47,7 @@ def options_of(command: str) -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize("command", ["compare", "versions", "profile", "latency"])
+@pytest.mark.parametrize("command", ["checkup", "compare", "versions", "profile", "latency"])
 def test_a_function_has_the_options_of_its_command(command: str) -> None:
     parameters = inspect.signature(getattr(mjbench, command)).parameters
     options = options_of(command)

@@ -9,7 +9,7 @@ import pytest
 from example_models import CONTACT_XML
 
 from mjbench.api import model_sources
-from mjbench.errors import InputError
+from mjbench.errors import InputError, MachineError
 from mjbench.simulation import models
 
 
@@ -76,3 +76,17 @@ def test_other_releases_need_a_name_or_a_path(model: Any) -> None:
         model_sources.named(model)
     with pytest.raises(InputError, match="no model 'cartpol'"):
         model_sources.named("cartpol")
+
+
+def test_a_model_that_a_full_disk_cuts_short_is_an_error_of_the_machine(
+    model: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save = mujoco.mj_saveModel
+
+    def cut_short(model: mujoco.MjModel, file: str, buffer: None = None) -> None:
+        save(model, file, buffer)
+        Path(file).write_bytes(Path(file).read_bytes()[:-1])
+
+    monkeypatch.setattr(mujoco, "mj_saveModel", cut_short)
+    with pytest.raises(MachineError, match="is the disk full"), model_sources.sources([model]):
+        pytest.fail("it is not complete")

@@ -15,6 +15,7 @@ from commands import ROOT
 from benchmarks import c_floor
 from benchmarks.studies import c_floor_page
 from benchmarks.studies.c_floor_tally import FloorRow, LaunchTimes, Spread
+from benchmarks.studies.page_part import of_lines
 from mjbench import paths
 from mjbench.comparison.sizes import choose_sizes
 from mjbench.errors import MachineError
@@ -129,4 +130,4 @@ def test_a_row_has_medians_of_its_launches_and_the_range_of_their_ratios() -> No
 
 
 def test_the_page_says_what_the_committed_figures_say() -> None:
-    assert c_floor.PAGE.read_text() == c_floor_page.page(c_floor.stored())
+    assert c_floor_page.PART.text() == of_lines(c_floor_page.lines(c_floor.stored()))

@@ -17,7 +17,8 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,6 +39,11 @@ RATIO_MODELS = ("cartpole", "cube_table")
 # Units of what may be 0: counts of a model without contact, and a drift of nothing. A ratio, a time
 # or a number of instructions that is 0 was never measured.
 ZERO_IS_POSSIBLE = {"contacts/step", "constraints/step", "iterations/step", "SI"}
+
+# Seconds of all rounds of a timed benchmark, about, and the fewest and the most rounds.
+SECONDS, LEAST_ROUNDS, MOST_ROUNDS = 0.15, 4, 20
+# Parameters that decide what is done, and not how.
+WORK = ("model", "samples")
 
 
 @dataclass(frozen=True)
@@ -67,6 +73,37 @@ class Case:
     def model(self) -> str:
         names = getattr(self.kind, "param_names", ())
         return str(self.params[names.index("model")]) if "model" in names else "no model"
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The parameters by name beside those of WORK; cases of one group differ in them."""
+        return {k: v for k, v in self._named_params.items() if k not in WORK}
+
+    @property
+    def group(self) -> str:
+        """What it is compared within: the same benchmark, of the same work if it has settings."""
+        work = [str(v) for k, v in self._named_params.items() if k in WORK]
+        name = str(self.function.pretty_name).partition(" (ms read")[0]
+        return ": ".join([name, *work]) if self.settings else name
+
+    @property
+    def variant(self) -> str:
+        """Which of its group it is."""
+        values = [v if isinstance(v, str) else f"{k}={v}" for k, v in self.settings.items()]
+        return ", ".join(values) or self._named_params.get("model", "")
+
+    @property
+    def things(self) -> tuple[int, str]:
+        """How many things a call does, and what they are, such as (1000, "step")."""
+        named = re.match(r"time_(\d+)_([a-z]+)", self.method)
+        if named is None:
+            return 1, "call"
+        thing = re.sub("ies$", "y", named[2]).removesuffix("s")
+        return int(named[1]), thing.replace("mjdata", "MjData")
+
+    @property
+    def _named_params(self) -> dict[str, Any]:
+        return dict(zip(getattr(self.kind, "param_names", ()), self.params, strict=True))
 
     @property
     def is_heavy(self) -> bool:
@@ -163,14 +200,22 @@ def test_time(timed: Case, benchmark: Any) -> None:
     method = timed.bound()
     is_raw = timed.method.startswith("timeraw_")
     run = functools.partial(_interpret, method()) if is_raw else method
-    benchmark.group = timed.model
+    benchmark.group = timed.group
+    count, per = timed.things
+    benchmark.extra_info.update(
+        variant=timed.variant, count=count, per=per, is_comparable=bool(timed.settings)
+    )
     params = () if is_raw else timed.params
-    returned = benchmark.pedantic(run, args=params, rounds=10, warmup_rounds=1)
-    assert returned is None
-    count = re.match(r"time_(\d+)_(steps)?", timed.method)
-    if count and benchmark.stats:
-        key = "ns_per_step" if count[2] else "ns_each"
-        benchmark.extra_info[key] = 1e9 * benchmark.stats.stats.median / int(count[1])
+    rounds = _rounds(functools.partial(run, *params)) if benchmark.enabled else 1
+    assert benchmark.pedantic(run, args=params, rounds=rounds) is None
+
+
+def _rounds(run: Callable[[], object]) -> int:
+    """Return how many rounds fit the time of a benchmark; a call of it warms up."""
+    begin_s = time.perf_counter()
+    run()
+    fitting = SECONDS / (time.perf_counter() - begin_s)
+    return round(min(max(fitting, LEAST_ROUNDS), MOST_ROUNDS))
 
 
 def _interpret(code: str) -> None:
@@ -204,6 +249,18 @@ def test_what_is_tracked_is_a_number_that_was_measured(
         return
     assert math.isfinite(value)
     assert value > 0 or (value == 0 and exact.function.unit in ZERO_IS_POSSIBLE)
+
+
+def test_times_are_of_one_thing_and_grouped_by_what_is_compared() -> None:
+    things = {case.method: case.things for case in cases("time_")}
+    assert things["time_1000_steps"] == (1000, "step")
+    assert things["time_3200_steps_by_rollout"] == (3200, "step")
+    assert things["time_20_copies"] == (20, "copy")
+    rollouts = [case for case in cases("time_") if case.kind.__name__ == "RolloutThreads"]
+    assert {case.group for case in rollouts if case.model == "humanoid"} == {
+        "rollout of 64 × 50 steps, by threads: humanoid"
+    }
+    assert {case.variant for case in rollouts} >= {"threads=1", "threads=2"}
 
 
 def test_every_benchmark_has_an_explicit_version_and_a_name_for_readers() -> None:

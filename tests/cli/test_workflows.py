@@ -103,3 +103,16 @@ def test_the_workflow_of_the_guide_merges_what_its_jobs_upload(tmp_path: Path) -
     assert "slower on all 4 machines" in (tmp_path / "summary.md").read_text()
     uploaded = jobs["report"]["steps"][-1]["with"]["path"].split()
     assert all((tmp_path / name).is_file() for name in uploaded)
+
+
+def test_the_workflows_of_a_change_read_and_comment_apart() -> None:
+    """The job that runs the code of a pull request may write nothing."""
+    guide = (ROOT / "docs/guides/revisions.md").read_text()
+    measure, comment = map(yaml.safe_load, re.findall(r"```yaml\n(.*?)```", guide, flags=re.S))
+    assert measure["permissions"] == {"contents": "read"}
+    assert comment["permissions"]["pull-requests"] == "write"
+    assert comment[True]["workflow_run"]["workflows"] == [measure["name"]]  # YAML reads on as true
+    (job,) = comment["jobs"].values()
+    assert not any("checkout" in step.get("uses", "") for step in job["steps"])
+    (line,) = [step["run"] for step in job["steps"] if "run" in step]
+    subprocess.run(["bash", "-n", "-c", line], check=True)

@@ -111,16 +111,21 @@ def test_a_number_of_steps_that_is_compiled_in_changes_nothing(
 def test_a_program_that_never_returns_is_a_row_that_says_timeout(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The run goes on: the paths before and after it have their speeds."""
+    """The run goes on: the paths before and after it have their speeds.
+
+    What it timed before, after a block that warms up, has arrived as it came.
+    """
     (tmp_path / "hangs.py").write_text(
         "import dataclasses\n"
         "from pretender import Pretender\n"
-        "def hang():\n"
-        "    while True: pass\n"
         "class Hangs(Pretender):\n"
         "    name = 'hangs'\n"
         "    def compile(self, workload, options, peaks):\n"
-        "        return dataclasses.replace(super().compile(workload, options, peaks), run=hang)\n"
+        "        compiled, ran = super().compile(workload, options, peaks), []\n"
+        "        def run():\n"
+        "            ran.append(compiled.run())\n"
+        "            while len(ran) == 5: pass\n"
+        "        return dataclasses.replace(compiled, run=run)\n"
         "class Fine(Pretender):\n"
         "    name = 'fine'\n"
     )
@@ -144,6 +149,7 @@ def test_a_program_that_never_returns_is_a_row_that_says_timeout(
     assert rows["hangs:Hangs"].status == Status.TIMEOUT
     assert "timing hangs" in rows["hangs:Hangs"].detail
     assert rows["hangs:Hangs"].step_ns is None
+    assert len(last.measurements[1].samples_s) == 3
     assert rows["python_loop"].step_ns
     assert rows["hangs:Fine"].step_ns
 

@@ -1,8 +1,10 @@
 """Reports of run files: complete, escaped, and in need of nothing beside them."""
 
+import csv
 import html.parser
 import platform
 import re
+import urllib.parse
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,11 +21,14 @@ from verdict_records import FAILED, FASTER, OPEN, SAME, SLOWER, of_model
 
 from mjbench.cli import cli
 from mjbench.host import machine
+from mjbench.measuring.stats import Estimate
 from mjbench.pages import html as as_html
 from mjbench.pages import markdown as as_markdown
 from mjbench.pages import reports
 from mjbench.pages.reports import NamedRun
-from mjbench.report.content import Report, Section, Tone
+from mjbench.releases.release_ratios import LogEstimate
+from mjbench.report import formats
+from mjbench.report.content import Column, DataTable, Report, Section, Tone
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 from mjbench.store import runs
@@ -390,3 +395,31 @@ def test_the_command_of_a_section_names_some_files(tmp_path: Path) -> None:
     assert reports.build(runs).summaries[0].command == (
         "mjbench show 0.jsonl 1.jsonl 2.jsonl … --html"
     )
+
+
+def test_a_table_is_saved_with_the_numbers_that_were_measured_and_not_as_they_are_shown() -> None:
+    rows = [
+        ("=1+1", -1234.5678, Estimate(2.0, 1.5, 2.5), LogEstimate(-0.25, 0.125), -0.0625),
+        ("a, b", None, None, None, None),
+    ]
+    columns = (
+        Column("name"),
+        Column("ns", formats.digits(3)),
+        Column("95 %", formats.ends),
+        Column("change", formats.change_with_error),
+        Column("less", formats.percent),
+    )
+    table = DataTable("Times: of 100 %", columns, rows)
+    page = Page(as_html.render(Report("", (), [Section("a model", tables=[table])])))
+    (link,) = (tag for name, tag in page.tags if name == "a" and "download" in tag)
+    assert link["download"] == "Times-of-100-.csv"
+    kind, _, text = (link["href"] or "").partition(",")
+    assert kind == "data:text/csv;charset=utf-8"
+    assert list(csv.reader(urllib.parse.unquote(text).splitlines())) == [
+        [
+            *("name", "ns", "95 % (low)", "95 % (high)"),
+            *("change (log ratio)", "change (its standard error)", "less (share)"),
+        ],
+        ["'=1+1", "-1234.5678", "1.5", "2.5", "-0.25", "0.125", "-0.0625"],
+        ["a, b", *6 * [""]],
+    ]

@@ -10,7 +10,6 @@ from mjbench.errors import MachineError
 from mjbench.paired import pair_rule
 from mjbench.paired.launches import Targets
 from mjbench.paired.pair_rule import Launched, PairRule, Sufficiency
-from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.time_limit import TimeLimit
@@ -39,7 +38,7 @@ class Enough(PairRule):
     def min_launches(self) -> int:
         return 4
 
-    def look(self, launches: Sequence[LaunchRow], work_check: WorkCheck) -> Sufficiency:
+    def look(self, launches: Sequence[LaunchRow]) -> Sufficiency:
         return Sufficiency(len(launches) >= self._count, has_answer=len(launches) >= 4)
 
 

@@ -120,7 +120,7 @@ def test_the_deviation_that_placement_adds_is_that_of_the_no_change_pairs() -> N
 
 
 def test_the_committed_page_has_a_row_of_a_thousand_histories_for_each_plan() -> None:
-    text = history_simulation.PAGE.read_text(encoding="utf-8")
+    text = history_simulation.PART.text()
     assert f"Each line is {history_simulation.HISTORIES:,} histories of {RELEASES} releases" in text
     rows = [line.split("|")[1].strip() for line in text.splitlines() if line.startswith("| ")]
     assert rows[1:] == [plan.name for plan in PLANS]

@@ -32,7 +32,9 @@ def pip(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Replace pip by a function that writes a package; return the releases it has to install."""
     requested: list[str] = []
 
-    def install(version: str, wheels: Sequence[Path], target: Path) -> None:
+    def install(
+        version: str, wheels: Sequence[Path], target: Path, own_wheels: Sequence[Path]
+    ) -> None:
         requested.append(version)
         write_package(target, version)
 
@@ -169,8 +171,10 @@ def test_an_interrupted_install_is_not_used_and_is_repeated(
     release = installs.parse_release("3.5.0")
     complete = installs.pip.install
 
-    def interrupted(version: str, wheels: Sequence[Path], target: Path) -> None:
-        complete(version, wheels, target)
+    def interrupted(
+        version: str, wheels: Sequence[Path], target: Path, own_wheels: Sequence[Path]
+    ) -> None:
+        complete(version, wheels, target, own_wheels)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(installs.pip, "install", interrupted)
@@ -190,7 +194,9 @@ def test_an_interrupted_install_is_not_used_and_is_repeated(
 def _install(text: str, cache: str, count: Any) -> None:
     os.environ["MJBENCH_CACHE"] = cache
 
-    def slow(version: str, wheels: Sequence[Path], target: Path) -> None:
+    def slow(
+        version: str, wheels: Sequence[Path], target: Path, own_wheels: Sequence[Path]
+    ) -> None:
         with count.get_lock():
             count.value += 1
         write_package(target, version)
@@ -287,7 +293,9 @@ def test_a_missing_home_folder_is_reported_and_no_folder_is_called_tilde(
 
 
 def test_a_full_disk_is_reported_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(version: str, wheels: Sequence[Path], target: Path) -> None:
+    def full(
+        version: str, wheels: Sequence[Path], target: Path, own_wheels: Sequence[Path]
+    ) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target))
 
     monkeypatch.setattr(installs.pip, "install", full)

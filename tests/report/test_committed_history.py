@@ -1,6 +1,7 @@
 """What the committed history of releases says, and docs/history.md with it."""
 
 import math
+import re
 import statistics
 
 import pytest
@@ -83,6 +84,14 @@ def test_releases_that_execute_the_same_instructions_hardly_differ(
             assert (series.name, pair.new) not in changes
     assert len(log_ratios) == 40
     assert math.sqrt(statistics.fmean(x * x for x in log_ratios)) < 0.005
+
+
+def test_the_page_of_method_says_how_exact_the_committed_history_is(history: SpeedHistory) -> None:
+    (line,) = of_history.no_change_line(history)
+    figures = re.search(r"is ([0-9.]+ %), where their standard errors predict ([0-9.]+ %)", line)
+    assert figures is not None
+    page = (ROOT / "docs/method/history.md").read_text()
+    assert f"three passes, Intel Xeon | {figures[1]} | {figures[2]} |" in page
 
 
 def test_the_page_is_what_the_command_writes(history: SpeedHistory) -> None:

@@ -3,6 +3,7 @@
 import functools
 import itertools
 import json
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +13,8 @@ import pytest
 from commands import ROOT
 
 from benchmarks import history_repeats
+from benchmarks.studies import selfcheck_page
+from benchmarks.studies.page_part import of_lines
 from mjbench.paired import selfcheck
 from mjbench.paired.judgement import judge
 from mjbench.paired.outcomes import Verdict
@@ -34,6 +37,7 @@ SELFCHECKS = sorted(RUNS.glob("reference-selfcheck-*.jsonl"))
 INSIDE_STEP = sorted(RUNS.glob("reference-inside-step*.jsonl"))
 HISTORY_AGAIN = RUNS / "reference-history-again.jsonl"
 NO_CHANGE = RUNS / "reference-history-no-change.jsonl"
+STORY = sorted(RUNS.glob("reference-story-*.jsonl"))
 BETWEEN_BUILDS = sorted(RUNS.glob("reference-between-builds*.jsonl"))
 
 
@@ -43,7 +47,7 @@ def test_every_committed_run_is_tested_and_there_is_one_of_each_kind() -> None:
     assert INSIDE_STEP
     assert len(BETWEEN_BUILDS) == 6
     histories = {HISTORY_AGAIN, NO_CHANGE}
-    committed = {*COMPARISONS, *SELFCHECKS, *INSIDE_STEP, *BETWEEN_BUILDS, *histories}
+    committed = {*COMPARISONS, *SELFCHECKS, *INSIDE_STEP, *BETWEEN_BUILDS, *histories, *STORY}
     assert committed == set(RUNS.glob("reference-*.jsonl"))
 
 
@@ -156,8 +160,10 @@ def _case(trial: TrialRecord) -> tuple[str, str]:
     return trial.model, trial.callback
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/method/README.md", "docs/method/selfcheck.md"])
-def test_pages_count_every_arm_of_the_committed_selfchecks(page: str) -> None:
+@pytest.mark.parametrize(
+    "page", ["README.md", "docs/guides/trust.md", "docs/method/README.md", "docs/method/errors.md"]
+)
+def test_pages_count_every_kind_of_trial_of_the_committed_selfchecks(page: str) -> None:
     """A slowdown inside a step counts if it is 0.9 % or more in the mean."""
     known, between = _trials(SELFCHECKS), _trials(BETWEEN_BUILDS)
     alike = [t for t in known if t.slowdown == 0]
@@ -173,13 +179,46 @@ def test_pages_count_every_arm_of_the_committed_selfchecks(page: str) -> None:
     alarms = [sum(t.verdict in different for t in arm) for arm in (alike, between)]
     missed = [sum(t.verdict != Verdict.SLOWER for t in arm) for arm in (injected, inside)]
     text = " ".join((ROOT / page).read_text().split())
-    assert f"{sum(alarms)} of {len(alike) + len(between)} comparisons without a slowdown" in text
-    assert f"{sum(missed)} of {len(injected) + len(inside)} slowdowns of about 1 % or more" in text
+    alarms_of_all = f"{sum(alarms)} of {len(alike) + len(between)}"
+    missed_of_all = f"{sum(missed)} of {len(injected) + len(inside)}"
+    if page == "docs/guides/trust.md":
+        assert f"called different | {alarms_of_all} |" in text
+        assert f"missed | {missed_of_all} |" in text
+        return
+    assert f"{alarms_of_all} comparisons without a slowdown" in text
+    assert f"{missed_of_all} slowdowns of about 1 % or more" in text
     if page != "docs/method/README.md":
         undecided = sum(t.verdict == Verdict.INCONCLUSIVE for t in between)
         assert f"{alarms[0]} of {len(alike)} of a build with itself" in text
         assert f"{alarms[1]} of {len(between)} between builds" in text
         assert f"{undecided} of the {len(between)} stayed undecided" in text
+
+
+def test_the_page_of_errors_has_the_verdicts_of_all_committed_selfchecks() -> None:
+    trials = selfcheck_page.committed_trials()
+    assert len(trials) == len(_trials([*SELFCHECKS, *INSIDE_STEP, *BETWEEN_BUILDS]))
+    assert selfcheck_page.PART.text() == of_lines(selfcheck_page.lines(trials))
+
+
+def test_no_false_alarm_excludes_the_rate_that_the_page_names() -> None:
+    alike = sum(trial.slowdown == 0 for trial in _trials(SELFCHECKS))
+    excluded = 100 * (1 - 0.05 ** (1 / alike))
+    page = (ROOT / "docs/method/errors.md").read_text()
+    assert (
+        f"No false alarm in {alike} excludes a rate above {math.ceil(10 * excluded) / 10} %" in page
+    )
+
+
+def test_the_story_has_the_committed_speeds_and_what_its_commands_stored() -> None:
+    stored = json.loads((ROOT / "results/story.json").read_text())
+    before, after = (float(np.median(stored["steps_per_s"][n])) for n in ("walk_env", "walk_batch"))
+    page = (ROOT / "docs/guides/story.md").read_text()
+    assert f"| `walk_env.py` | {before:,.0f} |" in page
+    assert f"| `walk_batch.py` | {after:,.0f} |" in page
+    assert f"That is {after / before:.1f} times as fast" in page
+    for file in STORY:
+        words = runs.load(file, RECORD_TYPES).header.command_line
+        assert any(" ".join(words[:2]) in line for line in page.splitlines()), words
 
 
 def test_docs_say_how_far_changes_of_the_second_history_differ(
@@ -201,7 +240,7 @@ def test_a_pass_in_turns_is_as_exact_as_the_page_says_and_takes_two_minutes_a_re
     assert float(figures[1].split()[0]) < 0.5
     assert "; 0 of them are listed" in line
     page = " ".join((ROOT / "docs/method/history.md").read_text().split())
-    assert f"the command above, AMD EPYC | {figures[1]} | {figures[2]} |" in page
+    assert f"one pass in groups, AMD EPYC | {figures[1]} | {figures[2]} |" in page
     seconds: dict[str, float] = {}
     for record in runs.load(NO_CHANGE, RECORD_TYPES).of_type(RatioRecord):
         seconds[record.release] = seconds.get(record.release, 0.0) + record.seconds

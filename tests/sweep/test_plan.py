@@ -235,7 +235,7 @@ def test_a_wheel_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_plans_of_the_guide_are_plans(tmp_path: Path) -> None:
-    guide = (ROOT / "docs/guides/cluster.md").read_text()
+    guide = (ROOT / "docs/guides/machines.md").read_text()
     (tmp_path / "robots").mkdir()
     (tmp_path / "robots/arm.xml").write_text(CONTACT_XML)
     examples = re.findall(r"```toml\n(.*?)```", guide, flags=re.DOTALL)
@@ -245,7 +245,7 @@ def test_the_plans_of_the_guide_are_plans(tmp_path: Path) -> None:
 
 
 def test_the_guide_has_every_key_of_a_plan() -> None:
-    guide = (ROOT / "docs/guides/cluster.md").read_text()
+    guide = (ROOT / "docs/guides/machines.md").read_text()
     keys = {key for keys in plans._known_keys().values() for key in keys}
     assert {key for key in keys if f"`{key}`" not in guide} == set()
 

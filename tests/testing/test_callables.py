@@ -117,29 +117,6 @@ def test_pauses_of_other_processes_do_not_make_a_function_slower() -> None:
     assert check.answer == Answer.NOT_SLOWER
 
 
-def test_fast_functions_are_called_many_times_in_a_block() -> None:
-    machine = Machine()
-    fast = machine.function(lambda: 1e-6)
-    calls = callables.calls_per_block(fast, lambda: None, machine.clock)
-    assert 1e-6 * calls == pytest.approx(callables.BLOCK_S, rel=0.1)
-    slow = machine.function(lambda: 1.0)
-    assert callables.calls_per_block(slow, lambda: None, machine.clock) == 1
-
-
-def test_a_pause_is_not_taken_for_a_long_call() -> None:
-    machine = Machine()
-    pauses = iter([0.0, 0.004, 0.0])
-    function = machine.function(lambda: 1e-6 + next(pauses, 0.0))
-    calls = callables.calls_per_block(function, lambda: None, machine.clock)
-    assert 1e-6 * calls == pytest.approx(callables.BLOCK_S, rel=0.1)
-
-
-def test_a_function_that_takes_no_time_does_not_hang() -> None:
-    machine = Machine()
-    calls = callables.calls_per_block(lambda: None, lambda: None, machine.clock)
-    assert calls == callables.MOST_CALLS
-
-
 def test_the_set_up_runs_before_each_block_and_is_not_timed() -> None:
     machine = Machine()
     function = machine.function(lambda: 1e-3)

@@ -6,7 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.studies import simulated_launches, verdict_page, verdict_simulation, verdict_tally
+from benchmarks.studies import (
+    page_part,
+    simulated_launches,
+    verdict_page,
+    verdict_simulation,
+    verdict_tally,
+)
+from benchmarks.studies.page_part import of_lines
 from benchmarks.studies.simulated_launches import Scenario, simulate
 from mjbench.paired.judgement import judge
 from mjbench.paired.verdict import VerdictPlan
@@ -53,7 +60,7 @@ def test_simulated_placements_are_balanced() -> None:
 
 def test_the_page_is_written_from_the_committed_tally() -> None:
     tally = verdict_tally.load(verdict_simulation.TALLY)
-    assert verdict_simulation.PAGE.read_text(encoding="utf-8") == verdict_page.page(tally)
+    assert verdict_page.PART.text() == of_lines(verdict_page.lines(tally))
     assert verdict_simulation.TALLY.read_text(encoding="utf-8") == verdict_tally.dumps(tally)
     names = [scenario.name for scenario in verdict_tally.SCENARIOS]
     assert [row.scenario for row in tally.scenarios[:: len(verdict_tally.CHANGES)]] == names
@@ -76,7 +83,8 @@ def test_a_family_is_tallied(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_command_prints_some_scenarios(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(verdict_simulation, "PAGE", tmp_path / "page.md")
+    monkeypatch.setattr(page_part, "DOCS", tmp_path)
+    monkeypatch.setattr(verdict_simulation, "TALLY", tmp_path / "verdicts.json")
     verdict_simulation.main(["--comparisons", "3", "--only", "at most 8"])
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 2 * len(verdict_tally.CHANGES)

@@ -1,0 +1,372 @@
+"""`mjbench.checkup`: what to do about a simulation that is slow, in one ranked list.
+
+A check-up asks the commands that look closer, each for a short time, and stores their records.
+"""
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from mjbench.api import checks, compare, model_sources, start_states
+from mjbench.api.measured import Measured
+from mjbench.api.session import Item, Measurement, Observer, failure_of_model, pinning_notes
+from mjbench.checkups import combination, targets
+from mjbench.checkups.records import CheckedPart, CheckupPart
+from mjbench.checkups.targets import CheckedSource, ProgramFile
+from mjbench.comparison import selection
+from mjbench.comparison.plan import ComparisonPlan
+from mjbench.comparison.records import ModelRecord
+from mjbench.environment import measurement as environments
+from mjbench.environment.run import EnvironmentPlan
+from mjbench.environment.source import EnvironmentSource
+from mjbench.errors import Failure, InputError, MjbenchError
+from mjbench.host import isolate, machine
+from mjbench.limits import SECONDS, TIME_LIMIT_S
+from mjbench.loop import lint, profile
+from mjbench.measuring.progress import Progress
+from mjbench.paired.race_record import RaceRecord
+from mjbench.paired.run_sizes import Sizes
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.program import launch
+from mjbench.program.records import ProgramRow
+from mjbench.report import checkup as report
+from mjbench.report.checkup import CheckupDocument
+from mjbench.report.checkup_items import CheckupItem
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
+from mjbench.status import Status
+from mjbench.store.runs import Record
+from mjbench.tuning.records import TuneRecord
+from mjbench.tuning.search import SearchPlan
+from mjbench.tuning.tune import tune
+
+if TYPE_CHECKING:
+    from mjbench.api.model_sources import Model
+    from mjbench.api.start_states import States
+
+# Seconds of a check-up, and of a quick one.
+TOTAL_S, QUICK_S = 60.0, 15.0
+
+
+@dataclass(frozen=True)
+class _Times:
+    """Seconds of the parts of a check-up.
+
+    Attributes:
+      end: from the beginning to when nothing begins any more.
+      paths: of the race.
+      together: of what is measured as a whole, once the models are loaded.
+      steps: for which a program steps; program: in all.
+      rounds: of an environment, and again of its vectorised forms.
+    """
+
+    end: float
+    paths: float
+    together: float
+    steps: float
+    program: float
+    rounds: float
+
+
+_FULL = _Times(end=TOTAL_S, paths=14.0, together=5.0, steps=25.0, program=40.0, rounds=8.0)
+_QUICK = _Times(end=QUICK_S, paths=QUICK_S, together=0.0, steps=6.0, program=9.0, rounds=3.0)
+# Seconds that measuring something as a whole takes beside its time limit: it starts processes.
+_STARTING_S = 4.0
+# Seconds that tuning, and measuring something as a whole, need at least.
+_LEAST_TUNING_S, _LEAST_TOGETHER_S = 5.0, 2.0
+# Ways of stepping that race, beside the plain loop: others rarely win, and cost each of these time.
+_PATHS, _OPTIONS = ("rollout", "batch_step", "batch_rollout"), ("pool=kept",)
+# Changes that are measured together, at least: one alone has its figure.
+_SEVERAL = 2
+
+_Record = TypeVar("_Record")
+
+
+@dataclass(frozen=True)
+class CheckupPlan:
+    """How something is checked.
+
+    Attributes:
+      limit_s: a child process that is silent for longer is killed.
+    """
+
+    is_quick: bool = False
+    starts: StartPlan = DEFAULT_STARTS
+    limit_s: float = TIME_LIMIT_S
+
+    @property
+    def times(self) -> _Times:
+        """What each part may take."""
+        return _QUICK if self.is_quick else _FULL
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Checkup(Measured):
+    """What to do about a simulation, in one ranked list."""
+
+    @property
+    def items(self) -> tuple[CheckupItem, ...]:
+        """What to do, the most important first."""
+        return tuple(report.items(self.run))
+
+    @property
+    def document(self) -> CheckupDocument:
+        """All that `mjbench checkup --json` has."""
+        return CheckupDocument.of(self.run)
+
+
+def checkup(
+    target: "Model",
+    *arguments: str,
+    quick: bool = False,
+    settle_s: float | None = None,
+    states: "States | None" = None,
+    time_limit_s: float = TIME_LIMIT_S,
+    wait: bool = False,
+    on_progress: Progress | None = None,
+) -> Checkup:
+    """Return what to do about a simulation that is slow, in at most a minute.
+
+    The same as `mjbench TARGET`. A program runs unchanged, with its own output, for half a minute
+    at most; all else is measured in child processes. A notebook is read, and not run.
+
+    Args:
+      target: a model by name, path, MjModel or MjSpec; the path of a program or a notebook; an
+        environment by its Gymnasium id, or as `module:function`.
+      *arguments: of a program.
+      quick: whether to take 15 seconds, and to leave out settings.
+      settle_s: simulated seconds for which a model moves before the first start state; None for
+        its default.
+      states: start states of a model instead: a file, or arrays by MjData field.
+      time_limit_s: a child process that reports nothing for this long is killed.
+      wait: whether to wait until no other mjbench measures on this machine.
+      on_progress: called with what is measured now, and the share of all work that is done.
+
+    Raises:
+      InputError: there is no such target, or it could be several; it cannot be loaded or read.
+      MachineError: a package is missing, or the process that steps crashed or hung.
+      KeyboardInterrupt: Ctrl-C; no child process is left.
+    """
+    limit_s = checks.number("time_limit_s", time_limit_s, SECONDS)
+    with start_states.plan(settle_s, states) as starts:
+        plan = CheckupPlan(quick, starts, limit_s)
+        if isinstance(target, str | os.PathLike):
+            source = targets.recognized(os.fspath(target), arguments, Path.cwd())
+            return Checkup.of(measurement(source, plan), wait, on_progress)
+        if arguments:
+            raise InputError("only a program has arguments")
+        with model_sources.sources([target]) as (model,):
+            return Checkup.of(measurement(model, plan), wait, on_progress)
+
+
+def measurement(source: CheckedSource, plan: CheckupPlan) -> Measurement:
+    """Return the check-up of a model, a program or an environment.
+
+    Raises:
+      InputError: start states are given for what is no model.
+    """
+    is_model = isinstance(source, ModelSource)
+    if not is_model and plan.starts != DEFAULT_STARTS:
+        raise InputError(f"start states are of a model, and {source.name} is none")
+    files = [source.path] if isinstance(source, ModelSource | ProgramFile) else []
+    kind = targets.kind_of(source)
+
+    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+        parts = _Parts(source, plan, observer)
+        match source:
+            case ModelSource():
+                return _model_items(source, parts)
+            case ProgramFile():
+                return _program_items(source, parts)
+        return _environment_items(source, parts)
+
+    arguments = {"target": source.name, "kind": kind, "plan": plan}
+    notes = pinning_notes() if is_model else []
+    return Measurement("checkup", arguments, [*files, *plan.starts.files], measure, notes=notes)
+
+
+@dataclass
+class _Parts:
+    """The parts of one check-up, and all that they measured so far."""
+
+    source: CheckedSource
+    plan: CheckupPlan
+    observer: Observer
+    clock: Callable[[], float] = time.monotonic
+    records: list[Record] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._begin_s = self.clock()
+
+    def left_s(self) -> float:
+        """Return the seconds that are left."""
+        return self.plan.times.end - (self.clock() - self._begin_s)
+
+    def progress(self, text: str) -> None:
+        """Say what goes on."""
+        share = 1 - max(0.0, self.left_s()) / self.plan.times.end
+        self.observer(f"{self.source.name}: {text}", share)
+
+    def measured(
+        self,
+        part: CheckupPart,
+        doing: str,
+        measure: Callable[[CheckedPart], tuple[CheckedPart, Sequence[Record]]],
+    ) -> Item:
+        """Return what a part comes to, or why it failed; what is unavailable is no failure.
+
+        Args:
+          measure: returns the part's record, with what it holds, and the records that follow it.
+        """
+        name, begin_s = self.source.name, self.clock()
+        self.observer.begin(f"{name}: {doing}")
+        begun = CheckedPart(
+            target=name,
+            kind=targets.kind_of(self.source),
+            part=part,
+            is_quick=self.plan.is_quick,
+        )
+        records: Sequence[Record] = ()
+        try:
+            ended, records = measure(begun)
+        except MjbenchError as error:
+            failure = failure_of_model(name, error)
+            detail = failure.detail.removeprefix(f"{name}: ")
+            ended = replace(begun, status=failure.status, detail=detail)
+        ended = replace(ended, seconds=self.clock() - begin_s)
+        self.records += [ended, *records]
+        if ended.has_ended_well:
+            return Item([ended, *records])
+        return Item([ended, *records], Failure(ended.status, f"{name}: {ended.detail}"))
+
+    def of_type(self, kind: type[_Record]) -> _Record | None:
+        """Return the record of a type; None where there is none."""
+        return next((each for each in self.records if isinstance(each, kind)), None)
+
+
+# -- a model ---------------------------------------------------------------------------------------
+
+
+def _model_items(source: ModelSource, parts: _Parts) -> Iterator[Item]:
+    """Yield the parts of a model's check-up; where it cannot be stepped, only that."""
+    plan = parts.plan
+
+    def profiled(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
+        parts.progress("where a step's time goes")
+        steps = isolate.call(profile.step, source, plan.starts, limit_s=plan.limit_s)
+        return part, [profile.row(source.name, steps, [])]
+
+    first = parts.measured(CheckupPart.STEP, "where a step's time goes", profiled)
+    yield first
+    if first.failure is not None:
+        return
+    with WorkerPool(plan.limit_s) as pool:
+        yield parts.measured(
+            CheckupPart.PATHS,
+            "racing ways of stepping",
+            lambda part: _compared(part, pool, source, parts),
+        )
+        settings_s = parts.left_s() - plan.times.together - _STARTING_S
+        if not plan.is_quick and settings_s > _LEAST_TUNING_S:
+            yield parts.measured(
+                CheckupPart.SETTINGS,
+                f"trying settings, about {settings_s:.0f} s",
+                lambda part: _tuned(part, pool, source, parts, settings_s),
+            )
+        yield from _together(pool, source, parts)
+
+
+def _compared(
+    part: CheckedPart, pool: WorkerPool, source: ModelSource, parts: _Parts
+) -> tuple[CheckedPart, list[Record]]:
+    """Return the records of a race of the usual paths in C."""
+    plan, records = parts.plan, list[Record]()
+    budget_s = max(1.0, min(plan.times.paths, parts.left_s()))
+    comparison = ComparisonPlan((), starts=plan.starts, budget_s=budget_s, limit_s=plan.limit_s)
+    threads = [machine.usable_cores()] if plan.is_quick else None
+    plans = selection.plans(comparison, _PATHS, threads, option_words=_OPTIONS)
+    end = 1 - parts.left_s() / plan.times.end
+    shares = end, min(1.0, end + budget_s / plan.times.end)
+    for item in compare.measure_model(pool, source, plans, shares, (), parts.observer):
+        records += item.records
+    parts.observer.show(None)
+    (model,) = (each for each in records if isinstance(each, ModelRecord))
+    return replace(part, status=model.status, detail=model.detail), records
+
+
+def _tuned(
+    part: CheckedPart, pool: WorkerPool, source: ModelSource, parts: _Parts, budget_s: float
+) -> tuple[CheckedPart, list[Record]]:
+    """Return a search for settings of C."""
+    plan = SearchPlan(starts=parts.plan.starts, budget_s=budget_s)
+    record = tune(
+        pool, source, plan, parts.plan.limit_s, lambda done, text, share: parts.progress(text)
+    )
+    return replace(part, status=record.status, detail=record.detail), [record]
+
+
+def _together(pool: WorkerPool, source: ModelSource, parts: _Parts) -> Iterator[Item]:
+    """Yield what several changes that change no result gain together, if there are several."""
+    plan, model = parts.plan, parts.of_type(ModelRecord)
+    race, tuned = parts.of_type(RaceRecord), parts.of_type(TuneRecord)
+    combined = combination.combined(race, tuned)
+    time_s = min(plan.times.together, parts.left_s() - _STARTING_S)
+    if combined.count < _SEVERAL or model is None or time_s < _LEAST_TOGETHER_S:
+        return
+    sizes = Sizes(model.nbatch, model.nstep, starts=plan.starts)
+
+    def measured(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
+        parts.progress("all that changes nothing, together")
+        verdict = combination.measure(pool, source, combined, sizes, time_s, plan.limit_s)
+        return replace(part, combination=combined, verdict=verdict), []
+
+    yield parts.measured(CheckupPart.TOGETHER, "all that changes nothing, together", measured)
+
+
+# -- a program -------------------------------------------------------------------------------------
+
+
+def _program_items(source: ProgramFile, parts: _Parts) -> Iterator[Item]:
+    """Yield what lint finds, and where the program's time goes; a notebook does not run."""
+    times = parts.plan.times
+
+    def read(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
+        return replace(part, findings=lint.check(source.name)), []
+
+    def ran(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
+        program = launch.Program((source.name, *source.arguments), sys.executable)
+        launch.check(program)
+        seen = launch.run(program, times.steps, most_s=times.program)
+        return part, [ProgramRow.of(program.name, seen)]
+
+    first = parts.measured(CheckupPart.SOURCE, "reading it", read)
+    yield first
+    if first.failure is None and not source.is_notebook:
+        doing = f"running it, for {times.program:.0f} s at most"
+        yield parts.measured(CheckupPart.PROGRAM, doing, ran)
+
+
+# -- an environment --------------------------------------------------------------------------------
+
+
+def _environment_items(source: EnvironmentSource, parts: _Parts) -> Iterator[Item]:
+    """Yield where the time of env.step goes."""
+    plan, cores = parts.plan, machine.usable_cores()
+
+    def measured(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
+        parts.progress("where the time of env.step goes")
+        threads = tuple(sorted({1, cores}))
+        counts = () if plan.is_quick else tuple(sorted({2, cores}))
+        record = environments.measure(
+            source,
+            EnvironmentPlan(None, 0, threads, counts, plan.times.rounds, plan.limit_s),
+        )
+        is_stored = record.facts is not None or record.status == Status.INTERRUPTED
+        records: list[Record] = [record] if is_stored else []
+        return replace(part, status=record.status, detail=record.detail), records
+
+    yield parts.measured(CheckupPart.ENVIRONMENT, "where the time of env.step goes", measured)

@@ -1,0 +1,66 @@
+"""What `mjbench ab rev=… rev=…` measures: functions of the user's code in two revisions."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, replace
+
+from mjbench.api.session import Item, Measurement, Observer, pinning_notes
+from mjbench.paired import function_verdict, revision_sides
+from mjbench.paired.function_pair import FunctionTargets
+from mjbench.paired.judgement import Judgement
+from mjbench.paired.records import VerdictRecord, finished
+from mjbench.paired.revision_sides import RevisionComparison
+from mjbench.paired.verdict import VerdictPlan, completed_share
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.status import Status
+from mjbench.store.runs import Record
+from mjbench.units import percent_change
+
+
+def revision_verdicts(comparison: RevisionComparison, plan: VerdictPlan) -> Measurement:
+    """Return the measurement of verdicts on functions in two revisions."""
+    plan = replace(plan, family=len(comparison.functions), as_shipped=True)
+    revisions = comparison.baseline, comparison.candidate
+
+    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+        done = [(record.model, record.sides) for record in finished(earlier)]
+        with WorkerPool() as pool:
+            all_targets = revision_sides.check_out(pool, comparison, observer.begin)
+            for number, targets in enumerate(all_targets):
+                baseline, candidate = targets
+                if (candidate.function, (baseline.row(), candidate.row())) in done:
+                    continue
+                record = _decide(pool, targets, plan, observer, number / len(all_targets))
+                yield Item([record])
+                if record.status == Status.INTERRUPTED:
+                    return
+
+    return Measurement(
+        "ab",
+        {
+            **asdict(plan),
+            "revisions": [asdict(revision) for revision in revisions],
+            "functions": [function.text for function in comparison.functions],
+        },
+        comparison.files,
+        measure,
+        finished,
+        [*comparison.notes, *pinning_notes()],
+    )
+
+
+def _decide(
+    pool: WorkerPool,
+    targets: FunctionTargets,
+    plan: VerdictPlan,
+    observer: Observer,
+    share: float,
+) -> VerdictRecord:
+    """Return the verdict on one function; `share` of all work is done before it."""
+    name = targets[1].function
+    observer(name, share)
+
+    def on_launch(judgement: Judgement) -> None:
+        text = f"{name} {percent_change(judgement.ratio.estimate)} %"
+        observer(text, share + completed_share(judgement.launches) / plan.family)
+
+    return function_verdict.decide(pool, targets, plan, on_launch)

@@ -1,0 +1,86 @@
+"""`mjbench checkup`, and `mjbench TARGET`: what to do about a simulation that is slow."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mjbench.cli import show_pages
+from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.group import cli
+from mjbench.cli.output_file import OutputFile
+from mjbench.cli.shared import CODE, LIMIT, LOOP_STARTS, OUTPUT, with_options
+
+if TYPE_CHECKING:
+    from mjbench.simulation.starts import StartPlan
+
+
+@cli.command()
+@click.argument("target", metavar="TARGET")
+@click.argument("arguments", nargs=-1, metavar="[-- ARGS…]", type=click.UNPROCESSED)
+@click.option("--quick", is_flag=True, help="Take 15 seconds instead of 60, and try no settings.")
+@click.option("--html", "html_file", metavar="FILE", help="Also write the report as an HTML page.")
+@click.option(
+    "--markdown", "markdown_file", metavar="FILE|-", help="Also write the report as Markdown."
+)
+@CODE
+@with_options(LOOP_STARTS, LIMIT, OUTPUT)
+def checkup(
+    target: str,
+    arguments: tuple[str, ...],
+    quick: bool,
+    html_file: str | None,
+    markdown_file: str | None,
+    code: bool,
+    starts: "StartPlan",
+    time_limit: float,
+    output: OutputOptions,
+) -> None:
+    """My simulation is slow: what can I do? One ranked list, in a minute.
+
+    TARGET is a model, a Python program or a notebook, or an environment, as other commands take
+    them. `mjbench TARGET` is the same. Of a model, it races ways of stepping, tries settings, and
+    measures together what changes no result. A program runs unchanged, for 40 seconds at most; its
+    arguments follow --. Its output is its own, and the list goes to standard error. A notebook is
+    read and not run.
+
+    Each item says what it gains, what it changes in results, and which command looks closer. Wrong
+    results come first.
+
+    \b
+    Examples:
+      mjbench robot.xml
+      mjbench train.py -- --num-envs 4
+      mjbench Humanoid-v5 --quick
+      mjbench my_env:make --html checkup.html
+    """
+    from mjbench.api.checkup import CheckupPlan, measurement
+    from mjbench.checkups import targets
+    from mjbench.pages.reports import NamedRun
+    from mjbench.report import checkup as report
+
+    source = targets.recognized(target, arguments, Path.cwd())
+    work = measurement(source, CheckupPlan(quick, starts, time_limit))
+    pages = {
+        form: OutputFile(f"--{form}", name, work.files)
+        for form, name in (("html", html_file), ("markdown", markdown_file))
+    }
+    try:
+        for page in pages.values():
+            page.open()
+        run = measure(
+            work,
+            output,
+            each=report.part_sections,
+            summary=report.summary,
+            code=code,
+            to_stderr=isinstance(source, targets.ProgramFile) or markdown_file == "-",
+        )
+        named = NamedRun(run.session.file or output.results, run.session.run())
+        for form, page in pages.items():
+            if page.is_wanted:
+                page.write(show_pages.page(form, [named]))
+    finally:
+        for page in pages.values():
+            page.close()
+    run.exit()

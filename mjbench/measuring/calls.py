@@ -1,0 +1,51 @@
+"""How many calls of a function last as long as a block, and blocks of them.
+
+It needs the standard library alone, because it also runs in the process of a revision.
+"""
+
+import itertools
+import math
+from collections.abc import Callable
+
+Function = Callable[[], object]
+
+# Seconds of a block, at least. Where a core has other work, Linux lets a process run for some
+# milliseconds at a time: most pairs of blocks that are much shorter are undisturbed.
+BLOCK_S = 0.0002
+# How often the calls of a block are timed to count them, unless they take longer than any pause.
+_TRIALS, _LONG_S = 5, 0.1
+# Calls of a block, at most: a call that takes no time must not make the calibration endless.
+MOST_CALLS = 1_000_000
+
+
+def nothing() -> None:
+    """Do nothing."""
+
+
+def repeat(function: Function, calls: int) -> None:
+    """Call a function some times."""
+    for _ in itertools.repeat(None, calls):
+        function()
+
+
+def calls_per_block(block_s: Callable[[int], float]) -> int:
+    """Return how many calls of a function last as long as a block.
+
+    A pause of the process must not pass for a call that takes long, so the shortest of some times
+    counts.
+
+    Args:
+      block_s: makes some calls, and returns how many seconds they took.
+    """
+    calls = 1
+    while calls < MOST_CALLS:
+        seconds = math.inf
+        for _ in range(_TRIALS):
+            seconds = min(seconds, block_s(calls))
+            if not BLOCK_S <= seconds < _LONG_S:
+                break
+        if seconds >= BLOCK_S:
+            break
+        growth = min(10.0, BLOCK_S / seconds) if seconds > 0 else 10.0
+        calls = min(MOST_CALLS, max(calls + 1, math.ceil(calls * growth)))
+    return calls

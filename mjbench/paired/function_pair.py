@@ -1,0 +1,140 @@
+"""A function of the user's code in two revisions, timed in turns in fresh processes."""
+
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mjbench.host import machine
+from mjbench.paired import cores
+from mjbench.paired.process_pairs import ProcessPair
+from mjbench.paired.protocol import LaunchedPair, PairWork
+from mjbench.paired.records import TargetRow
+from mjbench.paired.time_limit import TimeLimit
+from mjbench.paired.timed_function import (
+    CodeOrigin,
+    FunctionFacts,
+    FunctionSource,
+    import_function,
+    prepare_function,
+    try_function,
+)
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paired.worker_process import WorkerProcess
+from mjbench.releases.installs import ReleaseSpec
+from mjbench.releases.revisions import Revision
+
+# A function that keeps more cores busy than this has threads, and launches get all cores.
+_THREADED_CORES = 1.2
+
+
+@dataclass(frozen=True)
+class FunctionTarget:
+    """A function in one revision.
+
+    Attributes:
+      function: as the user named it, such as `bench.py::step`.
+      tree: the hash of the revision's files.
+      release: that its processes import.
+    """
+
+    function: str
+    revision: Revision
+    tree: str
+    source: FunctionSource
+    origin: CodeOrigin
+    release: ReleaseSpec
+
+    def name(self, role: str) -> str:
+        """Return what error messages call it in a role, such as `baseline (main)`."""
+        return f"{role} ({self.revision.name})"
+
+    def row(self) -> TargetRow:
+        """Return what results say of it."""
+        return TargetRow(
+            release=self.release.version,
+            model=self.function,
+            path="",
+            options={},
+            model_options={},
+            build=self.release.key,
+            revision=self.revision.name,
+            commit=self.revision.commit,
+            tree=self.tree,
+        )
+
+
+FunctionTargets = tuple[FunctionTarget, FunctionTarget]
+
+
+def observe(pool: WorkerPool, target: FunctionTarget, role: str) -> FunctionFacts:
+    """Return what a fresh process finds out about a function.
+
+    Raises:
+      UnavailableError: it cannot be imported, or raises.
+      InputError: it takes arguments.
+      ChildError: the process crashed, hung or failed.
+    """
+    process = pool.start(target.release, target.name(role))
+    try:
+        pool.wait_for(process, target.release)
+        process.call(import_function, target.source)
+        return process.call(try_function, target.origin)
+    finally:
+        pool.end([process])
+
+
+@dataclass(frozen=True)
+class CallPlan:
+    """What each block of two sides does.
+
+    Attributes:
+      count: of calls.
+    """
+
+    count: int
+    nthread: int
+
+    @classmethod
+    def of(cls, facts: Sequence[FunctionFacts]) -> "CallPlan":
+        """Return the plan that fits what was found out about both sides."""
+        is_threaded = any(each.cores > _THREADED_CORES for each in facts)
+        return cls(min(each.calls for each in facts), machine.usable_cores() if is_threaded else 1)
+
+
+class _FunctionWork(PairWork):
+    """The calls of two functions."""
+
+    def __init__(self, targets: FunctionTargets, plan: CallPlan):
+        self._targets, self._plan = targets, plan
+        self.nthread = plan.nthread
+
+    def equip(self, processes: Sequence[WorkerProcess]) -> None:
+        """See `PairWork.equip`."""
+        for process, target in zip(processes, self._targets, strict=True):
+            process.ask(import_function, target.source, calls_it=True)
+
+    def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
+        """See `PairWork.lay_out`."""
+        allowed, count = cores.usable(pair.core), self._plan.count
+        ns = {
+            i: pair.processes[i].call(prepare_function, allowed, count)
+            for i in random.sample((0, 1), 2)
+        }
+        return ns[0], ns[1]
+
+
+class FunctionPair(LaunchedPair):
+    """A function in a baseline and in a candidate."""
+
+    def __init__(
+        self, pool: WorkerPool, targets: FunctionTargets, plan: CallPlan, time_limit: TimeLimit
+    ):
+        """Start nothing yet."""
+        baseline, candidate = targets
+        names = baseline.name("baseline"), candidate.name("candidate")
+        super().__init__(pool, (baseline.release, candidate.release), names, time_limit)
+        self._targets, self._plan = targets, plan
+
+    def _new_work(self) -> PairWork:
+        self._time_limit.start()
+        return _FunctionWork(self._targets, self._plan)

@@ -1,0 +1,329 @@
+"""Decide whether a function is slower in one revision of the user's code than in another.
+
+Before anything is timed, the code must be that of the revisions, and results must be the same. A
+control is measured beside the verdict: the baseline against itself, in as many launches as a
+verdict needs at least.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from mjbench.errors import Failure, InputError, MachineError, UnavailableError
+from mjbench.measuring import anytime
+from mjbench.measuring.ratio import Ratio
+from mjbench.paired.call_results import ResultsCheck, compare
+from mjbench.paired.function_pair import (
+    CallPlan,
+    FunctionPair,
+    FunctionTarget,
+    FunctionTargets,
+    observe,
+)
+from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, judge
+from mjbench.paired.outcomes import ResultsOutcome, Verdict
+from mjbench.paired.pair_rule import Launched, LaunchRule, Sufficiency
+from mjbench.paired.records import (
+    MAX_E_VALUE,
+    ControlRow,
+    LaunchRow,
+    Pair,
+    VerdictRecord,
+    VerdictRow,
+)
+from mjbench.paired.time_limit import ENDING_ERRORS, TimeLimit, ending_of
+from mjbench.paired.timed_function import FunctionFacts
+from mjbench.paired.verdict import VerdictPlan, record_of
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases.pip import BuildError
+from mjbench.status import ExitCode, Status
+
+
+class OtherCodeError(MachineError):
+    """What would have been measured is not the code of a revision (exit code 5)."""
+
+    exit_code = ExitCode.OTHER_CODE
+
+
+class _FixedRule(LaunchRule):
+    """Launch a fixed number of times, whatever comes of it."""
+
+    purpose = "a verdict with its control"
+
+    def __init__(self, limit: TimeLimit, count: int, clock: Callable[[], float] = time.monotonic):
+        super().__init__(limit, clock)
+        self._count = count
+
+    def look(self, launches: Sequence[LaunchRow]) -> Sufficiency:
+        is_enough = len(launches) >= self._count
+        return Sufficiency(is_enough, is_enough)
+
+
+class _FunctionRule(LaunchRule):
+    """Launch until the verdict is certain."""
+
+    purpose = "a verdict"
+
+    def __init__(
+        self,
+        limit: TimeLimit,
+        plan: VerdictPlan,
+        on_launch: Callable[[Judgement], None],
+        clock: Callable[[], float],
+    ):
+        super().__init__(limit, clock)
+        self._plan, self._on_launch = plan, on_launch
+
+    def look(self, launches: Sequence[LaunchRow]) -> Sufficiency:
+        judgement = judge_launches(launches, self._plan)
+        self._on_launch(judgement)
+        return Sufficiency(judgement.enough, judgement.launches >= MIN_LAUNCHES)
+
+
+def judge_launches(launches: Sequence[LaunchRow], plan: VerdictPlan) -> Judgement:
+    """Judge launches of a function; see `judgement.judge`."""
+    log_ratios = [launch.log_ratio for launch in launches]
+    effect, confidence, precision = plan.min_effect, plan.confidence, plan.precision
+    return judge(log_ratios, effect, confidence, precision, family=plan.family)
+
+
+def control_row(launches: Sequence[LaunchRow], confidence: float) -> ControlRow | None:
+    """Return what launches of the baseline against itself show; None without any."""
+    if not launches:
+        return None
+    log_ratios = [launch.log_ratio for launch in launches]
+    interval = anytime.anytime_interval(log_ratios, confidence)
+    ratio = Ratio.of_log(interval.mean, interval.half_width)
+    return ControlRow(ratio, len(launches), interval.low <= 0 <= interval.high)
+
+
+def check_versions(baseline: FunctionFacts, candidate: FunctionFacts) -> None:
+    """Refuse sides that ran on another Python, MuJoCo, NumPy or JAX.
+
+    Raises:
+      OtherCodeError: they did.
+    """
+    for name in baseline.versions.keys() & candidate.versions.keys():
+        old, new = baseline.versions[name], candidate.versions[name]
+        if old != new:
+            raise OtherCodeError(f"the baseline ran on {name} {old}, the candidate on {new}")
+
+
+def check_origin(target: FunctionTarget, role: str, facts: FunctionFacts) -> None:
+    """Refuse a side that imported code of the user's that is not its revision's.
+
+    Raises:
+      OtherCodeError: it did.
+    """
+    if facts.misplaced:
+        raise OtherCodeError(
+            f"{target.name(role)} imported {facts.misplaced}, which is not the revision's:"
+            " uninstall an editable install of the package"
+        )
+
+
+def compare_results(
+    baseline: FunctionFacts, again: FunctionFacts, candidate: FunctionFacts
+) -> ResultsCheck:
+    """Return how the results of two sides compare.
+
+    Args:
+      again: of another process of the baseline, so that random results are known as such.
+    """
+    for facts in (baseline, candidate):
+        if facts.problem:
+            return ResultsCheck(ResultsOutcome.NONE, facts.problem)
+    own = compare(baseline.results, again.results)
+    if own.outcome == ResultsOutcome.DIFFERENT:
+        return ResultsCheck(ResultsOutcome.RANDOM, f"of one revision, {own.detail}")
+    return compare(baseline.results, candidate.results)
+
+
+@dataclass(frozen=True)
+class _Observed:
+    """What is known before anything is timed."""
+
+    baseline: FunctionFacts
+    candidate: FunctionFacts
+    results: ResultsCheck
+
+    @property
+    def calls_s(self) -> Pair[float]:
+        return Pair(self.baseline.call_s, self.candidate.call_s)
+
+
+class _NewError(Exception):
+    """The candidate can do it, and the baseline cannot."""
+
+
+def _observe(pool: WorkerPool, targets: FunctionTargets) -> _Observed:
+    """See what both sides do.
+
+    Raises:
+      _NewError: only the candidate can do it.
+      InputError: neither can.
+      MachineError: the candidate cannot, or a process crashed, hung or failed.
+      OtherCodeError: the code is not the revisions' own.
+    """
+    baseline, candidate = targets
+    try:
+        old = observe(pool, baseline, "baseline")
+    except InputError as error:
+        try:
+            new = observe(pool, candidate, "candidate")
+        except UnavailableError as neither:
+            raise InputError(str(neither)) from neither
+        check_origin(candidate, "candidate", new)
+        raise _NewError(f"new, so not compared: {error}") from error
+    check_origin(baseline, "baseline", old)
+    try:
+        new = observe(pool, candidate, "candidate")
+    except UnavailableError as error:
+        raise MachineError(str(error)) from error
+    check_origin(candidate, "candidate", new)
+    check_versions(old, new)
+    again = observe(pool, baseline, "baseline") if any(old.results) else old
+    return _Observed(old, new, compare_results(old, again, new))
+
+
+class _Decision:
+    """The verdict on one function, and what is known of it so far."""
+
+    def __init__(
+        self,
+        pool: WorkerPool,
+        targets: FunctionTargets,
+        plan: VerdictPlan,
+        on_launch: Callable[[Judgement], None],
+        clock: Callable[[], float],
+    ):
+        self._pool, self._targets, self._plan = pool, targets, plan
+        self._on_launch, self._clock, self._begin_s = on_launch, clock, clock()
+        self._observed: _Observed | None = None
+        self._control: Sequence[LaunchRow] = ()
+        self._launches: Sequence[LaunchRow] = ()
+
+    def run(self) -> VerdictRecord:
+        """Return the verdict; see `decide`."""
+        baseline, candidate = self._targets
+        if baseline.tree == candidate.tree:
+            detail = "both revisions have the same files, so nothing was timed"
+            return self._record(Failure(Status.OK, detail), Verdict.SAME)
+        try:
+            self._observed = _observe(self._pool, self._targets)
+        except (OtherCodeError, BuildError):  # of all functions
+            raise
+        except _NewError as error:
+            return self._record(Failure(Status.NEW, str(error)))
+        except ENDING_ERRORS as error:
+            return self._record(ending_of(error))
+        results = self._observed.results
+        if results.outcome == ResultsOutcome.DIFFERENT:
+            detail = f"results differ: {results.detail}; no verdict on speed"
+            return self._record(Failure(Status.DISAGREES, detail))
+        return self._timed(CallPlan.of((self._observed.baseline, self._observed.candidate)))
+
+    def _timed(self, calls: CallPlan) -> VerdictRecord:
+        """Launch the control, then both sides, until the verdict is certain or time is up."""
+        baseline, limit_s = self._targets[0], self._plan.time_limit_s
+        # half of the time for half of the launches
+        limit = TimeLimit(limit_s / 2, 2 * MIN_LAUNCHES, self._clock, _FixedRule.purpose)
+        rule: LaunchRule = _FixedRule(limit, MIN_LAUNCHES, self._clock)
+        ended = self._launch((baseline, baseline), calls, rule, limit)
+        self._control = ended.launches
+        if ended.is_enough:
+            limit = TimeLimit(limit_s - ended.seconds, MIN_LAUNCHES, self._clock)
+            rule = _FunctionRule(limit, self._plan, self._on_launch, self._clock)
+            ended = self._launch(self._targets, calls, rule, limit)
+            self._launches = ended.launches
+        verdict = Verdict.INCONCLUSIVE if ended.status == Status.OK else None
+        return self._record(Failure(ended.status, ended.detail), verdict)
+
+    def _launch(
+        self, targets: FunctionTargets, calls: CallPlan, rule: LaunchRule, limit: TimeLimit
+    ) -> Launched:
+        return rule.run_pair(FunctionPair(self._pool, targets, calls, limit))
+
+    def _record(self, ending: Failure, verdict: Verdict | None = None) -> VerdictRecord:
+        """Return the verdict as a run file stores it; `verdict` is that without any launch."""
+        baseline, candidate = self._targets
+        row = VerdictRow(
+            model=candidate.function,
+            path="",
+            old=baseline.revision.name,
+            new=candidate.revision.name,
+            sides=(baseline.row(), candidate.row()),
+            status=ending.status,
+            detail=ending.detail,
+            verdict=verdict,
+            control=control_row(self._control, self._plan.confidence),
+            launches=len(self._launches),
+            pairs=2 * sum(len(launch.orders) for launch in self._launches),
+            seconds=self._clock() - self._begin_s,
+        )
+        if self._observed is not None:
+            row = _with_results(row, self._observed)
+        if self._launches:
+            row = _with_judgement(row, judge_launches(self._launches, self._plan))
+        return replace(record_of(row, self._launches), control_samples=self._control)
+
+
+def _with_results(row: VerdictRow, observed: _Observed) -> VerdictRow:
+    """Return a verdict with what is known of results."""
+    results = observed.results
+    is_known = results.outcome not in (ResultsOutcome.NONE, ResultsOutcome.RANDOM)
+    return replace(
+        row,
+        results=results.outcome,
+        results_detail=results.detail,
+        changed_work=results.outcome == ResultsOutcome.DIFFERENT if is_known else None,
+        calls_s=observed.calls_s,
+    )
+
+
+def _with_judgement(row: VerdictRow, judgement: Judgement) -> VerdictRow:
+    return replace(
+        row,
+        verdict=judgement.verdict if row.status == Status.OK else None,
+        ratio=judgement.ratio,
+        e_slower=min(judgement.e_slower, MAX_E_VALUE),
+        e_faster=min(judgement.e_faster, MAX_E_VALUE),
+    )
+
+
+def decide(
+    pool: WorkerPool,
+    targets: FunctionTargets,
+    plan: VerdictPlan,
+    on_launch: Callable[[Judgement], None] = lambda judgement: None,
+    clock: Callable[[], float] = time.monotonic,
+) -> VerdictRecord:
+    """Compare a function of two revisions until the verdict is certain, or time is up.
+
+    Raises:
+      OtherCodeError: the code that would be measured is not the revisions' own.
+      BuildError: what a revision needs cannot be installed.
+    """
+    return _Decision(pool, targets, plan, on_launch, clock).run()
+
+
+def launch_log_ratios(pool: WorkerPool, targets: FunctionTargets, count: int) -> list[float]:
+    """Return the log ratios of some launches, whatever they say.
+
+    Raises:
+      InputError: a side cannot do it, or their results differ.
+      MachineError: a process crashed, hung or failed; the code is not the revisions' own.
+    """
+    try:
+        observed = _observe(pool, targets)
+    except _NewError as error:
+        raise InputError(str(error)) from error
+    if observed.results.outcome == ResultsOutcome.DIFFERENT:
+        raise InputError(f"results differ: {observed.results.detail}")
+    calls, limit = CallPlan.of((observed.baseline, observed.candidate)), TimeLimit()
+    launched = _FixedRule(limit, count).run_pair(FunctionPair(pool, targets, calls, limit))
+    if launched.status == Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    if launched.status != Status.OK:
+        raise MachineError(launched.detail)
+    return [launch.log_ratio for launch in launched.launches]

@@ -1,0 +1,232 @@
+"""Two revisions of the user's code, ready to be imported: their files, and functions in them."""
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mjbench.errors import InputError, shown
+from mjbench.paired.function_pair import FunctionTarget, FunctionTargets
+from mjbench.paired.timed_function import CodeOrigin, FunctionSource
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases import installs, revision_builds, source_layout
+from mjbench.releases.installs import ReleaseSpec
+from mjbench.releases.revisions import Repository, Revision
+
+# What a function of the user's code can be, for messages.
+FORMS = "FILE.py::FUNCTION or MODULE:FUNCTION"
+
+
+@dataclass(frozen=True)
+class FunctionName:
+    """A function that a user named.
+
+    Attributes:
+      text: as the user wrote it.
+      file: within the repository; None where a module is named.
+      module: name of the module; empty where a file is named.
+      name: of the function, or `Class.method`.
+      content: of the file; None for that of the candidate.
+    """
+
+    text: str
+    name: str
+    file: Path | None = None
+    module: str = ""
+    content: bytes | None = None
+
+
+@dataclass(frozen=True)
+class RevisionComparison:
+    """Functions to compare in two revisions.
+
+    Attributes:
+      cwd: folder that the user is in, within the checkout.
+    """
+
+    repository: Repository
+    baseline: Revision
+    candidate: Revision
+    functions: Sequence[FunctionName]
+    cwd: Path
+
+    @property
+    def files(self) -> list[Path]:
+        """The user's files that hold the functions."""
+        named = [each.file for each in self.functions if each.file is not None]
+        files = [self.repository.top / file for file in dict.fromkeys(named)]
+        return [file for file in files if file.is_file()]
+
+    @property
+    def notes(self) -> list[str]:
+        """What to know of the two revisions before their difference is read, a line each."""
+        lacking = self.repository.lacking(self.baseline, self.candidate)
+        if not lacking:
+            return []
+        commits = "1 commit" if lacking == 1 else f"{lacking:,} commits"
+        return [
+            f"{self.baseline.name} has {commits} that {self.candidate.name} lacks, and what"
+            " they change counts, too; to leave it out, name what `git merge-base"
+            f" {self.baseline.name} {self.candidate.name}` prints"
+        ]
+
+
+def parse_function(text: str, cwd: Path, top: Path) -> FunctionName:
+    """Return the function that a text names, such as `bench.py::step` or `package.module:step`.
+
+    A file is looked for in the current folder, which lies in the repository.
+
+    Raises:
+      InputError: it names none.
+    """
+    file, separator, names = text.partition("::")
+    if separator and file and names and "[" not in names:
+        path = (cwd / file).resolve()
+        if path.suffix != ".py":
+            raise InputError(f"{shown(file)} is no Python file")
+        if not path.is_relative_to(top.resolve()):
+            raise InputError(f"{shown(file)} lies outside of the repository {top}")
+        return FunctionName(text, names.replace("::", "."), path.relative_to(top.resolve()))
+    module, separator, name = text.partition(":")
+    if not separator or not all(
+        part.isidentifier() for part in (*module.split("."), *name.split("."))
+    ):
+        raise InputError(f"{shown(text)} is no function: give {FORMS}")
+    return FunctionName(text, name, module=module)
+
+
+@dataclass(frozen=True)
+class _Side:
+    """One revision's files.
+
+    Attributes:
+      folder: of its files.
+      tree: their hash.
+      release: that processes import; with the revision installed beside it where it is built.
+    """
+
+    revision: Revision
+    folder: Path
+    tree: str
+    release: ReleaseSpec
+
+    @property
+    def is_built(self) -> bool:
+        """Whether it was built, so that its package is not imported from its folder."""
+        return bool(self.release.own_wheels)
+
+    @property
+    def code_folders(self) -> tuple[str, ...]:
+        """The folders that its code may be imported from."""
+        built = [installs.cache_folder() / self.release.key] if self.is_built else []
+        return tuple(str(folder.resolve()) for folder in (self.folder, *built))
+
+
+def check_out(
+    pool: WorkerPool,
+    comparison: RevisionComparison,
+    on_phase: Callable[[str], None] = lambda text: None,
+) -> list[FunctionTargets]:
+    """Write the files of both revisions, which last as long as the pool; return all targets.
+
+    Revisions are built where they have extension modules, or where they need other packages.
+
+    Args:
+      on_phase: called with a line where a phase begins.
+
+    Raises:
+      InputError: a file that is named exists in neither the candidate nor the checkout.
+      BuildError: a revision cannot be built.
+      MachineError: a revision cannot be written.
+    """
+    root, work = pool.new_folder().resolve(), pool.new_folder()
+    installed = installs.parse_release(installs.INSTALLED)
+    sides = []
+    # folders with names of one length, so that nothing in a process differs by it
+    for name, revision in zip("ab", (comparison.baseline, comparison.candidate), strict=True):
+        tree = comparison.repository.check_out(revision, root / name, work / name)
+        sides.append(_Side(revision, root / name, tree, installed))
+    if reason := build_reason(sides[0].folder, sides[1].folder):
+        on_phase(f"building both revisions: {reason}")
+        sides = [
+            replace(side, release=revision_builds.built(side.revision, side.folder, side.tree))
+            for side in sides
+        ]
+    packages = frozenset().union(*(source_layout.package_names(side.folder) for side in sides))
+    return [_targets(comparison, function, sides, packages) for function in comparison.functions]
+
+
+def build_reason(baseline: Path, candidate: Path) -> str:
+    """Return why two source trees have to be built and installed; empty where they have not."""
+    trees = baseline, candidate
+    if not all(map(source_layout.is_installable, trees)):
+        return ""
+    if any(map(source_layout.is_compiled, trees)):
+        return "there are extension modules"
+    needs = set(map(source_layout.dependencies, trees))
+    return "they need other packages" if len(needs) > 1 else ""
+
+
+def _targets(
+    comparison: RevisionComparison,
+    function: FunctionName,
+    sides: Sequence[_Side],
+    packages: frozenset[str],
+) -> FunctionTargets:
+    """Return a function in both revisions; the text of a file is the candidate's on both sides."""
+    file, top = function.file, comparison.repository.top.resolve()
+    text, base, module = None, None, function.module
+    if file is not None:
+        text = function.content or _text(top, sides[1].folder, file)
+        base, module = _package(sides[1].folder, file)
+    baseline, candidate = (
+        FunctionTarget(
+            function.text,
+            side.revision,
+            side.tree,
+            FunctionSource(
+                function.name,
+                module,
+                "" if file is None else str(side.folder / file),
+                text,
+                _import_folders(side, base),
+                are_first=not side.is_built,
+                cwd=str(_cwd(side.folder, comparison.cwd.relative_to(top))),
+            ),
+            CodeOrigin(packages - sys.stdlib_module_names, side.code_folders, str(top)),
+            side.release,
+        )
+        for side in sides
+    )
+    return baseline, candidate
+
+
+def _import_folders(side: _Side, base: Path | None) -> tuple[str, ...]:
+    """Return the folders that a process imports from; `base` is that of the file, if there is one.
+
+    What is built is installed, but for what lies beside the file.
+    """
+    own = [] if base is None else [side.folder / base]
+    return tuple(dict.fromkeys(map(str, [*own, *source_layout.source_folders(side.folder)])))
+
+
+def _cwd(folder: Path, place: Path) -> Path:
+    """Return the folder of a revision at the user's place in the checkout, or the top."""
+    return folder / place if (folder / place).is_dir() else folder
+
+
+def _text(top: Path, candidate: Path, file: Path) -> bytes:
+    """Return a file of the candidate; where it has none, that of the user's checkout."""
+    for tree in (candidate, top):
+        if (tree / file).is_file():
+            return (tree / file).read_bytes()
+    raise InputError(f"there is no file {file} in the candidate, nor in {top}")
+
+
+def _package(tree: Path, file: Path) -> tuple[Path, str]:
+    """Return the folder below which a file's module is imported, and the name of the module."""
+    folder, parts = file.parent, [file.stem]
+    while folder != Path() and (tree / folder / "__init__.py").exists():
+        parts.insert(0, folder.name)
+        folder = folder.parent
+    return folder, ".".join(parts)

@@ -1,0 +1,348 @@
+"""A function of a revision of the user's code, in the process that times it.
+
+This module runs in the environment of any revision: it needs the standard library, NumPy and
+MuJoCo.
+"""
+
+import functools
+import importlib
+import inspect
+import os
+import sys
+import time
+import types
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mjbench.errors import InputError, UnavailableError, describe
+from mjbench.measuring import calls
+from mjbench.paired.call_results import Leaf, leaves
+from mjbench.paired.loop_sections import LoopSection
+from mjbench.paired.worker import Worker, activity
+
+# How many results are compared: a function may keep state from call to call.
+RESULTS = 3
+# The parameter by which a test asks for the fixture of pytest-benchmark.
+_FIXTURE = "benchmark"
+# The set-up of a module or of a class, which asv calls so, too.
+_SETUP = "setup"
+
+
+@dataclass(frozen=True)
+class FunctionSource:
+    """Where a process finds a function.
+
+    Attributes:
+      name: of the function, or of a class and its method: `Class.method`.
+      module: to import.
+      file: that the module stands for; empty where it is found by its name.
+      text: of that file, which may be another revision's; None likewise.
+      folders: to import from, before all others, or after them.
+      are_first: whether those come before all others.
+      cwd: folder to be in.
+    """
+
+    name: str
+    module: str
+    file: str = ""
+    text: bytes | None = None
+    folders: tuple[str, ...] = ()
+    are_first: bool = True
+    cwd: str = ""
+
+
+@dataclass(frozen=True)
+class CodeOrigin:
+    """Where code of the user's package must come from.
+
+    Attributes:
+      packages: names of packages and modules of the revision.
+      folders: that they may lie in.
+      checkout: no module may come from there, unless it lies in one of `folders` or in the
+        environment of the process.
+    """
+
+    packages: frozenset[str]
+    folders: tuple[str, ...]
+    checkout: str
+
+
+@dataclass(frozen=True, eq=False)
+class FunctionFacts:
+    """What a process found out about a function.
+
+    Attributes:
+      results: of the first calls; empty where they cannot be compared.
+      problem: why they cannot; empty otherwise.
+      calls: that last as long as a block.
+      call_s: seconds of a call.
+      cores: that a call kept busy, on average.
+      misplaced: a module that is not the revision's, and its file; empty without one.
+      versions: of what is the same on both sides of a fair comparison, by name.
+    """
+
+    results: Sequence[Sequence[Leaf]]
+    problem: str
+    calls: int
+    call_s: float
+    cores: float
+    misplaced: str
+    versions: Mapping[str, str]
+
+
+class _Recorder:
+    """Stands for the fixture of pytest-benchmark: it notes what a test has it time."""
+
+    def __init__(self) -> None:
+        self.function: calls.Function | None = None
+
+    def __call__(self, function: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
+        """Note a function and its arguments; call it once."""
+        self.function = functools.partial(function, *arguments, **named)
+        return self.function()
+
+    def pedantic(
+        self,
+        target: Callable[..., Any],
+        args: Sequence[Any] = (),
+        kwargs: Mapping[str, Any] | None = None,
+        setup: object = None,
+        **_: object,
+    ) -> Any:
+        """Do the same; raises InputError for a set-up, which would run before each call."""
+        if setup is not None:
+            raise InputError("benchmark.pedantic with a setup cannot be timed in blocks")
+        return self(target, *args, **(kwargs or {}))
+
+
+class TimedFunction:
+    """A function that was imported."""
+
+    def __init__(self, source: FunctionSource):
+        """Import it.
+
+        Raises:
+          UnavailableError: there is no such function, or its module cannot be imported.
+        """
+        self._name = source.name
+        if source.are_first:
+            sys.path[:0] = source.folders
+        else:
+            sys.path += source.folders
+        if source.cwd:
+            os.chdir(source.cwd)
+        try:
+            self._module = _imported(source)
+        except BaseException as error:  # a module may raise SystemExit
+            raise UnavailableError(f"cannot import {source.module}: {describe(error)}") from error
+        self._owner: Any = self._module
+        *owners, last = source.name.split(".")
+        for name in (*owners, last):
+            if not hasattr(self._owner, name):
+                raise UnavailableError(f"{source.module} has no {source.name}")
+            if name != last:
+                self._owner = getattr(self._owner, name)
+
+    def fresh(self) -> calls.Function:
+        """Set up anew; return what is to be called.
+
+        Raises:
+          InputError: it takes arguments.
+        """
+        owner = self._owner
+        if setup := getattr(self._module, _SETUP, None):
+            setup()
+        if isinstance(owner, type):
+            owner = owner()
+            if setup := getattr(owner, _SETUP, None):
+                setup()
+        function: Callable[..., Any] = getattr(owner, self._name.rpartition(".")[2])
+        if inspect.iscoroutinefunction(function) or inspect.isgeneratorfunction(function):
+            raise InputError(f"{self._name} does nothing when it is called: await or consume it")
+        required = _required(function)
+        if required == [_FIXTURE]:
+            recorder = _Recorder()
+            function(benchmark=recorder)
+            if recorder.function is None:
+                raise InputError(f"{self._name} does not call benchmark")
+            return recorder.function
+        if required:
+            raise InputError(
+                f"{self._name} takes {', '.join(required)}: a benchmark takes no arguments, or"
+                f" {_FIXTURE} of pytest-benchmark alone"
+            )
+        return function
+
+
+def _imported(source: FunctionSource) -> types.ModuleType:
+    """Import a module by its name, or run a text as the file that it stands for."""
+    if source.text is None:
+        return importlib.import_module(source.module)
+    parent = source.module.rpartition(".")[0]
+    if parent:
+        importlib.import_module(parent)
+    module = types.ModuleType(source.module)
+    module.__file__, module.__package__ = source.file, parent
+    sys.modules[source.module] = module
+    exec(compile(source.text, source.file, "exec"), module.__dict__)
+    return module
+
+
+def _required(function: Callable[..., Any]) -> list[str]:
+    """Return the names of parameters without which a function cannot be called."""
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):  # of an extension module, it may say nothing
+        return []
+    optional = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    return [p.name for p in parameters if p.default is p.empty and p.kind not in optional]
+
+
+def _finish(result: object) -> None:
+    """Wait for what a call only began: JAX returns before it has computed."""
+    jax = sys.modules.get("jax")
+    if jax is not None and result is not None:
+        jax.block_until_ready(result)
+
+
+def _block(function: calls.Function, count: int) -> None:
+    calls.repeat(function, count - 1)
+    _finish(function())
+
+
+def misplaced(
+    modules: Mapping[str, Sequence[str]], origin: CodeOrigin, environment: Collection[str]
+) -> str:
+    """Return a module that is not the revision's, and its file; empty without one.
+
+    Args:
+      modules: files of imported modules, or the folders of those without a file, by name.
+      environment: folders of this process's packages.
+    """
+    for name, files in modules.items():
+        for file in files:
+            if _lies_in(file, origin.folders):
+                continue
+            is_own = name.partition(".")[0] in origin.packages
+            is_elsewhere = _lies_in(file, [origin.checkout]) and not _lies_in(file, environment)
+            if is_own or is_elsewhere:
+                return f"{name} from {file}"
+    return ""
+
+
+def _lies_in(file: str, folders: Collection[str]) -> bool:
+    return any(Path(file).is_relative_to(folder) for folder in folders)
+
+
+def _module_files() -> dict[str, list[str]]:
+    """Return the file of each imported module, or its first folder, links followed."""
+    files: dict[str, list[str]] = {}
+    for name, module in list(sys.modules.items()):
+        try:
+            own = getattr(module, "__file__", None)
+            # of a package without a file, what is imported lies in the first folder that has it
+            places = [own] if own else list(getattr(module, "__path__", ()))[:1]
+            files[name] = [os.path.realpath(place) for place in places]
+        except Exception:  # some modules are objects that answer for anything
+            continue
+    return files
+
+
+def _versions() -> dict[str, str]:
+    versions = {"Python": sys.version}
+    for name in ("mujoco", "numpy", "jax", "jaxlib"):
+        if (module := sys.modules.get(name)) is not None:
+            versions[name] = str(getattr(module, "__version__", ""))
+    return versions
+
+
+# -- tasks of a worker --------------------------------------------------------------------------
+
+
+@activity("importing the benchmark")
+def import_function(worker: Worker, source: FunctionSource, calls_it: bool = False) -> None:
+    """Import a function; raises what `TimedFunction` does.
+
+    Args:
+      calls_it: whether to call it, too, so that what it does only once is done.
+    """
+    worker.function = TimedFunction(source)
+    if calls_it:
+        _finish(worker.function.fresh()())
+
+
+@activity("calling the benchmark")
+def try_function(worker: Worker, origin: CodeOrigin) -> FunctionFacts:
+    """Call a function a few times, and return what is to be known before it is timed.
+
+    Raises:
+      UnavailableError: it raises.
+      InputError: it takes arguments.
+    """
+    assert worker.function is not None, "it was imported"
+    try:
+        function = worker.function.fresh()
+        results, problem = _results(function)
+        function = worker.function.fresh()
+        count = calls.calls_per_block(functools.partial(_seconds, function))
+        begin_s, busy_s = time.perf_counter(), time.process_time()
+        _block(function, count)
+        call_s = (time.perf_counter() - begin_s) / count
+        cores = (time.process_time() - busy_s) / count / call_s
+    except InputError:
+        raise
+    except BaseException as error:  # it may raise SystemExit
+        raise UnavailableError(f"it raises {describe(error)}") from error
+    environment = {os.path.realpath(folder) for folder in (sys.prefix, sys.base_prefix)}
+    return FunctionFacts(
+        results,
+        problem,
+        count,
+        call_s,
+        cores,
+        misplaced(_module_files(), origin, environment),
+        _versions(),
+    )
+
+
+def _results(function: calls.Function) -> tuple[list[list[Leaf]], str]:
+    """Return the results of the first calls; none, and why, where they cannot be compared."""
+    results = []
+    for _ in range(RESULTS):
+        result = function()
+        try:
+            results.append(leaves(result))
+        except Exception as error:  # a type of the user's own may raise anything
+            return [], describe(error)
+    return results, ""
+
+
+def _seconds(function: calls.Function, count: int) -> float:
+    begin_s = time.perf_counter()
+    _block(function, count)
+    return time.perf_counter() - begin_s
+
+
+@activity("preparing the benchmark")
+def prepare_function(worker: Worker, cores: Sequence[int], count: int) -> int:
+    """Set a function up in fresh memory, and run a block of calls.
+
+    Every call keeps in step with those of the other side, so a function that keeps state is timed
+    in the same states there.
+
+    Returns:
+      How many nanoseconds a block takes, untimed warm-ups included.
+    """
+    imported = worker.function
+    assert imported is not None, "it was imported"
+
+    def section() -> LoopSection:
+        function = imported.fresh()
+        warm_up = function if count > 1 else calls.nothing  # caches hold what the other side did
+        return LoopSection(
+            functools.partial(_block, function, count), functools.partial(calls.repeat, warm_up, 1)
+        )
+
+    return worker.prepare_section(cores, section)

@@ -1,0 +1,62 @@
+"""Revisions of the user's code that have to be built: a wheel each, in the cache folder.
+
+A wheel is never editable, and it is built once for a tree, a Python and a machine. It is installed
+beside the MuJoCo of this environment, as a release is.
+"""
+
+import os
+import platform
+import shutil
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from mjbench.errors import MachineError
+from mjbench.releases import installs, pip
+from mjbench.releases.installs import ReleaseSpec
+from mjbench.releases.pip import BuildError
+from mjbench.releases.revisions import Revision
+
+# The folder of wheels, in the cache folder.
+_WHEELS = "wheels"
+
+
+def built(revision: Revision, source: Path, tree: str) -> ReleaseSpec:
+    """Return the MuJoCo of this environment with a revision beside it; nothing is installed yet.
+
+    Args:
+      source: folder of the revision's files.
+      tree: their hash.
+
+    Raises:
+      BuildError: the revision cannot be built.
+      MachineError: the cache folder cannot be written.
+    """
+    version = installs.parse_release(installs.INSTALLED).version
+    wheel = _wheel(revision, source, tree)
+    return replace(ReleaseSpec(revision.name, version), own_wheels=(wheel,))
+
+
+def _wheel(revision: Revision, source: Path, tree: str) -> Path:
+    """Return the wheel of a revision; build it unless it is there."""
+    name = f"{tree}-{sys.implementation.cache_tag}-{platform.machine()}"
+    folder = installs.cache_folder() / _WHEELS / name
+    with installs.locked(f"{_WHEELS}-{name}"):
+        partial = folder.with_name(f".{name}.partial")
+        try:
+            if not folder.exists():
+                shutil.rmtree(partial, ignore_errors=True)
+                partial.mkdir(parents=True)
+                pip.build(source, partial)
+                partial.rename(folder)
+            os.utime(folder)
+            (wheel,) = folder.glob("*.whl")
+        except BuildError as error:
+            raise BuildError(f"cannot build {revision}: {error}") from error
+        except OSError as error:
+            raise MachineError(f"cannot write {folder}: {error.strerror}") from error
+        except ValueError as error:
+            raise BuildError(f"{revision} does not build to one wheel") from error
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+    return wheel

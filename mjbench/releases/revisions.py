@@ -1,0 +1,245 @@
+"""Revisions of the user's own code: which there are, and their files in a folder of their own.
+
+The user's checkout is read and never written: neither its index, nor its branches, nor its list of
+worktrees, nor its objects. Files come out through an index and an object folder of our own.
+"""
+
+import os
+import shutil
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjbench.errors import InputError, MachineError, one_line, shown, suggestion, writing
+from mjbench.host import child
+
+# Names what lies in the user's checkout now: changes that are not committed and files that are not
+# tracked included, ignored files not.
+WORKTREE = "WORKTREE"
+# Variables by which a hook or a script points git elsewhere.
+_REDIRECTING = ("GIT_DIR", "GIT_INDEX_FILE", "GIT_WORK_TREE", "GIT_OBJECT_DIRECTORY", "GIT_PREFIX")
+# Letters of a commit's hash that people read.
+_SHORT = 10
+# The mode of a submodule in the listing of a tree.
+_SUBMODULE = "160000"
+
+
+@dataclass(frozen=True)
+class Revision:
+    """A revision that a user named.
+
+    Attributes:
+      name: as the user named it, such as `main`.
+      commit: its full hash; empty for WORKTREE.
+    """
+
+    name: str
+    commit: str = ""
+
+    @property
+    def is_worktree(self) -> bool:
+        """Whether it is what lies in the checkout now."""
+        return not self.commit
+
+    def __str__(self) -> str:
+        is_named = self.commit and not self.commit.startswith(self.name)
+        return f"{self.name} ({self.commit[:_SHORT]})" if is_named else self.name
+
+
+@dataclass(frozen=True)
+class Commit:
+    """A commit, and the first line of its message."""
+
+    commit: str
+    subject: str
+
+    @property
+    def revision(self) -> Revision:
+        """The revision that it is."""
+        return Revision(self.commit[:_SHORT], self.commit)
+
+
+class Repository:
+    """The git repository around a folder.
+
+    Attributes:
+      top: the folder of its checkout.
+    """
+
+    def __init__(self, folder: Path):
+        """Find the repository.
+
+        Raises:
+          InputError: the folder is in no checkout of a git repository.
+          MachineError: there is no git.
+        """
+        problem = f"{folder} is in no checkout of a git repository"
+        self.top = Path(_git(folder, ["rev-parse", "--show-toplevel"], problem).rstrip("\n"))
+
+    def parse(self, name: str) -> Revision:
+        """Return the revision of a name: a branch, a tag, a commit, or WORKTREE.
+
+        Raises:
+          InputError: there is none.
+        """
+        if name == WORKTREE:
+            return Revision(name)
+        try:
+            commit = self._run("rev-parse", "--verify", "--end-of-options", f"{name}^{{commit}}")
+        except MachineError:
+            problem = f"{shown(name)} is no revision of {self.top}{self._hint(name)}"
+            raise InputError(problem) from None
+        commit = commit.strip()
+        return Revision(commit[:_SHORT] if name == commit else name, commit)
+
+    def lacking(self, baseline: Revision, candidate: Revision) -> int:
+        """Return how many commits of the baseline are not in the candidate's history."""
+        newer = candidate.commit or "HEAD"
+        old = baseline.commit or "HEAD"
+        return int(self._run("rev-list", "--count", f"{newer}..{old}"))
+
+    def history(self, baseline: Revision, candidate: Revision) -> list[Commit]:
+        """Return the commits after a baseline up to a candidate, the oldest first.
+
+        Of a merge, it is the merge itself: only first parents are followed.
+
+        Raises:
+          InputError: the baseline is not among the first parents of the candidate, or one of them
+            is not committed.
+        """
+        if baseline.is_worktree or candidate.is_worktree:
+            raise InputError(f"{WORKTREE} has no history: name commits")
+        span = f"{baseline.commit}..{candidate.commit}"
+        lines = self._run("log", "--first-parent", "--reverse", "--format=%H %P%x00%s", span)
+        commits = list[Commit]()
+        for line in lines.splitlines():
+            hashes, _, subject = line.partition("\0")
+            commit, *parents = hashes.split()
+            if not commits and baseline.commit not in parents[:1]:
+                break
+            commits.append(Commit(commit, subject))
+        if not commits:
+            same = " (they are the same commit)" if baseline.commit == candidate.commit else ""
+            raise InputError(f"{candidate} does not come after {baseline}, by first parents{same}")
+        return commits
+
+    def text(self, revision: Revision, file: Path) -> bytes | None:
+        """Return a file as a revision has it; None where it has none."""
+        name = f"{revision.commit}:{file.as_posix()}"
+        try:
+            return self._run("cat-file", "blob", name).encode("utf-8", "surrogateescape")
+        except MachineError:
+            return None
+
+    def check_out(self, revision: Revision, folder: Path, work: Path) -> str:
+        """Write the files of a revision into a new folder; return the hash of their tree.
+
+        Submodules that the checkout has are written, too.
+
+        Args:
+          work: a new folder for what git needs meanwhile.
+
+        Raises:
+          MachineError: git cannot read the revision, or the folder cannot be written.
+        """
+        with writing(folder):
+            folder.mkdir(parents=True)
+            (work / "objects").mkdir(parents=True)
+        variables = {"GIT_INDEX_FILE": str(work / "index")}
+        if revision.is_worktree:
+            objects = self._git_path("objects")
+            variables["GIT_OBJECT_DIRECTORY"] = str(work / "objects")
+            variables["GIT_ALTERNATE_OBJECT_DIRECTORIES"] = str(objects)
+            tree = self._worktree_tree(work / "index", variables)
+        else:
+            tree = self._run("rev-parse", f"{revision.commit}^{{tree}}").strip()
+            self._run("read-tree", "--no-sparse-checkout", tree, variables=variables)
+        self._run("checkout-index", "--all", f"--prefix={folder}/", variables=variables)
+        for number, (path, commit) in enumerate(self._submodules(tree, variables)):
+            if not (self.top / path / ".git").exists():
+                continue  # nor does the checkout have its files
+            inner = (
+                revision if revision.is_worktree else Revision(f"{revision.name}:{path}", commit)
+            )
+            shutil.rmtree(folder / path, ignore_errors=True)
+            Repository(self.top / path).check_out(
+                revision if revision.is_worktree else inner, folder / path, work / str(number)
+            )
+        return tree
+
+    def _worktree_tree(self, index: Path, variables: Mapping[str, str]) -> str:
+        """Return the tree of what lies in the checkout; its objects are written elsewhere."""
+        own = self._git_path("index")
+        with writing(index):
+            if own.exists():  # it knows which files have not changed
+                shutil.copyfile(own, index)
+        self._run("add", "--all", ".", variables=variables)
+        return self._run("write-tree", variables=variables).strip()
+
+    def _submodules(self, tree: str, variables: Mapping[str, str]) -> list[tuple[str, str]]:
+        """Return path and commit of each submodule of a tree."""
+        listing = self._run("ls-tree", "-r", "-z", tree, variables=variables)
+        entries = [entry.partition("\t") for entry in listing.split("\0") if entry]
+        return [
+            (path, description.split()[2])
+            for description, _, path in entries
+            if description.startswith(_SUBMODULE)
+        ]
+
+    def _git_path(self, name: str) -> Path:
+        return (self.top / self._run("rev-parse", "--git-path", name).rstrip("\n")).resolve()
+
+    def _hint(self, name: str) -> str:
+        """Return what may be meant instead of an unknown revision, as the end of a sentence."""
+        format_ = "--format=%(refname:short)"
+        names = self._run("for-each-ref", format_, "refs/heads", "refs/tags", "refs/remotes")
+        if meant := suggestion(name, [WORKTREE, "HEAD", *names.split()]):
+            return meant
+        if self._run("rev-parse", "--is-shallow-repository").strip() == "true":
+            return ", a shallow clone: fetch it first (in actions/checkout: fetch-depth: 0)"
+        return ""
+
+    def _run(self, *arguments: str, variables: Mapping[str, str] | None = None) -> str:
+        return _git(self.top, arguments, variables=variables)
+
+
+def _git(
+    folder: Path,
+    arguments: Sequence[str],
+    problem: str = "",
+    variables: Mapping[str, str] | None = None,
+) -> str:
+    """Return what a command of git prints.
+
+    Args:
+      problem: what it means that the command fails; empty where git says it.
+      variables: of the environment, to be added.
+
+    Raises:
+      InputError: it fails, and that means a problem of the user's.
+      MachineError: it fails otherwise, or there is no git.
+    """
+    environment = {k: v for k, v in os.environ.items() if k not in _REDIRECTING}
+    settings = ("-c", "core.fsmonitor=false", "-c", "core.hooksPath=/dev/null")
+    try:
+        done = subprocess.run(
+            ["git", *settings, *arguments],
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            encoding="utf-8",
+            errors="surrogateescape",
+            check=False,
+            env={**environment, "GIT_OPTIONAL_LOCKS": "0", "LC_ALL": "C", **(variables or {})},
+            preexec_fn=child.die_with_parent,
+        )
+    except OSError as error:
+        raise MachineError(f"cannot run git, which revisions need: {error.strerror}") from error
+    if done.returncode == 0:
+        return done.stdout
+    lines = [line for line in done.stderr.splitlines() if line.strip()]
+    reason = one_line((lines or ["it failed without a message"])[-1])
+    if problem and "dubious ownership" not in done.stderr:
+        raise InputError(problem)
+    raise MachineError(f"git {arguments[0]}: {reason}")

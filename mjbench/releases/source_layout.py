@@ -1,0 +1,109 @@
+"""Where the importable code of a source tree lies, and whether it has to be built."""
+
+import os
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from mjbench.errors import MachineError, reason
+
+# Sources of extension modules; they have to be compiled.
+_COMPILED = frozenset({".c", ".cc", ".cpp", ".cu", ".cxx", ".f", ".f90", ".pyx", ".rs"})
+# Files that pin what a project is developed with.
+_LOCKS = ("requirements*.txt", "constraints*.txt", "uv.lock", "poetry.lock", "pdm.lock")
+# Folders that hold no importable code of a project.
+_SKIPPED = frozenset({"node_modules", "build", "dist", "__pycache__"})
+# Packages lie no deeper than this many folders.
+_DEPTH = 3
+
+
+def source_folders(tree: Path) -> list[Path]:
+    """Return the folders that the modules of a source tree are imported from, the first one first.
+
+    These are `src`, where it exists, those of `pythonpath` in the settings of pytest, and the top.
+    """
+    settings = _table(_pyproject(tree), "tool", "pytest", "ini_options").get("pythonpath", ())
+    named = [settings] if isinstance(settings, str) else list(settings)
+    folders = [tree / name for name in ("src", *map(str, named), ".")]
+    return list(dict.fromkeys(folder.resolve() for folder in folders if folder.is_dir()))
+
+
+def package_names(tree: Path) -> frozenset[str]:
+    """Return the names of all packages that lie in a source tree, and of the modules beside them.
+
+    A package has an `__init__.py`, and lies in a folder without one.
+    """
+    return frozenset(_names(tree))
+
+
+def _names(tree: Path) -> Iterator[str]:
+    for path, depth, files in _walk(tree, _DEPTH):
+        if "__init__.py" in files and depth:
+            yield path.name
+        elif path in (tree, tree / "src"):
+            yield from (name.removesuffix(".py") for name in files if name.endswith(".py"))
+
+
+def _walk(tree: Path, depth: int | None) -> Iterator[tuple[Path, int, list[str]]]:
+    """Yield the folders of a tree, how deep each lies, and the names of its files.
+
+    Args:
+      depth: beyond which folders, and folders of packages, are left out; None for all folders.
+    """
+    for folder, subfolders, files in os.walk(tree):
+        path = Path(folder)
+        level = len(path.relative_to(tree).parts)
+        yield path, level, files
+        is_end = depth is not None and (level >= depth or (level > 0 and "__init__.py" in files))
+        kept = [name for name in subfolders if name[0] != "." and name not in _SKIPPED]
+        subfolders[:] = [] if is_end else kept
+
+
+def is_compiled(tree: Path) -> bool:
+    """Return whether a source tree is a package with extension modules, which have to be built."""
+    if not is_installable(tree):
+        return False
+    return any(
+        Path(name).suffix in _COMPILED for _, _, files in _walk(tree, depth=None) for name in files
+    )
+
+
+def dependencies(tree: Path) -> str:
+    """Return a text that is the same for trees whose packages need the same."""
+    project = _table(_pyproject(tree), "project")
+    return repr([project.get(key) for key in ("requires-python", "dependencies")])
+
+
+def lock_files(tree: Path) -> dict[str, bytes]:
+    """Return the files that pin what a source tree is developed with, by name."""
+    files = (file for pattern in _LOCKS for file in tree.glob(pattern))
+    return {file.name: file.read_bytes() for file in files if file.is_file()}
+
+
+def is_installable(tree: Path) -> bool:
+    """Return whether a source tree is a package that pip can install."""
+    return (tree / "pyproject.toml").exists() or (tree / "setup.py").exists()
+
+
+def _pyproject(tree: Path) -> Mapping[str, Any]:
+    """Return the settings of a project; empty without any.
+
+    Raises:
+      MachineError: they cannot be read.
+    """
+    file = tree / "pyproject.toml"
+    try:
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as error:
+        raise MachineError(f"cannot read pyproject.toml: {reason(error)}") from error
+
+
+def _table(settings: Mapping[str, Any], *names: str) -> Mapping[str, Any]:
+    """Return a table of settings by its names; empty where there is none."""
+    for name in names:
+        inner = settings.get(name)
+        settings = inner if isinstance(inner, dict) else {}
+    return settings

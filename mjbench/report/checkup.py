@@ -1,0 +1,353 @@
+"""What a check-up comes to: one ranked list, what it rests on, and which command looks closer."""
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from mjbench import paths
+from mjbench.checkups.records import CheckedPart, CheckupPart, Combination
+from mjbench.checkups.targets import TargetKind
+from mjbench.environment.records import EnvironmentRecord
+from mjbench.host.machine import Machine
+from mjbench.loop.profile import ProfiledSteps, ProfileRow
+from mjbench.program.records import ProgramRow
+from mjbench.report import advice, checkup_items, environment, formats, profile, program, tuning
+from mjbench.report.checkup_items import (
+    CheckupItem,
+    GainGroup,
+    ResultChange,
+    combination_gain,
+)
+from mjbench.report.content import Column, Conclusion, DataTable, Section, Snippet, Tone
+from mjbench.report.results import ModelResults, derive_all
+from mjbench.report.starts import starts_lines
+from mjbench.simulation import package_timer
+from mjbench.status import Status
+from mjbench.store.runs import SCHEMA, Run
+from mjbench.tuning.records import TuneRecord
+from mjbench.tuning.settings import label
+from mjbench.units import count_of, listed
+
+# Stages of a step, and items, that are named at most.
+_MOST_STAGES, _MOST_ITEMS = 3, 12
+_HEADINGS = {
+    CheckupPart.STEP: "Where a step's time goes",
+    CheckupPart.PATHS: "Ways of stepping",
+    CheckupPart.SETTINGS: "Settings",
+    CheckupPart.TOGETHER: "All that changes no result, together",
+    CheckupPart.PROGRAM: "The program",
+    CheckupPart.SOURCE: "Its code",
+    CheckupPart.ENVIRONMENT: "Where the time of env.step goes",
+}
+# Of items of these groups, only one can be followed.
+_ALTERNATIVES = (GainGroup.PATHS, GainGroup.SETTINGS, GainGroup.PHYSICS)
+
+items = checkup_items.items
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckupDocument:
+    """What `mjbench checkup --json` writes; the run file has the records of each part."""
+
+    schema: int = SCHEMA
+    machine: Machine
+    parts: Sequence[CheckedPart]
+    items: Sequence[CheckupItem]
+
+    @classmethod
+    def of(cls, run: Run) -> "CheckupDocument":
+        """Return the document of a check-up."""
+        return cls(machine=run.header.machine, parts=run.of_type(CheckedPart), items=items(run))
+
+
+def sections(run: Run) -> Iterator[Section]:
+    """Yield the list, and what each part came to."""
+    if run.of_type(CheckedPart):
+        yield list_section(run)
+        yield from part_sections(run)
+
+
+def summary(run: Run) -> list[Section]:
+    """Return the list, unless nothing was measured: why is then known."""
+    parts = run.of_type(CheckedPart)
+    has_results = len(run.records) > len(parts) or any(part.has_ended_well for part in parts)
+    return [list_section(run)] if has_results else []
+
+
+def list_section(run: Run) -> Section:
+    """Return the ranked list, with its conclusions and the commands that look closer."""
+    parts, listed_items = run.of_type(CheckedPart), items(run)[:_MOST_ITEMS]
+    name = checkup_items.short_name(parts[0].target) if parts else ""
+    return Section(
+        heading=f"{name}: what to do first",
+        conclusions=[*_conclusions(run, name, listed_items)],
+        tables=[_table(listed_items)] if listed_items else [],
+        notes=[*_notes(run, parts, listed_items)],
+        snippets=[
+            Snippet(f"{number}: {item.action}", item.snippet)
+            for number, item in enumerate(listed_items, 1)
+            if item.snippet
+        ],
+    )
+
+
+def part_sections(run: Run) -> Iterator[Section]:
+    """Yield what parts of a check-up came to, as soon as they are measured."""
+    for part in run.of_type(CheckedPart):
+        yield Section(_HEADINGS[part.part], facts=[*_lines(run, part)])
+
+
+# -- conclusions -----------------------------------------------------------------------------------
+
+
+def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> Iterator[Conclusion]:
+    """Yield what comes first: what spoils figures, wrong results, then the largest gain."""
+    for each in derive_all(run.records):
+        for caution in each.cautions:
+            yield Conclusion(caution, Tone.CAUTION, name)
+    for item in listed_items:
+        if item.change == ResultChange.CORRECTED:
+            yield Conclusion(f"{name}: first, correct a wrong result: {item.action}", Tone.BAD)
+    failed = [part for part in run.of_type(CheckedPart) if not part.has_ended_well]
+    for part in failed:
+        yield Conclusion(f"{name}: {_failure(part)}", Tone.BAD)
+    gains = [item for item in listed_items if item.gain is not None]
+    combined = _combined(run)
+    if combined:
+        yield Conclusion(f"{name}: {combined}", Tone.GOOD)
+    elif gains:
+        first = gains[0]
+        is_same = first.change == ResultChange.NONE
+        changes = "" if is_same else f"; changes in results: {first.change_text}"
+        tone = Tone.GOOD if first.change.keeps else Tone.UNSURE
+        yield Conclusion(f"{name}: {first.action}: {_gain(first)}{changes}", tone)
+    elif not failed:
+        begin = "nothing to gain here" if _is_certain(run) else "no gain is certain yet"
+        yield Conclusion(f"{name}: {begin}: {_why_nothing(run)}", Tone.NEUTRAL)
+
+
+def _failure(part: CheckedPart) -> str:
+    """Return how a part failed, and why."""
+    return part.detail if part.status == Status.INPUT else f"{part.status}: {part.detail}"
+
+
+def _gain(item: CheckupItem) -> str:
+    """Return a gain with its unit and its interval, for a sentence."""
+    assert item.gain is not None, "it was measured"
+    interval = f" ({item.ends_text})" if item.ends_text else ""
+    return f"{item.gain_text} {item.unit}{interval}"
+
+
+def _combined(run: Run) -> str:
+    """Return what all that changes nothing gains together; empty where that is not certain."""
+    for part in run.of_type(CheckedPart):
+        gain = combination_gain(part.verdict) if part.verdict is not None else None
+        if gain is not None and part.combination is not None:
+            return (
+                f"{formats.factor(gain.estimate)} times the plain loop{formats.in_brackets(gain)}"
+                f" with the same results, measured together: {_described(part.combination)}"
+            )
+    return ""
+
+
+def _described(combination: Combination) -> str:
+    """Return what a combination is made of."""
+    parts = []
+    if combination.variant.path != paths.BASE:
+        parts.append(advice.described(combination.variant))
+    if not combination.has_timer:
+        parts.append(f"without {package_timer.NAME}")
+    if combination.settings:
+        parts.append(label(combination.settings))
+    return ", ".join(parts)
+
+
+def _is_certain(run: Run) -> bool:
+    """Return whether all that may gain something was looked at enough."""
+    parts = run.of_type(CheckedPart)
+    if any(part.status != Status.OK for part in parts):
+        return False
+    if parts[0].kind != TargetKind.MODEL:
+        return True
+    rows = [row for results in derive_all(run.records) for row in advice.advise(results)]
+    searches = run.of_type(TuneRecord)
+    is_decided = bool(rows) and all(row.is_certain for row in rows)
+    return is_decided and bool(searches) and not any(each.untried for each in searches)
+
+
+def _why_nothing(run: Run) -> str:
+    """Return why nothing gains, for what was measured."""
+    reasons = []
+    for row in run.of_type(ProfileRow):
+        if row.steps is not None:
+            share = formats.whole_percent(min(1.0, row.steps.engine_ns / row.steps.loop_ns))
+            reasons.append(f"{share} of a step is the engine ({_stages(row.steps)})")
+    reasons += map(_why_no_path, derive_all(run.records))
+    reasons += map(_why_no_setting, run.of_type(TuneRecord))
+    reasons += map(program.conclusion, run.of_type(ProgramRow))
+    for record in run.of_type(EnvironmentRecord):
+        reasons += [_without_name(each, record) for each in environment.conclusions(record)]
+    if not reasons:
+        reasons.append("lint finds nothing in its code, which was not run")
+    return "; ".join(filter(None, reasons))
+
+
+def _why_no_path(results: ModelResults) -> str:
+    """Return whether other ways of stepping may be faster than the plain loop."""
+    rows = advice.advise(results)
+    if not rows:
+        return "other ways of stepping were not timed"
+    if all(row.is_certain for row in rows):
+        return "no other way of stepping is faster by 2 %"
+    return "no other way of stepping is certainly faster"
+
+
+def _why_no_setting(record: TuneRecord) -> str:
+    """Return how many settings were tried; those for which there was no time are named, too."""
+    tried = sum(len(each.settings) == 1 for each in record.attempts)
+    if not tried:
+        return "there was no time to try settings" if record.untried else ""
+    left = f" ({record.untried} were not tried)" if record.untried else ""
+    return f"none of {count_of(tried, 'setting')} is certainly faster with the same results{left}"
+
+
+def _stages(steps: ProfiledSteps) -> str:
+    """Return the stages that take most of a step."""
+    largest = sorted(steps.stages.items(), key=lambda stage: -stage[1])[:_MOST_STAGES]
+    named = [f"{name} {formats.whole_percent(share)}" for name, share in largest if share]
+    return ", ".join(named)
+
+
+# -- the list --------------------------------------------------------------------------------------
+
+
+def _table(listed_items: Sequence[CheckupItem]) -> DataTable:
+    return DataTable.of(
+        "What to do, the most important first",
+        enumerate(listed_items, 1),
+        (Column("", str), lambda row: row[0]),
+        (Column("gain"), lambda row: row[1].gain_text or None),
+        (Column("95 %"), lambda row: row[1].ends_text or None),
+        (Column("of what"), lambda row: row[1].unit if row[1].gain is not None else None),
+        (Column("what to do", wraps=True), lambda row: row[1].action),
+        (Column("changes in results", wraps=True), lambda row: row[1].change_text),
+    )
+
+
+def _notes(
+    run: Run, parts: Sequence[CheckedPart], listed_items: Sequence[CheckupItem]
+) -> Iterator[str]:
+    """Yield how gains go together, which commands look closer, and what was not tried."""
+    yield from _overlaps(listed_items)
+    numbers = defaultdict[str, list[str]](list)
+    for number, item in enumerate(listed_items, 1):
+        numbers[item.command].append(str(number))
+    for command, of_command in numbers.items():
+        yield f"Look closer at {listed(of_command)}: {command}"
+    for part in parts:
+        if part.combination is not None and part.verdict is not None:
+            yield from _combination_lines(part, part.combination)
+        if part.status == Status.UNAVAILABLE:
+            yield f"Not done: mjbench {part.part}: {part.detail}"
+    yield from _not_tried(run, parts)
+
+
+def _overlaps(listed_items: Sequence[CheckupItem]) -> Iterator[str]:
+    """Yield which items replace each other, and that gains do not add up."""
+    groups = defaultdict[GainGroup, list[str]](list)
+    for number, item in enumerate(listed_items, 1):
+        if item.group is not None and item.gain is not None:
+            groups[item.group].append(str(number))
+    for group in _ALTERNATIVES:
+        if len(groups[group]) > 1:
+            yield f"Use one of {listed(groups[group])} ({group})"
+    if sum(map(len, groups.values())) > 1:
+        yield "Gains overlap: they neither add up nor multiply"
+
+
+def _combination_lines(part: CheckedPart, combination: Combination) -> Iterator[str]:
+    """Yield how to measure a combination again, or why it is not advised."""
+    assert part.verdict is not None, "it was measured"
+    target = checkup_items.quoted(part.target)
+    if combination_gain(part.verdict) is None:
+        yield f"Together, {_described(combination)} is not certainly faster than the plain loop"
+        return
+    if combination.settings:
+        yield f"Write the settings to a copy: mjbench tune {target} --only free --write tuned.xml"
+    yield f"Look closer at all of them: {checkup_items.combination_command(combination, target)}"
+
+
+def _not_tried(run: Run, parts: Sequence[CheckedPart]) -> Iterator[str]:
+    """Yield what a check-up has no time for, with the command that tries it."""
+    if not parts:
+        return
+    target, kind = checkup_items.quoted(parts[0].target), parts[0].kind
+    done = {part.part for part in parts}
+    if kind == TargetKind.MODEL and run.of_type(ProfileRow):
+        if CheckupPart.SETTINGS not in done:
+            yield f"Settings were not tried: mjbench tune {target}"
+        command = f"mjbench compare {target} --paths mjx,rollout"
+        yield f"MJX and Warp, which compile first, were not tried: {command}"
+    if kind == TargetKind.NOTEBOOK:
+        yield (
+            "A notebook is not run: save it as a Python file to see where its time goes"
+            f" (jupyter nbconvert --to script {target})"
+        )
+    if kind == TargetKind.ENVIRONMENT and parts[0].is_quick:
+        yield f"Several environments at once were not tried: mjbench env {target}"
+
+
+# -- parts -----------------------------------------------------------------------------------------
+
+
+def _lines(run: Run, part: CheckedPart) -> Iterator[str]:
+    """Yield what a part came to."""
+    if part.status not in (Status.OK, Status.INTERRUPTED):
+        yield _failure(part)
+        return
+    match part.part:
+        case CheckupPart.STEP:
+            yield from _step_lines(run.of_type(ProfileRow))
+        case CheckupPart.PATHS:
+            yield from _path_lines(derive_all(run.records))
+        case CheckupPart.SETTINGS:
+            for record in run.of_type(TuneRecord):
+                yield tuning.conclusion(record).removeprefix(f"{part.target}: ")
+        case CheckupPart.TOGETHER:
+            yield _combined(run) or "not certainly faster than the plain loop"
+        case CheckupPart.PROGRAM:
+            yield from map(program.conclusion, run.of_type(ProgramRow))
+        case CheckupPart.SOURCE:
+            yield f"lint has {count_of(len(part.findings), 'finding')}"
+        case CheckupPart.ENVIRONMENT:
+            for environment_record in run.of_type(EnvironmentRecord):
+                for sentence in environment.conclusions(environment_record):
+                    yield _without_name(sentence, environment_record)
+
+
+def _without_name(sentence: str, record: EnvironmentRecord) -> str:
+    """Return a sentence about an environment without its name, and without a full stop."""
+    return sentence.removeprefix(f"{record.environment}: ").removesuffix(".")
+
+
+def _step_lines(rows: Sequence[ProfileRow]) -> Iterator[str]:
+    """Yield where a step's time goes, and what its states are like."""
+    for row in rows:
+        steps = row.steps
+        if steps is None:
+            continue
+        first = next(profile.conclusions(row.model, steps))
+        yield first.text.removeprefix(f"{row.model}: ")
+        yield f"Of the engine's time: {_stages(steps)}"
+        yield profile.work_line(steps)
+        yield from starts_lines(steps.starts)
+
+
+def _path_lines(all_results: Sequence[ModelResults]) -> Iterator[str]:
+    """Yield what the race of ways of stepping says."""
+    for results in all_results:
+        for row in advice.advise(results):
+            yield advice.conclusion(row)
+        clock = advice.advise_clock(results)
+        if clock is not None:
+            yield advice.clock_conclusion(clock)

@@ -1,0 +1,445 @@
+"""What a check-up advises: items, each with the figure of the command that looks closer."""
+
+import shlex
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from mjbench.checkups.records import CheckedPart, Combination
+from mjbench.environment.records import EnvironmentRecord, PhysicsPath
+from mjbench.loop.lint import Finding
+from mjbench.loop.profile import ProfileRow
+from mjbench.measuring.ratio import Ratio
+from mjbench.measuring.stats import Estimate
+from mjbench.paired.race_record import Loop
+from mjbench.paired.records import VerdictRow
+from mjbench.paths.parallelism import nthread
+from mjbench.program.records import ProgramRow
+from mjbench.program.remedy import Basis, Remedy
+from mjbench.report import advice, environment, formats, program, starts, tuning
+from mjbench.report.advice import Advice
+from mjbench.report.content import Snippet
+from mjbench.report.lint import finding_place
+from mjbench.report.results import ModelResults, derive_all
+from mjbench.simulation import package_timer
+from mjbench.simulation.starts import Starts
+from mjbench.store.runs import Run
+from mjbench.tuning.records import Attempt, Effect, Recommendation, TuneRecord
+from mjbench.tuning.settings import Setting, label
+
+# Lines of a program, and remedies, that are listed at most.
+_MOST_OF_PROGRAM = 6
+
+
+class ResultChange(StrEnum):
+    """What an item does to results."""
+
+    CORRECTED = "corrected"
+    """They are wrong today."""
+    NONE = "none"
+    """Nothing, to the last bit."""
+    TOLERANCE = "tolerance"
+    """No more than the solver's tolerance does."""
+    STATED = "stated"
+    """What `change_detail` says."""
+    ERROR = "error"
+    """An error, of which `error` has the size."""
+
+    @property
+    def keeps(self) -> bool:
+        """Whether results are as good as before."""
+        return self in (ResultChange.NONE, ResultChange.TOLERANCE)
+
+
+class GainUnit(StrEnum):
+    """What a gain is a multiple of; that of a loop is the share of its time that is saved."""
+
+    PLAIN_LOOP = "times the plain loop"
+    SIMULATED_SECOND = "times as fast"
+    LOOP_SHARE = "of the loop's time saved"
+    ENV_STEP = "times env.step"
+    ONE_ENVIRONMENT = "times one environment"
+
+
+class GainGroup(StrEnum):
+    """Items of one group do the same work in another way: of them, use one."""
+
+    PATHS = "ways of stepping"
+    TIMER = "timer"
+    SETTINGS = "settings"
+    LOOP = "loop"
+    PHYSICS = "physics alone"
+    VECTORS = "several environments"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckupItem:
+    """One thing to do.
+
+    Attributes:
+      action: what to do, and where, in a line.
+      gain: None for a wrong result, and where the gain was not measured.
+      is_bound: whether it is at most that: what comes instead takes time, too.
+      change_detail: what else is given up, in a few words; empty for nothing.
+      error: as a share of the motion; None unless results have one.
+      command: that looks closer.
+      snippet: code that does it; empty where `action` says all.
+    """
+
+    action: str
+    gain: Ratio | None = None
+    unit: GainUnit | None = None
+    is_bound: bool = False
+    change: ResultChange
+    change_detail: str = ""
+    error: float | None = None
+    group: GainGroup | None = None
+    command: str
+    snippet: str = ""
+
+    @property
+    def times(self) -> float:
+        """How many times as fast, by estimate; 1 where that is not known."""
+        if self.gain is None:
+            return 1.0
+        if self.unit == GainUnit.LOOP_SHARE:
+            return 1 / max(1e-9, 1 - self.gain.estimate)
+        return self.gain.estimate
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Where it stands: wrong results first, then what keeps results, then the rest."""
+        if self.change == ResultChange.CORRECTED:
+            return 0, 0.0
+        if self.gain is None:
+            return 3, 0.0
+        if self.group == GainGroup.LOOP:  # `run` has ranked them
+            return 1, 0.0
+        return (1 if self.change.keeps else 2), -self.times
+
+    @property
+    def gain_text(self) -> str:
+        """The gain, as a sentence or a cell has it; empty where it is not known."""
+        if self.gain is None:
+            return ""
+        at_most = "≤ " if self.is_bound else ""
+        if self.unit == GainUnit.LOOP_SHARE:
+            return f"{at_most}{formats.whole_percent(self.gain.estimate)}"
+        return f"{at_most}{formats.factor(self.gain.estimate)}"
+
+    @property
+    def ends_text(self) -> str:
+        """The ends of its interval; empty where they are not known."""
+        form = formats.whole_percent if self.unit == GainUnit.LOOP_SHARE else formats.factor
+        return formats.ends(self.gain, form)
+
+    @property
+    def change_text(self) -> str:
+        """What it changes in results."""
+        match self.change:
+            case ResultChange.CORRECTED:
+                return "corrects them"
+            case ResultChange.NONE:
+                return "nothing"
+            case ResultChange.TOLERANCE:
+                return "within the solver's tolerance"
+            case ResultChange.ERROR:
+                if self.error is None:
+                    return "an error of unknown size"
+                return f"an error of {tuning.percent(self.error)} of the motion"
+        return self.change_detail
+
+
+def items(run: Run) -> list[CheckupItem]:
+    """Return what a check-up advises, the most important first; those of a loop in its order."""
+    return sorted(_items(run), key=lambda item: item.rank)
+
+
+def quoted(target: str) -> str:
+    """Return a target as a command line has it."""
+    return shlex.quote(target)
+
+
+def short_name(target: str) -> str:
+    """Return a target, or the name of a file, for sentences: without its folder."""
+    return target.rpartition("/")[2] or target
+
+
+def _items(run: Run) -> Iterator[CheckupItem]:
+    parts = run.of_type(CheckedPart)
+    if not parts:
+        return
+    target = quoted(parts[0].target)
+    searches = run.of_type(TuneRecord)
+    yield from _wrong_of_model(run, target)
+    for model_results in derive_all(run.records):
+        yield from _of_paths(model_results, target, searches)
+    for record in searches:
+        yield from _of_settings(record, target)
+    rows = run.of_type(ProgramRow)
+    for row in rows:
+        yield from _of_program(row, target)
+    for part in parts:
+        yield from _of_source(part.findings, rows, target)
+    for environment_record in run.of_type(EnvironmentRecord):
+        yield from _of_environment(environment_record, target)
+
+
+# -- a model ---------------------------------------------------------------------------------------
+
+
+def _wrong_of_model(run: Run, target: str) -> Iterator[CheckupItem]:
+    """Yield what makes the results of a model wrong, or depend on a limit."""
+    started: list[Starts] = [r.starts for r in run.of_type(ProfileRow) if r.starts]
+    lines: list[str] = []
+    for each in derive_all(run.records):
+        model = each.model
+        if model.starts is not None:
+            started = [model.starts]
+        if model.diverged:
+            lines.append(
+                f"{model.diverged} of {model.diverged + (model.nbatch or 0)} simulations diverge"
+                f" ({model.divergence}): MuJoCo resets them, and a log goes on from the start; use"
+                " a smaller timestep, or smaller controls"
+            )
+        lines += starts.warning_lines(model.warnings)
+    for window in (each.window for each in started):
+        lines += starts.limited_lines(window) if window else []
+    for line in dict.fromkeys(lines):
+        yield CheckupItem(
+            action=line, change=ResultChange.CORRECTED, command=f"mjbench compare {target}"
+        )
+
+
+def _of_paths(
+    model_results: ModelResults, target: str, searches: Sequence[TuneRecord]
+) -> Iterator[CheckupItem]:
+    """Yield the ways of stepping that `compare` advises, and the timer, unless settings have it."""
+    command = f"mjbench compare {target}"
+    advised = [each for each in advice.advise(model_results) if each.speedup is not None]
+    for row in _each_path_once(advised):
+        loops = {each.loop for each in advised if each.variant == row.variant}
+        yield CheckupItem(
+            action=f"step by {advice.described(row.variant)}{_whose(row, loops)}",
+            gain=row.speedup,
+            unit=GainUnit.PLAIN_LOOP,
+            change=ResultChange.NONE,
+            group=GainGroup.PATHS,
+            command=command,
+            snippet=row.snippet,
+        )
+    settings = [s for record in searches for each in record.front for s in each.settings]
+    clock = advice.advise_clock(model_results)
+    if clock is not None and not any(setting.loop.is_clock_off for setting in settings):
+        yield CheckupItem(
+            action=f"turn off {package_timer.NAME}: {package_timer.OFF_CODE} after creating MjData",
+            gain=clock.speedup,
+            unit=GainUnit.PLAIN_LOOP,
+            change=ResultChange.NONE,
+            group=GainGroup.TIMER,
+            command=command,
+            snippet=clock.snippet,
+        )
+
+
+def _each_path_once(advised: Sequence[Advice]) -> list[Advice]:
+    return list({str(each.variant): each for each in advised}.values())
+
+
+def _whose(row: Advice, loops: set[Loop]) -> str:
+    """Return for whom a way of stepping is: how many simulations, and which loop."""
+    count = f"{row.nbatch} simulations at once" if row.nbatch else "many simulations at once"
+    if loops == {Loop.OPEN}:
+        return f", for {count} with controls known beforehand"
+    return f", for {count}" if Loop.OPEN in loops else f", for {count} in RL"
+
+
+def _of_settings(record: TuneRecord, target: str) -> Iterator[CheckupItem]:
+    """Yield what `tune` recommends, and the fastest settings that change something."""
+    command = f"mjbench tune {target}"
+    recommended = tuning.advised(record)
+    others = [each for each in record.front if each.effect == Effect.APPROXIMATE]
+    if others and not any(each.effect == Effect.APPROXIMATE for each in recommended):
+        recommended = [*recommended, min(others, key=lambda each: each.ratio.estimate)]
+    for each in recommended:
+        yield _of_recommendation(each, command)
+    for attempt in tuning.faster_alone(record):
+        if attempt.settings[0].loses:
+            yield _of_loss(attempt, command)
+
+
+def _of_recommendation(each: Recommendation, command: str) -> CheckupItem:
+    changes = {
+        Effect.FREE: ResultChange.NONE,
+        Effect.EQUIVALENT: ResultChange.TOLERANCE,
+        Effect.APPROXIMATE: ResultChange.ERROR,
+    }
+    return CheckupItem(
+        action=f"set {label(each.settings)}",
+        gain=_inverse(each.ratio),
+        unit=GainUnit.SIMULATED_SECOND,
+        change=changes[each.effect],
+        error=each.error.share if each.error and each.effect == Effect.APPROXIMATE else None,
+        group=GainGroup.SETTINGS,
+        command=command,
+        snippet=_applied(each.settings),
+    )
+
+
+def _of_loss(attempt: Attempt, command: str) -> CheckupItem:
+    assert attempt.ratio is not None, "it is certainly faster"
+    setting = attempt.settings[0]
+    return CheckupItem(
+        action=f"set {setting.label}",
+        gain=_inverse(attempt.ratio),
+        unit=GainUnit.SIMULATED_SECOND,
+        change=ResultChange.STATED,
+        change_detail=f"gives up {setting.loses}",
+        group=GainGroup.SETTINGS,
+        command=command,
+        snippet=_applied(attempt.settings),
+    )
+
+
+def _applied(settings: Sequence[Setting]) -> str:
+    snippets: list[Snippet] = list(tuning.to_apply(settings))
+    return "\n".join(snippet.code for snippet in snippets)
+
+
+def combination_gain(verdict: VerdictRow) -> Ratio | None:
+    """Return how many times the plain loop a combination is; None where that is not certain.
+
+    It is not one of the same results where the work differs.
+    """
+    if verdict.ratio is None or verdict.changed_work:
+        return None
+    gain = _inverse(verdict.ratio)
+    return gain if gain.is_above(1.0) else None
+
+
+def combination_command(combination: Combination, target: str) -> str:
+    """Return the command that compares a combination with the plain loop."""
+    settings = [f"path={combination.variant.path}"]
+    settings += [f"{name}={value}" for name, value in combination.variant.options.items()]
+    settings += [] if combination.has_timer else ["timer=off"]
+    model = "tuned.xml" if combination.settings else target
+    return f"mjbench ab model={target} model={model},{','.join(settings)}"
+
+
+def _inverse(ratio: Ratio) -> Ratio:
+    """Return a ratio of times as one of speeds."""
+    low, high = (None if end is None else 1 / end for end in (ratio.high, ratio.low))
+    return Ratio(1 / ratio.estimate, low, high)
+
+
+# -- a program -------------------------------------------------------------------------------------
+
+
+def _of_program(row: ProgramRow, target: str) -> Iterator[CheckupItem]:
+    """Yield what `run` says: wrong results, then what its first loop should change."""
+    command = f"mjbench run {target}"
+    if row.crash is not None:
+        yield CheckupItem(
+            action=f"it crashed at {short_name(row.crash.file)}:{row.crash.line}: {row.crash.text}",
+            change=ResultChange.CORRECTED,
+            command=command,
+        )
+    for remedy in row.wrong:
+        yield CheckupItem(action=_placed(remedy), change=ResultChange.CORRECTED, command=command)
+    for report in row.loops[:1]:
+        for remedy in [each for each in report.remedies if each.is_certain][:_MOST_OF_PROGRAM]:
+            yield _of_remedy(remedy, command)
+
+
+def _of_remedy(remedy: Remedy, command: str) -> CheckupItem:
+    gain = remedy.gain or 0.0
+    low, high = (
+        (None, None)
+        if remedy.gain_error is None
+        else (gain - 2 * remedy.gain_error, gain + 2 * remedy.gain_error)
+    )
+    keeps = remedy.effect in ("", "nothing")
+    return CheckupItem(
+        action=_placed(remedy),
+        gain=Ratio(gain, low, high) if gain > 0 else None,
+        unit=GainUnit.LOOP_SHARE,
+        is_bound=remedy.basis == Basis.BOUND,
+        change=ResultChange.NONE if keeps else ResultChange.STATED,
+        change_detail="" if keeps else remedy.effect,
+        group=GainGroup.LOOP,
+        command=command,
+    )
+
+
+def _placed(remedy: Remedy) -> str:
+    place = f"{short_name(remedy.place.file)}:{remedy.place.line}: " if remedy.place else ""
+    code = f" ({remedy.code})" if remedy.code else ""
+    return f"{place}{program.subject(remedy)}{remedy.text}{code}"
+
+
+def _of_source(
+    findings: Sequence[Finding], rows: Sequence[ProgramRow], target: str
+) -> Iterator[CheckupItem]:
+    """Yield what `lint` finds, unless the program ran: `run` then says what it costs."""
+    if any(row.loops or row.wrong for row in rows):
+        return
+    for finding in findings:
+        is_wrong = finding.is_wrong_result
+        yield CheckupItem(
+            action=f"{finding_place(finding)}: {finding.message} ({finding.code})",
+            change=ResultChange.CORRECTED if is_wrong else ResultChange.NONE,
+            command=f"mjbench lint {target}",
+        )
+
+
+# -- an environment --------------------------------------------------------------------------------
+
+
+def _of_environment(record: EnvironmentRecord, target: str) -> Iterator[CheckupItem]:
+    """Yield what `env` says: what is not repeated, vectorised forms, and the physics alone."""
+    command = f"mjbench env {target}"
+    for line in environment.unrepeated_lines(record):
+        yield CheckupItem(action=line, change=ResultChange.CORRECTED, command=command)
+    timed = [form for form in record.vector_forms if _is_faster(form.speedup)]
+    if timed:
+        fastest = max(timed, key=lambda form: form.speedup.median if form.speedup else 0.0)
+        yield CheckupItem(
+            action=f"step {fastest.nenv} environments in one {fastest.form}",
+            gain=_ratio_of(fastest.speedup),
+            unit=GainUnit.ONE_ENVIRONMENT,
+            change=ResultChange.NONE,
+            group=GainGroup.VECTORS,
+            command=command,
+        )
+    for closed_loop in (True, False):
+        paths = [
+            path
+            for path in record.physics_paths
+            if _is_faster(path.speedup) and path.closed_loop == closed_loop
+        ]
+        if paths:
+            fastest_path = max(paths, key=lambda p: p.speedup.median if p.speedup else 0.0)
+            yield _of_physics(fastest_path, command)
+
+
+def _of_physics(path: PhysicsPath, command: str) -> CheckupItem:
+    threads = nthread(path.options)
+    place = f" on {threads} threads" if threads > 1 else ""
+    loop = "" if path.closed_loop else ", with controls known beforehand"
+    return CheckupItem(
+        action=f"step its physics yourself, by {path.path}{place}{loop}",
+        gain=_ratio_of(path.speedup),
+        unit=GainUnit.ENV_STEP,
+        change=ResultChange.STATED,
+        change_detail="the same physics, without observation, reward and wrappers",
+        group=GainGroup.PHYSICS,
+        command=command,
+    )
+
+
+def _is_faster(speedup: Estimate | None) -> bool:
+    return speedup is not None and speedup.low is not None and speedup.low > 1
+
+
+def _ratio_of(speedup: Estimate | None) -> Ratio | None:
+    return None if speedup is None else Ratio(speedup.median, speedup.low, speedup.high)

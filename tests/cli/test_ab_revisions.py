@@ -1,0 +1,130 @@
+"""`mjbench ab rev=… rev=…` in a scratch repository: from the command line to the comment."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+from commands import PYTHONPATH, mjbench
+
+from mjbench.paired import function_verdict, judgement
+
+OLD = """
+def advance(x):
+    for _ in range(300):
+        x = 0.5 * x + 1
+    return x
+def results(): return 1
+"""
+NEW = (
+    OLD.replace("range(300)", "range(600)")
+    .replace("return x", "return 2.0")
+    .replace("return 1", "return 2")
+    + "def added(): pass\n"
+)
+BENCH = """
+from physics import advance, results
+def step(): advance(1.0)
+def other(): return results()
+def new():
+    from physics import added
+    added()
+"""
+
+
+@pytest.fixture(scope="module")
+def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a repository whose HEAD is slower than the tag `old`; benchmarks are not committed."""
+    top = tmp_path_factory.mktemp("checkout")
+
+    def git(*arguments: str) -> None:
+        command = ["git", "-c", "user.name=n", "-c", "user.email=e", *arguments]
+        subprocess.run(command, cwd=top, check=True, capture_output=True)
+
+    git("init", "-q", "-b", "main")
+    for text, tag in ((OLD, "old"), (NEW, "new")):
+        (top / "physics.py").write_text(text)
+        git("add", "-A")
+        git("commit", "-q", "-m", tag)
+        git("tag", tag)
+    (top / "bench.py").write_text(BENCH)
+    (top / "lib").mkdir()
+    (top / "lib/mine.py").write_text("def step(): pass\n")
+    return top
+
+
+def ab(checkout: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    return mjbench("ab", *arguments, cwd=checkout, env=variables)
+
+
+def test_functions_are_compared_and_become_a_comment(
+    checkout: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (function_verdict, judgement):  # a difference as large as this needs few launches
+        monkeypatch.setattr(module, "MIN_LAUNCHES", 4)
+    file, runs = tmp_path / "out.json", ("--results", str(tmp_path))
+    functions = [f"bench.py::{name}" for name in ("step", "other", "new")]
+    fail_on = ("--fail-on", "slower", "--json", str(file))
+    done = ab(checkout, "rev=old", "rev=WORKTREE", *functions, *fail_on, *runs)
+    assert done.returncode == 1, done.stderr
+    step, other, new = json.loads(file.read_text())["results"]
+    assert (step["verdict"], step["status"]) == ("slower", "ok")
+    assert step["ratio"]["estimate"] > 1.3
+    assert step["control"]["launches"] == 4
+    assert (other["verdict"], other["status"]) == (None, "disagrees")
+    assert "call 1 returns 2 instead of 1" in other["detail"]
+    assert (new["verdict"], new["status"]) == (None, "new")
+    assert "cannot import name 'added'" in new["detail"]
+    comment = mjbench("report", "--format", "comment", *runs, cwd=checkout)
+    assert "❌ 1 slower · ❌ 1 with other results · 🆕 1 new: action needed" in comment.stdout
+    status = ["git", "status", "--porcelain"]
+    listed = subprocess.run(status, cwd=checkout, capture_output=True, text=True, check=True)
+    assert listed.stdout.splitlines() == ["?? bench.py", "?? lib/"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (("rev=old", "rev=nwe", "bench.py::step"), 2, "nwe is no revision"),
+        (("rev=old", "rev=new"), 2, "name a function of your code"),
+        (("rev=old", "path=rollout"), 2, "a revision is compared with a revision"),
+        (("path=rollout", "", "bench.py::step"), 2, "functions are compared in revisions"),
+        (("rev=old", "rev=new", "bench.py::step", "--nbatch", "4"), 2, "are of models"),
+        (("rev=old", "rev=new", "bench.py::none"), 2, "bench has no none"),
+        (("rev=old", "rev=new", "bench.py::new"), 6, "new, so not compared"),
+        (("rev=new", "rev=old", "bench.py::new"), 3, "cannot import name 'added'"),
+        (("rev=old", "rev=new", "mine:step"), 5, "which is not the revision's"),
+    ],
+)
+def test_what_cannot_be_compared_has_an_exit_code_and_a_line(
+    checkout: Path, tmp_path: Path, arguments: tuple[str, ...], code: int, message: str
+) -> None:
+    done = ab(
+        checkout,
+        *(*arguments, "--results", str(tmp_path)),
+        PYTHONPATH=f"{PYTHONPATH}:{checkout / 'lib'}",  # as of an editable install
+    )
+    assert done.returncode == code, done.stderr
+    lines = (done.stdout + done.stderr).splitlines()
+    assert len([line for line in lines if message in line]) == 1
+    assert "Traceback" not in done.stderr
+
+
+def test_the_same_files_are_said_to_be_the_same(checkout: Path, tmp_path: Path) -> None:
+    done = ab(checkout, "rev=new", "rev=HEAD", "physics:added", "--results", str(tmp_path))
+    assert done.returncode == 0
+    assert "same: both revisions have the same files, so nothing was timed" in done.stdout
+
+
+def test_a_search_needs_a_history(checkout: Path, tmp_path: Path) -> None:
+    words = ("bisect", "rev=new", "rev=old", "bench.py::step", "--results", str(tmp_path))
+    done = mjbench(*words, cwd=checkout)
+    assert done.returncode == 2
+    assert "does not come after new" in done.stderr
+
+
+def test_ends_that_do_other_work_end_a_search(checkout: Path, tmp_path: Path) -> None:
+    words = ("bisect", "rev=old", "rev=new", "physics:results", "--results", str(tmp_path))
+    done = mjbench(*words, cwd=checkout)
+    assert done.returncode == 1
+    assert "physics:results: results differ: call 1 returns 2 instead of 1" in done.stdout

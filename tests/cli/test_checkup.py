@@ -1,0 +1,85 @@
+"""`mjbench TARGET`: what it resolves to, one quick check-up, and what it refuses."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from unittest import mock
+
+import pytest
+from commands import ROOT, Completed, mjbench
+
+import mjbench as package
+from mjbench.api.checkup import CheckupPlan
+
+CARTPOLE = ROOT / "models" / "cartpole.xml"
+
+
+@pytest.fixture(scope="module")
+def checked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Completed]:
+    """Return a folder in which the cart-pole was checked without a subcommand, and the command."""
+    folder = tmp_path_factory.mktemp("checked")
+    words = [str(CARTPOLE), "--quick", "--json", "c.json", "--html", "c.html"]
+    times = replace(CheckupPlan(is_quick=True).times, end=2.0, paths=2.0)
+    with mock.patch.object(CheckupPlan, "times", times):
+        return folder, mjbench(*words, "--results", "runs", cwd=folder)
+
+
+def test_a_model_without_a_subcommand_is_checked(checked: tuple[Path, Completed]) -> None:
+    folder, done = checked
+    assert done.returncode == 0, done.stderr
+    document = json.loads((folder / "c.json").read_text())
+    assert [part["part"] for part in document["parts"]] == ["profile", "compare"]
+    assert {part["status"] for part in document["parts"]} == {"ok"}
+    assert "Where a step's time goes" in done.stdout
+    assert f"Settings were not tried: mjbench tune {CARTPOLE}" in done.stdout
+
+
+def test_it_is_one_run_file_that_show_and_load_read(checked: tuple[Path, Completed]) -> None:
+    folder, done = checked
+    (file,) = (folder / "runs").iterdir()
+    shown = mjbench("show", str(file), cwd=folder)
+    assert shown.returncode == 0, shown.stderr
+    conclusion = next(
+        line for line in done.stdout.splitlines() if line.startswith("cartpole.xml: ")
+    )
+    assert conclusion in shown.stdout
+    document = json.loads((folder / "c.json").read_text())
+    actions = [row["action"] for row in package.load(file) if row.get("action")]
+    assert actions == [item["action"] for item in document["items"]]
+    assert "what to do first" in (folder / "c.html").read_text()
+
+
+def test_a_notebook_is_read_and_not_run(tmp_path: Path) -> None:
+    code = "for _ in range(9):\n    mujoco.mj_step(m, d)\n    log.append(d.qpos)\nopen('ran', 'w')"
+    cell = {"cell_type": "code", "source": code, "metadata": {}, "outputs": []}
+    notebook = {"cells": [cell], "metadata": {}, "nbformat": 4, "nbformat_minor": 5}
+    (tmp_path / "n.ipynb").write_text(json.dumps(notebook))
+    done = mjbench("n.ipynb", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "first, correct a wrong result: n.ipynb:cell 1:3" in done.stderr
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["comapre"], "Did you mean 'compare'?"),
+        (["missing.xml"], "no such file: missing.xml"),
+        (["train.py"], "no such file: train.py"),
+        (["empty.xml"], "is empty"),
+        (["broken.xml"], "cannot load it"),
+        (["broken.py"], "broken.py"),
+        (["robot.xml", "other.xml"], "one thing at a time"),
+        (["robot.xml", "--html", "robot.xml"], "is a file that this command reads"),
+        (["broken.py", "--settle", "1s"], "start states are of a model"),
+        ([], "Usage: mjbench"),
+    ],
+)
+def test_what_cannot_be_checked_is_one_line(tmp_path: Path, words: list[str], message: str) -> None:
+    (tmp_path / "empty.xml").write_text("")
+    (tmp_path / "broken.xml").write_text("<mujoco><worldbody><geom/></mujoco>")
+    (tmp_path / "broken.py").write_text("def (:")
+    (tmp_path / "robot.xml").write_text(CARTPOLE.read_text())
+    done = mjbench(*words, cwd=tmp_path)
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert message in done.stderr

@@ -1,0 +1,223 @@
+"""Verdicts on functions of the user's code; nothing is started, and launches are invented."""
+
+import random
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjbench.errors import InputError, MachineError, UnavailableError
+from mjbench.paired import function_verdict
+from mjbench.paired.call_results import Leaf
+from mjbench.paired.function_pair import CallPlan, FunctionTarget
+from mjbench.paired.function_verdict import OtherCodeError
+from mjbench.paired.launches import Targets
+from mjbench.paired.outcomes import ResultsOutcome, Verdict
+from mjbench.paired.records import LaunchRow, VerdictRecord
+from mjbench.paired.time_limit import TimeLimit
+from mjbench.paired.timed_function import CodeOrigin, FunctionFacts, FunctionSource
+from mjbench.paired.verdict import VerdictPlan
+from mjbench.releases.installs import ReleaseSpec
+from mjbench.releases.pip import BuildError
+from mjbench.releases.revisions import Revision
+from mjbench.status import ExitCode, Status
+
+BASELINE = FunctionTarget(
+    "bench.py::step",
+    Revision("main", "a" * 40),
+    "tree of main",
+    FunctionSource("step", "bench"),
+    CodeOrigin(frozenset(), (), ""),
+    ReleaseSpec("installed", "4.0.0"),
+)
+CANDIDATE = replace(BASELINE, revision=Revision("HEAD", "b" * 40), tree="tree of HEAD")
+FACTS = FunctionFacts(
+    [[Leaf("", np.array(1.0))]] * 3, "", 10, 1e-4, 1.0, "", {"Python": "3.11", "mujoco": "4.0.0"}
+)
+OTHER = replace(FACTS, results=[[Leaf("", np.array(2.0))]] * 3)
+Observed = FunctionFacts | BaseException
+
+
+@dataclass
+class Invented:
+    """What observations and launches are to give.
+
+    Attributes:
+      observed: of each side, one after the other; the last one again and again.
+      log_ratio: of launches of both sides.
+      control: of the baseline with itself.
+      end_s: seconds that a launch takes.
+    """
+
+    observed: dict[str, list[Observed]]
+    log_ratio: float = 0.0
+    control: float = 0.0
+    launch_s: float = 0.5
+
+
+Decided = Callable[[Invented], VerdictRecord]
+
+
+@pytest.fixture
+def decided(monkeypatch: pytest.MonkeyPatch) -> Decided:
+    """Return what decides between the baseline and the candidate."""
+
+    def decide(invented: Invented) -> VerdictRecord:
+        clock, rng = [0.0], random.Random(3)
+
+        def observe(pool: Any, target: FunctionTarget, role: str) -> FunctionFacts:
+            observed = invented.observed[role]
+            facts = observed.pop(0) if len(observed) > 1 else observed[0]
+            if isinstance(facts, BaseException):
+                raise facts
+            return facts
+
+        class Pair(Targets[LaunchRow]):
+            def __init__(self, pool: Any, targets: Any, plan: CallPlan, limit: TimeLimit):
+                is_control = targets[0] is targets[1]
+                self._limit = limit
+                self._mean = invented.control if is_control else invented.log_ratio
+
+            def prepare(self) -> None:
+                self._limit.start()
+
+            def launch(self, positions: Sequence[int]) -> LaunchRow:
+                clock[0] += invented.launch_s
+                ratio = np.exp(rng.gauss(self._mean, 0.002))
+                ns = [1_000_000, int(1_000_000 * ratio), int(1_000_000 * ratio), 1_000_000]
+                return LaunchRow(0, None, ["ABBA"], [ns])
+
+        monkeypatch.setattr(function_verdict, "observe", observe)
+        monkeypatch.setattr(function_verdict, "FunctionPair", Pair)
+        pool: Any = None
+        targets = BASELINE, CANDIDATE
+        return function_verdict.decide(pool, targets, VerdictPlan(), clock=lambda: clock[0])
+
+    return decide
+
+
+def sides(baseline: Observed, candidate: Observed, again: Observed | None = None) -> Any:
+    """Return what is observed of both; of the baseline's second process, `again`."""
+    return {"baseline": [baseline, again or baseline], "candidate": [candidate]}
+
+
+@pytest.mark.parametrize(
+    ("log_ratio", "verdict"),
+    [(0.0, Verdict.SAME), (0.05, Verdict.SLOWER), (-0.05, Verdict.FASTER)],
+)
+def test_launches_decide(decided: Decided, log_ratio: float, verdict: Verdict) -> None:
+    record = decided(Invented(sides(FACTS, FACTS), log_ratio))
+    assert (record.status, record.verdict) == (Status.OK, verdict)
+    assert record.results == ResultsOutcome.SAME
+    assert record.changed_work is False
+    assert (record.old, record.new) == ("main", "HEAD")
+    assert record.ratio is not None
+    assert record.ratio.covers(np.exp(log_ratio))
+
+
+def test_the_control_stands_beside_the_verdict(decided: Decided) -> None:
+    record = decided(Invented(sides(FACTS, FACTS), 0.05))
+    assert record.control is not None
+    assert record.control.covers
+    assert record.control.launches == len(record.control_samples) == 8
+
+
+def test_a_control_that_shows_a_difference_says_so(decided: Decided) -> None:
+    record = decided(Invented(sides(FACTS, FACTS), 0.05, control=0.03))
+    assert record.control is not None
+    assert not record.control.covers
+
+
+def test_other_results_get_no_verdict_on_speed(decided: Decided) -> None:
+    record = decided(Invented(sides(FACTS, OTHER), 0.05))
+    assert (record.status, record.verdict, record.ratio) == (Status.DISAGREES, None, None)
+    assert record.changed_work is True
+    assert "call 1 returns 2.0 instead of 1.0; no verdict on speed" in record.detail
+
+
+def test_random_results_are_not_compared(decided: Decided) -> None:
+    record = decided(Invented(sides(FACTS, OTHER, again=OTHER), 0.05))
+    assert (record.results, record.changed_work) == (ResultsOutcome.RANDOM, None)
+    assert record.verdict == Verdict.SLOWER
+
+
+def test_results_that_cannot_be_compared_say_why(decided: Decided) -> None:
+    unknown = replace(FACTS, results=[], problem="TypeError: Robot is no number")
+    record = decided(Invented(sides(unknown, unknown)))
+    assert (record.results, record.changed_work) == (ResultsOutcome.NONE, None)
+    assert record.results_detail == "TypeError: Robot is no number"
+
+
+def test_what_the_baseline_lacks_is_new(decided: Decided) -> None:
+    record = decided(Invented(sides(UnavailableError("baseline: bench has no step"), FACTS)))
+    assert (record.status, record.verdict) == (Status.NEW, None)
+    assert record.detail == "new, so not compared: baseline: bench has no step"
+
+
+def test_what_only_the_baseline_can_do_is_a_failure(decided: Decided) -> None:
+    record = decided(Invented(sides(FACTS, UnavailableError("candidate: it raises"))))
+    assert (record.status, record.detail) == (Status.FAILED, "candidate: it raises")
+
+
+def test_what_neither_can_do_is_an_error_of_the_input(decided: Decided) -> None:
+    error = UnavailableError("bench has no step")
+    assert decided(Invented(sides(error, error))).status == Status.INPUT
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [(MachineError("it crashed"), Status.FAILED), (KeyboardInterrupt(), Status.INTERRUPTED)],
+)
+def test_what_ends_an_observation_is_recorded(decided: Decided, error: Any, status: Status) -> None:
+    assert decided(Invented(sides(error, FACTS))).status == status
+
+
+@pytest.mark.parametrize(
+    ("candidate", "message"),
+    [
+        (replace(FACTS, misplaced="own from /checkout/own.py"), "imported own from /checkout"),
+        (replace(FACTS, versions={"mujoco": "3.3.0"}), "ran on mujoco 4.0.0, the candidate on 3"),
+    ],
+)
+def test_other_code_is_never_timed(
+    decided: Decided, candidate: FunctionFacts, message: str
+) -> None:
+    with pytest.raises(OtherCodeError, match=message) as raised:
+        decided(Invented(sides(FACTS, candidate)))
+    assert raised.value.exit_code == ExitCode.OTHER_CODE
+
+
+def test_what_cannot_be_installed_ends_all(decided: Decided) -> None:
+    with pytest.raises(BuildError, match="cannot install own"):
+        decided(Invented(sides(BuildError("cannot install own.whl"), FACTS)))
+
+
+def test_a_launch_that_exceeds_the_limit_ends_as_inconclusive(decided: Decided) -> None:
+    record = decided(Invented(sides(FACTS, FACTS), launch_s=20.0))
+    assert (record.status, record.verdict) == (Status.OK, Verdict.INCONCLUSIVE)
+    assert "a verdict with its control needs at least 16 launches: give --time-limit 400s" in (
+        record.detail
+    )
+    assert record.launches == 0
+
+
+def test_revisions_with_the_same_files_are_the_same() -> None:
+    pool: Any = None
+    targets = BASELINE, replace(CANDIDATE, tree=BASELINE.tree)
+    record = function_verdict.decide(pool, targets, VerdictPlan())
+    assert (record.verdict, record.ratio) == (Verdict.SAME, None)
+    assert "the same files" in record.detail
+
+
+@pytest.mark.parametrize(("cores", "nthread_is_one"), [(1.0, True), (1.9, False)])
+def test_a_function_with_threads_gets_all_cores(cores: float, nthread_is_one: bool) -> None:
+    plan = CallPlan.of([replace(FACTS, calls=7), replace(FACTS, cores=cores)])
+    assert plan.count == 7
+    assert (plan.nthread == 1) is (nthread_is_one or plan.nthread == 1)
+
+
+def test_an_argument_that_only_the_baseline_takes_is_new(decided: Decided) -> None:
+    record = decided(Invented(sides(InputError("step takes model"), FACTS)))
+    assert record.status == Status.NEW

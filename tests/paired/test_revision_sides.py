@@ -1,0 +1,152 @@
+"""Functions of the user's code: how they are named, and where each side finds them."""
+
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from mjbench.errors import InputError
+from mjbench.paired import revision_sides
+from mjbench.paired.function_pair import FunctionTargets
+from mjbench.paired.revision_sides import FunctionName, RevisionComparison
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases.installs import ReleaseSpec
+from mjbench.releases.revisions import WORKTREE, Repository
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("bench.py::step", FunctionName("bench.py::step", "step", Path("sub/bench.py"))),
+        ("../bench.py::A::b", FunctionName("../bench.py::A::b", "A.b", Path("bench.py"))),
+        ("own.physics:step", FunctionName("own.physics:step", "step", module="own.physics")),
+    ],
+)
+def test_functions_are_named_by_file_or_module(
+    tmp_path: Path, text: str, expected: FunctionName
+) -> None:
+    assert revision_sides.parse_function(text, tmp_path / "sub", tmp_path) == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("step", "step is no function: give FILE.py::FUNCTION or MODULE:FUNCTION"),
+        ("own/physics:step", "is no function"),
+        ("bench.py::step[1]", "is no function"),
+        ("bench.txt::step", "bench.txt is no Python file"),
+        ("../bench.py::step", "lies outside of the repository"),
+    ],
+)
+def test_other_names_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        revision_sides.parse_function(text, tmp_path, tmp_path)
+
+
+@pytest.fixture
+def repository(tmp_path: Path) -> Iterator[Repository]:
+    """Yield a repository: tag v1 has no benchmark, HEAD has one, the worktree another."""
+
+    def git(*arguments: str) -> None:
+        command = ["git", "-c", "user.name=n", "-c", "user.email=e", *arguments]
+        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+
+    git("init", "-q", "-b", "main")
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own/__init__.py").touch()
+    git("add", "-A")
+    git("commit", "-q", "-m", "first")
+    git("tag", "v1")
+    (tmp_path / "speed").mkdir()
+    (tmp_path / "speed/bench.py").write_text("committed\n")
+    git("add", "-A")
+    git("commit", "-q", "-m", "second")
+    (tmp_path / "speed/bench.py").write_text("changed\n")
+    yield Repository(tmp_path)
+
+
+def targets(
+    pool: WorkerPool, repository: Repository, names: tuple[str, str], function: str
+) -> FunctionTargets:
+    baseline, candidate = map(repository.parse, names)
+    parsed = revision_sides.parse_function(function, repository.top, repository.top)
+    comparison = RevisionComparison(
+        repository, baseline, candidate, [parsed], repository.top.resolve()
+    )
+    (pair,) = revision_sides.check_out(pool, comparison)
+    return pair
+
+
+@pytest.mark.parametrize(
+    ("candidate", "text"),
+    [("HEAD", b"committed\n"), (WORKTREE, b"changed\n"), ("v1", b"changed\n")],
+)
+def test_a_file_is_the_candidates_on_both_sides(
+    pool: WorkerPool, repository: Repository, candidate: str, text: bytes
+) -> None:
+    """Where the candidate has none, it is that of the checkout."""
+    pair = targets(pool, repository, ("v1", candidate), "speed/bench.py::step")
+    assert [target.source.text for target in pair] == [text, text]
+    folders = [target.origin.folders[0] for target in pair]
+    assert len(folders[0]) == len(folders[1])
+    for target, folder in zip(pair, folders, strict=True):
+        assert target.source.file == f"{folder}/speed/bench.py"
+        assert target.source.folders == (f"{folder}/speed", folder)
+        assert target.source.cwd == folder
+        assert "own" in target.origin.packages
+
+
+def test_a_module_is_each_sides_own(pool: WorkerPool, repository: Repository) -> None:
+    pair = targets(pool, repository, ("v1", "HEAD"), "own:step")
+    assert [target.source.text for target in pair] == [None, None]
+    assert {target.source.module for target in pair} == {"own"}
+
+
+def test_a_file_that_exists_nowhere_is_reported(pool: WorkerPool, repository: Repository) -> None:
+    with pytest.raises(InputError, match=r"there is no file none\.py in the candidate"):
+        targets(pool, repository, ("v1", "HEAD"), "none.py::step")
+
+
+def test_commits_that_the_candidate_lacks_are_noted(repository: Repository) -> None:
+    old, new = map(repository.parse, ("v1", "HEAD"))
+    assert RevisionComparison(repository, old, new, [], repository.top).notes == []
+    (note,) = RevisionComparison(repository, new, old, [], repository.top).notes
+    assert note.startswith("HEAD has 1 commit that v1 lacks")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ({"pyproject.toml": "[project]\n"}, {"pyproject.toml": "[project]\n"}, ""),
+        ({}, {"fast.pyx": ""}, ""),  # neither can be installed
+        ({"setup.py": ""}, {"setup.py": "", "fast.c": ""}, "there are extension modules"),
+        (
+            {"pyproject.toml": "[project]\ndependencies = []\n"},
+            {"pyproject.toml": "[project]\ndependencies = ['scipy']\n"},
+            "they need other packages",
+        ),
+    ],
+)
+def test_only_what_has_to_be_built_is(
+    tmp_path: Path, old: dict[str, str], new: dict[str, str], reason: str
+) -> None:
+    for folder, files in (("a", old), ("b", new)):
+        (tmp_path / folder).mkdir()
+        for name, text in files.items():
+            (tmp_path / folder / name).write_text(text)
+    assert revision_sides.build_reason(tmp_path / "a", tmp_path / "b") == reason
+
+
+def test_what_is_built_is_imported_from_where_it_is_installed(
+    pool: WorkerPool, repository: Repository, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    wheel = tmp_path / "own.whl"
+    wheel.touch()
+    release = ReleaseSpec("main", "4.0.0", own_wheels=(wheel,))
+    monkeypatch.setattr(revision_sides, "build_reason", lambda *trees: "a test")
+    monkeypatch.setattr(revision_sides.revision_builds, "built", lambda *_: release)
+    for target in targets(pool, repository, ("v1", "HEAD"), "speed/bench.py::step"):
+        assert not target.source.are_first
+        assert target.origin.folders[1].endswith(release.key)
+        assert target.release is release

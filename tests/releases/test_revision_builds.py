@@ -1,0 +1,75 @@
+"""Revisions that are built: one wheel a tree, and what a failure says. Nothing is downloaded."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from mjbench.releases import pip, revision_builds
+from mjbench.releases.pip import BuildError
+from mjbench.releases.revisions import Revision
+from mjbench.status import ExitCode
+
+MAIN = Revision("main", "a" * 40)
+TREE = "b" * 40
+
+
+@pytest.fixture
+def sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Have pip write a wheel; return the source trees that it builds."""
+    monkeypatch.setenv("MJBENCH_CACHE", str(tmp_path / "cache"))
+    built: list[str] = []
+
+    def run(command: str, *arguments: str) -> str:
+        assert command == "wheel"
+        (target,) = (a.partition("=")[2] for a in arguments if a.startswith("--wheel-dir="))
+        (Path(target) / "own-1.0-py3-none-any.whl").write_text(arguments[-1])
+        built.append(arguments[-1])
+        return ""
+
+    monkeypatch.setattr(pip, "run", run)
+    return built
+
+
+def test_a_tree_is_built_once(sources: list[str]) -> None:
+    first, second = (revision_builds.built(MAIN, Path("source"), TREE) for _ in range(2))
+    assert first == second
+    assert sources == ["source"]
+    assert [wheel.name for wheel in first.own_wheels] == ["own-1.0-py3-none-any.whl"]
+    assert first.name == "main"
+
+
+def test_builds_of_other_trees_are_other_installs(sources: list[str]) -> None:
+    first = revision_builds.built(MAIN, Path("one"), TREE)
+    second = revision_builds.built(MAIN, Path("two"), "c" * 40)
+    assert first.key != second.key
+
+
+def failing(problem: str) -> Callable[..., str]:
+    return lambda *_: problem
+
+
+def test_a_revision_that_does_not_build_says_why(
+    sources: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pip, "run", failing("error: command 'gcc' failed"))
+    with pytest.raises(BuildError, match=r"cannot build main \(a{10}\): error: command") as raised:
+        revision_builds.built(MAIN, Path("source"), TREE)
+    assert raised.value.exit_code == ExitCode.NOT_BUILT
+
+
+def test_a_build_without_a_wheel_is_refused(
+    sources: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pip, "run", failing(""))
+    with pytest.raises(BuildError, match="does not build to one wheel"):
+        revision_builds.built(MAIN, Path("source"), TREE)
+
+
+def test_needs_that_cannot_be_installed_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pip, "run", failing("No matching distribution found for nowhere"))
+    wheel = tmp_path / "own-1.0-py3-none-any.whl"
+    with pytest.raises(BuildError, match=r"cannot install own-1\.0.* with MuJoCo 4\.0\.0: No mat"):
+        pip.install("4.0.0", [], tmp_path / "target", [wheel])
