@@ -8,6 +8,7 @@ import html
 import itertools
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
 
 from mjbench.errors import printable
 from mjbench.report import charts
@@ -42,7 +43,10 @@ def render(report: Report) -> Iterator[str]:
     for section in report.summaries:
         table = [*_tables(section)]
         left -= sum(len(line) + 1 for line in table)
-        yield from table if left > 0 else _folded(section.heading, table)
+        if left > 0:
+            yield from table
+            section = replace(section, tables=(), figures=())
+        yield from _folded(section.heading, _section_lines(section))
     for section in report.sections:
         yield from _folded(section.heading, _section_lines(section))
     if report.machines.rows:

@@ -68,7 +68,8 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
         for named, machine in zip(named_runs, results.machines, strict=True)
         for part in _parts(named, machine.name if results.has_several else "")
     ]
-    parts += _history_parts(named_runs)
+    if history := _history_parts(named_runs):  # why speed changed is part of it
+        parts = [*history, *(replace(part, main=first_of(part.main)) for part in parts)]
     chosen = _most_important(parts) if len(named_runs) > 1 else parts
     # several models may say the same
     main = list(dict.fromkeys(conclusion for part in chosen for conclusion in part.main))
@@ -174,7 +175,11 @@ def _history_parts(named_runs: Sequence[NamedRun]) -> list[_Part]:
     )
     sections = history_across.sections(each)
     command = timed[0].command
-    return [_Part(replace(section, command=command), section.conclusions) for section in sections]
+    first, *others = (replace(section, command=command) for section in sections)
+    return [
+        _Part(replace(first, is_summary=True), first.conclusions),
+        *(_Part(section, first_of(section.conclusions)) for section in others),
+    ]
 
 
 def _parts(named: NamedRun, machine: str) -> Iterator[_Part]:

@@ -1,6 +1,7 @@
 """What `mjbench compare` comes to: what follows for each model, its table, and notes."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 from mjbench.comparison.records import ModelRecord
 from mjbench.paired.race import MAX_LAUNCHES
@@ -202,6 +203,27 @@ def advice_table(models: Sequence[ModelResults]) -> DataTable:
         (Column("95 %", formats.ends), lambda row: row.speedup),
         (Column("× real time", times_real_time, leaves=1), lambda row: row.realtime_factor),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RatedPath(PathResult):
+    """A row of the flat table: the result of a path, and whether it is advised.
+
+    Attributes:
+      advised: `certain` or `not certain` where it is, for open or closed loop; else empty.
+    """
+
+    advised: str = ""
+
+
+def flat_rows(models: Sequence[ModelResults]) -> Iterator[RatedPath]:
+    """Yield the results of paths as `mjbench.load` has them."""
+    for model_results in models:
+        certain = {str(row.variant): row.is_certain for row in advise(model_results)}
+        for result in model_results.results:
+            is_certain = certain.get(str(result.variant))
+            advised = "" if is_certain is None else "certain" if is_certain else "not certain"
+            yield RatedPath(**vars(result), advised=advised)
 
 
 def mark(is_certain: bool) -> str:

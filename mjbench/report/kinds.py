@@ -46,7 +46,7 @@ from mjbench.report import (
 )
 from mjbench.report.content import Section
 from mjbench.report.lint import LintDocument
-from mjbench.report.results import derive_all, path_results
+from mjbench.report.results import derive_all
 from mjbench.store.runs import SCHEMA, Record, Run
 from mjbench.tuning.records import TuneRecord
 from mjbench.web.records import WebRecord
@@ -143,7 +143,7 @@ COMPARE = Kind(
     documents.CompareDocument,
     _compare_document,
     lambda run: comparison.sections(derive_all(run.records)),
-    lambda run: path_results(run.records),
+    lambda run: comparison.flat_rows(derive_all(run.records)),
 )
 OVERHEAD = _kind(OverheadRow, overhead.sections, "overhead")
 PROFILE = _kind(ProfileRow, profile.sections, "profile")

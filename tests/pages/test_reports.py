@@ -211,9 +211,12 @@ def test_the_head_says_what_was_measured_when_and_where(tmp_path: Path) -> None:
     assert report.subtitle in Page(as_html.render(report)).text
 
 
-@pytest.mark.parametrize("name", ["reference-mujoco-4.0.0", "reference-selfcheck-quiet"])
+@pytest.mark.parametrize(
+    "name",
+    ["runs/reference-mujoco-4.0.0", "runs/reference-selfcheck-quiet", "history/reference-ratios"],
+)
 def test_markdown_shows_little_and_folds_the_rest(name: str) -> None:
-    text = "\n".join(as_markdown.render(report(ROOT / f"results/runs/{name}.jsonl")))
+    text = "\n".join(as_markdown.render(report(ROOT / f"results/{name}.jsonl")))
     shown = re.sub(r"</summary>.*?</details>", "", text, flags=re.S)
     assert len(shown) <= 3000
 
