@@ -76,6 +76,7 @@ PROGRAMS = (
     OwnProgram("simulations_in_turn", "mujoco.mj_step(model, data)", "Batch"),
     OwnProgram("small_messages", "qpos = here.recv()", "more work for a message", is_bound=True),
     OwnProgram("contacts_one_by_one", "for contact in data.contact", "arrays of all contacts"),
+    OwnProgram("rays_one_by_one", "scan.append(mujoco.mj_ray(", "mj_multiRay"),
     OwnProgram("names_in_step", "data.ctrl[0] = -sum(data.joint", "hoist"),
     OwnProgram("inverse_beside_step", "mujoco.mj_inverse(model, data)", "mj_inverseSkip"),
     OwnProgram("inverse_kinematics", "mujoco.mj_forward(model, data)", "mj_kinematics"),

@@ -65,7 +65,8 @@ def pytest_terminal_summary(
     for table, line in benchmark_tables.groups(times):
         terminalreporter.ensure_newline()
         out.print(f"\n{table.title}", style="bold", soft_wrap=True)
-        out.print(terminal.rich_table(table, benchmark_tables.WIDTH), soft_wrap=True)
+        for part in terminal.table_parts(table, benchmark_tables.WIDTH):
+            out.print(part, soft_wrap=True)
         out.print(line, soft_wrap=True)
     if times:
         out.print(f"\n{benchmark_tables.CAUTION}", width=benchmark_tables.WIDTH)

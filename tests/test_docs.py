@@ -17,6 +17,7 @@ from benchmarks.studies.tally_file import load
 from mjbench.cli import cli, command_names
 from mjbench.loop import overhead
 from mjbench.paired import outcomes, race_record
+from mjbench.status import ExitCode
 from mjbench.testing import fixture
 from mjbench.tuning import measurements
 
@@ -145,6 +146,11 @@ def test_what_a_page_shows_of_a_committed_run_is_what_show_prints(page: Path) ->
         for line in block.splitlines():
             words = " ".join(line.split())
             assert words in {"", "…", *lines}, line
+
+
+def test_the_page_of_commands_has_every_exit_code() -> None:
+    text = (ROOT / "docs/commands.md").read_text()
+    assert [int(code) for code in re.findall(r"^\| (\d+) \|", text, flags=re.M)] == [*ExitCode]
 
 
 def test_each_answer_of_the_questions_is_short_and_names_a_command() -> None:

@@ -6,6 +6,7 @@ failed (a crash, a time limit, a full disk); 130 interrupted (see `mjbench.statu
 
 from mjbench.cli import (  # each adds its command to the group
     ab,
+    bisect,
     checkup,
     compare,
     doctor,

@@ -15,6 +15,7 @@ from mjbench.errors import InputError, shown
 
 if TYPE_CHECKING:
     from mjbench.api.session import Measurement
+    from mjbench.paired.revision_sides import RevisionComparison
     from mjbench.paired.verdict import VerdictPlan
 
 # What a side begins with that is a revision of the user's code.
@@ -55,12 +56,11 @@ def ab(
       mjbench ab rev=main rev=HEAD bench.py::step
       mjbench ab rev=HEAD rev=WORKTREE my_package.physics:step --fail-on slower
     """
-    are_revisions = [side.startswith(_REVISION) for side in (baseline, candidate)]
-    if any(are_revisions):
-        if not all(are_revisions):
-            raise InputError("a revision is compared with a revision: give rev=… twice")
-        names = [side.removeprefix(_REVISION) for side in (baseline, candidate)]
-        measurement = _of_revisions(names, functions, plan)
+    if any(side.startswith(_REVISION) for side in (baseline, candidate)):
+        from mjbench.api.revisions import revision_verdicts
+
+        comparison = revision_comparison(baseline, candidate, functions, plan)
+        measurement = revision_verdicts(comparison, plan)
     elif functions:
         raise InputError(f"{shown(functions[0])}: functions are compared in revisions, rev=…")
     else:
@@ -78,25 +78,31 @@ def _of_targets(baseline: str, candidate: str, plan: "VerdictPlan") -> "Measurem
     return verdicts("ab", [pair], plan)
 
 
-def _of_revisions(
-    names: Sequence[str], functions: Sequence[str], plan: "VerdictPlan"
-) -> "Measurement":
-    from mjbench.api.revisions import revision_verdicts
+def revision_comparison(
+    baseline: str, candidate: str, functions: Sequence[str], plan: "VerdictPlan"
+) -> "RevisionComparison":
+    """Return the comparison of functions in two revisions, as a command line names them.
+
+    Raises:
+      InputError: there are none, or the plan says what is of models alone.
+    """
     from mjbench.paired import revision_sides
     from mjbench.paired.revision_sides import RevisionComparison
     from mjbench.paired.run_sizes import Sizes
     from mjbench.releases.revisions import Repository
 
+    sides = baseline, candidate
+    if not all(side.startswith(_REVISION) for side in sides):
+        raise InputError("a revision is compared with a revision: give rev=… twice")
     if not functions:
         raise InputError(f"name a function of your code: {revision_sides.FORMS}")
     if plan.sizes != Sizes():
         raise InputError("sizes, start states and controls are of models, not of functions")
     cwd = Path.cwd().resolve()
     repository = Repository(cwd)
-    baseline, candidate = map(repository.parse, names)
+    old, new = (repository.parse(side.removeprefix(_REVISION)) for side in sides)
     parsed = [
         revision_sides.parse_function(name, cwd, repository.top)
         for name in dict.fromkeys(functions)
     ]
-    comparison = RevisionComparison(repository, baseline, candidate, parsed, cwd)
-    return revision_verdicts(comparison, plan)
+    return RevisionComparison(repository, old, new, parsed, cwd)

@@ -18,6 +18,7 @@ LISTED: Mapping[str, Mapping[str, str]] = {
         "tune": "faster settings of a model, and their errors",
         "versions": "is a release slower for my model? --explain",
         "ab": "which of two models or revisions is slower?",
+        "bisect": "which commit made my own code slower?",
         "lint": "what is slow or wrong in a script",
         "doctor": "can I measure here? --verdicts, --placement",
         "show": "results again: --html, --markdown, --against",

@@ -129,6 +129,10 @@ class ModelChildren:
             failure = failure_of(error)
             ended = isolate.Ended(failure.status, failure.detail)
         if ended.status != Status.OK:
+            compiled = self.measured.get(index)
+            is_silent = ended.status == Status.TIMEOUT
+            if is_silent and (compiled is None or compiled.compile_s is None):
+                ended = dataclasses.replace(ended, detail=_not_compiled(self.plan.limit_s))
             self.revise(index, ended.status, ended.detail)
             return
         assert self.reference is not None
@@ -174,3 +178,12 @@ class ModelChildren:
         if self.ended.status == Status.OK:
             return Failure(Status.FAILED, "it was not timed")
         return Failure(self.ended.status, self.ended.detail)
+
+
+def _not_compiled(limit_s: float) -> str:
+    """Return what is known of a path whose compiler was killed: a lower bound, and what to do."""
+    return (
+        f"not compiled within {accelerated_run.COMPILER_PATIENCE * limit_s:g} s, and killed: its"
+        " first step comes later than that, and no speed of its is known. Paths of C need no"
+        f" compiler; --time-limit {2 * limit_s:g} gives this one twice the time"
+    )

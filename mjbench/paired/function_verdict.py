@@ -35,6 +35,7 @@ from mjbench.paired.time_limit import ENDING_ERRORS, TimeLimit, ending_of
 from mjbench.paired.timed_function import FunctionFacts
 from mjbench.paired.verdict import VerdictPlan, record_of
 from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases.pip import BuildError
 from mjbench.status import ExitCode, Status
 
 
@@ -44,13 +45,17 @@ class OtherCodeError(MachineError):
     exit_code = ExitCode.OTHER_CODE
 
 
-class _ControlRule(LaunchRule):
+class _FixedRule(LaunchRule):
     """Launch a fixed number of times, whatever comes of it."""
 
-    purpose = "a control"
+    purpose = "a verdict with its control"
+
+    def __init__(self, limit: TimeLimit, count: int, clock: Callable[[], float] = time.monotonic):
+        super().__init__(limit, clock)
+        self._count = count
 
     def look(self, launches: Sequence[LaunchRow]) -> Sufficiency:
-        is_enough = len(launches) >= MIN_LAUNCHES
+        is_enough = len(launches) >= self._count
         return Sufficiency(is_enough, is_enough)
 
 
@@ -206,7 +211,7 @@ class _Decision:
             return self._record(Failure(Status.OK, detail), Verdict.SAME)
         try:
             self._observed = _observe(self._pool, self._targets)
-        except OtherCodeError:
+        except (OtherCodeError, BuildError):  # of all functions
             raise
         except _NewError as error:
             return self._record(Failure(Status.NEW, str(error)))
@@ -221,11 +226,12 @@ class _Decision:
     def _timed(self, calls: CallPlan) -> VerdictRecord:
         """Launch the control, then both sides, until the verdict is certain or time is up."""
         baseline, limit_s = self._targets[0], self._plan.time_limit_s
-        limit = TimeLimit(limit_s / 2, MIN_LAUNCHES, self._clock, _ControlRule.purpose)
-        rule: LaunchRule = _ControlRule(limit, self._clock)
+        # half of the time for half of the launches
+        limit = TimeLimit(limit_s / 2, 2 * MIN_LAUNCHES, self._clock, _FixedRule.purpose)
+        rule: LaunchRule = _FixedRule(limit, MIN_LAUNCHES, self._clock)
         ended = self._launch((baseline, baseline), calls, rule, limit)
         self._control = ended.launches
-        if ended.status == Status.OK:
+        if ended.is_enough:
             limit = TimeLimit(limit_s - ended.seconds, MIN_LAUNCHES, self._clock)
             rule = _FunctionRule(limit, self._plan, self._on_launch, self._clock)
             ended = self._launch(self._targets, calls, rule, limit)
@@ -296,5 +302,28 @@ def decide(
 
     Raises:
       OtherCodeError: the code that would be measured is not the revisions' own.
+      BuildError: what a revision needs cannot be installed.
     """
     return _Decision(pool, targets, plan, on_launch, clock).run()
+
+
+def launch_log_ratios(pool: WorkerPool, targets: FunctionTargets, count: int) -> list[float]:
+    """Return the log ratios of some launches, whatever they say.
+
+    Raises:
+      InputError: a side cannot do it, or their results differ.
+      MachineError: a process crashed, hung or failed; the code is not the revisions' own.
+    """
+    try:
+        observed = _observe(pool, targets)
+    except _NewError as error:
+        raise InputError(str(error)) from error
+    if observed.results.outcome == ResultsOutcome.DIFFERENT:
+        raise InputError(f"results differ: {observed.results.detail}")
+    calls, limit = CallPlan.of((observed.baseline, observed.candidate)), TimeLimit()
+    launched = _FixedRule(limit, count).run_pair(FunctionPair(pool, targets, calls, limit))
+    if launched.status == Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    if launched.status != Status.OK:
+        raise MachineError(launched.detail)
+    return [launch.log_ratio for launch in launched.launches]

@@ -26,12 +26,14 @@ class FunctionName:
       file: within the repository; None where a module is named.
       module: name of the module; empty where a file is named.
       name: of the function, or `Class.method`.
+      content: of the file; None for that of the candidate.
     """
 
     text: str
     name: str
     file: Path | None = None
     module: str = ""
+    content: bytes | None = None
 
 
 @dataclass(frozen=True)
@@ -175,7 +177,7 @@ def _targets(
     file, top = function.file, comparison.repository.top.resolve()
     text, base, module = None, None, function.module
     if file is not None:
-        text = _text(top, sides[1].folder, file)
+        text = function.content or _text(top, sides[1].folder, file)
         base, module = _package(sides[1].folder, file)
     baseline, candidate = (
         FunctionTarget(

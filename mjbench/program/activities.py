@@ -219,7 +219,9 @@ def _by_engine(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | 
     """
     if library and _LOCKS.match(library[0].function):
         return None
-    if any(_DRAWING_FILE.search(frame.file) for frame in _called_by_own(python)):
+    called = list(_called_by_own(python))
+    draws = any(_DRAWING_FILE.search(frame.file) for frame in called)
+    if draws and not any(map(imports, called)):
         return Activity.RENDERING
     for frame in library:
         if _DRAWS.match(frame.function):
@@ -248,7 +250,10 @@ def _by_caller(
     """
     if any(_COLLECTS.match(frame.function) for frame in library):
         return Activity.COLLECTION
-    for frame in _called_by_own(python):
+    called = list(_called_by_own(python))
+    if any(map(imports, called)):
+        return Activity.IMPORT
+    for frame in called:
         file = frame.file
         if _POLICY_FILE.search(file):
             return Activity.POLICY
@@ -260,8 +265,6 @@ def _by_caller(
             return Activity.PHYSICS
         if standard_name(file) == _POOL:
             return Activity.THREADS if has_thread_pool else Activity.PROCESSES
-        if imports(frame):
-            return Activity.IMPORT
     return None
 
 
@@ -300,7 +303,7 @@ def _by_python(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | 
         return Activity.LOGGING
     if _CLOCKS.search(python[-1].file):
         return Activity.BINDINGS if _interpreter(library) else Activity.PHYSICS
-    return None
+    return Activity.NUMPY if package_of(python[-1].file) in ("numpy", "scipy") else None
 
 
 @cache

@@ -23,6 +23,7 @@ from mjbench.program.source_loops import SourceLoop, outermost_loop
 LEAST_LOOP_SHARE = 0.05
 # Share of a line's samples that may show a step that it does not make; of a few, one sample may.
 _MOST_TORN_SHARE, _FEW_TORN_SHARE = 0.05, 0.25
+_WAITS = (Activity.PROCESSES, Activity.THREADS)
 # Average gaps between timed calls that may lie beyond the first and the last by chance: more do in
 # 4 % of the cases, if the gaps are exponentially distributed. Times that samples must see calls.
 _MOST_CHANCE_GAPS, _LEAST_RUNS = 5, 10
@@ -147,11 +148,22 @@ def _stepping(times: Sequence[LoopTime], pids: Collection[int]) -> list[LoopTime
         for time in times
         if not time.has_physics
         and elsewhere
-        and not {Activity.PROCESSES, Activity.STARTING}.isdisjoint(time.activities)
+        and not {*_WAITS, Activity.STARTING}.isdisjoint(time.activities)
         and time.in_main
+        and not _waits_for_ends(time)
     ]
     total_s = sum(time.seconds for time in stepping + waiting)
     return [time for time in stepping + waiting if time.seconds >= LEAST_LOOP_SHARE * total_s]
+
+
+def _waits_for_ends(time: LoopTime) -> bool:
+    """Return whether a loop waits for processes or threads to end, whose own loops then count."""
+
+    def waiting(line: LineTime) -> float:
+        return sum(line.activities.get(each, 0.0) for each in _WAITS)
+
+    longest = max(time.lines, key=waiting, default=None)
+    return longest is not None and waiting(longest) > 0 and ".join(" in longest.place.text
 
 
 def _loop_frame(stack: Sequence[Frame]) -> int | None:

@@ -18,11 +18,14 @@ from mjbench.program.loop_time import FEW_SAMPLES, LEAST_REPEATS, LoopTime
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.program.remedy_table import CALL_REMEDIES, CallRemedy, count_of
 from mjbench.program.replacements import MeasuredRatios, TimeRatio
+from mjbench.program.source_loops import loop_within_step
 from mjbench.program.trials import ROLLOUTS, Question, Trial
 from mjbench.simulation import package_timer
 
 # The most that a pair stands for; steps after a new MjData that tell what its memory costs them.
 _MOST_GAIN, _MOST_STEPS = 0.99, 50
+# Rays of a pair where nothing steps between them, and at most.
+_USUAL_RAYS, _MOST_RAYS = 32, 1000
 
 # Trials of what takes the place of a call. Where they could not be made, its time is a bound; an
 # unknown part of other calls stays.
@@ -168,6 +171,8 @@ def _saving(loop: LoopTime, context: _Context, measured: MeasuredRatios) -> _Sav
             return None
         is_deleted = remedy.trial == Trial.FUNCTIONS and not question.functions
         return _Saving(share, share, Basis.TIMED if is_deleted else Basis.BOUND)
+    if remedy.trial == Trial.RAYS:
+        return _saving_of_rays(loop, context, ratio)
     if remedy.trial == Trial.ONE_CALL:  # the pair includes what Python does around each call
         share = min(1.0, share + loop.activities.get(Activity.BINDINGS, 0.0))
     return _Saving(_gain_of_pair(loop, context, ratio, share), share, Basis.PAIRED)
@@ -180,8 +185,6 @@ def _gain_of_pair(loop: LoopTime, context: _Context, ratio: TimeRatio, share: fl
         return _gain_of_functions(loop, calls, ratio)
     if trial in _OF_REPLACED_CALLS:
         return _gain_of_objects(loop, context, ratio)
-    if trial == Trial.POOL:  # what threads cost to start is the same in any state, unlike the steps
-        return min(share, ratio.certainly_saved_s * count_of(calls) / loop.seconds)
     return ratio.saved * (share if trial == Trial.ONE_CALL else _share_with_python(loop, calls))
 
 
@@ -202,6 +205,9 @@ def _question(context: _Context) -> Question:
             simulations=max(1, round(simulations)),
             steps=max(1, round(steps_of_call)),
         )
+    if remedy.trial == Trial.RAYS:
+        of_step = count_of(calls) / context.nstep if context.nstep else _USUAL_RAYS
+        return Question(remedy.trial, simulations=min(_MOST_RAYS, max(1, round(of_step))))
     if remedy.trial == Trial.RENDERER:
         frame = next((call.frame for call in calls if call.frame), None)
         backend = calls[0].backend
@@ -265,6 +271,17 @@ def _gain_of_functions(loop: LoopTime, calls: Sequence[CallTime], ratio: TimeRat
     pair_s = calls_s + count_of(calls) * (steps_s / nstep if nstep else 0.0)
     both = _share_with_python(loop, [*calls, *steps_of(loop)])
     return ratio.saved * both * pair_s / (calls_s + steps_s)
+
+
+def _saving_of_rays(loop: LoopTime, context: _Context, ratio: TimeRatio) -> _Saving:
+    """Return what one call saves in place of a loop of calls: all that this loop does goes, too."""
+    position = context.place.position
+    inner = loop_within_step(position, loop.lines_to_step)
+    shares = {line.place.position: line.share for line in loop.lines}
+    of_calls = max(_share(loop, context.calls), shares.pop(position, 0.0))
+    others = sum(share for each, share in shares.items() if inner is not None and inner.holds(each))
+    gain = of_calls * ratio.saved + others if ratio.saved else 0.0
+    return _Saving(gain, of_calls + others, Basis.PAIRED)
 
 
 def _share_with_python(loop: LoopTime, calls: Sequence[CallTime]) -> float:

@@ -121,6 +121,11 @@ class LoopTime:
         """Whether JAX compiles in it, or calls what it has compiled."""
         return self.is_timed(Activity.COMPILING) or self.is_timed(Activity.DISPATCH)
 
+    @property
+    def lines_to_step(self) -> Sequence[tuple[str, int]]:
+        """The file and the number of the user's lines that lead to its steps."""
+        return [position for call in self.calls if call.is_step for position in call.lines]
+
     def error(self, share: float) -> float:
         """Return the standard error of a share, as that of a binomial proportion."""
         return math.sqrt(max(0.0, share * (1 - share)) / max(1, self.samples))

@@ -1,7 +1,7 @@
 """What the run file and `mjbench run --json` hold for one program."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -24,6 +24,7 @@ from mjbench.program.loop_time import LineTime, LoopTime
 from mjbench.program.physics_cost import PhysicsCost
 from mjbench.program.profiling import ProcessorUse
 from mjbench.program.remedy import Remedy
+from mjbench.program.source_loops import SourceLoop
 from mjbench.program.step_times import StepTimes
 from mjbench.status import Status
 
@@ -56,19 +57,26 @@ def _own_files(times: Sequence[LoopTime], observation: ProgramObservation) -> li
     return sorted(file for file in files if not activities.package_of(file))
 
 
-def others_busy_s(time: LoopTime, calls: Sequence[CallTime]) -> float:
-    """Return the seconds of a loop for which other processes step, at least, on all cores.
+def others_busy_s(
+    time: LoopTime, calls: Sequence[CallTime], of_main: Collection[SourceLoop]
+) -> float:
+    """Return the seconds of a loop for which other processes or threads step, at least.
 
     What they step before or after the loop does not count. When each call was made is not known, so
     it is taken to be as likely at any time between the first and the last.
+
+    Args:
+      of_main: loops of the program's main thread, which does not step while it waits.
     """
     loop_s = time.seconds / len(time.threads)
-    by_pid = defaultdict[int, float](float)
+    by_thread = defaultdict[tuple[int, int], float](float)
     for call in calls:
-        if call.pid not in time.pids and call.activity == Activity.PHYSICS:
+        is_other = call.pid not in time.pids or call.loop not in of_main
+        if is_other and call.activity == Activity.PHYSICS:
             span_s = 1e-9 * (call.last_ns - call.first_ns)
-            by_pid[call.pid] += call.seconds * min(1.0, loop_s / max(1e-9, span_s))
-    return max([0.0, *by_pid.values(), sum(by_pid.values()) / machine.usable_cores()])
+            by_thread[call.pid, call.thread] += call.seconds * min(1.0, loop_s / max(1e-9, span_s))
+    busy_s = by_thread.values()
+    return max([0.0, *busy_s, sum(busy_s) / machine.usable_cores()])
 
 
 @dataclass(frozen=True)
@@ -159,7 +167,11 @@ class ProgramRow:
                         findings,
                         measured,
                         observation.calls.incidents,
-                        others_busy_s(time, observation.calls.calls),
+                        others_busy_s(
+                            time,
+                            observation.calls.calls,
+                            {each.loop for each in times if each.in_main},
+                        ),
                     ),
                 )
                 for time in times

@@ -21,12 +21,12 @@ from mjbench.program.loop_time import FEW_SAMPLES, LineTime, LoopTime
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.program.remedy_table import LINE_REMEDIES, LineRemedy
 from mjbench.program.replacements import MeasuredRatios
-from mjbench.program.source_loops import runs_within_step
+from mjbench.program.source_loops import loop_within_step
 from mjbench.program.step_times import StepTimes
 from mjbench.program.trials import Question
 
 # What to do about an activity, where nothing more is known; others have remedies of their calls, or
-# are no cost by themselves.
+# are no cost by themselves. Modules are imported once, wherever that is.
 _ADVICE: Mapping[Activity, str] = {
     Activity.PYTHON: "do less in Python here: compute with whole arrays, or less often",
     Activity.BINDINGS: "look names up, and take views of the engine's arrays, once before the loop",
@@ -36,12 +36,12 @@ _ADVICE: Mapping[Activity, str] = {
     Activity.RENDERING: "render fewer frames, or smaller ones; EGL on a GPU is fastest",
     Activity.LOGGING: "write less often, and more at a time",
     Activity.PROCESSES: "give each process more work for a message, or use threads (rollout)",
-    Activity.THREADS: "the loop waits for another thread of the program: give each more work at a"
-    " time; where threads step simulations, compare with mujoco.batch.Batch, which needs no GIL",
+    Activity.THREADS: "the loop waits for another thread of the program. A step needs no GIL, but"
+    " the Python around it does: let each thread take more steps for each wait; `mjbench compare"
+    " MODEL --paths python_loop,threads,batch_step` says what threads and mujoco.batch.Batch gain",
     Activity.SLEEPING: "the program sleeps: leave it out where nobody watches; to keep real time,"
     " sleep until begin + i × timestep, so that no delay adds up",
     Activity.COLLECTION: "call gc.freeze() after set-up, or gc.disable() in the loop",
-    Activity.IMPORT: "import before the loop",
     Activity.LOADING: "load or compile models before the loop",
 }
 _BUILDING_ADVICE = (
@@ -58,6 +58,7 @@ _READS_VIEWS = re.compile(
 _CALLED, _CREATE = re.compile(r"(\w+)\("), {*ALLOCATIONS, "append", "asarray", "copy"}
 # Activities that are changed line by line; each of the others is one thing to change.
 _OF_LINES = {Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY, Activity.ALLOCATION}
+_WAITS = (Activity.PROCESSES, Activity.THREADS)
 # Of calls whose line does little else.
 _WITH_THEIR_LINE = (Activity.COPYING, Activity.STARTING)
 
@@ -72,8 +73,8 @@ def remedies(
     """Return what to do about a loop, by gain.
 
     Args:
-      others_busy_s: seconds for which another process steps meanwhile: no other way of waiting for
-        it saves them.
+      others_busy_s: seconds for which another process or thread steps meanwhile: no other way of
+        waiting for it saves them.
     """
     known = measured or MeasuredRatios({})
     listed = [
@@ -139,7 +140,7 @@ def _savings(
     for activity in whole:
         if not loop.is_timed(activity) or not any(r.activity == activity for r in of_calls):
             remedy = _of_activity(loop, activity)
-            if activity == Activity.PROCESSES and remedy.gain is not None:
+            if activity in _WAITS and remedy.gain is not None:
                 gain = min(remedy.gain, 1 - others_busy_s / loop.seconds)
                 remedy = replace(remedy, gain=gain, share=remedy.gain)
             yield remedy
@@ -227,10 +228,7 @@ def _is_spread(loop: LoopTime, lines: Sequence[LineTime]) -> bool:
 
     The lines of the loop itself are always named.
     """
-    is_loop = any(
-        line.place.file == loop.loop.file and loop.loop.first <= line.place.line <= loop.loop.last
-        for line in lines
-    )
+    is_loop = any(loop.loop.holds(line.place.position) for line in lines)
     return not is_loop and _avoidable(lines[0]) < sum(map(_avoidable, lines)) / 2
 
 
@@ -317,8 +315,8 @@ def _gain_of_line(
     nstep = sum(call.calls for call in call_remedies.steps_of(loop))
     if ratio is None:
         return None if is_part else (share, Basis.BOUND)
-    to_step = [position for call in loop.calls if call.is_step for position in call.lines]
-    if not count or not nstep or runs_within_step(line.place.position, to_step):
+    is_within = loop_within_step(line.place.position, loop.lines_to_step) is not None
+    if not count or not nstep or is_within:
         return None if is_part else (share * ratio.saved, Basis.PAIRED)
     gain = count * ratio.certainly_saved_s * nstep / loop.seconds
     return min(share, gain), Basis.PAIRED

@@ -15,6 +15,8 @@ from mjbench.program.trials import Trial
 
 # The arguments of a call on a line. Counts of calls that are estimated from bursts vary by this.
 _ARGUMENTS, _ABOUT = re.compile(r"mj_inverse\(([^()]*)\)"), 0.1
+# Of a loop: calls that span less of it are made at once.
+_LEAST_SPREAD = 0.25
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,19 @@ def _is_centered(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool
 
 def _has_several_simulations(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
     return any(call.all_steps > call.steps for call in calls)
+
+
+def _are_several_a_step(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
+    steps = [each for each in of_loop if each.callee == "mj_step"]
+    return count_of(calls) > (1 + _ABOUT) * count_of(steps)
+
+
+def _are_spread(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
+    """Return whether calls are made again and again, and not all at once, such as a pool's."""
+    begin_ns = min(call.first_ns for call in of_loop)
+    loop_ns = max(call.last_ns for call in of_loop) - begin_ns
+    calls_ns = max(call.last_ns for call in calls) - min(call.first_ns for call in calls)
+    return calls_ns >= _LEAST_SPREAD * loop_ns
 
 
 def _takes_one_step(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
@@ -114,6 +129,12 @@ CALL_REMEDIES = (
         applies=_is_centered,
     ),
     CallRemedy(
+        callees=("mj_ray",),
+        text="mj_multiRay casts all rays from one point in one call",
+        trial=Trial.RAYS,
+        applies=_are_several_a_step,
+    ),
+    CallRemedy(
         callees=("MjData", *call_clock.COPIES_OF_DATA),
         text="create one MjData before the loop, and use mj_copyData or mj_setState in it",
         trial=Trial.NEW_DATA_OR_COPY,
@@ -135,6 +156,7 @@ CALL_REMEDIES = (
         codes=("MJB011",),
         keeps_first=True,
         is_of_loop=True,
+        is_of_line=True,
     ),
     CallRemedy(
         callees=("Renderer",),
@@ -206,6 +228,7 @@ CALL_REMEDIES = (
         text="processes are started {count} times here: start them once, before the loop, and send"
         " them work; threads (mujoco.rollout) need no start",
         is_of_line=True,
+        applies=_are_spread,
     ),
     CallRemedy(
         callees=tuple(f"{call_clock.CALLBACK} {name}" for name in call_clock.CALLBACKS),
@@ -252,15 +275,18 @@ LINE_REMEDIES = (
     ),
     LineRemedy(re.compile(""), "", Trial.NEW_ARRAY, NEW_ARRAY),
     LineRemedy(
-        re.compile(r"\bmj_ray\("),
-        "mj_multiRay casts all rays from one point in one call",
-        Trial.RAYS,
-    ),
-    LineRemedy(
         re.compile(r"\.contact\[|\bin\b.*\.contact\b(?!\.)"),
         "each contact becomes an object of Python: data.contact.geom, .dist, .pos and the like are"
         " arrays of all contacts, to be read once for each step",
         Trial.CONTACTS,
+    ),
+    LineRemedy(
+        re.compile(r"\blinalg\.p?inv\("),
+        "np.linalg.solve(a, b) takes less time than an inverse times b. For the mass matrix,"
+        " mj_solveM uses the factor that the step has computed. For a Jacobian, damped least"
+        " squares (j.T @ np.linalg.solve(j @ j.T + damping * np.eye(3), x)) take less than"
+        " pinv",
+        effect="rounding; damping changes the result near singular Jacobians",
     ),
     LineRemedy(
         re.compile(r"\bmj_contactForce\("),

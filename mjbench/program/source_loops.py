@@ -34,6 +34,11 @@ class SourceLoop:
     first: int
     last: int
 
+    def holds(self, position: tuple[str, int]) -> bool:
+        """Return whether a line of a file is in it."""
+        file, line = position
+        return file == self.file and self.first <= line <= self.last
+
 
 def outermost_loop(file: str, line: int) -> SourceLoop | None:
     """Return the outermost loop of a function, or of a module, that runs a line of it.
@@ -45,16 +50,20 @@ def outermost_loop(file: str, line: int) -> SourceLoop | None:
     return min(holding, key=lambda loop: (loop.first, -loop.last)) if holding else None
 
 
-def runs_within_step(position: tuple[str, int], lines_to_step: Collection[tuple[str, int]]) -> bool:
-    """Return whether a loop runs a line, and none of those that lead to a step."""
+def loop_within_step(
+    position: tuple[str, int], lines_to_step: Collection[tuple[str, int]]
+) -> SourceLoop | None:
+    """Return the innermost loop that runs a line, if it runs none of those that lead to a step."""
     file, line = position
-    lines = {step_line for step_file, step_line in lines_to_step if step_file == file}
-    spans = (
-        range(node.lineno, (node.end_lineno or node.lineno) + 1)
+    holding = [
+        SourceLoop(file, node.lineno, node.end_lineno or node.lineno)
         for node in ast.walk(_tree(file))
-        if isinstance(node, _LOOPS)
-    )
-    return any(line in span and lines.isdisjoint(span) for span in spans)
+        if isinstance(node, _LOOPS) and node.lineno <= line <= (node.end_lineno or node.lineno)
+    ]
+    innermost = min(holding, key=lambda loop: loop.last - loop.first, default=None)
+    if innermost is None or any(innermost.holds(each) for each in lines_to_step):
+        return None
+    return innermost
 
 
 @cache

@@ -68,6 +68,7 @@ class Question:
 
     Attributes:
       functions: of the engine, for `Trial.FUNCTIONS`.
+      simulations: in turn or at once; rays, for `Trial.RAYS`.
       steps: of each simulation, for trials of rollout; after each new MjData; of each call, for
         `Trial.NO_TIMER`; before the functions of `Trial.FUNCTIONS`.
       frame: height and width in pixels, for `Trial.RENDERER`.
@@ -113,8 +114,6 @@ BY_WALL_TIME = {
 }
 # What is raised where a release, a model or a machine lacks something; OpenGL raises its own kinds.
 LACKING = (AttributeError, ImportError, ValueError, RuntimeError)
-# Rays of a trial.
-_RAYS = 32
 
 
 def ways(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
@@ -258,8 +257,9 @@ def _contacts(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
 @_of(Trial.RAYS)
 def _rays(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
     origin = np.array(model.stat.center)
-    vectors = np.random.default_rng(0).normal(size=(_RAYS, 3))
-    geoms, distances = np.empty(_RAYS, np.int32), np.empty(_RAYS)
+    nray = question.simulations
+    vectors = np.random.default_rng(0).normal(size=(nray, 3))
+    geoms, distances = np.empty(nray, np.int32), np.empty(nray)
     geom = np.empty(1, np.int32)
 
     def one_by_one(data: mujoco.MjData) -> list[float]:
@@ -278,32 +278,37 @@ def _rollouts(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
 
     threads, nstep = machine.usable_cores(), question.steps
     datas = [mujoco.MjData(model) for _ in range(threads)]
-    start = np.empty((1, compat.state_size(model, compat.FULLPHYSICS)))
-    compat.get_state(model, datas[0], start[0], compat.FULLPHYSICS)
-    starts = np.repeat(start, question.simulations, axis=0)
+    spec = compat.FULLPHYSICS
+    starts = np.empty((question.simulations, compat.state_size(model, spec)))
+    control = np.zeros((1, 1, model.nu))
+
+    def from_present_state(call: Callable[[mujoco.MjData], object]) -> Way:
+        def run(data: mujoco.MjData) -> None:
+            compat.get_state(model, data, starts[0], spec)
+            starts[1:] = starts[0]
+            call(data)
+
+        return Way(run)
+
+    def step(data: mujoco.MjData) -> None:
+        data.ctrl[:] = control[0, 0]
+        mujoco.mj_step(model, data)
+
     if question.trial == Trial.NO_ROLLOUT:
-        control = np.zeros((1, 1, model.nu))
-
-        def from_present_state(data: mujoco.MjData) -> None:
-            compat.get_state(model, data, start[0], compat.FULLPHYSICS)
-            rollout.rollout(model, data, start, control)
-
-        def step(data: mujoco.MjData) -> None:
-            data.ctrl[:] = control[0, 0]
-            mujoco.mj_step(model, data)
-
-        return Way(from_present_state), Way(step)
+        one = from_present_state(lambda data: rollout.rollout(model, data, starts[:1], control))
+        return one, Way(step)
     if (problem := compat.rollout_threads_unavailable()) is not None:
         raise InputError(problem)
     pool = rollout.Rollout(nthread=threads)
-    in_pool = Way(lambda data: pool.rollout(model, datas, starts, nstep=nstep))
+    in_pool = from_present_state(lambda data: pool.rollout(model, datas, starts, nstep=nstep))
     if question.trial == Trial.BATCH_OR_ROLLOUT:
         from mujoco.batch import Batch
 
         batch = Batch(model, question.simulations)
         return in_pool, Way(lambda data: batch.step(nstep=nstep))
     own = datas[0] if question.trial == Trial.MORE_THREADS else datas
-    return Way(lambda data: rollout.rollout(model, own, starts, nstep=nstep)), in_pool
+    present = from_present_state(lambda data: rollout.rollout(model, own, starts, nstep=nstep))
+    return present, in_pool
 
 
 @_of(Trial.BATCH)

@@ -6,6 +6,7 @@ reached. Its output is for people, so the index is asked instead of parsing it.
 
 import bisect
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -21,6 +22,9 @@ from mjbench.releases.release import OLDEST, version_key
 from mjbench.releases.wheels import wheel_of
 from mjbench.status import ExitCode
 
+# What pip says last where a wheel cannot be built, and the line that says why.
+_BUILD_FAILED = "ERROR: Failed to build"
+_OF_COMPILER = re.compile(r"\b(?:error|\w+Error): (?!subprocess-exited)")
 # How many other versions an error names.
 _NEAREST = 4
 
@@ -96,6 +100,9 @@ def run(command: str, *arguments: str) -> str:
 def _reason(stderr: str) -> str:
     """Return the line of pip's output that says most, as it is."""
     lines = stderr.splitlines() or ["pip failed without a message"]
+    if lines[-1].startswith(_BUILD_FAILED):  # of the compiler
+        causes = (line for line in lines if _OF_COMPILER.search(line))
+        return one_line(next(causes, lines[-1]).removeprefix("ERROR: "))
     errors = [line for line in lines if line.startswith("ERROR: ") and not line.endswith(":")]
     return one_line((errors or lines)[-1].removeprefix("ERROR: "))
 

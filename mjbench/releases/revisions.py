@@ -47,6 +47,19 @@ class Revision:
         return f"{self.name} ({self.commit[:_SHORT]})" if is_named else self.name
 
 
+@dataclass(frozen=True)
+class Commit:
+    """A commit, and the first line of its message."""
+
+    commit: str
+    subject: str
+
+    @property
+    def revision(self) -> Revision:
+        """The revision that it is."""
+        return Revision(self.commit[:_SHORT], self.commit)
+
+
 class Repository:
     """The git repository around a folder.
 
@@ -85,6 +98,39 @@ class Repository:
         newer = candidate.commit or "HEAD"
         old = baseline.commit or "HEAD"
         return int(self._run("rev-list", "--count", f"{newer}..{old}"))
+
+    def history(self, baseline: Revision, candidate: Revision) -> list[Commit]:
+        """Return the commits after a baseline up to a candidate, the oldest first.
+
+        Of a merge, it is the merge itself: only first parents are followed.
+
+        Raises:
+          InputError: the baseline is not among the first parents of the candidate, or one of them
+            is not committed.
+        """
+        if baseline.is_worktree or candidate.is_worktree:
+            raise InputError(f"{WORKTREE} has no history: name commits")
+        span = f"{baseline.commit}..{candidate.commit}"
+        lines = self._run("log", "--first-parent", "--reverse", "--format=%H %P%x00%s", span)
+        commits = list[Commit]()
+        for line in lines.splitlines():
+            hashes, _, subject = line.partition("\0")
+            commit, *parents = hashes.split()
+            if not commits and baseline.commit not in parents[:1]:
+                break
+            commits.append(Commit(commit, subject))
+        if not commits:
+            same = " (they are the same commit)" if baseline.commit == candidate.commit else ""
+            raise InputError(f"{candidate} does not come after {baseline}, by first parents{same}")
+        return commits
+
+    def text(self, revision: Revision, file: Path) -> bytes | None:
+        """Return a file as a revision has it; None where it has none."""
+        name = f"{revision.commit}:{file.as_posix()}"
+        try:
+            return self._run("cat-file", "blob", name).encode("utf-8", "surrogateescape")
+        except MachineError:
+            return None
 
     def check_out(self, revision: Revision, folder: Path, work: Path) -> str:
         """Write the files of a revision into a new folder; return the hash of their tree.

@@ -18,6 +18,7 @@ from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.profile import ProfileRow
 from mjbench.paired import family
 from mjbench.paired import selfcheck as trials
+from mjbench.paired.bisect_records import BisectRecord
 from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import VerdictRecord, VerdictRow
@@ -25,6 +26,7 @@ from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.program.records import ProgramRow
 from mjbench.releases.release_ratios import OperationRatioRecord, StepRatioRecord
 from mjbench.report import (
+    bisect,
     checkup,
     comparison,
     counts,
@@ -162,6 +164,7 @@ SELFCHECK = Kind(
     lambda run: trials.summary(run.of_type(TrialRecord)),
 )
 PLACEMENT = _kind(SpreadRecord, lambda rows: [placement.section(rows)], "placement")
+BISECT = _kind(BisectRecord, bisect.sections, "bisect")
 HISTORY = Kind(
     ("history",),
     _RATIOS,
@@ -183,7 +186,7 @@ def _ratios(run: Run) -> list[StepRatioRecord | OperationRatioRecord]:
 # A run of a check-up has records of several kinds; its own comes first.
 KINDS: Sequence[Kind] = (
     *(CHECKUP, COMPARE, OVERHEAD, PROFILE, PROGRAM, LATENCY, PLAN, ENVIRONMENT, VERDICT, SELFCHECK),
-    *(PLACEMENT, HISTORY, EXPLAIN, INSTRUCTIONS, TUNE, WEB),
+    *(PLACEMENT, BISECT, HISTORY, EXPLAIN, INSTRUCTIONS, TUNE, WEB),
 )
 
 # The records of a run file by their `type`.

@@ -197,9 +197,14 @@ def describe_verdict(row: VerdictRow) -> str:
     name = f"{row.model}, {describe_targets(row)}"
     if row.metric == Metric.P99:
         name += _METRICS[row.metric]
+    outcome = f"{row.verdict}: " if row.verdict and row.ratio is None else ""
+    return f"{name}: {outcome}{describe_change(row)}"
+
+
+def describe_change(row: VerdictRow) -> str:
+    """Return what a comparison with a ratio comes to, without its name."""
     if row.verdict is None or row.ratio is None:
-        outcome = f"{row.verdict}: " if row.verdict else ""
-        return f"{name}: {outcome}{row.detail or 'not measured'}"
+        return row.detail or "not measured"
     work = _describe_results(row) or (
         f"changed work: {describe_work(row)}" if row.changed_work else _same_work(row)
     )
@@ -207,7 +212,7 @@ def describe_verdict(row: VerdictRow) -> str:
     ratio = _describe_ratio(row.verdict, row.ratio)
     if row.timesteps_s is not None and row.metric == Metric.TIME:
         ratio += f" per simulated second (timestep {_timesteps(row.timesteps_s)})"
-    return f"{name}: {ratio}{_describe_cause(row)}, {work}{_describe_placement(row)}{detail}"
+    return f"{ratio}{_describe_cause(row)}, {work}{_describe_placement(row)}{detail}"
 
 
 def _describe_results(row: VerdictRow) -> str:

@@ -83,18 +83,6 @@ def test_importing_is_cheap_and_a_timer_needs_only_the_standard_library(tmp_path
     assert python("-c", program, cwd=tmp_path).stdout == "set()\n"
 
 
-@pytest.mark.parametrize("name", ["compare", "versions", "profile", "latency"])
-def test_missing_packages_are_named_with_the_command_that_installs_them(
-    tmp_path: Path, name: str
-) -> None:
-    program = (
-        "import sys\nsys.modules['rich'] = None\nimport mjbench\n"
-        f"try: mjbench.{name}\nexcept Exception as error: print(error)"
-    )
-    done = python("-c", program, cwd=tmp_path)
-    assert done.stdout.startswith(f"mjbench.{name} needs rich: python -m pip install"), done.stderr
-
-
 def test_ctrl_c_leaves_no_process(tmp_path: Path) -> None:
     with subprocess.Popen(
         [sys.executable, "-c", LONG],

@@ -41,7 +41,7 @@ RATIO_MODELS = ("cartpole", "cube_table")
 ZERO_IS_POSSIBLE = {"contacts/step", "constraints/step", "iterations/step", "SI"}
 
 # Seconds of all rounds of a timed benchmark, about, and the fewest and the most rounds.
-SECONDS, LEAST_ROUNDS, MOST_ROUNDS = 0.25, 5, 20
+SECONDS, LEAST_ROUNDS, MOST_ROUNDS = 0.15, 4, 20
 # Parameters that decide what is done, and not how.
 WORK = ("model", "samples")
 

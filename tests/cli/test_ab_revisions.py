@@ -114,3 +114,17 @@ def test_the_same_files_are_said_to_be_the_same(checkout: Path, tmp_path: Path) 
     done = ab(checkout, "rev=new", "rev=HEAD", "physics:added", "--results", str(tmp_path))
     assert done.returncode == 0
     assert "same: both revisions have the same files, so nothing was timed" in done.stdout
+
+
+def test_a_search_needs_a_history(checkout: Path, tmp_path: Path) -> None:
+    words = ("bisect", "rev=new", "rev=old", "bench.py::step", "--results", str(tmp_path))
+    done = mjbench(*words, cwd=checkout)
+    assert done.returncode == 2
+    assert "does not come after new" in done.stderr
+
+
+def test_ends_that_do_other_work_end_a_search(checkout: Path, tmp_path: Path) -> None:
+    words = ("bisect", "rev=old", "rev=new", "physics:results", "--results", str(tmp_path))
+    done = mjbench(*words, cwd=checkout)
+    assert done.returncode == 1
+    assert "physics:results: results differ: call 1 returns 2 instead of 1" in done.stdout

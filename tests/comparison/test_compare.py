@@ -1,15 +1,18 @@
 """Paths of a model are verified in a child; see `test_path_comparison` for what ends it."""
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
 import pytest
 from commands import TESTS
 
+from mjbench.comparison import accelerated_run
 from mjbench.comparison.compare import ModelChildren
 from mjbench.comparison.messages import ModelFiles
 from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.comparison.records import MeasurementRecord
+from mjbench.host import isolate
 from mjbench.simulation import models
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
@@ -123,3 +126,29 @@ def test_a_path_that_did_not_race_says_that_it_was_not_timed(
     assert first.status == Status.OK
     assert (second.status, second.detail) == (Status.FAILED, "it was not timed")
     assert of_model.measurements([0], is_over=False)[1].status == Status.INTERRUPTED
+
+
+@pytest.mark.parametrize(
+    ("compile_s", "detail"),
+    [(None, "not compiled within 300 s"), (12.0, "no answer, killed")],
+)
+def test_a_compiler_that_takes_too_long_bounds_what_the_path_costs(
+    tmp_path: Path,
+    contact_file: str,
+    monkeypatch: pytest.MonkeyPatch,
+    compile_s: float | None,
+    detail: str,
+) -> None:
+    of_model = children(tmp_path, contact_file, "mjx", limit_s=60.0)
+
+    def run(request: Any, on_record: Any, import_from: Any) -> isolate.Ended:
+        if compile_s is not None:
+            record = MeasurementRecord.of("m", request.variant)
+            on_record(dataclasses.replace(record, compile_s=compile_s))
+        return isolate.Ended(Status.TIMEOUT, "no answer, killed (--time-limit)")
+
+    monkeypatch.setattr(accelerated_run, "run", run)
+    of_model.run_accelerated(1)
+    row = of_model.measured[1]
+    assert (row.status, row.samples_s) == (Status.TIMEOUT, ())
+    assert detail in row.detail

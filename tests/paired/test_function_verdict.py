@@ -20,6 +20,7 @@ from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.timed_function import CodeOrigin, FunctionFacts, FunctionSource
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.releases.installs import ReleaseSpec
+from mjbench.releases.pip import BuildError
 from mjbench.releases.revisions import Revision
 from mjbench.status import ExitCode, Status
 
@@ -188,10 +189,18 @@ def test_other_code_is_never_timed(
     assert raised.value.exit_code == ExitCode.OTHER_CODE
 
 
+def test_what_cannot_be_installed_ends_all(decided: Decided) -> None:
+    with pytest.raises(BuildError, match="cannot install own"):
+        decided(Invented(sides(BuildError("cannot install own.whl"), FACTS)))
+
+
 def test_a_launch_that_exceeds_the_limit_ends_as_inconclusive(decided: Decided) -> None:
     record = decided(Invented(sides(FACTS, FACTS), launch_s=20.0))
     assert (record.status, record.verdict) == (Status.OK, Verdict.INCONCLUSIVE)
-    assert "give --time-limit" in record.detail
+    assert "a verdict with its control needs at least 16 launches: give --time-limit 400s" in (
+        record.detail
+    )
+    assert record.launches == 0
 
 
 def test_revisions_with_the_same_files_are_the_same() -> None:

@@ -57,6 +57,7 @@ def library(function, file):
             ],
             Activity.PHYSICS,
         ),
+        ([Frame("pinv", f"{SITE}/numpy/linalg/_linalg.py", 2100)], Activity.NUMPY),
         ([Frame("emit", f"{STANDARD}/logging/__init__.py", 1100)], Activity.LOGGING),
         ([library("write", LIBC)], Activity.LOGGING),
         (
@@ -77,6 +78,14 @@ def library(function, file):
         ([library("clock_nanosleep", LIBC)], Activity.SLEEPING),
         ([library("gc_collect_main", "/usr/lib/libpython3.11.so.1.0")], Activity.COLLECTION),
         ([Frame("_load", "<frozen importlib._bootstrap>", 690)], Activity.IMPORT),
+        (
+            [
+                Frame("_load", "<frozen importlib._bootstrap>", 690),
+                Frame("<module>", f"{SITE}/glfw/library.py", 20),
+                Frame("run", f"{STANDARD}/subprocess.py", 550),
+            ],
+            Activity.IMPORT,
+        ),
         ([library("list_sort", "/usr/lib/libpython3.11.so.1.0")], Activity.PYTHON),
         ([], Activity.PYTHON),
         ([library("memcpy", LIBC)], None),

@@ -3,6 +3,7 @@
 import importlib
 import threading
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -142,14 +143,18 @@ def test_a_pool_of_threads_is_none_of_processes(file, forks):
     assert time.activities == pytest.approx({waits_for: 5 / 9, Activity.PHYSICS: 4 / 9})
 
 
-def test_a_loop_that_waits_for_threads_that_step_is_shown(file):
+@pytest.mark.parametrize(
+    ("text", "loops"), [("step()", [(7, 9), (13, 14)]), ("worker.join()", [(13, 14)])]
+)
+def test_a_loop_that_waits_for_threads_that_step_comes_first_unless_it_joins_them(
+    file, text, loops
+):
+    Path(file).write_text(f"{SOURCE.replace('step()', text)}\nfor _ in range(9):\n    step()\n")
     waiting = [Frame("main", file, 8), Frame("wait", threading.__file__, 320)]
-    stepping = stacks(file)["step"]
-    assert not attribution.loop_times([samples([waiting] * 40)], 1)
-    (time,) = attribution.loop_times(
-        [samples([waiting] * 40), samples([stepping[2:]] * 40, 1, 2)], 1, {1}
-    )
-    assert set(time.activities) == {Activity.THREADS}
+    stepping = [Frame("work", file, 14), ENGINE]
+    threads = [samples([waiting] * 40), samples([stepping] * 40, 1, 2)]
+    times = attribution.loop_times(threads, 1, {1})
+    assert [(time.loop.first, time.loop.last) for time in times] == loops
 
 
 def test_a_forked_process_has_loops_of_its_own(file):

@@ -14,7 +14,7 @@ import pytest
 
 from mjbench.program import calls, recorded_models, step_times
 from mjbench.program.activities import Activity
-from mjbench.program.hook import call_clock, slow_functions, step_file, watch
+from mjbench.program.hook import bursts, call_clock, slow_functions, step_file, watch
 from mjbench.program.step_times import Header
 
 HOOK = Path(call_clock.__file__).parent
@@ -245,7 +245,7 @@ def test_a_batch_counts_the_simulations_that_it_steps(slow, tmp_path):
 
 
 def test_callbacks_between_bursts_are_those_of_the_steps_of_their_own_loop(clock, tmp_path):
-    burst = call_clock.Burst(clock)
+    burst = bursts.Burst(clock)
 
     def program():
         frame = sys._getframe()
@@ -255,8 +255,7 @@ def test_callbacks_between_bursts_are_those_of_the_steps_of_their_own_loop(clock
         burst.write()
         for i in range(10, 20):
             burst.add("mj_step", frame, 100 * i, 100 * i + 10, 1)
-        burst.write()
-        burst.pass_on(9, until_ns=20_000)
+        burst.pass_on(burst.write(), 9, until_ns=20_000)
 
     thread = threading.Thread(target=program)  # without the loops of those who run tests
     thread.start()

@@ -86,7 +86,7 @@ def test_calls_inside_another_are_part_of_it(clock, tmp_path):
 def test_bursts_cost_no_more_than_their_share_and_stand_for_all_calls(clock, tmp_path, monkeypatch):
     monkeypatch.setattr(pacing, "FREE_COST_NS", 0)
     step_clock.StepClock(str(tmp_path), clock._calls, watch.Watch(str(tmp_path), clock._calls))
-    clock.cost_ns = 30
+    clock.bursts.call_cost_ns = 30
     timed, count = clock._timed(lambda: None, call_clock.DISPATCH), 100_000
 
     def work():
@@ -98,18 +98,21 @@ def test_bursts_cost_no_more_than_their_share_and_stand_for_all_calls(clock, tmp
     clock.end()
     (call,) = read(tmp_path)
     assert call.calls == pytest.approx(count, rel=0.05)
-    assert clock._calls_timed * clock.cost_ns < 1.5 * pacing.MAX_COST_SHARE * clock._now_ns()
+    assert (
+        clock.bursts.calls_timed * clock.bursts.call_cost_ns
+        < 1.5 * pacing.MAX_COST_SHARE * clock._now_ns()
+    )
 
 
 def test_a_burst_that_another_thread_has_ended_is_not_ended_again(clock):
     clock._timed(lambda: None, call_clock.DISPATCH)()
-    clock._end_burst(clock._now_ns())
-    clock._end_burst(clock._now_ns())
-    assert clock._calls_timed == 1
+    clock.bursts._finish(clock._now_ns())
+    clock.bursts._finish(clock._now_ns())
+    assert clock.bursts.calls_timed == 1
 
 
 def test_a_fork_begins_anew(clock, tmp_path):
-    clock.to_pass = 5
+    clock.bursts.to_pass = 5
     clock.begin_process()
     clock._timed(lambda: None, call_clock.DISPATCH)()
     clock.end()

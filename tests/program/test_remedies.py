@@ -1,6 +1,7 @@
 """What to do first follows from where the time goes."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -137,10 +138,12 @@ def test_lines_that_neither_look_up_names_nor_take_views_are_not_told_to():
 
 # What calls must be like to need a remedy, by callee and by trial.
 CONTEXTS = {
+    "mj_ray": {"calls": 36_000},
     "mj_inverse": {"calls": 1000, "text": "mj_inverse(m, d)"},
     "mjd_transitionFD": {"text": "mjd_transitionFD(m, d, 1e-6, True, A, B, None, None)"},
 }
 TRIAL_CONTEXTS = {
+    "mj_ray": {"calls": 36_000},
     Trial.MORE_THREADS: {"steps": 100, "all_steps": 800},
     Trial.NO_ROLLOUT: {"steps": 100, "all_steps": 100},
     Trial.BATCH_OR_ROLLOUT: {"steps": 100, "all_steps": 800},
@@ -368,10 +371,11 @@ def test_what_runs_once_a_step_saves_its_difference_where_a_method_steps(tmp_pat
 @pytest.mark.parametrize(
     ("text", "trial", "says"),
     [
-        ("d.append(mujoco.mj_ray(m, d, a, b, None, 1, -1, g))", Trial.RAYS, "mj_multiRay"),
         ("contact = data.contact[i]", Trial.CONTACTS, "arrays of all contacts"),
         ("for contact in data.contact:", Trial.CONTACTS, "arrays of all contacts"),
         ("mujoco.mj_contactForce(m, d, i, force)", None, "choose contacts"),
+        ("x = np.linalg.inv(full) @ force", None, "mj_solveM"),
+        ("x = np.linalg.pinv(jacobian) @ error", None, "damped least squares"),
         ("log.append(data.qpos.tolist())", None, "log[i] = data.qpos"),
     ],
 )
@@ -386,6 +390,35 @@ def test_a_line_has_the_remedy_of_what_it_calls(text, trial, says):
     assert (first.basis, first.gain) == (
         (Basis.BOUND, pytest.approx(0.4)) if trial is None else (Basis.PAIRED, pytest.approx(0.3))
     )
+
+
+def test_rays_at_once_save_the_loop_that_casts_them_one_by_one(tmp_path):
+    """Of 0.5 for the calls and their line, half stays; the line that only feeds them goes."""
+    file = str(tmp_path / "train.py")
+    Path(file).write_text(
+        "for _ in range(9):\n    step()\n    for ray in rays:\n"
+        "        end = rotated(ray)\n        hits.append(mj_ray(m, d, end))\n"
+    )
+    lines = [
+        LineTime(Place(file, 2, "main"), 0.2, {PHYSICS: 0.2}),
+        LineTime(Place(file, 4, "main"), 0.3, {NUMPY: 0.3}),
+        LineTime(Place(file, 5, "main"), 0.5, {PHYSICS: 0.4, PYTHON: 0.1}),
+    ]
+    rays = replace(call("mj_ray", calls=36_000, seconds=4.0), place=lines[2].place)
+    stepping = replace(step(seconds=2.0), place=lines[0].place, lines=[(file, 2)])
+    time = replace(loop(*lines), calls=[stepping, rays])
+    question = Question(Trial.RAYS, simulations=36)
+    assert question in call_remedies.questions([time], [])
+    first, *_ = remedies.remedies(time, [], MeasuredRatios({question: ratio(0.5)}))
+    assert first.text.startswith("mj_multiRay")
+    assert first.gain == pytest.approx(0.5 / 2 + 0.3)
+
+
+def test_processes_that_a_loop_starts_at_once_are_set_up():
+    starts = call(call_clock.PROCESS_START, seconds=1.0)
+    time = loop_of(step(), replace(starts, first_ns=10**9, last_ns=2 * 10**9))
+    assert remedies.remedies(time) == []
+    assert remedies.remedies(loop_of(step(), starts))
 
 
 def test_half_of_what_only_samples_show_is_expected_to_be_saved():
@@ -565,8 +598,9 @@ def test_order_with_confirmed_remedies():
     assert listed == [wrong, sure, large, small, unsure]
 
 
-def test_a_wait_for_processes_saves_no_steps_of_theirs():
-    waiting = line(13, {Activity.PROCESSES: 0.9})
+@pytest.mark.parametrize("waits_for", [Activity.PROCESSES, Activity.THREADS])
+def test_a_wait_for_others_saves_no_steps_of_theirs(waits_for):
+    waiting = line(13, {waits_for: 0.9})
     time = loop(line(12, {PHYSICS: 0.1}), waiting)
     (wait,) = remedies.remedies(time, others_busy_s=4.0)
     assert (wait.share, wait.gain) == (pytest.approx(0.9), pytest.approx(0.6))

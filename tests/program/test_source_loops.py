@@ -83,4 +83,6 @@ def test_a_loop_runs_within_a_step_if_no_line_that_leads_to_the_step_is_in_it(
         "        log.append([read(name) for name in names])\n"
     )
     lines_to_step = [(str(path), 3), (str(tmp_path / "environment.py"), 5)]
-    assert source_loops.runs_within_step((str(path), line), lines_to_step) == is_within
+    loop = source_loops.loop_within_step((str(path), line), lines_to_step)
+    assert (loop is not None) == is_within
+    assert loop is None or loop.holds((str(path), line))

@@ -12,8 +12,8 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 
-from mjbench.program import step_times
-from mjbench.program.hook import call_clock, pacing, step_clock, step_file, watch
+from mjbench.program import calls, step_times
+from mjbench.program.hook import call_clock, other_functions, pacing, step_clock, step_file, watch
 
 CALL_NS, BETWEEN_NS = 40_000, 10_000
 
@@ -78,6 +78,10 @@ def read(started):
     return steps
 
 
+def calls_of(started):
+    return calls.read_all(started.folder, step_times.read_headers(started.folder)).calls
+
+
 def test_calls_reach_the_engine_unchanged(started):
     model, data = simulation()
     assert started.module.mj_step(model, data, nstep=4) == "mj_step"
@@ -121,6 +125,43 @@ def test_bursts_cost_no_more_than_their_share(started):
     assert steps.nstep == pytest.approx(count, rel=0.05)
     limit = pacing.MAX_COST_SHARE + pacing.FREE_COST_NS / (count * CALL_NS)
     assert 0 < steps.cost_share <= 1.1 * limit
+
+
+@pytest.mark.parametrize("steps", [0, 50, 500])
+def test_bursts_of_calls_without_steps_cost_no_more_than_their_share(started, steps):
+    model, data = simulation()
+    started.clock.timed_ns = started.clock.cold_ns = CALL_NS // 10
+    for _ in range(steps):
+        started.module.mj_step(model, data)
+    before, count = started.fake(), 200_000
+    for _ in range(count):
+        started.module.mj_forward(model, data)
+    seconds = 1e-9 * (started.fake() - before)
+    started.clock.end()
+    (forward,) = [each for each in calls_of(started) if each.callee == "mj_forward"]
+    assert len(started.calls) == count + steps
+    assert forward.calls == pytest.approx(count, rel=0.01)
+    assert forward.seconds == pytest.approx(seconds, rel=0.01)
+    limit = pacing.MAX_COST_SHARE * seconds + 1e-9 * pacing.FREE_COST_NS
+    assert 0 < forward.clock_s <= 1.1 * limit
+
+
+@pytest.mark.parametrize("of_step", [300, 36])
+def test_many_calls_for_each_step_cost_no_more_than_their_share_either(started, of_step):
+    model, data = simulation()
+    started.clock.timed_ns = started.clock.cold_ns = CALL_NS // 10
+    before, count = started.fake(), 300_000 // of_step
+    for _ in range(count):
+        started.module.mj_step(model, data)
+        for _ in range(of_step):
+            started.module.mj_forward(model, data)
+    seconds = 1e-9 * (started.fake() - before)
+    started.clock.end()
+    step, forward = sorted(calls_of(started), key=lambda each: each.calls)
+    assert (step.callee, step.calls) == ("mj_step", pytest.approx(count, rel=0.05))
+    assert forward.calls == pytest.approx(300_000, rel=0.05)
+    limit = pacing.MAX_COST_SHARE * seconds + 1e-9 * pacing.FREE_COST_NS
+    assert forward.clock_s + step.clock_s <= 2.2 * limit
 
 
 def test_time_in_which_others_have_the_core_earns_no_bursts(tmp_path, monkeypatch):
@@ -408,7 +449,7 @@ def test_a_program_that_never_steps_is_looked_at_in_its_loop(started, monkeypatc
     seen = []
     monkeypatch.setattr(started.clock._watch, "look", lambda *arguments: seen.append(arguments[:2]))
     model, data = simulation()
-    for _ in range(pacing.BURST_CALLS):
+    for _ in range(other_functions.MOST_BETWEEN_STEPS + pacing.BURST_CALLS):
         started.module.mj_forward(model, data)
     assert not seen, "that may be set-up"
     started.module.mj_forward(model, data)

@@ -150,3 +150,25 @@ def test_pip_dies_with_the_process_that_runs_it(tmp_path: Path) -> None:
         user.kill()
         assert select.select([reading], [], [], 30)[0], "pip lives on"
         assert os.read(reading, 100) == b""  # nobody has the pipe open for writing
+
+
+@pytest.mark.parametrize(
+    ("lines", "expected"),
+    [
+        (
+            "  error: subprocess-exited\\n  own.c:2:1: error: unknown type\\n  error: gcc\\n",
+            "own.c:2:1: error: unknown type",
+        ),
+        (
+            "  error: subprocess-exited\\n  ModuleNotFoundError: No module x\\n",
+            "ModuleNotFoundError",
+        ),
+        ("nothing\\n", "Failed to build own"),
+    ],
+)
+def test_a_failed_build_says_what_the_compiler_says(
+    failing_pip: Callable[[str], None], lines: str, expected: str
+) -> None:
+    failing_pip(f"{lines}ERROR: Failed to build own\\n")
+    with pytest.raises(pip.BuildError, match=expected):
+        pip.build(Path("source"), Path("target"))

@@ -121,3 +121,23 @@ def test_what_git_cannot_read_is_reported_in_one_line(git: Git, tmp_path: Path) 
     gone = Revision("gone", "0" * 40)
     with pytest.raises(MachineError, match="git rev-parse: "):
         Repository(tmp_path / "checkout").check_out(gone, tmp_path / "out", tmp_path / "work")
+
+
+def test_the_history_begins_after_the_baseline(git: Git, tmp_path: Path) -> None:
+    git("commit", "-q", "--allow-empty", "-m", "third")
+    repository = Repository(tmp_path / "checkout")
+    old, new = repository.parse("v1"), repository.parse("main")
+    commits = repository.history(old, new)
+    assert [commit.subject for commit in commits] == ["second", "third"]
+    assert commits[-1].commit == new.commit
+    for baseline, candidate in ((new, old), (new, new)):
+        with pytest.raises(InputError, match="does not come after"):
+            repository.history(baseline, candidate)
+    with pytest.raises(InputError, match="WORKTREE has no history"):
+        repository.history(old, Revision(WORKTREE))
+
+
+def test_the_text_of_a_file_is_read_from_a_revision(git: Git, tmp_path: Path) -> None:
+    repository = Repository(tmp_path / "checkout")
+    assert repository.text(repository.parse("v1"), Path("step.py")) == b"old\n"
+    assert repository.text(repository.parse("v1"), Path("none.py")) is None

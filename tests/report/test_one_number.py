@@ -300,7 +300,9 @@ def test_a_former_run_is_one_in_rows_differences_and_sets(tmp_path: Path) -> Non
     assert {row["speedup.low"] for row in rows} == {None}
     difference = invoked("diff", file, file)
     assert difference.lstrip().startswith("m: OLD: timed by an earlier version of mjbench\n")
-    assert re.search(r"rollout .* 1\.000 +inconclusive$", difference, flags=re.M)
+    assert re.search(r"rollout .* 1\.000 +inconclusive$", difference, flags=re.M), (
+        "it has no interval"
+    )
     other = run_file(tmp_path / "b", LAPTOP, *compared(raced()))
     shown = invoked("show", set_of(tmp_path / "all.jsonl", [file, other]))
     assert "timed by an earlier version of mjbench" in shown

@@ -60,6 +60,7 @@ FAST = (
     "mj_kinematics",
     "mj_comPos",
     "mj_collision",
+    "mj_ray",
     "mj_sensorPos",
     "mj_sensorVel",
     "mj_sensorAcc",
@@ -102,7 +103,7 @@ class CallClock:
         self._next = itertools.count(1).__next__
         self._names = ""  # path of the file of lines
         self._map = mmap.mmap(-1, SLOT.size * MAX_SLOTS)
-        self.cost_ns = 0  # of calls of JAX
+        self.cost_ns = 0  # of calls that are timed in bursts of their own
         self.inside: set[int] = set()  # threads in a slow call, whose own calls do not count
         self.is_observing = True  # until the first step, all is seen
         path = os.path.join(self._folder, f"{os.getpid()}.calls")
@@ -336,78 +337,6 @@ def _begins_process(frame: FrameType) -> bool:
     """Return whether what is below a frame on the stack belongs to the process's parent."""
     code = frame.f_code
     return code.co_name == _PROCESS_FUNCTION and code.co_filename.endswith(_PROCESS_MODULE)
-
-
-class Burst:
-    """The slots of calls that are timed in bursts, such as steps."""
-
-    def __init__(self, calls: CallClock) -> None:
-        """Begin without a call."""
-        self._calls = calls
-        self.begin_process()
-
-    def begin_process(self) -> None:
-        """Begin anew, in a process that was forked."""
-        self._unwritten: dict[int, list[int]] = {}
-        self._counted: dict[int, tuple[int, int, int]] = {}  # by slot, at the end of the last burst
-        self._burst: list[tuple[list[int], int, int, int]] = []  # the slots of the last burst
-        self._cached: tuple[str, Any, int, int] | None = None
-        self._cached_slot: list[int] = []
-
-    def add(self, callee: str, frame: FrameType, begin_ns: int, end_ns: int, steps: int) -> None:
-        """Count a call; `write` writes its slot."""
-        # most calls are made where the one before was made
-        place = (callee, frame.f_code, frame.f_lasti, get_ident())
-        cached = self._cached
-        if (
-            cached is not None
-            and cached[1] is place[1]
-            and cached[2] == place[2]
-            and cached[0] is callee
-            and cached[3] == place[3]
-        ):
-            slot = self._cached_slot
-        else:
-            new_slot = self._calls.slot(callee, frame, begin_ns)
-            if new_slot is None:
-                return
-            slot = new_slot
-            if self._calls.is_own.get(frame.f_code.co_filename):
-                self._cached, self._cached_slot = place, slot
-        duration_ns = end_ns - begin_ns
-        slot[1] += 1
-        slot[2] += duration_ns
-        slot[3] += 1
-        slot[4] += duration_ns
-        slot[6] = end_ns
-        slot[7] += steps
-        slot[8] += steps
-        self._unwritten[slot[0]] = slot
-
-    def write(self) -> None:
-        """Write the slots of calls of the burst that ends."""
-        unwritten, self._unwritten = self._unwritten, {}
-        if unwritten:
-            self._burst = []
-            for number, slot in unwritten.items():
-                calls, ns, steps = self._counted.get(number, (0, 0, 0))
-                self._burst.append((slot, slot[3] - calls, slot[4] - ns, slot[7] - steps))
-                self._counted[number] = slot[3], slot[4], slot[7]
-        for slot in unwritten.values():
-            self._calls.write(slot)
-
-    def pass_on(self, bursts: float, until_ns: int = 0) -> None:
-        """Count calls that were not timed since the last burst, as many bursts of its kind.
-
-        Args:
-          until_ns: when the last of them ended; 0 where that is not known.
-        """
-        for slot, calls, ns, steps in self._burst:
-            slot[9] += round(calls * bursts)
-            slot[10] += round(ns * bursts)
-            slot[11] += round(steps * bursts)
-            slot[6] = max(slot[6], until_ns)
-            self._calls.write(slot)
 
 
 # Returns the steps of one simulation and of all, of a call's arguments and its result.

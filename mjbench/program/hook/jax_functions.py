@@ -13,8 +13,9 @@ from collections.abc import Callable, Mapping, Sequence
 from types import FrameType, MethodType, ModuleType
 from typing import Any
 
-from .call_clock import COMPILE, DEVICE_WAIT, DISPATCH, TRACE, TRANSFER, Burst, CallClock
-from .pacing import BURST_CALLS, Pacer, cold_cost_ns
+from .bursts import CallBursts
+from .call_clock import COMPILE, DEVICE_WAIT, DISPATCH, TRACE, TRANSFER, CallClock
+from .pacing import cold_cost_ns
 from .replaced import named_like
 
 # What JAX calls its events, and the callee that each belongs to.
@@ -25,8 +26,6 @@ _EVENTS = {
 }
 # Functions that are compiled within each other.
 _MOST_NESTED = 100
-# A burst also ends after this time: calls that are this slow need not be passed through.
-_BURST_NS = 100_000_000
 # Methods of an array that wait until it is computed, and copy it to Python.
 _WAITING_METHODS = (
     "__array__",
@@ -55,19 +54,14 @@ class JaxFunctions:
     ) -> None:
         """Replace nothing yet."""
         self._calls, self._now_ns = calls, now_ns
-        self._pacer, self._burst = Pacer(now_ns, processor_ns), Burst(calls)
-        self.cost_ns = self.passed_ns = 0  # of a call that is timed, and of one that is passed on
+        self.bursts = CallBursts(calls, now_ns, processor_ns)
         self.begin_process()
 
     def begin_process(self) -> None:
         """Begin anew, in a process that was forked."""
-        self._burst.begin_process()
-        self._pacer.begin()
+        self.bursts.begin_process()
         self._compilations: list[tuple[int, int]] = []
         self._compiled_ns: dict[int, int] = {}  # by thread
-        self.to_pass = self._planned_to_pass = 0
-        self._calls_timed = self._calls_passed = self._burst_calls = self._latest_calls = 0
-        self._burst_begin_ns = self._burst_end_ns = self._period_ns = 0
 
     def install(self, module: ModuleType) -> None:
         """Replace functions of the module `jax`, which was just imported, and of NumPy."""
@@ -154,14 +148,14 @@ class JaxFunctions:
         frame: FrameType,
     ) -> Any:
         """Call a function, timed in bursts; calls inside another that is timed are part of it."""
-        if self.to_pass:
-            self.to_pass -= 1
+        bursts = self.bursts
+        if bursts.to_pass:
+            bursts.to_pass -= 1
             return function(*args, **kwargs)
         thread, calls = get_ident(), self._calls
         if thread in calls.inside:
             return function(*args, **kwargs)
-        if not self._burst_calls:
-            self._begin_burst()
+        bursts.begin()
         calls.inside.add(thread)
         compiled_ns = self._compiled_ns.get(thread, 0)
         begin_ns = self._now_ns()
@@ -172,41 +166,11 @@ class JaxFunctions:
             calls.inside.discard(thread)
             # what was compiled meanwhile counts as that
             begin_ns += self._compiled_ns.get(thread, 0) - compiled_ns
-            self._burst.add(callee, frame, min(begin_ns, end_ns), end_ns, 0)
-            self._burst_calls += 1
-            if self._burst_calls >= BURST_CALLS or end_ns - self._burst_begin_ns > _BURST_NS:
-                self._end_burst(end_ns)
-
-    def _begin_burst(self) -> None:
-        if self._planned_to_pass:
-            self._burst.pass_on(self._planned_to_pass / self._latest_calls)
-            self._calls_passed += self._planned_to_pass
-            self._planned_to_pass = 0
-        self._burst_begin_ns = self._now_ns()
-
-    def _end_burst(self, end_ns: int) -> None:
-        """End a burst: decide how many calls to pass through until the next one."""
-        calls, self._burst_calls = self._burst_calls, 0
-        if not calls:  # another thread has ended it
-            return
-        self._burst.write()
-        self._calls_timed += calls
-        self._latest_calls = calls
-        self._period_ns = max(1, (end_ns - self._burst_begin_ns) // calls)
-        cost_ns = self._calls_timed * self.cost_ns
-        self.to_pass = self._pacer.calls_to_pass(cost_ns, self._period_ns)
-        self._planned_to_pass, self._burst_end_ns = self.to_pass, end_ns
-        self._calls.cost_ns = cost_ns + self._calls_passed * self.passed_ns
+            bursts.add(callee, frame, min(begin_ns, end_ns), end_ns)
 
     def end(self) -> None:
         """Write what the last burst left; called when the process ends by itself."""
-        passed = self._planned_to_pass - self.to_pass
-        if passed:
-            until_ns = min(self._burst_end_ns + passed * self._period_ns, self._now_ns())
-            self._burst.pass_on(passed / self._latest_calls, until_ns)
-            self._planned_to_pass = self.to_pass
-            self._calls.cost_ns += passed * self.passed_ns
-        self._burst.write()
+        self.bursts.end()
 
     def _calibrate(self) -> None:
         """Measure what a call costs, on a clock without a file."""
@@ -218,9 +182,9 @@ class JaxFunctions:
             return None
 
         timed = scratch._timed(nothing, DISPATCH)
-        self.cost_ns = max(0, cold_cost_ns(timed, nothing, self._now_ns))
-        scratch.to_pass = sys.maxsize
-        self.passed_ns = max(0, cold_cost_ns(timed, nothing, self._now_ns))
+        self.bursts.call_cost_ns = max(0, cold_cost_ns(timed, nothing, self._now_ns))
+        scratch.bursts.to_pass = sys.maxsize
+        self.bursts.passed_cost_ns = max(0, cold_cost_ns(timed, nothing, self._now_ns))
 
     def note_event(self, event: str, seconds: float, **_: Any) -> None:
         """Count what JAX says that it did; what happened inside it was counted already."""
@@ -253,8 +217,9 @@ class CompiledFunction:
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         """Call the function."""
-        if self._clock.to_pass:  # as in `count`, without another call
-            self._clock.to_pass -= 1
+        bursts = self._clock.bursts
+        if bursts.to_pass:  # as in `count`, without another call
+            bursts.to_pass -= 1
             return self._function(*args, **kwargs)
         return self._clock.count(self._function, args, kwargs, DISPATCH, sys._getframe(1))
 

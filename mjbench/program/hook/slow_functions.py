@@ -2,6 +2,8 @@
 
 import contextlib
 import os
+import sys
+import time
 from collections.abc import Mapping, Sequence
 from types import FrameType, ModuleType
 from typing import Any
@@ -122,20 +124,31 @@ class SlowFunctions:
             threaded = slow(original, THREADED_ROLLOUT, _rollout_steps)
 
             def call(*args: Any, **kwargs: Any) -> Any:
-                data: Any = kwargs.get("data", args[1] if len(args) > 1 else None)
-                is_list = isinstance(data, (list, tuple)) and len(data) > 0
-                with contextlib.suppress(Exception):
-                    model = args[0] if args else kwargs["model"]
-                    first = model[0] if isinstance(model, (list, tuple)) else model
-                    self._watch.keep_state(first, data[0] if is_list else data)
-                has_threads = is_list and len(data) > 1
+                data = _argument(args, kwargs, 1, "data")
+                self._look(_argument(args, kwargs, 0, "model"), data)
+                has_threads = isinstance(data, (list, tuple)) and len(data) > 1
                 return (threaded if has_threads else timed)(*args, **kwargs)
 
             module.rollout = named_like(original, call)  # type: ignore[attr-defined]
         if hasattr(module, "Rollout"):
-            module.Rollout.rollout = self._calls.slow(
-                module.Rollout.rollout, "Rollout.rollout", _rollout_steps
+            of_pool = module.Rollout.rollout
+            in_pool = self._calls.slow(of_pool, "Rollout.rollout", _rollout_steps)
+
+            def call_of_pool(*args: Any, **kwargs: Any) -> Any:
+                self._look(_argument(args, kwargs, 1, "model"), _argument(args, kwargs, 2, "data"))
+                return in_pool(*args, **kwargs)
+
+            module.Rollout.rollout = named_like(of_pool, call_of_pool)
+
+    def _look(self, model: Any, data: Any) -> None:
+        """Look at the first simulation of a rollout, from time to time."""
+        now_ns = time.perf_counter_ns()
+        if now_ns >= self._watch.next_look_ns:
+            model, data = (
+                each[0] if isinstance(each, (list, tuple)) and each else each
+                for each in (model, data)
             )
+            self._watch.look(model, data, sys._getframe(2), now_ns)
 
     def install_batch(self, module: ModuleType) -> None:
         """Time `mujoco.batch`."""
@@ -172,6 +185,11 @@ def _draws_in_software() -> bool:
             if any(each in name for each in _SOFTWARE):
                 return True
     return False
+
+
+def _argument(args: Sequence[Any], kwargs: Mapping[str, Any], place: int, name: str) -> Any:
+    """Return an argument; None where it is not given, which the function itself reports."""
+    return args[place] if len(args) > place else kwargs.get(name)
 
 
 def _rollout_steps(args: Sequence[Any], kwargs: Mapping[str, Any], result: Any) -> tuple[int, int]:

@@ -21,7 +21,9 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-from .call_clock import FAST, STEPS, Burst, CallClock
+from .bursts import Burst, CallBursts, Written
+from .call_clock import FAST, STEPS, CallClock
+from .other_functions import OtherFunctions
 from .pacing import BURST_CALLS, Pacer, cold_cost_ns
 from .replaced import engine_function, named_like
 from .step_file import BURST, ITERATION, STEP, StepFile
@@ -61,6 +63,8 @@ class StepClock:
         self._now_ns, self._pacer = now_ns, Pacer(now_ns, processor_ns)
         self._file, self._calls, self._watch = StepFile(folder), calls, watch
         self._burst = Burst(calls)
+        bursts = CallBursts(calls, now_ns, processor_ns)
+        self._others = OtherFunctions(self, self._burst, bursts, watch, now_ns)
         calls.before_steps = self._note_first
         self._originals: dict[str, Any] = {}
         self._timed: dict[str, Any] = {}
@@ -75,10 +79,12 @@ class StepClock:
         self._process_ns = self._now_ns()
         self._pacer.begin()
         self._first_ns = self._last_ns = 0
-        self._calls_timed = self._calls_passed = self._calls_before_steps = 0
-        self._to_pass = self._planned_to_pass = 0
+        self._calls_timed = self._calls_passed = 0
+        self._latest_burst: Written = ()
+        self._others.begin_process()
+        self.to_pass = self._planned_to_pass = 0
         self._burst_begin_ns = 0
-        self._burst_calls = 0
+        self.burst_calls = 0
         self._burst_timers: list[float] | None = None
         self._latest_ids = id(None), id(None)  # of model and data of the step before
         self._latest: Callable[[], Any] = lambda: None  # returns this data
@@ -122,7 +128,7 @@ class StepClock:
             self._timed[name] = self._timing(self._originals[name], name)
         for name in filter(lambda name: hasattr(module, name), FAST):
             self._originals[name] = getattr(module, name)
-            self._timed[name] = self._noting(self._originals[name], name)
+            self._timed[name] = self._others.timing(self._originals[name], name)
         self._calibrate()
         for name, timed in self._timed.items():
             setattr(module, name, timed)
@@ -137,7 +143,7 @@ class StepClock:
 
     def _observe(self, is_observing: bool) -> None:
         """Note whether steps are timed from now on; write what was timed."""
-        self._burst.write()
+        self._latest_burst = self._burst.write() or self._latest_burst
         self._calls.is_observing = is_observing
 
     def _note_change(self) -> None:
@@ -157,13 +163,13 @@ class StepClock:
         # with the names that the engine gives its arguments: collecting any into a tuple and a
         # dictionary would take as long again
         def call(_: Any, m: Any = _NONE, d: Any = _NONE, nstep: Any = _NONE) -> Any:
-            if self._to_pass and d is not _NONE:
-                self._to_pass -= 1
+            if self.to_pass and d is not _NONE:
+                self.to_pass -= 1
                 return function(m, d) if nstep is _NONE else function(m, d, nstep)
             if d is _NONE:  # the engine says what is wrong
                 return function(*(each for each in (m, d, nstep) if each is not _NONE))
             frame = get_frame(1)
-            if not self._burst_calls:
+            if not self.burst_calls:
                 self._begin_burst(m, d, frame)
             elif id(d) != self._latest_ids[1]:
                 self._change_simulation(m, d, frame)
@@ -181,38 +187,23 @@ class StepClock:
             used = write(STEP, begin_ns, end_ns, count, self._timestep_ns)
             add(name, frame, begin_ns, end_ns, count)
             self._last_ns = end_ns
-            self._burst_calls += 1
-            if self._burst_calls == BURST_CALLS:
+            self.burst_calls += 1
+            if self.burst_calls == BURST_CALLS:
                 self._end_burst(m, d, frame, end_ns, used)
             return result
 
         return engine_function(call, function)
 
-    def _noting(self, function: Any, name: str) -> Any:
-        """Return what stands for another function of the engine, timed while steps are."""
-        now_ns, add, get_frame = self._now_ns, self._burst.add, sys._getframe
-        watch = self._watch
-
-        def call(_: Any, *args: Any, **kwargs: Any) -> Any:
-            if self._to_pass:
-                return function(*args, **kwargs)
-            begin_ns = now_ns()
-            result = function(*args, **kwargs)
-            frame, end_ns = get_frame(1), now_ns()
-            add(name, frame, begin_ns, end_ns, 0)
-            if not self._first_ns:
-                self._calls_before_steps += 1
-                is_loop = self._calls_before_steps > BURST_CALLS  # of a program that may not step
-                if is_loop and end_ns >= watch.next_look_ns and len(args) > 1:
-                    watch.look(args[0], args[1], frame, end_ns)
-            return result
-
-        return engine_function(call, function)
+    def break_burst(self) -> None:
+        """End a burst before it is full: calls follow that are no steps."""
+        self._burst.write()
+        self._calls_timed += self.burst_calls
+        self.burst_calls = 0
 
     def _begin_burst(self, model: Any, data: Any, frame: Any) -> None:
         """Begin a burst: read what must not be read in each call."""
         self._note_latest(model, data)
-        passed = self._planned_to_pass - self._to_pass
+        passed = self._planned_to_pass - self.to_pass
         since_ns = self._now_ns() - self._burst_end_ns
         if passed > BURST_CALLS:
             self._learn_cost(since_ns // passed)
@@ -244,7 +235,7 @@ class StepClock:
             self._was_left = False
             passed = since_ns // max(1, self._burst_period_ns - self.cold_ns)
         if passed > 0:
-            self._burst.pass_on(passed / BURST_CALLS, until_ns)
+            self._burst.pass_on(self._latest_burst, passed / BURST_CALLS, until_ns)
 
     def _learn_cost(self, passed_ns: int) -> None:
         """Learn what a timed call costs this program, from what it took between two bursts.
@@ -278,7 +269,7 @@ class StepClock:
         self._has_several = True
         self._note_latest(model, data)
         is_same_call = (frame.f_code, frame.f_lasti) == self._burst_place
-        if self._burst_calls == 1 and earlier_model == id(model) and is_same_call:
+        if self.burst_calls == 1 and earlier_model == id(model) and is_same_call:
             self._turns = {} if earlier is None else {earlier_id: _reference(earlier)}
         if self._turns is None:
             self._watch.look_for_warnings(earlier, frame, self._now_ns())
@@ -292,17 +283,17 @@ class StepClock:
             seconds = [now - then for now, then in zip(timers, self._burst_timers, strict=True)]
             if min(seconds, default=0.0) >= 0.0:  # else the program has reset them meanwhile
                 self._file.add_timers(seconds)
-        self._calls_timed += self._burst_calls
-        period_ns = max(1, (end_ns - self._burst_begin_ns) // self._burst_calls)
+        self._calls_timed += self.burst_calls
+        period_ns = max(1, (end_ns - self._burst_begin_ns) // self.burst_calls)
         self._burst_period_ns = period_ns
-        self._burst_calls = 0
+        self.burst_calls = 0
         by_cost = self._pacer.calls_to_pass(self._calls_timed * self.cold_ns, period_ns)
-        self._to_pass = max(by_cost, self._file.calls_to_pass(used, BURST_CALLS))
-        self._planned_to_pass = self._to_pass
+        self.to_pass = max(by_cost, self._file.calls_to_pass(used, BURST_CALLS))
+        self._planned_to_pass = self.to_pass
         self._observe(False)
         self._watch.look(model, data, frame, end_ns)
-        self._observe(not self._to_pass)
-        if self._to_pass and period_ns < FASTEST_PASSED_NS:
+        self._observe(not self.to_pass)
+        if self.to_pass and period_ns < FASTEST_PASSED_NS:
             self._go_away()
         self._write_header()
         self._burst_end_ns = self._now_ns()
@@ -323,7 +314,7 @@ class StepClock:
 
     def _passed(self) -> int:
         """Return how many calls were passed through until now."""
-        return self._calls_passed + self._planned_to_pass - self._to_pass
+        return self._calls_passed + self._planned_to_pass - self.to_pass
 
     def _cost_ns(self) -> int:
         own_ns = self._calls_timed * self.cold_ns + self._passed() * self.passed_ns
@@ -332,7 +323,7 @@ class StepClock:
     def _go_away(self) -> None:
         """Give the program the engine's own functions, until it resets a simulation."""
         self._is_away = self._was_away = self._was_left = True
-        self._to_pass = self._planned_to_pass = 0
+        self.to_pass = self._planned_to_pass = 0
         for name, function in self._originals.items():
             if getattr(self._module, name) is self._timed[name]:
                 setattr(self._module, name, function)
@@ -369,7 +360,7 @@ class StepClock:
         for to_pass, calls in ((0, BURST_CALLS + 1), (sys.maxsize, 0)):
             blocks = []
             for _ in range(5):
-                self._to_pass, self._burst_calls = to_pass, calls
+                self.to_pass, self.burst_calls = to_pass, calls
                 begin_ns = self._now_ns()
                 for _ in range(CALIBRATION_CALLS // 5):
                     call(None, None)
@@ -380,10 +371,10 @@ class StepClock:
                 blocks.append((middle_ns - begin_ns) - (end_ns - middle_ns))
             costs.append(max(0, min(blocks)) // (CALIBRATION_CALLS // 5))
         self.timed_ns, self.passed_ns = costs
-        self._to_pass, self._burst_calls = 0, BURST_CALLS + 1
+        self.to_pass, self.burst_calls = 0, BURST_CALLS + 1
         cold_ns = cold_cost_ns(lambda: call(None, None), lambda: nothing(None, None), self._now_ns)
         self.cold_ns = max(self.timed_ns, cold_ns)
-        self._burst_calls = 0
+        self.burst_calls = 0
         self._file.open()  # without the records of the calibration
         self._calls.count_as_own(__file__, False)
         self._calls.begin_process()
@@ -401,7 +392,7 @@ class StepClock:
             return
 
         def call(*args: Any, **kwargs: Any) -> Any:
-            if self._burst_calls:
+            if self.burst_calls:
                 begin_ns = self._now_ns()
                 self._file.write(ITERATION, begin_ns, begin_ns, 0, 0)
             return original(*args, **kwargs)
@@ -441,7 +432,7 @@ class StepClock:
     def end(self) -> None:
         """Write what the last burst left; called when the process ends by itself."""
         self._has_ended = True
-        passed = self._planned_to_pass - self._to_pass
+        passed = self._planned_to_pass - self.to_pass
         if passed > 0 or self._was_left:
             # the last of these calls may have ended any time ago, but not before it could
             period_ns = max(1, self._burst_period_ns - self.cold_ns)
@@ -450,14 +441,15 @@ class StepClock:
             self._pass_on(passed, since_ns, min(until_ns, self._now_ns()))
         if self._is_away:
             self._last_ns = self._now_ns()
-        self._calls_timed += self._burst_calls
+        self._calls_timed += self.burst_calls
+        self._others.end()
         latest = self._latest()
         if latest is not None:
             self._watch.look_for_warnings(latest, None, self._last_ns)
         self._end_turns(None, self._last_ns)
         if self._calls.is_observing and self._last_ns:
             self._observe(False)
-        self._burst_calls = 0
+        self.burst_calls = 0
         self._write_header()
 
 

@@ -1,0 +1,95 @@
+"""Search the history of the user's code for the commits that changed the time of a function."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from mjbench.paired import bisect, function_verdict, revision_sides
+from mjbench.paired.bisect import CommitMeasurer
+from mjbench.paired.bisect_records import BisectRecord, BisectTrial, CommitRow
+from mjbench.paired.records import VerdictRecord
+from mjbench.paired.revision_sides import RevisionComparison
+from mjbench.paired.verdict import VerdictPlan
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases.revisions import Commit
+from mjbench.status import Status
+
+
+@dataclass(frozen=True)
+class _RevisionMeasurer(CommitMeasurer):
+    """Measures commits of the user's code.
+
+    Attributes:
+      comparison: of both ends; its one function has the text of the last commit.
+      commits: after the baseline.
+    """
+
+    comparison: RevisionComparison
+    commits: Sequence[Commit]
+    plan: VerdictPlan
+    on_phase: Callable[[str], None]
+
+    def decide(self, baseline: int, candidate: int) -> VerdictRecord:
+        """See `CommitMeasurer.decide`; raises KeyboardInterrupt, too."""
+        pair = self._pair(baseline, candidate)
+        self.on_phase(f"comparing {pair.baseline.name} and {pair.candidate.name}")
+        with WorkerPool() as pool:
+            (targets,) = revision_sides.check_out(pool, pair)
+            record = function_verdict.decide(pool, targets, self.plan)
+        if record.status == Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        return record
+
+    def log_ratios(self, baseline: int, candidate: int, count: int) -> Sequence[float]:
+        """See `CommitMeasurer.log_ratios`."""
+        with WorkerPool() as pool:
+            (targets,) = revision_sides.check_out(pool, self._pair(baseline, candidate))
+            return function_verdict.launch_log_ratios(pool, targets, count)
+
+    def _pair(self, baseline: int, candidate: int) -> RevisionComparison:
+        ends = self.comparison
+        old, new = (
+            ends.baseline if number == 0 else self.commits[number - 1].revision
+            for number in (baseline, candidate)
+        )
+        return replace(ends, baseline=old, candidate=new)
+
+
+def search(
+    comparison: RevisionComparison,
+    plan: VerdictPlan,
+    on_phase: Callable[[str], None] = lambda text: None,
+    on_trial: Callable[[BisectTrial], None] = lambda trial: None,
+    clock: Callable[[], float] = time.monotonic,
+) -> BisectRecord:
+    """Return which commits between two revisions changed the time of a function.
+
+    Args:
+      comparison: of the two; it has one function.
+
+    Raises:
+      InputError: the candidate does not come after the baseline.
+      MachineError: an end cannot be built, or is not what would be measured.
+    """
+    begin_s = clock()
+    repository, candidate = comparison.repository, comparison.candidate
+    commits = repository.history(comparison.baseline, candidate)
+    (function,) = comparison.functions
+    if function.file is not None:  # all commits are measured by one benchmark
+        text = repository.text(candidate, function.file)
+        comparison = replace(comparison, functions=[replace(function, content=text)])
+    rows = [CommitRow(n, each.commit, each.subject) for n, each in enumerate(commits, 1)]
+    measurer = _RevisionMeasurer(comparison, commits, plan, on_phase)
+    found = bisect.search(measurer, rows, plan.min_effect, on_trial)
+    return BisectRecord(
+        function=function.text,
+        old=comparison.baseline.name,
+        new=candidate.name,
+        commits=len(commits),
+        status=found.ends.status,
+        detail=found.ends.detail or found.detail,
+        ends=found.ends.row(),
+        trials=found.trials,
+        changes=found.changes,
+        seconds=clock() - begin_s,
+    )

@@ -1,0 +1,176 @@
+"""Calls that are timed in bursts, so that timing them costs little of the program's time."""
+
+import time
+from _thread import get_ident
+from collections.abc import Callable, Sequence
+from types import FrameType
+from typing import Any
+
+from .call_clock import CallClock
+from .pacing import BURST_CALLS, Pacer
+
+# A burst also ends after this time: calls that are this slow need not be passed through.
+_LONGEST_NS = 100_000_000
+# Slots with the calls of a burst, their ns, and the steps in them.
+Written = Sequence[tuple[list[int], int, int, int]]
+
+
+class Burst:
+    """The slots of calls that are timed in bursts, such as steps."""
+
+    def __init__(self, calls: CallClock) -> None:
+        """Begin without a call."""
+        self._calls = calls
+        self.begin_process()
+
+    def begin_process(self) -> None:
+        """Begin anew, in a process that was forked."""
+        # slots, with what they had counted before
+        self._unwritten: dict[int, tuple[list[int], int, int, int]] = {}
+        self._cached: tuple[str, Any, int, int] | None = None
+        self._cached_slot: list[int] = []
+
+    def add(self, callee: str, frame: FrameType, begin_ns: int, end_ns: int, steps: int) -> None:
+        """Count a call; `write` writes its slot."""
+        # most calls are made where the one before was made
+        place = (callee, frame.f_code, frame.f_lasti, get_ident())
+        cached = self._cached
+        if (
+            cached is not None
+            and cached[1] is place[1]
+            and cached[2] == place[2]
+            and cached[0] is callee
+            and cached[3] == place[3]
+        ):
+            slot = self._cached_slot
+        else:
+            new_slot = self._calls.slot(callee, frame, begin_ns)
+            if new_slot is None:
+                return
+            slot = new_slot
+            if self._calls.is_own.get(frame.f_code.co_filename):
+                self._cached, self._cached_slot = place, slot
+        if slot[0] not in self._unwritten:
+            self._unwritten[slot[0]] = slot, slot[3], slot[4], slot[7]
+        duration_ns = end_ns - begin_ns
+        slot[1] += 1
+        slot[2] += duration_ns
+        slot[3] += 1
+        slot[4] += duration_ns
+        slot[6] = end_ns
+        slot[7] += steps
+        slot[8] += steps
+
+    def write(self) -> Written:
+        """Write the slots of calls since they were last written; return them."""
+        unwritten, self._unwritten = self._unwritten, {}
+        for slot, *_ in unwritten.values():
+            self._calls.write(slot)
+        return [
+            (slot, slot[3] - calls, slot[4] - ns, slot[7] - steps)
+            for slot, calls, ns, steps in unwritten.values()
+        ]
+
+    def pass_on(self, written: Written, bursts: float, until_ns: int = 0) -> None:
+        """Count calls that were not timed, as many bursts of calls as in those that were written.
+
+        Args:
+          until_ns: when the last of them ended; 0 where that is not known.
+        """
+        for slot, calls, ns, steps in written:
+            slot[9] += round(calls * bursts)
+            slot[10] += round(ns * bursts)
+            slot[11] += round(steps * bursts)
+            slot[6] = max(slot[6], until_ns)
+            self._calls.write(slot)
+
+
+class CallBursts:
+    """Bursts of calls that are paced by themselves, such as those of JAX.
+
+    Attributes:
+      to_pass: calls that are to pass without being timed.
+      call_cost_ns: what a call costs that is timed.
+      passed_cost_ns: what one costs that is passed on.
+    """
+
+    def __init__(
+        self,
+        calls: CallClock,
+        now_ns: Callable[[], int] = time.perf_counter_ns,
+        processor_ns: Callable[[], int] = time.process_time_ns,
+    ) -> None:
+        """Time the first burst."""
+        self._calls, self._burst, self._now_ns = calls, Burst(calls), now_ns
+        self._pacer = Pacer(now_ns, processor_ns)
+        self.call_cost_ns = self.passed_cost_ns = 0
+        self.begin_process()
+
+    def begin_process(self) -> None:
+        """Begin anew, in a process that was forked."""
+        self._burst.begin_process()
+        self._pacer.begin()
+        self.to_pass = self._planned_to_pass = 0
+        self.calls_timed = self._calls_passed = self._burst_calls = 0
+        self._latest: Written = ()
+        self._begin_ns = self._end_ns = self._period_ns = self._cost_ns = 0
+
+    @property
+    def begins(self) -> bool:
+        """Whether the next call is the first of a burst."""
+        return not self._burst_calls
+
+    def begin(self) -> None:
+        """Begin a burst, if none has begun."""
+        if not self._burst_calls:
+            self._pass_on()
+            self._begin_ns = self._now_ns()
+
+    def add(self, callee: str, frame: FrameType, begin_ns: int, end_ns: int) -> None:
+        """Count a call that was timed; the last of a burst ends it."""
+        self._burst.add(callee, frame, begin_ns, end_ns, 0)
+        self._burst_calls += 1
+        if self._burst_calls >= BURST_CALLS or end_ns - self._begin_ns > _LONGEST_NS:
+            self._finish(end_ns)
+
+    def _finish(self, end_ns: int) -> None:
+        """End a burst: decide how many calls to pass through until the next one."""
+        calls, self._burst_calls = self._burst_calls, 0
+        if not calls:  # another thread has ended it
+            return
+        self._latest = self._burst.write()
+        self.calls_timed += calls
+        self._period_ns = max(1, (end_ns - self._begin_ns) // calls)
+        self._note_cost()
+        self.to_pass = self._pacer.calls_to_pass(
+            self.calls_timed * self.call_cost_ns, self._period_ns
+        )
+        self._planned_to_pass, self._end_ns = self.to_pass, end_ns
+
+    def _pass_on(self, until_ns: int = 0) -> None:
+        """Let the calls that have passed since the last burst count as those in it."""
+        passed, self._planned_to_pass = self._planned_to_pass - self.to_pass, self.to_pass
+        if passed > 0:
+            in_burst = sum(calls for _, calls, _, _ in self._latest)
+            self._burst.pass_on(self._latest, passed / max(1, in_burst), until_ns)
+            self._calls_passed += passed
+            self._note_cost()
+
+    def _note_cost(self) -> None:
+        earlier_ns = self._cost_ns
+        self._cost_ns = self.calls_timed * self.call_cost_ns
+        self._cost_ns += self._calls_passed * self.passed_cost_ns
+        self._calls.cost_ns += self._cost_ns - earlier_ns
+
+    def end(self) -> None:
+        """Count what has passed until now, as far as it could; a burst that has begun is broken.
+
+        The next call begins a burst.
+        """
+        passed = self._planned_to_pass - self.to_pass
+        if passed > 0:
+            self._pass_on(min(self._end_ns + passed * self._period_ns, self._now_ns()))
+        self.calls_timed += self._burst_calls
+        self.to_pass = self._planned_to_pass = self._burst_calls = 0
+        self._burst.write()
+        self._note_cost()

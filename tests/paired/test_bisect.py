@@ -1,0 +1,127 @@
+"""The commits that changed the time of a function; measurements are invented."""
+
+import math
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import pytest
+from verdict_records import FAILED, SAME
+
+from mjbench.errors import MachineError
+from mjbench.measuring.ratio import Ratio
+from mjbench.paired import bisect
+from mjbench.paired.bisect import CommitMeasurer, Search
+from mjbench.paired.bisect_records import CommitRow
+from mjbench.paired.outcomes import Verdict
+from mjbench.paired.records import LaunchRow, VerdictRecord
+
+
+@dataclass
+class Invented(CommitMeasurer):
+    """Commits whose times are known.
+
+    Attributes:
+      steps: log ratio of a commit over the one before it, by its number.
+      broken: commits that cannot be measured.
+    """
+
+    steps: dict[int, float]
+    broken: frozenset[int] = frozenset()
+    deviation: float = 0.01
+    decided: list[tuple[int, int]] = field(default_factory=list)
+    measured: list[int] = field(default_factory=list)
+    rng: random.Random = field(default_factory=lambda: random.Random(4))
+
+    def decide(self, baseline: int, candidate: int) -> VerdictRecord:
+        self.decided.append((baseline, candidate))
+        if {baseline, candidate} & self.broken:
+            return FAILED
+        truth = self._truth(baseline, candidate)
+        launches = [launch(truth + self.rng.gauss(0, self.deviation)) for _ in range(10)]
+        low, estimate, high = (math.exp(truth + d) for d in (-0.004, 0.0, 0.004))
+        verdict = Verdict.SAME
+        if abs(truth) > 0.005:
+            verdict = Verdict.SLOWER if truth > 0 else Verdict.FASTER
+        return replace(SAME, verdict=verdict, ratio=Ratio(estimate, low, high), samples=launches)
+
+    def log_ratios(self, baseline: int, candidate: int, count: int) -> Sequence[float]:
+        if candidate in self.broken:
+            raise MachineError("cannot build it")
+        self.measured.append(candidate)
+        truth = self._truth(baseline, candidate)
+        return [truth + self.rng.gauss(0, self.deviation) for _ in range(count)]
+
+    def _truth(self, baseline: int, candidate: int) -> float:
+        return sum(step for number, step in self.steps.items() if baseline < number <= candidate)
+
+
+def launch(log_ratio: float) -> LaunchRow:
+    slow = round(1_000_000_000 * math.exp(log_ratio))
+    return LaunchRow(0, None, ["ABBA"], [[1_000_000_000, slow, slow, 1_000_000_000]])
+
+
+def found(measurer: Invented, count: int) -> Search:
+    commits = [CommitRow(n, f"{n:040x}", f"commit {n}") for n in range(1, count + 1)]
+    return bisect.search(measurer, commits, 0.01)
+
+
+@pytest.mark.parametrize("truth", [1, 2, 31, 63, 64])
+def test_the_first_slower_commit_is_found_among_64(truth: int) -> None:
+    measurer = Invented({truth: 0.05})
+    result = found(measurer, 64)
+    assert [change.commit.number for change in result.changes] == [truth]
+    assert result.changes[0].verdict.verdict == Verdict.SLOWER
+    assert measurer.decided == [(0, 64), (truth - 1, truth)]
+    assert len(measurer.measured) <= 10
+
+
+def test_a_faster_commit_is_found_likewise() -> None:
+    (change,) = found(Invented({9: -0.05}), 20).changes
+    assert (change.commit.number, change.verdict.verdict) == (9, Verdict.FASTER)
+
+
+def test_ends_that_do_not_differ_end_the_search() -> None:
+    measurer = Invented({})
+    result = found(measurer, 64)
+    assert (result.changes, result.trials, measurer.measured) == ([], [], [])
+    assert result.ends.verdict == Verdict.SAME
+
+
+@pytest.mark.parametrize(
+    "steps", [{10: 0.06, 40: 0.06}, {10: 0.08, 40: 0.04}, {31: 0.05, 32: 0.05}, {3: 0.1, 60: -0.05}]
+)
+def test_two_steps_are_found_as_two(steps: dict[int, float]) -> None:
+    result = found(Invented(steps), 64)
+    assert [change.commit.number for change in result.changes] == sorted(steps)
+
+
+def test_neighbours_are_compared_once() -> None:
+    measurer = Invented({1: 0.05})
+    (change,) = found(measurer, 1).changes
+    assert (change.commit.number, measurer.decided) == (1, [(0, 1)])
+
+
+@pytest.mark.parametrize(
+    ("broken", "number", "skipped"),
+    [
+        (frozenset({18, 19}), 20, [18, 19]),
+        (frozenset({20}), 21, [20]),
+        (frozenset(range(2, 20)), 20, [*range(2, 20)]),
+    ],
+)
+def test_commits_that_cannot_be_measured_are_named_with_the_change(
+    broken: frozenset[int], number: int, skipped: list[int]
+) -> None:
+    measurer = Invented({20: 0.05}, broken=broken)
+    result = found(measurer, 40)
+    (change,) = result.changes
+    assert change.commit.number == number
+    assert [row.number for row in change.skipped] == skipped
+    assert len(measurer.measured) <= 12
+
+
+def test_a_change_that_is_spread_over_many_commits_is_not_pinned_on_one() -> None:
+    result = found(Invented(dict.fromkeys(range(1, 33), 0.002)), 32)
+    assert result.changes == []
+    assert result.detail.startswith("likely, but not confirmed: ")

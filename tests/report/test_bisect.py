@@ -1,0 +1,56 @@
+"""What a search for a slower commit comes to, as people read it."""
+
+from dataclasses import replace
+
+from verdict_records import SAME, SLOWER
+
+from mjbench.paired.bisect_records import BisectChange, BisectRecord, BisectTrial, CommitRow
+from mjbench.report import bisect
+from mjbench.status import Status
+
+SEVEN = CommitRow(7, "7" * 40, "Copy states")
+SIX = CommitRow(6, "6" * 40, "Break the build")
+RECORD = BisectRecord(
+    function="bench.py::step",
+    old="v1",
+    new="HEAD",
+    commits=64,
+    status=Status.OK,
+    ends=SLOWER.row(),
+    trials=[BisectTrial(SEVEN, "", 1.03, 3), BisectTrial(SIX, "cannot build it")],
+    changes=[BisectChange(SEVEN, SLOWER.row())],
+    seconds=90.0,
+)
+
+
+def sentences(record: BisectRecord) -> list[str]:
+    (section,) = bisect.sections([record])
+    return [conclusion.text for conclusion in section.conclusions]
+
+
+def test_the_commit_stands_with_its_subject_and_its_change() -> None:
+    ends, change, effort = sentences(RECORD)
+    assert "slower by 3 %" in ends
+    assert change.startswith("7777777777 “Copy states”: slower by 3 % (interval")
+    assert effort.startswith("2 commits of 64 measured in 90.0 s")
+
+
+def test_commits_that_may_be_it_instead_are_named() -> None:
+    record = replace(RECORD, changes=[BisectChange(SEVEN, SLOWER.row(), [SIX])])
+    assert sentences(record)[1].endswith("or one of 6666666666, which could not be measured")
+
+
+def test_ends_that_do_not_differ_leave_nothing_to_search_for() -> None:
+    record = replace(RECORD, ends=SAME.row(), changes=[], trials=[])
+    assert sentences(record)[1:] == ["So there is nothing to search for."]
+
+
+def test_a_search_that_failed_says_why() -> None:
+    assert sentences(replace(RECORD, status=Status.FAILED, detail="it crashed")) == [
+        "bench.py::step: it crashed"
+    ]
+
+
+def test_commits_are_listed_in_their_order() -> None:
+    (section,) = bisect.sections([RECORD])
+    assert [row[1] for row in section.tables[0].rows] == ["6666666666", "7777777777"]
