@@ -195,6 +195,7 @@ class Section:
       shows_code: whether a terminal shows it without being asked.
       command: the command line that measured it.
       is_open: whether its tables are shown at once also on a page of many sections.
+      see_also: pages below docs/ that explain it, by what they are about; linked by documents.
     """
 
     heading: str
@@ -207,6 +208,7 @@ class Section:
     shows_code: bool = False
     command: str = ""
     is_open: bool = False
+    see_also: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def shown_tables(self) -> Sequence[DataTable]:
