@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import LIMIT, OUTPUT, SEED_NUMBER, Numbers, Seconds, with_options
 from mjbench.errors import Failure, MjbenchError, failure_of
@@ -99,16 +99,16 @@ def env(
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
         for number, source in enumerate(sources):
             observer(source.name, number / len(sources))
-            yield _measured(source, plan)
+            yield _measure_environment(source, plan)
 
     arguments = {"environments": list(names), "plan": plan}
     measurement = Measurement("env", arguments, [], items)
-    run = measure(measurement, output, each=ENVIRONMENT.sections)
+    run = measure_and_print(measurement, output, each=ENVIRONMENT.sections)
     records = run.session.run().of_type(EnvironmentRecord)
     run.exit(status for record in records for status in record.statuses())
 
 
-def _measured(source: "EnvironmentSource", plan: "EnvironmentPlan") -> "Item":
+def _measure_environment(source: "EnvironmentSource", plan: "EnvironmentPlan") -> "Item":
     """Return what was measured of an environment, or why nothing was."""
     from mjbench.api.session import Item
     from mjbench.environment import measurement
