@@ -288,7 +288,7 @@ def _prepared(
 ) -> paths.Prepared:
     """Return what does the trials by a path."""
     drawn = Workload(model, trials.initial_state.copy(), trials.control.copy(), hold, 0)
-    reason = path.unavailable() or path.unsuited(drawn, options)
+    reason = path.cannot_run(drawn, options)
     if reason:
         raise InputError(reason)
     return path.prepare(drawn, path.complete(options), paths.Resources(drawn))
