@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
@@ -69,4 +69,6 @@ def latency(
     from mjbench.report.kinds import LATENCY
 
     requests = [LatencyRequest(source, nstep, rate_hz, hold, seed, starts) for source in sources]
-    measure(measurement(requests, deadline_s, time_limit), output, each=LATENCY.sections).exit()
+    measure_and_print(
+        measurement(requests, deadline_s, time_limit), output, each=LATENCY.sections
+    ).exit()
