@@ -105,8 +105,8 @@ def tune(
 ) -> None:
     """Which settings make a model faster, and what do they cost in accuracy?
 
-    Tries settings alone and together. Those that change no state come first, then those that stay
-    within the solver's tolerance, then those with an error: a distance from the same model at an
+    Tries settings alone and together. Those that change no state come first, then those that change
+    no more than rounding does, then those with an error: a distance from the same model at an
     eighth of its timestep. Recommendations are measured again from new starts.
     Without a MODEL: cartpole.
 
