@@ -21,7 +21,7 @@ LISTED: Mapping[str, Mapping[str, str]] = {
         "bisect": "which commit made my own code slower?",
         "lint": "what is slow or wrong in a script",
         "doctor": "can I measure here? --verdicts, --placement",
-        "show": "results again: --html, --markdown, --against",
+        "show": "results again: --html, --format csv, --against",
     },
     "A closer look": {
         "profile": "a step by stage; --habits of loops",
