@@ -34,7 +34,7 @@ LISTED: Mapping[str, Mapping[str, str]] = {
     "Many runs": {
         "history": "in which release speed changed, and why",
         "releases": "list, install and remove releases",
-        "results": "merge run files; write a site of them",
+        "results": "merge or export runs; write a site of them",
         "sweep": "a matrix of models and releases on Ray",
     },
 }
