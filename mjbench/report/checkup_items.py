@@ -16,7 +16,7 @@ from mjbench.paired.records import VerdictRow
 from mjbench.paths.parallelism import nthread
 from mjbench.program.records import ProgramRow
 from mjbench.program.remedy import Basis, Remedy
-from mjbench.report import advice, environment, formats, program, starts, tuning
+from mjbench.report import advice, environment, formats, program, starts, tuning, tuning_notes
 from mjbench.report.advice import Advice
 from mjbench.report.content import Snippet
 from mjbench.report.lint import finding_place
@@ -146,7 +146,7 @@ class CheckupItem:
             case ResultChange.ERROR:
                 if self.error is None:
                     return "an error of unknown size"
-                return f"an error of {tuning.percent(self.error)} of the motion"
+                return f"an error of {tuning_notes.percent(self.error)} of the motion"
         return self.change_detail
 
 
