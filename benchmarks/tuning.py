@@ -13,6 +13,7 @@ changes a state; it is 0 otherwise.
 """
 
 import argparse
+import math
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -36,6 +37,7 @@ from mjbench.tuning.distance import SHARE
 from mjbench.tuning.measurements import CMeasurements
 from mjbench.tuning.records import Accuracy, Effect, Recommendation, TuneRecord
 from mjbench.tuning.search import SearchPlan
+from mjbench.tuning.setting_launch import LaunchRequest
 from mjbench.tuning.settings import label
 from mjbench.tuning.tune import tune
 
@@ -66,7 +68,8 @@ class Promise:
     Attributes:
       effect: on the motion, as promised.
       time_ratio: of a simulated second, over that with the present settings.
-      error: of nine runs in ten, as a share of the motion, as promised.
+      error: of nine runs in ten, as a share of the motion, as promised; None where no setting that
+        is faster changes the motion.
       later_effects: from further starts.
       later_nrun: from further starts, as `later_exceeding`.
       later_exceeding: runs whose error is larger than promised.
@@ -76,7 +79,7 @@ class Promise:
     settings: str
     effect: Effect
     time_ratio: float
-    error: float
+    error: float | None
     later_effects: Sequence[Effect]
     later_nrun: int
     later_exceeding: int
@@ -139,7 +142,7 @@ def tuned(source: ModelSource, package: str, budget_s: float) -> TunedModel:
         package,
         record.status,
         record.detail,
-        record.present.error.share if record.present else None,
+        record.present.error.share if record.present and record.present.error else None,
         promises,
         len(record.withdrawn),
         len(record.attempts),
@@ -156,10 +159,12 @@ def checked(
         return promises
     measurements = CMeasurements(pool, source, StartPlan())
     lengths = record.present.ncontrol, record.present.horizon_ncontrol
+    settings = [tuple(each.settings) for each in record.front]
     for look in range(LOOKS):
-        measurements.baseline(plan.trials(2 + look, *lengths))
-        for number, each in enumerate(record.front):
-            attempt = measurements.attempt(tuple(each.settings), quads=0)
+        measurements.present(plan.trials(2 + look, *lengths))
+        if record.present.error is not None:
+            measurements.reference(record.present.horizon_ncontrol)
+        for number, attempt in enumerate(measurements.launch(LaunchRequest(settings, nrun=None))):
             promises[number] = _after(promises[number], attempt.accuracy)
     return promises
 
@@ -168,7 +173,8 @@ def _after(promise: Promise, accuracy: Accuracy | None) -> Promise:
     """Return a promise after a further look; settings that fail there break it."""
     if accuracy is None:
         return replace(promise, later_nrun=1, later_exceeding=1)
-    exceeding = sum(error > promise.error for error in accuracy.run_errors)
+    limit = math.inf if promise.error is None else promise.error
+    exceeding = sum(error > limit for error in accuracy.run_errors)
     return replace(
         promise,
         later_effects=[*promise.later_effects, accuracy.effect],
@@ -179,7 +185,14 @@ def _after(promise: Promise, accuracy: Accuracy | None) -> Promise:
 
 def _promise(each: Recommendation, is_best: bool) -> Promise:
     return Promise(
-        label(each.settings), each.effect, each.ratio.estimate, each.error.share, [], 0, 0, is_best
+        label(each.settings),
+        each.effect,
+        each.ratio.estimate,
+        each.error.share if each.error else None,
+        [],
+        0,
+        0,
+        is_best,
     )
 
 

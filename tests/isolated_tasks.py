@@ -14,6 +14,7 @@ from typing import Any
 
 from mjbench.errors import InputError
 from mjbench.host.isolate import Channel
+from mjbench.status import Status
 
 
 @dataclass(frozen=True)
@@ -230,3 +231,15 @@ def step_with_ray(request: Text, channel: Channel) -> None:
     channel.send(Text("all"))
     channel.allow_silence(3600.0)
     time.sleep(600)
+
+
+def hang_at_a_timestep(*arguments: Any) -> None:
+    """Answer as `setting_launch.run_launch`, but never finish one of the settings."""
+    from mjbench.tuning.records import Attempt  # late: other tasks start without MuJoCo
+
+    *_, request, channel = arguments
+    for number, settings in enumerate(request.settings):
+        channel.doing(f"trying {settings[0].label}", number)
+        if settings[0].label == "timestep=0.008":
+            time.sleep(600)
+        channel.send(Attempt(settings, Status.OK))

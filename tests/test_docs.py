@@ -19,7 +19,7 @@ from mjbench.loop import overhead
 from mjbench.paired import outcomes, race_record
 from mjbench.status import ExitCode
 from mjbench.testing import fixture
-from mjbench.tuning import measurements
+from mjbench.tuning import records
 
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("*/README.md")])
 PACKAGES = sorted(p.parent.name for p in (ROOT / "mjbench").glob("*/__init__.py"))
@@ -189,7 +189,7 @@ def test_the_page_of_method_states_the_confidence_of_each_command() -> None:
     assert stated == {
         "`compare`": race_record.CONFIDENCE,
         "`versions`, `ab`, `doctor --verdicts`, `doctor --placement`": outcomes.CONFIDENCE,
-        "`tune`": measurements.CONFIDENCE,
+        "`tune`": records.CONFIDENCE,
         "`profile --habits`": overhead.CONFIDENCE,
         "the pytest fixture": fixture.CONFIDENCE,
     }

@@ -3,7 +3,7 @@
 import json
 
 from mjbench.host import machine
-from mjbench.simulation.starts import Starts
+from mjbench.simulation.starts import Starts, Window
 from mjbench.store import run_file, runs
 from mjbench.tuning.distance import Distance, Units
 from mjbench.tuning.physics import Physics
@@ -59,8 +59,9 @@ def apart(share):
     return Distance(share, Units(share, None), Units(share, None))
 
 
-def present(error=PRESENT_ERROR, is_comparable=True):
+def present(error=PRESENT_ERROR, is_comparable=True, solver_limited=0.0):
     """Return what the present settings do, with an error."""
+    window = Window(64, 248, 1.0, solver_limited, None, None, 0, None, {})
     return Present(
         nrun=64,
         horizon_s=0.5,
@@ -68,10 +69,10 @@ def present(error=PRESENT_ERROR, is_comparable=True):
         ncontrol=62,
         run_s=1.0,
         is_comparable=is_comparable,
-        starts=Starts(0.1, 0.1),
+        starts=Starts(0.1, 0.1, window=window),
         error=apart(error),
         rounding=apart(1e-15),
-        solver=apart(1e-8),
+        solver=apart(1e-2 if solver_limited else 1e-8),
         motion_m=1.0,
         motion_rad=None,
         physics=NOTHING,

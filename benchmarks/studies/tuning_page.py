@@ -120,7 +120,7 @@ def _effects_hold(promises: Sequence["Promise"]) -> str:
 
 def _broken(model: "TunedModel", promise: "Promise") -> str:
     parts = []
-    if not promise.keeps_error:
+    if promise.error is not None and not promise.keeps_error:
         parts.append(
             f"{promise.later_exceeding} of {promise.later_nrun} runs err by more than"
             f" {100 * promise.error:.2g} % of the motion"

@@ -12,6 +12,7 @@ from mjbench.cli.shared import (
     COUNT,
     SIZES_OF_STARTS,
     STORING,
+    RenamedOption,
     Seconds,
     models_argument,
     with_options,
@@ -42,7 +43,10 @@ if TYPE_CHECKING:
     help="Launches for each of the four placements; an interval needs at least 9.",
 )
 @click.option(
+    "--budget",
     "--time-limit",
+    "time_limit",
+    cls=RenamedOption,
     type=Seconds(),
     default="180s",
     show_default=True,

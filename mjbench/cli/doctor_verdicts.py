@@ -35,9 +35,8 @@ _SLOWDOWNS = (0.0, 0.005, 0.01, 0.02, 0.05)
 @click.option(
     "--slowdowns",
     type=Shares(),
-    show_default="0,0.5,1,2,5; none with --inside-step or --between-builds",
     help="Slowdowns to inject: by how much longer each block of the candidate lasts; 0 compares"
-    " identical targets.",
+    " identical targets  [default: 0,0.5,1,2,5; none with --inside-step or --between-builds]",
 )
 @click.option(
     "--inside-step",

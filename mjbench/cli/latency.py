@@ -10,9 +10,9 @@ from mjbench.cli.shared import (
     COUNT,
     HOLD,
     LIMIT,
-    OUTPUT,
     SEED,
     STARTS,
+    STORING,
     Hertz,
     Seconds,
     models_argument,
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @cli.command()
-@models_argument(required=True)
+@models_argument("cartpole")
 @click.option(
     "--deadline",
     "deadline_s",
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 @click.option(
     "--nstep", type=COUNT, help="Steps at each pace  [default: 10,000, or what 10s allow]"
 )
-@with_options(HOLD, SEED, STARTS, LIMIT, OUTPUT)
+@with_options(HOLD, SEED, STARTS, LIMIT, STORING)
 def latency(
     sources: "list[ModelSource]",
     deadline_s: float | None,
@@ -57,7 +57,7 @@ def latency(
     """How long do single steps take, which miss their deadline, and what do slow ones share?
 
     Steps are measured free-running, each after the other, and paced: due at a fixed rate, as in a
-    controller.
+    controller. Without a MODEL: cartpole.
 
     \b
     Examples:

@@ -16,6 +16,7 @@ from mjbench.cli.shared import (
     SEED,
     Names,
     Numbers,
+    RenamedOption,
     Seconds,
     models_argument,
     own_path_folder,
@@ -42,7 +43,10 @@ if TYPE_CHECKING:
     help="How the plan improves.",
 )
 @click.option(
+    "--nbatch",
     "--samples",
+    "samples",
+    cls=RenamedOption,
     type=Numbers(),
     default="64",
     show_default=True,
@@ -99,8 +103,8 @@ def plan(
     \b
     Examples:
       mjbench plan
-      mjbench plan humanoid --algorithm cem --samples 128
-      mjbench plan --samples 16,64,256 --knots 10,25 --threads 1,2
+      mjbench plan humanoid --algorithm cem --nbatch 128
+      mjbench plan --nbatch 16,64,256 --knots 10,25 --threads 1,2
       mjbench plan robot.mjb --states states.npz
     """
     from mjbench.api.session import Measurement, input_files

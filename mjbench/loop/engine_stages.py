@@ -16,6 +16,8 @@ STAGES: Mapping[str, str] = {
     "constraint solver": "CONSTRAINT",
     "integration": "ADVANCE",
 }
+# What the timers leave of a step.
+OTHER = "other"
 # The timers that `shares` reads.
 TIMERS = (*STAGES.values(), "STEP")
 
@@ -32,5 +34,5 @@ def shares(timer_s: Mapping[str, float]) -> dict[str, float]:
     phases = stages["broad-phase collision"] + stages["narrow-phase collision"]
     stages["collision"] = max(0.0, stages["collision"] - phases)
     total = max(timer_s.get("STEP", 0.0), sum(stages.values()), 1e-30)  # never 0, as it divides
-    stages["other"] = total - sum(stages.values())
+    stages[OTHER] = total - sum(stages.values())
     return {stage: value / total for stage, value in stages.items()}

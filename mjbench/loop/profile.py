@@ -1,7 +1,8 @@
 """Where a step's time goes: the engine's stages, Python around it, and the rendering of a frame.
 
 Everything is measured in child processes: one for the steps, one for each rendering backend.
-Stages come from `mjData.timer`, which the engine fills when a timer (`mjcb_time`) is installed.
+Stages come from `mjData.timer`, which the engine fills when a timer (`mjcb_time`) is installed, and
+from `step_parts`, which times what no timer is about.
 MuJoCo's Python package installs one from 3.3.1 on. Before, Python's own clock is installed, which
 costs more than what it measures: so only shares of a step come from the timers, and times come from
 runs without them.
@@ -20,12 +21,13 @@ from mjbench.bounds import AnyFloat, Nanoseconds, Share, Timestep, check_measure
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
 from mjbench.limits import TIME_LIMIT_S
-from mjbench.loop import engine_stages, habits, rendering
+from mjbench.loop import engine_stages, habits, rendering, step_parts
 from mjbench.loop.habits import Habit, compile_loop
 from mjbench.loop.loop_starts import LoopStarts
 from mjbench.loop.rendering import FrameTime
+from mjbench.loop.step_parts import SensorCost, StepPart
 from mjbench.measuring import timing
-from mjbench.simulation import compat, models, work
+from mjbench.simulation import compat, models, package_timer, work
 from mjbench.simulation.engine_clock import has_clock
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
@@ -34,6 +36,8 @@ from mjbench.status import Status
 
 # A block, in seconds; the fewest and most rounds of blocks, and seconds for all of them.
 BLOCK_S, LEAST_ROUNDS, MOST_ROUNDS, BUDGET_S = 0.004, 15, 200, 2.0
+# Seconds for the sensors of a stage, where only stages are asked for.
+BRIEF_S = 0.05
 # Frames for each second of simulated time, where physics, Python and rendering are compared.
 FRAMES_PER_S = 60
 
@@ -50,6 +54,7 @@ class ProfiledSteps:
         install none.
       work: contacts, constraints and solver iterations per step.
       stages: share of a step by stage; they sum up to 1.
+      sensors: what sensors cost of a step, by type and stage, each timed alone.
       warnings: of MuJoCo that these steps raised, by name; the simulation did not diverge.
       starts: where start states came from; None in older files, for keyframe 0.
       run_nstep: steps from each start, which hold its controls; None in older files.
@@ -64,6 +69,7 @@ class ProfiledSteps:
     warnings: Mapping[str, int]
     starts: Starts | None = None
     run_nstep: int | None = None
+    sensors: Sequence[SensorCost] = ()
 
     @property
     def python_ns(self) -> float:
@@ -100,6 +106,7 @@ class ProfileRow:
     warnings: Mapping[str, int] | None = None
     starts: Starts | None = None
     run_nstep: int | None = None
+    sensors: Sequence[SensorCost] = ()
     frames: Sequence[FrameTime] | None = None
     simulated_second: Mapping[str, float] | None = None
 
@@ -184,21 +191,29 @@ def step(source: ModelSource, plan: StartPlan, channel: Channel) -> ProfiledStep
     observation = starts.observation
     nrun = max(1, int(BLOCK_S / (starts.nstep * work.step_s(model))))
     block = Block(nrun, starts.nstep, starts.in_turn)
-    shares = stages(model, block)
+    timers = timer_shares(model, block)
+    step_s = step_parts.step_s(model, block.new_start())
+    sensors = step_parts.sensor_costs(model, block.new_start(), step_s)
+    parts = step_parts.parts(model, block.new_start(), step_s, sensors)
     clock_off = [habits.CLOCK_OFF] if has_clock(model) else []
     loop_ns, engine_ns, *clockless_ns = _step_ns(
         model, block, habits.BARE, habits.ONE_CALL, *clock_off
     )
+    clock_ns = loop_ns - clockless_ns[0] if clockless_ns else None
+    if clock_ns is not None:
+        share = max(0.0, clock_ns) / engine_ns
+        parts.append(StepPart(package_timer.NAME, engine_stages.OTHER, share))
     return ProfiledSteps(
         timestep=float(model.opt.timestep),
         loop_ns=loop_ns,
         engine_ns=engine_ns,
-        clock_ns=loop_ns - clockless_ns[0] if clockless_ns else None,
+        clock_ns=clock_ns,
         work=observation.work,
-        stages=shares,
+        stages=step_parts.with_parts(timers, parts),
         warnings=observation.other_warnings(),
         starts=starts.starts,
         run_nstep=block.nstep,
+        sensors=sensors,
     )
 
 
@@ -215,7 +230,24 @@ def _step_ns(model: mujoco.MjModel, block: Block, *of_habits: Habit) -> list[flo
 
 
 def stages(model: mujoco.MjModel, block: Block) -> dict[str, float]:
-    """Return the share of a step by stage, from the engine's timers: medians over blocks."""
+    """Return the share of a step by stage: from the engine's timers, with sensors apart.
+
+    It is briefer than `step`, which has all parts that no timer is about.
+    """
+    shares = timer_shares(model, block)
+    if not model.nsensor:
+        return shares
+    step_s = step_parts.step_s(model, block.new_start())
+    sensors = step_parts.sensor_costs(model, block.new_start(), step_s, BRIEF_S)
+    return step_parts.with_parts(shares, step_parts.of_sensors(sensors))
+
+
+def timer_shares(model: mujoco.MjModel, block: Block) -> dict[str, float]:
+    """Return the share of a step by stage, from the engine's timers.
+
+    It is of the fastest third of the blocks: what disturbs a block prolongs the step as a whole,
+    and one stage at random.
+    """
     data, start = mujoco.MjData(model), block.new_start()
     needs_clock = not has_clock(model)
     if needs_clock:
@@ -233,7 +265,9 @@ def stages(model: mujoco.MjModel, block: Block) -> dict[str, float]:
     finally:
         if needs_clock:
             mujoco.set_mjcb_time(None)
-    timer_s = np.median(blocks[1:], axis=0)  # by mjtTimer; the first block touches all memory
+    step = int(mujoco.mjtTimer.mjTIMER_STEP)
+    fastest = sorted(blocks[1:], key=lambda block: float(block[step]))  # the first touches memory
+    timer_s = np.sum(fastest[: -(-len(fastest) // 3)], axis=0)  # by mjtTimer
     timers = {name: compat.timer(name) for name in engine_stages.TIMERS}
     return engine_stages.shares(
         {name: float(timer_s[timer]) for name, timer in timers.items() if timer is not None}

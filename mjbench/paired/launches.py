@@ -2,7 +2,7 @@
 
 A launch is a fresh process, or one for each of two sides, which measures some of the targets once.
 `pair_rule` launches a baseline and a candidate, `race` ways of stepping, `release_ratio` what the
-history measures, and `environment.vectors` vectorised forms.
+history measures, `environment.vectors` vectorised forms, and `tuning.measurements` settings.
 """
 
 import contextlib

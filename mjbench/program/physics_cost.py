@@ -4,7 +4,6 @@ The program's own model is stepped from states that the program was in, in a chi
 """
 
 import enum
-import itertools
 import statistics
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,9 +15,9 @@ import numpy as np
 from mjbench.bounds import Share
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
-from mjbench.loop import profile
+from mjbench.loop import profile, step_parts
+from mjbench.loop.engine_stages import OTHER
 from mjbench.loop.loop_starts import LEAST_NSTEP, StartsInTurn
-from mjbench.measuring import timing
 from mjbench.program.recorded_models import RecordedModel, loadable
 from mjbench.simulation import compat, geom_pairs, work
 
@@ -88,14 +87,14 @@ class PhysicsCost:
     def main_stage(self) -> tuple[str, float]:
         """The stage that takes most of a step, and its share.
 
-        Collision is one stage here. So are sensors, which no timer of the engine is about.
+        Collision is one stage here.
         """
         is_phase = {name: "collision" in name for name in self.stages}
         parts = {name: share for name, share in self.stages.items() if not is_phase[name]}
-        parts.pop("other", None)
+        parts.pop(OTHER, None)
         parts["collision"] = sum(share for name, share in self.stages.items() if is_phase[name])
         of_sensors = (cost.share for cost in self.costs if cost.kind == CostKind.SENSORS)
-        parts["sensors"] = sum(of_sensors)
+        parts.setdefault(step_parts.SENSORS, sum(of_sensors))  # records of earlier versions
         return max(parts.items(), key=lambda part: part[1])
 
     @property
@@ -126,8 +125,12 @@ def measure_model(
 ) -> PhysicsCost:
     """Measure what costs; runs in a child."""
     model, states = recorded.load(), recorded.states
+    step_s = step_parts.step_s(model, StartsInTurn(model, states))
+    sensors = step_parts.sensor_costs(model, StartsInTurn(model, states), step_s)
     stages = stages or _stages(model, states)
-    step_s, of_sensors = _sensors(model, states)
+    if step_parts.SENSORS not in stages:  # timed in the program, by the engine's timers alone
+        stages = step_parts.with_parts(stages, step_parts.of_sensors(sensors))
+    of_sensors = [Cost(CostKind.SENSORS, each.type, each.count, each.share) for each in sensors]
     narrow_share = stages["narrow-phase collision"]
     has_pairs = narrow_share >= LEAST_SHARE
     of_pairs = _pairs(model, states, narrow_share, step_s) if has_pairs else ()
@@ -141,64 +144,6 @@ def _stages(model: mujoco.MjModel, states: np.ndarray) -> Mapping[str, float]:
     nstep = max(LEAST_NSTEP, int(profile.BLOCK_S / work.step_s(model) / len(states)))
     block = profile.Block(len(states), nstep, lambda: StartsInTurn(model, states))
     return profile.stages(model, block)
-
-
-def _medians(
-    model: mujoco.MjModel,
-    states: np.ndarray,
-    prepares: Sequence[Callable[[], None]],
-    function: Callable[[mujoco.MjModel, mujoco.MjData], None],
-) -> list[float]:
-    """Return the seconds of a call after each preparation of the model, timed in turns."""
-    data, turn = mujoco.MjData(model), itertools.count()
-
-    def contender(prepare: Callable[[], None], calls: int) -> timing.Contender:
-        def before() -> None:
-            prepares[0]()
-            compat.set_state(model, data, states[next(turn) // len(prepares) % len(states)])
-            mujoco.mj_forward(model, data)
-            prepare()
-
-        def block() -> None:
-            for _ in range(calls):
-                function(model, data)
-
-        return timing.Contender(block, before)
-
-    one_s = min(timing.block_s(contender(prepares[0], 1)) for _ in range(3))
-    calls = max(1, int(BLOCK_S / max(one_s, 1e-7)))
-    contenders = [contender(prepare, calls) for prepare in prepares]
-    rounds = timing.rounds(contenders, BUDGET_S, LEAST_ROUNDS, MOST_ROUNDS)
-    return [statistics.median(seconds) / calls for seconds in zip(*rounds, strict=True)]
-
-
-def _sensors(model: mujoco.MjModel, states: np.ndarray) -> tuple[float, list[Cost]]:
-    """Return the seconds of a step, and what the sensors of each type cost of it.
-
-    Those of a type are left out, where no stage of a step needs them.
-    """
-    types, needs = np.array(model.sensor_type), np.array(model.sensor_needstage)
-    kinds = [] if not compat.flag_enabled(model, "sensor") else [int(kind) for kind in set(types)]
-
-    def without(kind: int | None) -> Callable[[], None]:
-        def prepare() -> None:
-            model.sensor_needstage[:] = np.where(types == kind, 0, needs)
-
-        return prepare
-
-    step_s, *less_s = _medians(
-        model, states, [without(kind) for kind in (None, *kinds)], mujoco.mj_step
-    )
-    model.sensor_needstage[:] = needs
-    return step_s, [
-        Cost(
-            CostKind.SENSORS,
-            mujoco.mjtSensor(kind).name.removeprefix("mjSENS_").lower(),
-            int((types == kind).sum()),
-            min(1.0, max(0.0, 1 - seconds / step_s)),
-        )
-        for kind, seconds in zip(kinds, less_s, strict=True)
-    ]
 
 
 def _pairs(
@@ -265,7 +210,9 @@ def _weights(
         model.geom_contype[:], model.geom_conaffinity[:] = contype, conaffinity
 
     prepares = [restore, *(only(pair) for pair in (far, *pairs))]
-    _, far_s, *pairs_s = _medians(model, states, prepares, mujoco.mj_collision)
+    contenders = [(prepare, mujoco.mj_collision) for prepare in prepares]
+    start = StartsInTurn(model, states)
+    _, far_s, *pairs_s = step_parts.medians(model, start, contenders, BUDGET_S)
     restore()
     return {pair: max(0.0, each_s - far_s) for pair, each_s in zip(pairs, pairs_s, strict=True)}
 

@@ -102,7 +102,7 @@ def quantity(field: str, title: str, *, log: bool = False, **scale: Any) -> Spec
         "type": "quantitative",
         "title": title,
         "scale": {**kind, "zero": False, "nice": True, **scale},
-        "axis": {"labelOverlap": "greedy"},
+        "axis": {"labelOverlap": "greedy"} if log else {"labelOverlap": "greedy", "tickCount": 7},
     }
 
 

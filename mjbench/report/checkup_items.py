@@ -2,7 +2,7 @@
 
 import shlex
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from mjbench.checkups.records import CheckedPart, Combination
@@ -16,7 +16,7 @@ from mjbench.paired.records import VerdictRow
 from mjbench.paths.parallelism import nthread
 from mjbench.program.records import ProgramRow
 from mjbench.program.remedy import Basis, Remedy
-from mjbench.report import advice, environment, formats, program, starts, tuning
+from mjbench.report import advice, environment, formats, program, starts, tuning, tuning_notes
 from mjbench.report.advice import Advice
 from mjbench.report.content import Snippet
 from mjbench.report.lint import finding_place
@@ -146,7 +146,7 @@ class CheckupItem:
             case ResultChange.ERROR:
                 if self.error is None:
                     return "an error of unknown size"
-                return f"an error of {tuning.percent(self.error)} of the motion"
+                return f"an error of {tuning_notes.percent(self.error)} of the motion"
         return self.change_detail
 
 
@@ -162,7 +162,8 @@ def quoted(target: str) -> str:
 
 def short_name(target: str) -> str:
     """Return a target, or the name of a file, for sentences: without its folder."""
-    return target.rpartition("/")[2] or target
+    is_of_package = ":" in target
+    return target if is_of_package else target.rpartition("/")[2] or target
 
 
 def _items(run: Run) -> Iterator[CheckupItem]:
@@ -275,7 +276,7 @@ def _of_recommendation(each: Recommendation, command: str) -> CheckupItem:
         Effect.APPROXIMATE: ResultChange.ERROR,
     }
     return CheckupItem(
-        action=f"set {label(each.settings)}",
+        action=f"settings: {label(each.settings)}",
         gain=_inverse(each.ratio),
         unit=GainUnit.SIMULATED_SECOND,
         change=changes[each.effect],
@@ -290,7 +291,7 @@ def _of_loss(attempt: Attempt, command: str) -> CheckupItem:
     assert attempt.ratio is not None, "it is certainly faster"
     setting = attempt.settings[0]
     return CheckupItem(
-        action=f"set {setting.label}",
+        action=f"settings: {setting.label}",
         gain=_inverse(attempt.ratio),
         unit=GainUnit.SIMULATED_SECOND,
         change=ResultChange.STATED,
@@ -386,10 +387,14 @@ def _of_source(
     for finding in findings:
         is_wrong = finding.is_wrong_result
         yield CheckupItem(
-            action=f"{finding_place(finding)}: {finding.message} ({finding.code})",
+            action=f"{_place(finding)}: {finding.message} ({finding.code})",
             change=ResultChange.CORRECTED if is_wrong else ResultChange.NONE,
             command=f"mjbench lint {target}",
         )
+
+
+def _place(finding: Finding) -> str:
+    return finding_place(replace(finding, file=short_name(finding.file)))
 
 
 # -- an environment --------------------------------------------------------------------------------

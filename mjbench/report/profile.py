@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from mjbench.loop.engine_stages import OTHER
 from mjbench.loop.profile import FRAMES_PER_S, ProfiledSteps, ProfileRow
 from mjbench.loop.rendering import FrameTime
 from mjbench.report import charts, content, formats
@@ -9,6 +10,9 @@ from mjbench.report.content import Column, Conclusion, DataTable, Figure, Sectio
 from mjbench.report.starts import starts_lines, warning_lines
 from mjbench.simulation import package_timer
 from mjbench.units import duration, plain
+
+# From this share of a step on, what is left is explained.
+_NOTABLE_OTHER = 0.05
 
 
 def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
@@ -24,8 +28,15 @@ def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
             conclusions=[*conclusions(row.model, steps)],
             facts=_facts(steps),
             figures=[_figure(row.model, stages)],
-            tables=[stages, _simulated_second(row.simulated_second or {})],
-            notes=[_frame_line(frame, steps.loop_ns) for frame in row.frames or ()],
+            tables=[
+                stages,
+                *([_sensors(steps)] if steps.sensors else []),
+                _simulated_second(row.simulated_second or {}),
+            ],
+            notes=[
+                *_other_lines(steps),
+                *(_frame_line(frame, steps.loop_ns) for frame in row.frames or ()),
+            ],
         )
 
 
@@ -75,6 +86,30 @@ def _stages(steps: ProfiledSteps) -> DataTable:
         (Column("ns", formats.digits(4)), lambda row: row[1] * steps.engine_ns),
         (Column("", is_bar=True), lambda row: formats.bar(row[1])),
     )
+
+
+def _sensors(steps: ProfiledSteps) -> DataTable:
+    return DataTable.of(
+        "Sensors by type, each alone",
+        steps.sensors,
+        (Column("sensors"), lambda cost: cost.type),
+        (Column("number"), lambda cost: cost.count),
+        (Column("computed after"), lambda cost: cost.stage.value),
+        (Column("of a step", formats.percent), lambda cost: cost.share),
+        (Column("ns", formats.digits(4)), lambda cost: cost.share * steps.engine_ns),
+    )
+
+
+def _other_lines(steps: ProfiledSteps) -> list[str]:
+    """Return what is left where it is notable."""
+    share = steps.stages.get(OTHER, 0.0)
+    if share < _NOTABLE_OTHER:
+        return []
+    return [
+        f"Other ({formats.short_percent(share)}) is what neither the engine's timers nor calls of"
+        " its functions explain, such as what lies between stages, callbacks, and what caches lose;"
+        " `mjbench profile --instructions` names the functions"
+    ]
 
 
 def _frame_line(frame: FrameTime, loop_ns: float) -> str:

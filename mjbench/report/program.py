@@ -2,7 +2,7 @@
 
 import signal
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from mjbench.program import remedies
@@ -382,7 +382,8 @@ def _steps_section(row: ProgramRow) -> Iterator[Section]:
     if row.status != Status.OK:
         return
     steps = max(row.steps, key=lambda each: each.nstep or 0, default=None)
-    facts = [] if steps is None else _step_lines(steps, len(row.steps))
+    stages = row.physics.stages if row.physics is not None else steps.stages if steps else {}
+    facts = [] if steps is None else _step_lines(steps, len(row.steps), stages)
     tables = [_physics_table(row), *([] if steps is None else [_durations_table(steps)])]
     yield Section(
         f"{row.program}: steps",
@@ -404,7 +405,7 @@ def _physics_table(row: ProgramRow) -> DataTable:
     )
 
 
-def _step_lines(steps: StepTimes, processes: int) -> list[str]:
+def _step_lines(steps: StepTimes, processes: int, stages: Mapping[str, float]) -> list[str]:
     of = f" in the process with most of {processes}" if processes > 1 else ""
     while_stepping = "" if steps.nstep is not None else " while it steps without a pause"
     lines = []
@@ -415,8 +416,8 @@ def _step_lines(steps: StepTimes, processes: int) -> list[str]:
         )
     if processes > 1 and steps.startup_s > 0:
         lines.append(f"It began to step {plain(steps.startup_s, 2)} s after its start.")
-    if steps.stages:
-        largest = sorted(steps.stages.items(), key=lambda item: -item[1])
+    if stages:
+        largest = sorted(stages.items(), key=lambda item: -item[1])
         parts = [
             f"{name} {whole_percent(share)}" for name, share in largest if share >= _LEAST_STAGE
         ]

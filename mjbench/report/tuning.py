@@ -1,6 +1,6 @@
 """What `mjbench tune` says: which settings are recommended, what they cost, and what to paste."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from mjbench.measuring.ratio import Ratio
@@ -15,23 +15,21 @@ from mjbench.report.content import (
     Tone,
 )
 from mjbench.report.formats import short_percent
-from mjbench.report.starts import starts_lines
+from mjbench.report.tuning_notes import in_units, notes, percent
 from mjbench.simulation import package_timer
-from mjbench.simulation.starts import Starts
 from mjbench.status import Status
 from mjbench.tuning import knobs
 from mjbench.tuning.distance import Distance
 from mjbench.tuning.records import (
+    NO_ERROR,
     SAME_ERROR,
     Attempt,
-    Batch,
-    BatchFacts,
     Effect,
     Recommendation,
     TunedProgram,
     TuneRecord,
 )
-from mjbench.tuning.reference import REFINEMENT, Present
+from mjbench.tuning.reference import Present
 from mjbench.tuning.settings import (
     Edit,
     LoopChange,
@@ -42,10 +40,12 @@ from mjbench.tuning.settings import (
     label,
     loop_change,
 )
-from mjbench.units import plain
+from mjbench.units import count_of
 
-# Settings that failed, and settings alone, that are named.
-_MOST_FAILED = _MOST_ALONE = 12
+# Settings alone that are named.
+_MOST_ALONE = 12
+# Stages that are named as the reason of a gain.
+_MOST_STAGES = 2
 _ENGINES = {"mjx": "MJX", "warp": "Warp"}
 _PRESENT, _TRIED, _CONFIRMED = "present settings", "tried", "confirmed"
 _COLOURS = {_PRESENT: charts.GREY, _TRIED: charts.BLUE, _CONFIRMED: charts.ORANGE}
@@ -63,7 +63,8 @@ class TunedRow:
     Attributes:
       effect: on the motion.
       ratio: time of a simulated second, or of a batched step, over that of the present settings.
-      error: of nine runs in ten, as a share of the motion; of MJX and Warp, the transfer error.
+      error: of nine runs in ten, as a share of the motion; of MJX and Warp, the transfer error;
+        None without a reference.
     """
 
     model: str
@@ -71,7 +72,7 @@ class TunedRow:
     settings: str
     effect: Effect
     ratio: Ratio
-    error: float
+    error: float | None
 
 
 def rows(record: TuneRecord) -> list[TunedRow]:
@@ -83,7 +84,7 @@ def rows(record: TuneRecord) -> list[TunedRow]:
             label(each.settings),
             each.effect,
             each.ratio,
-            each.error.share,
+            each.error.share if each.error else None,
         )
         for each in record.front
     ]
@@ -100,8 +101,8 @@ def sections(records: Sequence[TuneRecord]) -> Iterator[Section]:
         present, alone = record.present, faster_alone(record)[:_MOST_ALONE]
         yield Section(
             heading=f"{subject(record)}: settings",
-            conclusions=[first],
-            figures=[_front_figure(record, present)] if present else [],
+            conclusions=[*(_unconverged(present) if present else []), first, *_slow(record)],
+            figures=[_front_figure(record, present)] if present and present.error else [],
             tables=[
                 *([_front_table(record)] if record.front or record.batch else []),
                 *([_alone_table(record, alone)] if alone else []),
@@ -110,6 +111,30 @@ def sections(records: Sequence[TuneRecord]) -> Iterator[Section]:
             snippets=[snippet for each in advised(record) for snippet in to_apply(each.settings)],
             shows_code=True,
         )
+
+
+def _unconverged(present: Present) -> list[Conclusion]:
+    """Return that the solver does not converge, where it does not: it bears on all that follows."""
+    if present.is_converged:
+        return []
+    return [
+        Conclusion(
+            f"The solver does not converge: it stops at its limit of iterations in"
+            f" {short_percent(present.solver_limited)} of the steps. Results depend on that limit,"
+            " so settings that change them are recommended only with an error of at most"
+            f" {percent(NO_ERROR)} of the motion",
+            Tone.UNSURE,
+        )
+    ]
+
+
+def _slow(record: TuneRecord) -> Iterator[Conclusion]:
+    """Yield what recommended settings prevent that is slower than the runs show."""
+    advice = {one.label: one for each in advised(record) for one in each.settings}
+    for setting in advice.values() if record.batch is None else ():
+        if slow := knobs.find(setting.knob).slow:
+            text = f"Not shown by runs this short: with {setting.label}, {slow}"
+            yield Conclusion(text, Tone.UNSURE)
 
 
 def _is_measured(record: TuneRecord) -> bool:
@@ -132,17 +157,20 @@ def _front_figure(record: TuneRecord, present: Present) -> Figure:
         (len(row.accuracy.run_errors) for row in record.attempts if row.accuracy is not None),
         default=0,
     )
+    assert present.error is not None, "it has a reference"
     rows = [(label(()), 100 * present.error.share, 1.0, _PRESENT)]
     rows += [
         (label(row.settings), 100 * row.accuracy.error.share, row.time_ratio, _TRIED)
         for row in record.attempts
         if row.accuracy is not None
+        and row.accuracy.error is not None
         and row.time_ratio is not None
         and len(row.accuracy.run_errors) == most  # errors of fewer runs are of another kind
     ]
     rows += [
         (label(each.settings), 100 * each.error.share, each.ratio.estimate, _CONFIRMED)
         for each in record.front
+        if each.error is not None
     ]
     data = DataTable("Time and error", columns, rows)
     error, time_ratio = columns[1].title, columns[2].title
@@ -237,11 +265,8 @@ def _alone_table(record: TuneRecord, attempts: Sequence[Attempt]) -> DataTable:
             Column("time of a simulated second", formats.digits(4)),
             lambda row: row[0].ratio.estimate if row[0].ratio else row[0].time_ratio,
         ),
-        (Column("why it can help", wraps=True, leaves=1), lambda row: why(row[1], record)),
-        (
-            Column("what it may change", wraps=True, leaves=2),
-            lambda row: knobs.find(row[1].knob).changes,
-        ),
+        (Column("why it helps", wraps=True, leaves=1), lambda row: why(row[0], record)),
+        (Column("what it may change", wraps=True, leaves=2), lambda row: changes(row[0])),
     )
 
 
@@ -312,6 +337,7 @@ def _results(each: Recommendation, record: TuneRecord) -> str:
         return " within the solver's tolerance"
     if record.present is None:  # MJX and Warp
         return _within(record)
+    assert each.error and record.present.error, "the reference tells it from equivalent ones"
     is_same = each.error.share <= (1 + SAME_ERROR) * record.present.error.share
     return _within_error(record, None if record.max_error is None and is_same else each.error.share)
 
@@ -334,20 +360,32 @@ def tried(record: TuneRecord) -> list[Attempt]:
     return [each for _, each in sorted(timed, key=lambda pair: pair[0])]
 
 
-def why(setting: Setting, record: TuneRecord) -> str:
-    """Return why a setting can help: the stages of a step that it changes, and what was seen."""
+def why(attempt: Attempt, record: TuneRecord) -> str:
+    """Return why a setting alone is faster: what it saves by stage, and what was seen."""
+    (setting,) = attempt.settings
     knob = knobs.find(setting.knob)
-    parts = []
-    if knob.stages and record.stages is not None:
-        share = sum(record.stages.get(stage, 0.0) for stage in knob.stages)
-        parts.append(f"{', '.join(knob.stages)}: {100 * share:.0f} % of a step")
-    if knob.helps:
-        parts.append(knob.helps)
-    if setting.evidence:
-        parts.append(setting.evidence)
+    parts = [setting.evidence] if setting.evidence else []
+    parts += [knob.helps] if knob.helps else []
+    if not setting.saves and (saved := _saved(record.saved(attempt))):
+        parts.append(saved)
     if setting.loses:
         parts.append(f"gives up {setting.loses}")
     return "; ".join(parts)
+
+
+def _saved(by_stage: Mapping[str, float]) -> str:
+    """Return the stages that account for most of what is saved; empty for nothing."""
+    most = [(stage, share) for stage, share in by_stage.items() if share > 0][:_MOST_STAGES]
+    return ", ".join(f"{100 * share:.0f} % less in {stage}" for stage, share in most)
+
+
+def changes(attempt: Attempt) -> str:
+    """Return what a setting alone may change, and what it prevents that runs are too short for."""
+    knob = knobs.find(attempt.settings[0].knob)
+    count = attempt.accuracy.changed_sensors if attempt.accuracy else 0
+    sensors = [f"Here, the data of {count_of(count, 'sensor')} changed."] if count else []
+    slow = [f"Not shown by runs this short: {knob.slow}."] if knob.slow else []
+    return " ".join([*sensors, knob.changes, *slow])
 
 
 def to_apply(settings: Sequence[Setting]) -> Iterator[Snippet]:
@@ -387,94 +425,3 @@ def _code(loop: LoopChange) -> list[str]:
     if loop.engine_threads:
         code.append(f"mujoco.mju_threadpool(data, {loop.engine_threads})")
     return code
-
-
-def notes(record: TuneRecord) -> list[str]:
-    """Return what the figures rest on, and what was not recommended, a line each."""
-    lines, starts = _basis(record)
-    lines += starts_lines(starts)
-    lines += [
-        f"Withdrawn by the second look: {label(each.settings)}: {each.reason}"
-        for each in record.withdrawn
-    ]
-    failed = [row for row in record.attempts if row.status != Status.OK]
-    lines += [f"Failed: {label(row.settings)}: {row.detail}" for row in failed[:_MOST_FAILED]]
-    if len(failed) > _MOST_FAILED:
-        lines.append(f"{len(failed) - _MOST_FAILED} more failed")
-    if record.untried:
-        lines.append(f"There was no time for {record.untried} settings: give a longer --budget")
-    lines += [
-        f"Geom {mesh.geom} collides as the mesh {mesh.mesh}, which fills"
-        f" {100 * mesh.share:.0f} % of a {mesh.primitive}"
-        for mesh in record.meshes
-    ]
-    return lines
-
-
-def _basis(record: TuneRecord) -> tuple[list[str], Starts]:
-    """Return what figures rest on, a line each, and the starts of the runs."""
-    if record.present is not None:
-        return _basis_in_c(record.present), record.present.starts
-    assert record.batch is not None and record.batch.facts is not None, "it was measured"
-    return _basis_of_batch(record, record.batch, record.batch.facts), record.batch.facts.starts
-
-
-def _basis_in_c(present: Present) -> list[str]:
-    lines = [
-        f"Error: distance from the model at 1/{REFINEMENT} of its timestep with a converged solver,"
-        f" over {plain(present.horizon_s, 3)} s of {present.nrun} runs; nine runs in ten stay below"
-        f" it. Rounding alone: {percent(present.rounding.share)}. The solver alone:"
-        f" {percent(present.solver.share)}."
-    ]
-    if not present.is_comparable:
-        lines.append(
-            "These runs part too soon to compare errors: only settings that change no state are"
-            " recommended"
-        )
-    return lines
-
-
-def _basis_of_batch(record: TuneRecord, batch: Batch, facts: BatchFacts) -> list[str]:
-    lines = [
-        f"A transfer error is the distance of {facts.precision} runs from C's with the present"
-        f" settings, over {plain(facts.horizon_s, 3)} s of {facts.nrun} runs: nine runs in ten"
-        f" differ by no more. Rounding starts and controls to {facts.precision} alone makes"
-        f" {percent(facts.rounding.share)}.",
-        f"A batched step is of {batch.nbatch} simulations on {facts.device}; compiling is not in"
-        " its time. Ratios with an interval are from fresh processes, others from one.",
-    ]
-    if record.engine == "warp":
-        lines.append(
-            "Warp compiles kernels once in a process, for the present settings: other settings"
-            " compile what they do not share."
-        )
-    best = record.best()
-    lines += [
-        f"{setting.label}: {setting.evidence}. A simulation that needs more overflows."
-        for setting in (best.settings if best else ())
-        if setting.evidence
-    ]
-    return lines
-
-
-def in_units(error: Distance) -> str:
-    """Return an error of positions in the units that they have."""
-    position = error.position
-    parts = [
-        *([f"{_length(position.m)}"] if position.m is not None else []),
-        *([f"{plain(position.rad, 2)} rad"] if position.rad is not None else []),
-    ]
-    return ", ".join(parts)
-
-
-def _length(metres: float) -> str:
-    """Return a length in the unit that suits it."""
-    for unit, size in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
-        if metres >= size:
-            return f"{plain(metres / size, 2)} {unit}"
-    return f"{metres:.1g} m"
-
-
-def percent(share: float) -> str:
-    """Return a share in percent, in two digits, however small it is."""
-    return f"{100 * share:.2g} %" if share < 1e-4 else short_percent(share)

@@ -345,7 +345,8 @@ def _runs(
     lost = np.asarray(~is_finite)
     if lost.any():
         raise MachineError(f"diverges in {int(lost.sum())} of {nrun} runs")
-    return Trajectories(qpos, qvel, np.empty((nrun, 0, 0)), lost)
+    nothing = np.empty((nrun, 0, 0))
+    return Trajectories(qpos, qvel, nothing, nothing, lost)
 
 
 def _error(model: mujoco.MjModel, baseline: EngineBaseline, runs: Trajectories) -> Distance:

@@ -12,19 +12,19 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from mjbench.measuring import stats
-from mjbench.measuring.ratio import Ratio
-from mjbench.paired.records import LaunchRow
 from mjbench.tuning.accelerated_attempts import EngineMeasurements, Settings
 from mjbench.tuning.fronts import error_of, time_ratio_of
-from mjbench.tuning.measurements import CONFIDENCE, saves_time
 from mjbench.tuning.records import (
+    CONFIDENCE,
     Attempt,
     Batch,
     BatchFacts,
     Recommendation,
     TunedProgram,
     allowed_error,
+    fresh_ratio,
     log_ratio,
+    saves_time,
 )
 from mjbench.tuning.search import LEAST_GAIN, Search, too_far
 from mjbench.tuning.settings import Setting, label
@@ -115,7 +115,7 @@ class EngineSearch(Search[EngineMeasurements]):
             return
         assert second.error is not None, "it was measured"
         samples = [each.samples for each in launches if each.samples]
-        ratio = mean_ratio(log_ratios(samples))
+        ratio = fresh_ratio(samples)
         if second.error.share > limit:
             self._withdraw(settings, f"transfer {too_far(second.error.share, limit)}")
         elif not saves_time(ratio):
@@ -160,19 +160,9 @@ def combinations(helpful: Sequence[Attempt]) -> list[Settings]:
 
 def is_faster(one: Recommendation, other: Recommendation) -> bool:
     """Return whether settings are certainly faster than others in the same processes."""
-    pairs = zip(log_ratios(one.samples), log_ratios(other.samples), strict=True)
-    ratio = mean_ratio([mine - theirs for mine, theirs in pairs])
-    return ratio.high is not None and ratio.high < 1
-
-
-def log_ratios(samples: Sequence[LaunchRow]) -> list[float]:
-    """Return the logarithm of the ratio of times in each process."""
-    return [log_ratio(row) for row in samples]
-
-
-def mean_ratio(logs: Sequence[float]) -> Ratio:
-    """Return the ratio of times over fresh processes, with Student's t interval of their mean."""
-    return Ratio.of_log(float(np.mean(logs)), stats.mean_half_width(logs, CONFIDENCE))
+    pairs = zip(one.samples, other.samples, strict=True)
+    logs = [log_ratio(mine) - log_ratio(theirs) for mine, theirs in pairs]
+    return float(np.mean(logs)) + stats.mean_half_width(logs, CONFIDENCE) < 0
 
 
 def _helpful(attempts: Sequence[Attempt], limit: float) -> list[Attempt]:

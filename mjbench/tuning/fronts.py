@@ -1,6 +1,7 @@
 """Which settings to try together, and which of them are worth a second look."""
 
 import itertools
+import math
 import random
 from collections.abc import Sequence
 
@@ -145,9 +146,13 @@ def effect_of(attempt: Attempt) -> Effect:
 
 
 def error_of(attempt: Attempt) -> float:
-    """Return the error of settings that did not fail, as a share of the motion."""
-    assert attempt.error is not None, "it did not fail"
-    return attempt.error.share
+    """Return the error of settings that did not fail, as a share of the motion.
+
+    Without a reference, it is 0 for those that do not change the motion, and unknown for others.
+    """
+    if attempt.error is not None:
+        return attempt.error.share
+    return math.inf if effect_of(attempt) == Effect.APPROXIMATE else 0.0
 
 
 def time_ratio_of(attempt: Attempt) -> float:

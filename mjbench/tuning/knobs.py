@@ -4,10 +4,12 @@ A knob offers values that differ from the model's own, that can have an effect o
 release has. To add one, write a row of KNOBS.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from mjbench.errors import InputError, shown, suggestion
+from mjbench.loop.engine_stages import OTHER
+from mjbench.loop.step_parts import SENSORS
 from mjbench.tuning import knob_values as values
 from mjbench.tuning import model_features as features
 from mjbench.tuning.observed import ObservedModel
@@ -16,6 +18,9 @@ from mjbench.tuning.settings import Setting
 _COLLISION = ("broad-phase collision", "narrow-phase collision", "collision")
 _CONSTRAINTS = ("constraint making", "constraint projection", "constraint solver")
 _SOLVER = ("constraint solver",)
+_SLOW_SLIP = "what is held or stacked may slip over many seconds: let your longest task run"
+# What a setting that acts on whole steps may gain, where nothing says more.
+_UNKNOWN_GAIN = 0.25
 
 
 @dataclass(frozen=True)
@@ -26,10 +31,11 @@ class Knob:
       name: of the knob; that of its option or flag, where it is one.
       values: returns the settings worth trying; none where the model or the release has no use for
         them.
-      stages: of a step (see `loop.engine_stages`; `other` included) that it can speed up; empty for
-        the whole step.
+      stages: of a step (see `loop.profile.stages`) that it can speed up; empty for the whole step.
       changes: what it may change, in one short sentence.
       helps: why it can, where it is not for its stages, in a few words.
+      slow: what it prevents that is slower than runs of a second show, in one short sentence; empty
+        for nothing.
       since: the first release that has it, or 2.3.7, the oldest that mjbench supports.
     """
 
@@ -38,6 +44,7 @@ class Knob:
     stages: tuple[str, ...]
     changes: str
     helps: str = ""
+    slow: str = ""
     since: str = "2.3.7"
 
 
@@ -53,7 +60,7 @@ def _is_convex(observed: ObservedModel) -> bool:
     return features.needs_convex_collider(observed.model)
 
 
-# Those that most often help without a change of results come first, in case time runs out.
+# Of those that may save as much, the ones that most often help without a change of results first.
 KNOBS: Sequence[Knob] = (
     Knob(
         "engine clock",
@@ -148,7 +155,13 @@ KNOBS: Sequence[Knob] = (
         _SOLVER,
         "Constraint forces of the steps that need longer line searches.",
     ),
-    Knob("noslip_iterations", values.no_noslip, _SOLVER, "Contacts may slip slowly."),
+    Knob(
+        "noslip_iterations",
+        values.no_noslip,
+        _SOLVER,
+        "Contacts may slip slowly.",
+        slow=_SLOW_SLIP,
+    ),
     Knob(
         "ccd_iterations",
         values.fewer("ccd_iterations", (20, 10, 5), _is_convex),
@@ -166,7 +179,7 @@ KNOBS: Sequence[Knob] = (
     Knob(
         "autoreset",
         values.disabled("autoreset", loses="the reset of simulations that diverge"),
-        ("other",),
+        (OTHER,),
         "Nothing, unless a simulation diverges.",
         since="3.2.1",
     ),
@@ -193,25 +206,25 @@ KNOBS: Sequence[Knob] = (
     Knob(
         "sensor",
         values.disabled("sensor", lambda o: o.model.nsensor > 0, loses="sensor data"),
-        ("other",),
+        (SENSORS,),
         "Nothing but sensor data.",
     ),
     Knob(
         "energy",
         values.disabled("energy", loses="the energy in mjData"),
-        ("other",),
+        (OTHER,),
         "Nothing but mjData.energy.",
     ),
     Knob(
         "fwdinv",
         values.disabled("fwdinv", loses="the check of forward against inverse dynamics"),
-        ("other",),
+        (OTHER,),
         "Nothing but mjData.solver_fwdinv.",
     ),
     Knob(
         "visual geoms",
         values.no_visual_geoms,
-        ("kinematics",),
+        ("kinematics", SENSORS),
         "What is drawn and what rays hit; other geoms get new ids.",
     ),
     Knob(
@@ -233,6 +246,7 @@ KNOBS: Sequence[Knob] = (
         values.keywords("cone", ("pyramidal", "elliptic"), _has_contacts),
         _CONSTRAINTS,
         "Friction forces: the other cone is another model of friction.",
+        slow=_SLOW_SLIP,
     ),
     Knob(
         "timestep",
@@ -248,6 +262,18 @@ def settings(observed: ObservedModel) -> dict[str, tuple[Setting, ...]]:
     """Return the settings worth trying by the name of their knob, in the order of the table."""
     offered = {knob.name: tuple(knob.values(observed)) for knob in KNOBS}
     return {name: some for name, some in offered.items() if some}
+
+
+def likely_gain(setting: Setting, stages: Mapping[str, float]) -> float:
+    """Return the share of the time that a setting may save at most: what is tried first.
+
+    Args:
+      stages: share of a step by stage; empty where it is not known.
+    """
+    knob = find(setting.knob)
+    if setting.saves or not knob.stages or not stages:
+        return setting.saves or _UNKNOWN_GAIN
+    return sum(stages.get(stage, 0.0) for stage in knob.stages)
 
 
 def known(names: Sequence[str]) -> tuple[str, ...]:

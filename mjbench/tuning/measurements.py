@@ -1,66 +1,42 @@
-"""What a search in C asks for: what there is to try, attempts, and comparisons in fresh processes.
+"""What a search in C asks for: what there is to try, the present runs, the reference, launches.
 
-A setting may crash MuJoCo or never return, so each attempt has a process of its own. Its time is
-measured within that process, which is good for choosing what to look at again, and for no more.
+Whatever steps the model runs in a process of its own: a setting may crash MuJoCo or never return.
 """
 
 import pickle
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+import random
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
-import mujoco
-import numpy as np
-
-from mjbench import paths
-from mjbench.errors import InputError, MachineError
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
-from mjbench.loop import profile
-from mjbench.measuring import stats, timing
-from mjbench.measuring.ratio import Ratio
-from mjbench.paired import verdict
-from mjbench.paired.records import VerdictRecord
-from mjbench.paired.run_sizes import Sizes
-from mjbench.paired.targets import Target
-from mjbench.paired.verdict import VerdictPlan
+from mjbench.paired.launches import StopRule, Targets
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import installs
-from mjbench.simulation import models, work
+from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
-from mjbench.simulation.workload import Workload
 from mjbench.status import Status
-from mjbench.tuning import distance, knobs, mesh_notes, observed, reference, trajectories, variants
+from mjbench.tuning import knobs, mesh_notes, observed, reference, variants
 from mjbench.tuning.mesh_notes import MeshNote
-from mjbench.tuning.physics import physics
-from mjbench.tuning.records import Accuracy, Attempt, Effect
+from mjbench.tuning.records import Attempt
 from mjbench.tuning.reference import HOLD, Baseline, Present, TrialPlan
-from mjbench.tuning.settings import (
-    NO_CHANGE,
-    LoopChange,
-    Setting,
-    edits_of,
-    label,
-    loop_change,
+from mjbench.tuning.setting_launch import (
+    LaunchRequest,
+    ModelFiles,
+    Settings,
+    run_launch,
+    stage_shares,
 )
-from mjbench.tuning.trajectories import Trajectories, Trials
+from mjbench.tuning.settings import Setting
 
-# Smallest gain that counts, and the confidence of a comparison.
-MIN_EFFECT, CONFIDENCE = 0.01, 0.95
-# Seconds of a block that an attempt times, and quads of such blocks.
-BLOCK_S, QUADS = 0.002, 25
-# Controls of each run in such a block.
-BLOCK_NCONTROL = 2
 # Seconds of silence after which a child is killed.
 SILENCE_S = 120.0
 # Seconds that the reference may take: it has many steps.
-BASELINE_SILENCE_S = 600.0
-
-
-def saves_time(ratio: Ratio) -> bool:
-    """Return whether settings certainly save time, MIN_EFFECT / 2 at least by estimate."""
-    return ratio.high is not None and ratio.high < 1 and ratio.estimate <= 1 - MIN_EFFECT / 2
+REFERENCE_SILENCE_S = 600.0
+# A launch of a few settings takes at least this share of the time of one of all: it starts a
+# process.
+SHARE_OF_START = 0.25
 
 
 @dataclass(frozen=True)
@@ -71,11 +47,19 @@ class Survey:
     meshes: Sequence[MeshNote]
 
 
+@dataclass(frozen=True)
+class PresentRuns:
+    """What the present settings do, without a reference, and the share of a step by stage."""
+
+    present: Present
+    stages: Mapping[str, float]
+
+
 class CMeasurements:
     """Measures a model in C on this machine.
 
     Files of models and trials last as long as the pool. A model that cannot be loaded, or diverges,
-    is an InputError; a process that crashes or hangs, but in an attempt, is a MachineError.
+    is an InputError; a process that crashes or hangs, but for a setting, is a MachineError.
     """
 
     def __init__(
@@ -87,208 +71,195 @@ class CMeasurements:
         limit_s: float = SILENCE_S,
     ):
         """Measure nothing yet."""
-        self._pool, self._source, self._starts = pool, source, starts
-        self._hold, self._limit_s = hold, limit_s
-        self._baseline_file, self._model_file = pool.new_file(".pickle"), pool.new_file(".mjb")
-        self._changed: dict[str, Path] = {}  # the changed model, by the label of settings
+        self._source = ModelSource(source.name, source.path.resolve())
+        self._starts, self._hold, self._limit_s = starts, hold, limit_s
+        model, baseline = pool.new_file(".mjb"), pool.new_file(".pickle")
+        self._files = ModelFiles(model, baseline, pool.new_folder())
 
-    def survey(self, seed: int) -> Survey:
-        """Return what there is to try on the model."""
-        arguments = self._source, seed, self._starts, self._hold
+    def survey(self, seed: int, computing_s: float = observed.MAX_COMPUTING_S) -> Survey:
+        """Return what there is to try on the model, after so many seconds of computing."""
+        arguments = self._source, seed, self._starts, self._hold, computing_s
         return isolate.call(look, *arguments, limit_s=self._limit_s)
 
-    def stages(self) -> Mapping[str, float] | None:
-        """Return the share of a step by stage; None where it cannot be measured."""
-        try:
-            arguments = self._source, self._starts
-            return isolate.call(profile.step, *arguments, limit_s=self._limit_s).stages
-        except (InputError, MachineError):
-            return None
+    def present(self, plan: TrialPlan) -> PresentRuns:
+        """Draw trials, and return what the present settings do; launches use them from then on."""
+        arguments = self._source, plan, self._files
+        return isolate.call(run_present, *arguments, limit_s=self._limit_s)
 
-    def baseline(self, plan: TrialPlan) -> Present:
-        """Draw trials, and return what the present settings do; attempts use them from then on."""
-        return isolate.call(
-            run_baseline,
-            self._source,
-            plan,
-            self._baseline_file,
-            self._model_file,
-            limit_s=max(BASELINE_SILENCE_S, self._limit_s),
-        )
-
-    def attempt(
-        self, settings: tuple[Setting, ...], nrun: int | None = None, quads: int = QUADS
-    ) -> Attempt:
-        """Return how settings do; a crash, a hang or a divergence is a status.
+    def reference(self, horizon_ncontrol: int | None = None) -> Present:
+        """Run the reference; return what the present settings do beside it.
 
         Args:
-          nrun: runs of the trials to do, the first ones; None for all.
-          quads: blocks to time, as quads; 0 to measure no time.
+          horizon_ncontrol: controls over which errors are compared; None to see how many can be.
         """
-        file = None
-        if nrun is None:  # it may be compared
-            file = self._changed.get(label(settings)) or self._pool.new_file(".mjb")
-            self._changed[label(settings)] = file
         return isolate.call(
-            run_attempt,
+            run_reference,
             self._source,
-            self._baseline_file,
-            settings,
-            file,
-            nrun,
-            quads,
-            limit_s=self._limit_s,
-            otherwise=lambda ended: Attempt(settings, ended.status, ended.detail),
+            self._files,
+            horizon_ncontrol,
+            limit_s=max(REFERENCE_SILENCE_S, self._limit_s),
         )
 
-    def compare(
-        self, settings: tuple[Setting, ...], seed: int, time_limit_s: float
-    ) -> VerdictRecord:
-        """Return how much faster settings are, in fresh processes; they were attempted before."""
-        release = installs.parse_release(installs.INSTALLED)
-        loop = loop_change(settings)
-        path = paths.find(loop.path)
-        name, file = self._source.name, self._changed[label(settings)]
-        baseline, candidate = (
-            Target(release, ModelSource(name, model), path.name, path.complete(options))
-            for model, options in ((self._model_file, {}), (file, loop.options))
+    def launch(self, request: LaunchRequest) -> list[Attempt]:
+        """Try settings, one after the other, in a fresh process; return those that were begun.
+
+        One that crashes, hangs or diverges has a status, no more; the others go on in another
+        process.
+        """
+        attempts: list[Attempt] = []
+        end_s = time.monotonic() + request.stop_after_s
+        while len(attempts) < len(request.settings):
+            left = replace(
+                request,
+                settings=request.settings[len(attempts) :],
+                stop_after_s=end_s - time.monotonic(),
+            )
+            ended = isolate.run(
+                run_launch, (self._source, self._files, left), attempts.append, self._limit_s
+            )
+            if ended.status == Status.OK:
+                break
+            if ended.item is None:
+                ended.check()
+            settings = request.settings[len(attempts)]
+            attempts.append(Attempt(settings, ended.status, ended.detail))
+        return attempts
+
+
+# -- launches until a rule has enough ------------------------------------------------------------
+
+SettingLaunch = Mapping[int, Attempt]
+
+
+class SettingTargets(Targets[SettingLaunch]):
+    """Settings to time; each launch has them in an order of its own, and new starts."""
+
+    def __init__(
+        self,
+        try_settings: Callable[[LaunchRequest], Sequence[Attempt]],
+        settings: Sequence[Settings],
+        timed_s: float,
+        left_s: Callable[[], float],
+        rng: random.Random,
+    ):
+        """Launch nothing yet.
+
+        Args:
+          timed_s: seconds for which a launch times each setting.
+          left_s: seconds after which a launch that begins now begins no other setting.
+        """
+        self._try_settings, self._settings, self._timed_s = try_settings, settings, timed_s
+        self._left_s, self._rng = left_s, rng
+        self._is_first = True
+
+    def launch(self, positions: Sequence[int]) -> SettingLaunch:
+        """See `Targets.launch`; a setting that fails has a status.
+
+        The first launch keeps the order, in which the likely gains come first: time may run out.
+        """
+        order = list(positions)
+        if not self._is_first:
+            self._rng.shuffle(order)
+        self._is_first = False
+        request = LaunchRequest(
+            [self._settings[i] for i in order],
+            self._timed_s,
+            seed=self._rng.randrange(2**31),
+            stop_after_s=self._left_s(),
         )
-        plan = VerdictPlan(
-            MIN_EFFECT,
-            CONFIDENCE,
-            MIN_EFFECT / 2,
-            time_limit_s,
-            Sizes(seed=seed, starts=self._starts, hold=self._hold),
-            as_shipped=True,  # one build against itself
-        )
-        try:
-            result = verdict.decide(self._pool, baseline, candidate, plan)
-        finally:
-            file.unlink(missing_ok=True)  # models may be large
-        if result.status == Status.INTERRUPTED:
-            raise KeyboardInterrupt
-        return result.record()
+        return dict(zip(order, self._try_settings(request), strict=False))
+
+
+class SettingRule(StopRule[SettingLaunch]):
+    """Launch settings a number of times, or until time is up; `attempts` is what is known.
+
+    Those that fail leave, and those that `stays` refuses.
+    """
+
+    def __init__(
+        self,
+        count: int,
+        least: int,
+        most: int,
+        end_s: float,
+        clock: Callable[[], float],
+        stays: Callable[[Sequence[Attempt]], bool],
+    ):
+        """Launch `count` settings.
+
+        Args:
+          least: launches that are begun in any case.
+          most: launches at most.
+          end_s: after the least, no launch is begun that would end later than this, by `clock`.
+          stays: whether a setting is in the next launch, after its launches so far.
+        """
+        self.attempts: dict[int, list[Attempt]] = {}
+        self._left, self._least, self._most = list(range(count)), least, most
+        self._end_s, self._clock, self._stays = end_s, clock, stays
+        self._begin_s = self._launch_s = 0.0
+        self._ndone = 0
+
+    def next_targets(self) -> Sequence[int]:
+        """See `StopRule.next_targets`."""
+        now_s = self._clock()
+        is_late = now_s + self._launch_s > self._end_s
+        self._begin_s = now_s
+        if self._ndone >= self._most or (self._ndone >= self._least and is_late):
+            return []
+        return self._left
+
+    def add(self, launch: SettingLaunch) -> None:
+        """See `StopRule.add`; settings that were not begun in time leave."""
+        before = len(self._left)
+        for position, attempt in launch.items():
+            self.attempts.setdefault(position, []).append(attempt)
+        self._left = [
+            i
+            for i in self._left
+            if i in launch and launch[i].status == Status.OK and self._stays(self.attempts[i])
+        ]
+        spent_s = self._clock() - self._begin_s
+        self._launch_s = spent_s * max(len(self._left) / max(1, before), SHARE_OF_START)
+        self._ndone += 1
 
 
 # -- in a child ----------------------------------------------------------------------------------
 
 
-def look(source: ModelSource, seed: int, starts: StartPlan, hold: int, channel: Channel) -> Survey:
+def look(
+    source: ModelSource,
+    seed: int,
+    starts: StartPlan,
+    hold: int,
+    computing_s: float,
+    channel: Channel,
+) -> Survey:
     """Step the model, and return what there is to try."""
     channel.doing(f"stepping {source.name}")
-    seen = observed.observe(source, seed, starts, hold)
+    seen = observed.observe(source, seed, starts, hold, computing_s)
     settings = [setting for of_knob in knobs.settings(seen).values() for setting in of_knob]
     return Survey(settings, mesh_notes.mesh_notes(seen.model))
 
 
-def run_baseline(
-    source: ModelSource, plan: TrialPlan, file: Path, model_file: Path, channel: Channel
-) -> Present:
-    """Run the present settings and the reference; write them, and the model, to files."""
+def run_present(
+    source: ModelSource, plan: TrialPlan, files: ModelFiles, channel: Channel
+) -> PresentRuns:
+    """Run the present settings; write them, and the model, to files."""
     channel.doing(f"running {source.name} with its present settings")
     model = variants.compiled(source, ())
-    baseline = reference.baseline(model, plan)
-    file.write_bytes(pickle.dumps(baseline))
-    models.save(model, model_file)
+    baseline = reference.present_runs(model, plan)
+    files.baseline.write_bytes(pickle.dumps(baseline))
+    models.save(model, files.model)
+    return PresentRuns(baseline.facts, stage_shares(model, baseline.trials))
+
+
+def run_reference(
+    source: ModelSource, files: ModelFiles, horizon_ncontrol: int | None, channel: Channel
+) -> Present:
+    """Add the reference to the file of the present runs."""
+    channel.doing(f"running the reference of {source.name}")
+    model = models.load(ModelSource(source.name, files.model))
+    baseline: Baseline = pickle.loads(files.baseline.read_bytes())
+    baseline = reference.with_reference(model, baseline, horizon_ncontrol)
+    files.baseline.write_bytes(pickle.dumps(baseline))
     return baseline.facts
-
-
-def run_attempt(
-    source: ModelSource,
-    baseline_file: Path,
-    settings: tuple[Setting, ...],
-    model_file: Path | None,
-    nrun: int | None,
-    quads: int,
-    channel: Channel,
-) -> Attempt:
-    """Try settings; save the changed model to a file, unless it is None."""
-    channel.doing("applying the settings")
-    baseline: Baseline = pickle.loads(baseline_file.read_bytes())
-    if nrun is not None:
-        baseline = baseline.only(nrun)
-    model = variants.compiled(source, ())
-    changed = variants.compiled(source, edits_of(settings))
-    channel.doing("running the model")
-    runs = trajectories.run(changed, baseline.trials)
-    if runs.diverged.any():
-        raise InputError(f"diverges in {int(runs.diverged.sum())} of {len(runs.diverged)} runs")
-    accuracy = judged(model, baseline, runs)
-    if model_file is not None:
-        models.save(changed, model_file)
-    loop = loop_change(settings)
-    if loop != NO_CHANGE and len(settings) == 1:  # known to change nothing with others
-        _check_loop(changed, loop, baseline.trials, runs)
-    channel.doing("timing the model")
-    ratio = _time_ratio(model, changed, loop, baseline.trials, quads) if quads else None
-    return Attempt(settings, Status.OK, "", accuracy, ratio)
-
-
-def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Accuracy:
-    """Return what settings do to the motion."""
-    ncontrol, scale = baseline.facts.horizon_ncontrol, baseline.motion
-    within, present = runs.first(ncontrol), baseline.present.first(ncontrol)
-    apart = distance.distance(model, scale, within, present)
-    if runs.is_identical(baseline.present):
-        effect = Effect.FREE
-    else:
-        over_time = distance.bounds_over_time(model, scale, within, present)
-        is_near = bool(np.all(over_time <= baseline.unavoidable))
-        is_near = is_near and apart.share <= baseline.facts.error.share
-        effect = Effect.EQUIVALENT if is_near else Effect.APPROXIMATE
-    return Accuracy(
-        effect,
-        distance.distance(model, scale, within, baseline.reference),
-        apart,
-        physics(model, baseline.trials.initial_state, runs.points),
-        distance.shares(model, scale, within, baseline.reference).tolist(),
-    )
-
-
-def _time_ratio(
-    model: mujoco.MjModel, changed: mujoco.MjModel, loop: LoopChange, trials: Trials, quads: int
-) -> float:
-    """Return the time of a simulated second with other settings over that with present ones.
-
-    Both do the same number of steps from the same states under the same controls.
-    """
-    path = paths.find(loop.path)
-    ncontrol = min(BLOCK_NCONTROL, trials.ncontrol)
-    hold = trajectories.steps_per_control(model, trials.control_s)
-    run_s = ncontrol * hold * work.step_s(model, trials.initial_state[0])
-    nrun = int(np.clip(BLOCK_S / run_s, 1, trials.nrun))
-    rows = np.linspace(0, trials.nrun - 1, nrun).astype(int)
-    drawn = trials.only(rows).first(ncontrol)
-    present = _prepared(model, drawn, hold, path, {})
-    other = _prepared(changed, drawn, hold, path, loop.options)
-    for each in (present, other):
-        each.run()
-    orders = timing.draw_orders(quads)
-    seconds = np.array(timing.block_times(present.run, other.run, orders))
-    of_steps = float(np.exp(stats.paired_log_ratio(orders, seconds)))
-    return of_steps * float(model.opt.timestep) / float(changed.opt.timestep)
-
-
-def _check_loop(
-    model: mujoco.MjModel, loop: LoopChange, trials: Trials, runs: Trajectories
-) -> None:
-    """Refuse a change of the loop with which it reaches other states."""
-    hold = trajectories.steps_per_control(model, trials.control_s)
-    prepared = _prepared(model, trials, hold, paths.find(loop.path), loop.options)
-    if not np.array_equal(prepared.verified_states().values, runs.points[:, -1]):
-        raise InputError("the loop reaches other final states with it")
-
-
-def _prepared(
-    model: mujoco.MjModel,
-    trials: Trials,
-    hold: int,
-    path: paths.SteppingPath,
-    options: Mapping[str, str | int],
-) -> paths.Prepared:
-    """Return what does the trials by a path."""
-    drawn = Workload(model, trials.initial_state.copy(), trials.control.copy(), hold, 0)
-    reason = path.unavailable() or path.unsuited(drawn, options)
-    if reason:
-        raise InputError(reason)
-    return path.prepare(drawn, path.complete(options), paths.Resources(drawn))

@@ -22,8 +22,8 @@ from mjbench.tuning.pair_watch import IdlePair, PairWatch
 
 # Simulated seconds to observe, and seconds of computing that they may take.
 OBSERVED_S, MAX_COMPUTING_S = 20.0, 5.0
-# Random poses, and seconds of computing that they may take.
-NPOSE, _POSES_S = 10_000, 1.0
+# Random poses, and the share of that computing that they may take.
+NPOSE, _POSES_SHARE = 10_000, 0.2
 # What reading the counters of a step takes, in seconds, and how many steps distances are read in.
 _READING_S, _NSAMPLE = 2e-5, 200
 # Usual simulations, and those of wide controls; keyframes, at most.
@@ -73,14 +73,21 @@ class ObservedModel:
 
 
 def observe(
-    source: ModelSource, seed: int = 0, plan: StartPlan = DEFAULT_STARTS, hold: int = 1
+    source: ModelSource,
+    seed: int = 0,
+    plan: StartPlan = DEFAULT_STARTS,
+    hold: int = 1,
+    computing_s: float = MAX_COMPUTING_S,
 ) -> ObservedModel:
     """Return what is seen of a model that is loaded and stepped in this process.
+
+    Args:
+      computing_s: seconds that simulations may take, apart from settling.
 
     Raises:
       InputError: the model cannot be loaded, every simulation diverges, or a file is unfit.
     """
-    return observe_model(models.load(source), is_mjcf(source.path), seed, plan, hold)
+    return observe_model(models.load(source), is_mjcf(source.path), seed, plan, hold, computing_s)
 
 
 def is_mjcf(path: Path) -> bool:
@@ -101,11 +108,12 @@ def observe_model(
     seed: int = 0,
     plan: StartPlan = DEFAULT_STARTS,
     hold: int = 1,
+    computing_s: float = MAX_COMPUTING_S,
 ) -> ObservedModel:
     """Return what is seen of a loaded model; arguments and errors are those of `observe`."""
     step_s = sampling.settled_step_s(model)
     wanted = OBSERVED_S / float(model.opt.timestep)
-    nstep = max(1, int(min(wanted, MAX_COMPUTING_S / (step_s + _READING_S))))
+    nstep = max(1, int(min(wanted, computing_s / (step_s + _READING_S))))
     nexplored = nstep // 2
     run = _Run(model, hold, max(1, nstep // _NSAMPLE))
     request = SampleRequest(
@@ -124,7 +132,8 @@ def observe_model(
     for reset, control in _exploring(model, nexplored, hold, seed):
         run.simulate(reset, control)
     if not model.neq:  # equality constraints forbid poses that joint limits allow
-        run.pose(min(NPOSE, max(1, int(_POSES_S / (step_s + _READING_S)))), seed)
+        poses_s = _POSES_SHARE * computing_s
+        run.pose(min(NPOSE, max(1, int(poses_s / (step_s + _READING_S)))), seed)
     return run.observed(is_mjcf, nusual)
 
 

@@ -3,13 +3,13 @@
 import enum
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
 
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
-from mjbench.measuring import stats
+from mjbench.measuring import anytime, stats
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.records import LaunchRow
 from mjbench.simulation.accelerated_limits import Precision
@@ -25,6 +25,10 @@ from mjbench.tuning.settings import Setting
 SAME_ERROR = 0.05
 # and an error of this share of the motion counts as none.
 NO_ERROR = 0.005
+# What a stage saves of the present time is left out below this share.
+LEAST_SAVED = 0.01
+# Smallest gain that counts, and the confidence of an interval of times.
+MIN_EFFECT, CONFIDENCE = 0.01, 0.95
 
 
 class Effect(enum.StrEnum):
@@ -33,9 +37,9 @@ class Effect(enum.StrEnum):
     FREE = "free"
     """Every state is the same, to the last bit."""
     EQUIVALENT = "equivalent"
-    """States differ by no more than the present solver's tolerance makes them differ."""
+    """States differ as rounding or a converged solver's tolerance makes them differ."""
     APPROXIMATE = "approximate"
-    """States differ by more; the error says by how much."""
+    """States or sensor data differ by more; the error says by how much."""
 
     @property
     def rank(self) -> int:
@@ -48,17 +52,19 @@ class Accuracy:
     """What settings do to the motion.
 
     Attributes:
-      error: distance from the reference, within the horizon.
-      distance: from the runs with present settings.
-      physics: of the states along the runs.
+      error: distance from the reference, within the horizon; None without a reference.
+      distance: from the runs with present settings, within the horizon.
+      physics: of the states along the runs; None without a reference.
       run_errors: of each run from the reference, as a share of the motion.
+      changed_sensors: how many sensors have other data although the motion is the same.
     """
 
     effect: Effect
-    error: Distance
+    error: Distance | None
     distance: Distance
-    physics: Physics
+    physics: Physics | None
     run_errors: Sequence[float]
+    changed_sensors: NonNegativeInt = 0
 
 
 @dataclass(frozen=True)
@@ -88,7 +94,9 @@ class Attempt:
         second in C, of a batched step in MJX and Warp.
       ratio: the same in fresh processes, with its 95 % interval.
       program: what they compile to, in MJX and Warp.
-      samples: raw times of its blocks; A is the present settings.
+      samples: raw times of its blocks in one process; A is the present settings.
+      launches: those of each fresh process that gave `ratio`, or else `time_ratio`.
+      stages: share of a step by stage with them; empty where that was not measured.
     """
 
     settings: tuple[Setting, ...]
@@ -99,12 +107,21 @@ class Attempt:
     ratio: Ratio | None = None
     program: TunedProgram | None = None
     samples: LaunchRow | None = None
+    launches: Sequence[LaunchRow] = ()
+    stages: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def gives_up(self) -> bool:
+        """Whether the user loses more by them than the motion shows, such as sensor data."""
+        is_lost = any(each.loses for each in self.settings)
+        return is_lost or bool(self.accuracy and self.accuracy.changed_sensors)
 
     @property
     def error(self) -> Distance | None:
         """How far runs are from those of the reference; of MJX and Warp, the transfer error."""
-        measured = self.accuracy or self.program
-        return measured.error if measured else None
+        if self.accuracy is not None:
+            return self.accuracy.error
+        return self.program.error if self.program else None
 
 
 @dataclass(frozen=True)
@@ -114,7 +131,7 @@ class Recommendation:
     Attributes:
       ratio: their time over that of the present settings, in fresh processes from further starts,
         with its 95 % interval.
-      error: as of an attempt; the larger of both looks.
+      error: as of an attempt; the larger of both looks; None without a reference.
       effect: on the motion; the larger of both looks.
       is_allowed: whether the error is no larger than allowed, in both looks; if not, the user may
         still choose them.
@@ -122,7 +139,7 @@ class Recommendation:
 
     settings: Sequence[Setting]
     ratio: Ratio
-    error: Distance
+    error: Distance | None
     samples: Sequence[LaunchRow] = ()
     effect: Effect = Effect.APPROXIMATE
     accuracy: Accuracy | None = None
@@ -213,6 +230,23 @@ class TuneRecord:
         allowed = [each for each in self.front if each.is_allowed]
         return min(allowed, key=lambda each: each.ratio.estimate, default=None)
 
+    def saved(self, attempt: Attempt) -> dict[str, float]:
+        """Return what settings save by stage, as shares of the present time, the largest first.
+
+        Times are of a simulated second. Stages of little difference are left out; nothing without
+        the stages of both.
+        """
+        present, changed = self.stages or {}, attempt.stages
+        time_ratio = attempt.ratio.estimate if attempt.ratio else attempt.time_ratio
+        if not present or not changed or time_ratio is None:
+            return {}
+        by_stage = {
+            stage: present.get(stage, 0.0) - time_ratio * changed.get(stage, 0.0)
+            for stage in {*present, *changed}
+        }
+        ordered = sorted(by_stage.items(), key=lambda item: -item[1])
+        return {stage: share for stage, share in ordered if abs(share) >= LEAST_SAVED}
+
     @staticmethod
     def upgrade(value: dict[str, Any]) -> dict[str, Any]:
         """Return a stored record with the keys of today; MJX and Warp had a record of their own."""
@@ -232,6 +266,20 @@ class TuneRecord:
 def allowed_error(max_error: float | None, present_error: float, least: float = NO_ERROR) -> float:
     """Return the largest error of settings that are recommended, as a share of the motion."""
     return max_error or max((1 + SAME_ERROR) * present_error, least)
+
+
+def fresh_ratio(samples: Sequence[LaunchRow]) -> Ratio:
+    """Return the ratio of times over fresh processes, with Student's interval of their mean.
+
+    How many there are must not depend on what they say. Disturbed ones are left out.
+    """
+    logs = [log_ratio(row) for row in samples]
+    return Ratio.of_log(*anytime.student_interval(logs, CONFIDENCE))
+
+
+def saves_time(ratio: Ratio) -> bool:
+    """Return whether settings certainly save time, MIN_EFFECT / 2 at least by estimate."""
+    return ratio.high is not None and ratio.high < 1 and ratio.estimate <= 1 - MIN_EFFECT / 2
 
 
 def log_ratio(samples: LaunchRow) -> float:

@@ -1,5 +1,8 @@
 """What a model's present settings are measured by: starts, a converged reference, and a horizon.
 
+`present_runs` is enough to tell settings that change nothing from those that change something;
+`with_reference` says by how much they err, and costs about ten times as much.
+
 The reference is the user's model at an eighth of its timestep, with the constraint solver run to
 convergence. Integrator, friction cone and all else are the user's, so it is the motion that this
 model means. Erez, Tassa and Todorov (ICRA 2015) compare engines against their own small timesteps
@@ -40,19 +43,21 @@ _SEEDS_APART = 10_007
 LONGEST_S, LEAST_NCONTROL = 1.0, 4
 # Seconds of computing for the reference, which limit the length of runs.
 REFERENCE_S = 8.0
+# The solver is said not to converge if it stops at its limit in more than this share of the steps.
+MOST_LIMITED = 0.05
 # The converged solver: its tolerance, and its least numbers of iterations.
 TOLERANCE, ITERATIONS, LS_ITERATIONS = 1e-15, 200, 100
 # The horizon ends where half of the runs with present settings are off by this share of the motion,
 MOST_SHARE = 0.1
 # or where rounding has grown to this share of that error, or of the motion if that is more.
 ROUNDING_OF_ERROR, ROUNDING_OF_MOTION = 0.01, 1e-9
-# Settings are equivalent to the present ones if their distance is at most this many times that of a
-# converged solver,
-SOLVER_FACTOR = 2.0
-# or this many times that of starts that differ in the last place, since a run rounds in every step,
+# Settings are equivalent to the present ones if their runs differ by at most this share of the
+# motion, whatever the present solver's own error is. On eight shipped models, what a converged
+# solver changes is below it, and another cone or timestep changes at least 20 times as much.
+SAME_SHARE = 1e-5
+# They are compared for as long as starts that differ in the last place stay this near: a run rounds
+# in every step, which makes up to this many times as much.
 ROUNDING_FACTOR = 100.0
-# or this share of the motion.
-LEAST_DISTANCE = 1e-12
 # A unit in the last place of numbers around 1: what rounding changes.
 _ULP = float(np.finfo(float).eps)
 
@@ -64,6 +69,7 @@ class TrialPlan:
     Attributes:
       ncontrol: controls of a run; None for as many as can be afforded.
       horizon_ncontrol: controls over which errors are compared; None to see how many can be.
+      reference_s: seconds of computing for the reference, which limit the length of runs.
     """
 
     seed: int
@@ -71,11 +77,12 @@ class TrialPlan:
     hold: int = HOLD
     ncontrol: int | None = None
     horizon_ncontrol: int | None = None
+    reference_s: float = REFERENCE_S
 
 
 @dataclass(frozen=True)
 class Present:
-    """What the present settings do, beside the reference.
+    """What the present settings do, beside the reference; None is what was not measured.
 
     Attributes:
       horizon_s: simulated seconds of each over which errors are compared.
@@ -96,13 +103,24 @@ class Present:
     run_s: float
     is_comparable: bool
     starts: Starts
-    error: Distance
+    error: Distance | None
     rounding: Distance
-    solver: Distance
+    solver: Distance | None
     motion_m: float | None
     motion_rad: float | None
     physics: Physics
-    reference_physics: Physics
+    reference_physics: Physics | None
+
+    @property
+    def solver_limited(self) -> float:
+        """Share of the steps in which the solver stopped at its limit of iterations."""
+        return self.starts.window.solver_limited if self.starts.window else 0.0
+
+    @property
+    def is_converged(self) -> bool:
+        """Whether the solver converges in nearly all steps, or as far as makes no difference."""
+        is_near = self.solver is not None and self.solver.share <= SAME_SHARE
+        return is_near or self.solver_limited <= MOST_LIMITED
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,28 +128,32 @@ class Baseline:
     """The present settings' runs, and what settings are compared with.
 
     Attributes:
-      reference: of the converged model, within the horizon.
-      unavoidable: (ncontrol,) how far runs with present settings are from themselves at the end of
-        each control of the horizon, as shares of the motion: what their solver's tolerance and
-        rounding make, as `equivalent_share` has it.
+      twin: the present settings' runs from starts that differ in the last place.
+      same_ncontrol: controls of each run over which settings may be called equivalent.
+      reference: of the converged model, within the horizon; None until `with_reference`.
     """
 
     trials: Trials
     motion: Motion
     present: Trajectories
-    reference: Trajectories
-    unavoidable: np.ndarray
+    twin: Trajectories
+    same_ncontrol: int
+    reference: Trajectories | None
     facts: Present
 
     def only(self, nrun: int) -> "Baseline":
         """Return some runs, from first to last; the facts are still those of all."""
         last = self.trials.nrun - 1
-        runs = np.unique(np.linspace(0, last, min(nrun, last + 1)).astype(int))
+        return self._of(np.unique(np.linspace(0, last, min(nrun, last + 1)).astype(int)))
+
+    def _of(self, runs: np.ndarray) -> "Baseline":
+        """Return some runs, by index or mask."""
         return replace(
             self,
             trials=self.trials.only(runs),
             present=self.present.only(runs),
-            reference=self.reference.only(runs),
+            twin=self.twin.only(runs),
+            reference=self.reference.only(runs) if self.reference else None,
         )
 
 
@@ -141,57 +163,101 @@ def baseline(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
     Raises:
       InputError: the model diverges, or a file of states or controls does not fit it.
     """
+    return with_reference(model, present_runs(model, plan), plan.horizon_ncontrol)
+
+
+def present_runs(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
+    """Return the runs with present settings, without a reference.
+
+    Raises:
+      InputError: the model diverges, or a file of states or controls does not fit it.
+    """
     trials, came_from = draw(model, plan)
     present = trajectories.run(model, trials)
-    reference = trajectories.run(converged(model, REFINEMENT), trials)
     twin = trajectories.run(model, perturbed(model, trials))
-    solver = trajectories.run(converged(model), trials)
-    healthy = ~(present.diverged | reference.diverged | twin.diverged | solver.diverged)
-    if healthy.sum() < LEAST_NRUN:
-        raise InputError(
-            f"{int((~healthy).sum())} of {len(healthy)} runs diverge with the present settings or"
-            " as the reference: errors cannot be measured"
-        )
-    trials = trials.only(healthy)
-    present, reference, twin, solver = (
-        runs.only(healthy) for runs in (present, reference, twin, solver)
+    healthy = _healthy("with the present settings", present, twin)
+    trials, present, twin = trials.only(healthy), present.only(healthy), twin.only(healthy)
+    scale = distance.motion(model, _initial_qpos(model, trials), present)
+    ncontrol = trials.ncontrol
+    facts = Present(
+        nrun=trials.nrun,
+        horizon_s=ncontrol * trials.control_s,
+        horizon_ncontrol=ncontrol,
+        ncontrol=ncontrol,
+        run_s=ncontrol * trials.control_s,
+        is_comparable=False,
+        starts=came_from,
+        error=None,
+        rounding=distance.distance(model, scale, twin, present),
+        solver=None,
+        motion_m=scale.position.m,
+        motion_rad=scale.position.rad,
+        physics=physics(model, trials.initial_state, present.points),
+        reference_physics=None,
     )
-    initial_qpos = workload.fields(model, trials.initial_state)["qpos"]
+    rounding = distance.bounds_over_time(model, scale, twin, present)
+    is_same = np.logical_and.accumulate(rounding <= SAME_SHARE / ROUNDING_FACTOR)
+    return Baseline(trials, scale, present, twin, int(is_same.sum()), None, facts)
+
+
+def with_reference(
+    model: mujoco.MjModel, runs: Baseline, horizon_ncontrol: int | None = None
+) -> Baseline:
+    """Return runs with the reference, and the horizon over which errors are compared.
+
+    Args:
+      horizon_ncontrol: controls of the horizon; None to see how many can be compared.
+
+    Raises:
+      InputError: the reference diverges.
+    """
+    reference = trajectories.run(converged(model, REFINEMENT), runs.trials)
+    solver = trajectories.run(converged(model), runs.trials)
+    healthy = _healthy("as the reference", reference, solver)
+    runs, reference, solver = runs._of(healthy), reference.only(healthy), solver.only(healthy)
+    trials, present, twin = runs.trials, runs.present, runs.twin
+    initial_qpos = _initial_qpos(model, trials)
     scale = distance.motion(model, initial_qpos, reference)
     usable = horizon(
         distance.shares_over_time(model, scale, present, reference),
         distance.shares_over_time(model, scale, twin, present),
     )
-    ncontrol = min(plan.horizon_ncontrol or max(usable, LEAST_NCONTROL), trials.ncontrol)
+    ncontrol = min(horizon_ncontrol or max(usable, LEAST_NCONTROL), trials.ncontrol)
     within = reference.first(ncontrol)
     scale = distance.motion(model, initial_qpos, within)
 
     def apart(runs: Trajectories, others: Trajectories) -> Distance:
         return distance.distance(model, scale, runs.first(ncontrol), others.first(ncontrol))
 
-    facts = Present(
+    facts = replace(
+        runs.facts,
         nrun=trials.nrun,
         horizon_s=ncontrol * trials.control_s,
         horizon_ncontrol=ncontrol,
-        ncontrol=trials.ncontrol,
-        run_s=trials.ncontrol * trials.control_s,
-        is_comparable=plan.horizon_ncontrol is not None or usable >= ncontrol,
-        starts=came_from,
+        is_comparable=horizon_ncontrol is not None or usable >= ncontrol,
         error=apart(present, reference),
         rounding=apart(twin, present),
         solver=apart(solver, present),
         motion_m=scale.position.m,
         motion_rad=scale.position.rad,
-        physics=physics(model, trials.initial_state, present.points),
         reference_physics=physics(model, trials.initial_state, reference.points),
     )
-    unavoidable = equivalent_share(
-        *(
-            distance.bounds_over_time(model, scale, runs.first(ncontrol), present.first(ncontrol))
-            for runs in (solver, twin)
+    return replace(runs, motion=scale, reference=within, facts=facts)
+
+
+def _healthy(how: str, *runs: Trajectories) -> np.ndarray:
+    """Return (nrun,) bool: which runs did not diverge; raises InputError where they are too few."""
+    healthy = ~np.any([each.diverged for each in runs], axis=0)
+    if healthy.sum() < LEAST_NRUN:
+        raise InputError(
+            f"{int((~healthy).sum())} of {len(healthy)} runs diverge {how}: errors cannot be"
+            " measured"
         )
-    )
-    return Baseline(trials, scale, present, within, unavoidable, facts)
+    return np.asarray(healthy)
+
+
+def _initial_qpos(model: mujoco.MjModel, trials: Trials) -> np.ndarray:
+    return workload.fields(model, trials.initial_state)["qpos"]
 
 
 def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
@@ -201,17 +267,19 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
     """
     control_s = plan.hold * float(model.opt.timestep)
     step_s = sampling.settled_step_s(model)
-    affordable = REFERENCE_S / (NRUN * REFINEMENT * plan.hold * step_s)
+    affordable = plan.reference_s / (NRUN * REFINEMENT * plan.hold * step_s)
     ncontrol = plan.ncontrol or int(max(LEAST_NCONTROL, min(LONGEST_S / control_s, affordable)))
     count = 1
     if plan.starts.file is None:
         settling_s = max(1, starts.settling_nstep(model, plan.starts)) * step_s
-        count = int(np.clip(DRAWS_S / settling_s, LEAST_DRAWS, DRAWS))
+        scale = plan.reference_s / REFERENCE_S
+        most = max(LEAST_DRAWS, round(scale * DRAWS))
+        count = int(np.clip(scale * DRAWS_S / settling_s, LEAST_DRAWS, most))
     samples = [
         sampling.draw(
             model,
             sampling.SampleRequest(
-                NRUN // count,
+                -(-NRUN // count),
                 ncontrol * plan.hold,
                 plan.hold,
                 plan.seed + number * _SEEDS_APART,
@@ -225,8 +293,8 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
     drawn = [sample.workload for sample in samples]
     shortest = min(each.ncontrol for each in drawn)
     trials = Trials(
-        np.concatenate([each.initial_state for each in drawn]),
-        np.concatenate([each.control[:, :shortest] for each in drawn]),
+        np.concatenate([each.initial_state for each in drawn])[:NRUN],
+        np.concatenate([each.control[:, :shortest] for each in drawn])[:NRUN],
         control_s,
     )
     first = samples[0].starts
@@ -234,18 +302,6 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
     nstep = shortest * plan.hold
     window = replace(first.window, nstart=len(trials.initial_state), nstep=nstep)
     return trials, replace(first, window=window)
-
-
-def equivalent_share(solver: np.ndarray, rounding: np.ndarray) -> np.ndarray:
-    """Return how far equivalent settings may be from the present ones, control by control.
-
-    Args:
-      solver: (ncontrol,) distance of runs with a converged solver, as shares of the motion.
-      rounding: (ncontrol,) distance of runs from starts that differ in the last place.
-    """
-    least = np.full_like(solver, LEAST_DISTANCE)
-    most = np.maximum(SOLVER_FACTOR * solver, ROUNDING_FACTOR * rounding)
-    return np.asarray(np.maximum(most, least))
 
 
 def converged(model: mujoco.MjModel, refinement: int = 1) -> mujoco.MjModel:

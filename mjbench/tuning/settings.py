@@ -59,6 +59,11 @@ class Edit:
     name: str
     value: str
 
+    @property
+    def is_of_options(self) -> bool:
+        """Whether a compiled model can take it."""
+        return self.part in (Part.OPTION, Part.FLAG)
+
 
 @dataclass(frozen=True)
 class Setting:
@@ -68,6 +73,8 @@ class Setting:
       loop: what it changes in the loop.
       loses: what else the user gives up, in a few words, such as `sensor data`; empty for nothing.
       evidence: what was observed that makes it possible, in one sentence; empty for nothing.
+      saves: share of the evaluations of the dynamics in a simulated second that it saves, such as a
+        half by a timestep that is twice as long.
       buffer_sizes: `nconmax` or `njmax` of the make_data of MJX and Warp, for each simulation.
     """
 
@@ -77,12 +84,14 @@ class Setting:
     loop: LoopChange = NO_CHANGE
     loses: str = ""
     evidence: str = ""
+    saves: float = 0.0
     buffer_sizes: Mapping[str, int] = field(default_factory=dict)
 
 
-def option(name: str, value: str, evidence: str = "") -> Setting:
+def option(name: str, value: str, evidence: str = "", saves: float = 0.0) -> Setting:
     """Return the setting of an attribute of `<option>`."""
-    return Setting(name, f"{name}={value}", (Edit(Part.OPTION, name, value),), evidence=evidence)
+    edit = Edit(Part.OPTION, name, value)
+    return Setting(name, f"{name}={value}", (edit,), evidence=evidence, saves=saves)
 
 
 def edits_of(settings: Iterable[Setting]) -> list[Edit]:

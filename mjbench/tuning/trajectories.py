@@ -18,6 +18,8 @@ from mjbench.simulation import compat
 _WHOLE = 1e-6
 # Points of a run at which whole states are recorded, after equal shares of it.
 NPOINT = 4
+# A sensor's data have changed if they differ by more than this share of their largest magnitude.
+SENSOR_SHARE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,18 +62,24 @@ class Trajectories:
       qpos: (nrun, ncontrol, nq).
       qvel: (nrun, ncontrol, nv).
       points: (nrun, NPOINT, nstate) whole states after equal shares of the run.
+      sensordata: (nrun, NPOINT, nsensordata) of these whole states.
       diverged: (nrun,) bool: which raised a warning of a bad state, or are not finite.
     """
 
     qpos: np.ndarray
     qvel: np.ndarray
     points: np.ndarray
+    sensordata: np.ndarray
     diverged: np.ndarray
 
     def only(self, runs: np.ndarray) -> "Trajectories":
         """Return some runs, by index or mask."""
         return Trajectories(
-            self.qpos[runs], self.qvel[runs], self.points[runs], self.diverged[runs]
+            self.qpos[runs],
+            self.qvel[runs],
+            self.points[runs],
+            self.sensordata[runs],
+            self.diverged[runs],
         )
 
     def first(self, ncontrol: int) -> "Trajectories":
@@ -86,6 +94,24 @@ class Trajectories:
             (self.points, other.points),
         )
         return all(np.array_equal(_bits(mine), _bits(others)) for mine, others in pairs)
+
+    def has_sensors_of(self, other: "Trajectories") -> bool:
+        """Return whether both have the same sensor data, to the last bit."""
+        return np.array_equal(_bits(self.sensordata), _bits(other.sensordata))
+
+
+def changed_sensors(model: mujoco.MjModel, runs: Trajectories, others: Trajectories) -> int:
+    """Return how many sensors' data differ from those of other runs by more than SENSOR_SHARE."""
+    width = others.sensordata.shape[2]
+    if not width:
+        return 0
+    largest = np.abs(others.sensordata).max(axis=(0, 1))
+    apart = np.abs(runs.sensordata - others.sensordata).max(axis=(0, 1))
+    return sum(
+        float(apart[at : at + dim].max(initial=0.0))
+        > SENSOR_SHARE * float(largest[at : at + dim].max(initial=0.0))
+        for at, dim in zip(model.sensor_adr, model.sensor_dim, strict=True)
+    )
 
 
 def points(ncontrol: int) -> list[int]:
@@ -110,6 +136,7 @@ def run(model: mujoco.MjModel, trials: Trials, nthread: int | None = None) -> Tr
         np.full((nrun, ncontrol, model.nq), np.nan),
         np.full((nrun, ncontrol, model.nv), np.nan),
         np.full((nrun, NPOINT, trials.initial_state.shape[1]), np.nan),
+        np.full((nrun, NPOINT, model.nsensordata), np.nan),
         np.ones(nrun, dtype=bool),
     )
     nthread = min(nrun, nthread or machine.usable_cores())
@@ -139,7 +166,7 @@ def _run(
     model: mujoco.MjModel, trials: Trials, nstep: int, rows: np.ndarray, out: Trajectories
 ) -> None:
     """Step some runs, and write their states to `out`."""
-    data = mujoco.MjData(model)
+    data, sensing = mujoco.MjData(model), mujoco.MjData(model)
     is_bad = compat.divergence_warnings()
     at = points(trials.ncontrol)
     for row in rows:
@@ -150,6 +177,10 @@ def _run(
             out.qpos[row, k], out.qvel[row, k] = data.qpos, data.qvel
             for point in [i for i, after in enumerate(at) if after == k + 1]:
                 compat.get_state(model, data, out.points[row, point])
+                if model.nsensordata:  # after a step, they are of the state before
+                    compat.restart(model, sensing, out.points[row, point])
+                    mujoco.mj_forward(model, sensing)
+                    out.sensordata[row, point] = sensing.sensordata
             if compat.warning_counts(data)[is_bad].any():
                 break
         else:

@@ -4,9 +4,10 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation.models import ModelSource
 from mjbench.tuning.accelerated_attempts import EngineMeasurements
 from mjbench.tuning.accelerated_search import EngineSearch
+from mjbench.tuning.c_search import CSearch
 from mjbench.tuning.measurements import SILENCE_S, CMeasurements
 from mjbench.tuning.records import Batch, TuneRecord
-from mjbench.tuning.search import Advance, CSearch, SearchPlan
+from mjbench.tuning.search import Advance, SearchPlan
 
 
 def tune(

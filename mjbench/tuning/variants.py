@@ -3,6 +3,7 @@
 All but `check_source` and `copy_in_child` loads the model, so it runs in a child process.
 """
 
+import copy
 import os
 import warnings
 from collections.abc import Iterator, Sequence
@@ -62,7 +63,7 @@ def compiled(source: ModelSource, edits: Sequence[Edit]) -> mujoco.MjModel:
       InputError: MuJoCo rejects the file or an edit, or warns because of an edit.
     """
     if source.path.suffix.lower() == _COMPILED or compat.spec_unavailable():
-        return _with_options(source, edits)
+        return with_options(source, models.load(source), edits)
     model, messages = _compiled(source, edits)
     if messages and edits:
         _, usual = _compiled(source, [])
@@ -129,11 +130,17 @@ def _file_of(source: ModelSource, target: Path) -> Path:
 # -- edits of a model in memory ---------------------------------------------------------------
 
 
-def _with_options(source: ModelSource, edits: Sequence[Edit]) -> mujoco.MjModel:
-    """Return a model whose options were set after it was compiled."""
-    model = models.load(source)
+def with_options(
+    source: ModelSource, model: mujoco.MjModel, edits: Sequence[Edit]
+) -> mujoco.MjModel:
+    """Return a copy of a model, compiled from `source`, with edits of `<option>` applied.
+
+    Raises:
+      InputError: MuJoCo has no such option or value, or an edit is none of `<option>`.
+    """
+    model = copy.copy(model)
     for edit in edits:
-        if edit.part in (Part.OPTION, Part.FLAG):
+        if edit.is_of_options:
             _set_option(source, model.opt, edit)
             continue
         reason = compat.spec_unavailable() or "it is compiled, give the MJCF that it comes from"

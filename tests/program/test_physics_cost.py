@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from mjbench.loop import step_parts
 from mjbench.program import physics_cost
 from mjbench.program.physics_cost import Cost, CostKind, PhysicsCost
 from mjbench.program.recorded_models import RecordedModel
@@ -38,15 +39,15 @@ def states(model):
 def time_by(monkeypatch, seconds):
     """Let a call take what a function says of the model, once it was prepared."""
 
-    def medians(model, states, prepares, function):
+    def medians(model, start, contenders, budget_s):
         times = []
-        for prepare in prepares:
-            prepares[0]()
+        for prepare, _ in contenders:
+            contenders[0][0]()
             prepare()
             times.append(seconds(model))
         return times
 
-    monkeypatch.setattr(physics_cost, "_medians", medians)
+    monkeypatch.setattr(step_parts, "medians", medians)
 
 
 def test_pairs_share_the_narrow_phase_by_what_each_adds_to_collision(model, states, monkeypatch):
@@ -65,22 +66,6 @@ def test_pairs_share_the_narrow_phase_by_what_each_adds_to_collision(model, stat
         CostKind.TYPES, "box and plane", 2, pytest.approx(0.9 * 2 / 9)
     )
     np.testing.assert_array_equal((model.geom_contype, model.geom_conaffinity), before)
-
-
-def test_sensors_cost_what_a_step_without_them_saves(model, states, monkeypatch):
-    def seconds(model):
-        needed = np.asarray(model.sensor_needstage) > 0
-        return 6e-6 + 2e-6 * needed[1:].sum() + 1e-6 * needed[0]
-
-    time_by(monkeypatch, seconds)
-    before = np.array(model.sensor_needstage)
-    step_s, costs = physics_cost._sensors(model, states)
-    assert step_s == pytest.approx(11e-6)
-    assert {cost.name: cost.count for cost in costs} == {"gyro": 1, "rangefinder": 2}
-    assert {cost.name: cost.share for cost in costs} == pytest.approx(
-        {"gyro": 1 / 11, "rangefinder": 4 / 11}
-    )
-    np.testing.assert_array_equal(model.sensor_needstage, before)
 
 
 def test_only_geoms_that_come_near_are_timed(model, states):
@@ -106,13 +91,29 @@ def test_a_model_of_another_release_is_not_measured(states):
     assert physics_cost.measure([RecordedModel(b"", states, states[:0], "2.0")], {}) is None
 
 
-def test_collision_is_one_stage_and_so_are_sensors():
+def test_sensors_are_taken_from_what_the_engines_timers_leave(model, states, tmp_path):
+    file = tmp_path / "model.mjb"
+    mujoco.mj_saveModel(model, str(file))
+    recorded = RecordedModel(file.read_bytes(), states, states[:0], mujoco.__version__)
+    of_program = {"kinematics": 0.25, "narrow-phase collision": 0.0, "other": 0.75}
+    cost = physics_cost.measure([recorded], of_program)
+    assert cost.stages["kinematics"] == 0.25
+    assert cost.stages["sensors"] + cost.stages["other"] == pytest.approx(0.75)
+    assert cost.stages["sensors"] > 0
+
+
+def test_collision_is_one_stage_and_what_is_left_is_none():
     sensors = Cost(CostKind.SENSORS, "rangefinder", 4, 0.4)
     pair = Cost(CostKind.PAIR, "box and box", 1, 0.1)
     stages = {"broad-phase collision": 0.2, "narrow-phase collision": 0.15, "other": 0.5}
-    with_sensors = PhysicsCost(1.0, stages, [sensors, pair])
+    with_sensors = PhysicsCost(1.0, {**stages, "sensors": 0.4, "other": 0.1}, [sensors, pair])
     assert with_sensors.main_stage == ("sensors", 0.4)
     assert with_sensors.main_cost == sensors
     without = PhysicsCost(1.0, stages, [pair])
     assert without.main_stage == ("collision", pytest.approx(0.35))
     assert without.main_cost == pair
+
+
+def test_a_record_of_an_earlier_version_has_its_sensors_among_the_costs():
+    sensors = Cost(CostKind.SENSORS, "rangefinder", 4, 0.4)
+    assert PhysicsCost(1.0, {"other": 0.9}, [sensors]).main_stage == ("sensors", 0.4)

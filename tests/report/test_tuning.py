@@ -9,14 +9,12 @@ from mjbench.measuring.ratio import Ratio
 from mjbench.pages import terminal
 from mjbench.report import tuning
 from mjbench.status import Status
-from mjbench.tuning.mesh_notes import MeshNote, Primitive
 from mjbench.tuning.records import (
     Accuracy,
     Attempt,
     Effect,
     Recommendation,
     TuneRecord,
-    Withdrawal,
 )
 from mjbench.tuning.settings import Edit, LoopChange, Part, Setting
 
@@ -93,36 +91,67 @@ def test_flags_and_excludes_are_written_as_mjcf_has_them():
     assert list(tuning.to_apply([])) == []
 
 
-def test_notes_say_what_figures_rest_on_and_what_was_left_out():
-    of_all = record(
-        FREE,
-        withdrawn=[Withdrawal([TIMESTEP], "diverges in 3 of 64 runs")],
-        attempts=[Attempt([JACOBIAN], Status.CRASHED, "killed by SIGSEGV")],
-        untried=4,
-        meshes=[MeshNote("arm", "arm_mesh", Primitive.BOX, 0.97)],
+def tried(knob, label, effect=Effect.FREE, changed_sensors=0, stages=None, **keywords):
+    accuracy = Accuracy(effect, None, apart(0.0), None, [], changed_sensors)
+    setting = Setting(knob, label, **keywords)
+    ratio = Ratio(0.5, 0.49, 0.51)
+    return Attempt((setting,), Status.OK, "", accuracy, 0.5, ratio, stages=stages or {})
+
+
+def test_a_setting_says_what_it_was_measured_to_save():
+    of_stages = replace(record(FREE), stages={"constraint solver": 0.6, "kinematics": 0.4})
+    solver = tried("solver", "solver=CG", stages={"constraint solver": 0.3, "kinematics": 0.7})
+    assert tuning.why(solver, of_stages) == "45 % less in constraint solver, 5 % less in kinematics"
+    slower = replace(solver, stages={"constraint solver": 0.1, "kinematics": 0.9})
+    assert tuning.why(slower, of_stages) == "55 % less in constraint solver"
+
+
+def test_a_setting_that_saves_whole_evaluations_is_not_explained_by_a_stage():
+    of_stages = replace(record(FREE), stages={"integration": 0.0, "kinematics": 1.0})
+    integrator = tried(
+        "integrator",
+        "integrator=Euler",
+        stages={"integration": 0.0, "kinematics": 1.0},
+        evidence="one evaluation of the dynamics a step, where RK4 makes four",
+        saves=0.75,
     )
-    notes = "\n".join(tuning.notes(of_all))
-    assert "over 0.5 s of 64 runs" in notes
-    assert "Withdrawn by the second look: timestep=0.004: diverges in 3 of 64 runs" in notes
-    assert "Failed: jacobian=sparse: killed by SIGSEGV" in notes
-    assert "no time for 4" in notes
-    assert "fills 97 % of a box" in notes
-    parted = replace(of_all, present=replace(PRESENT, is_comparable=False))
-    assert "part too soon" in "\n".join(tuning.notes(parted))
+    assert tuning.why(integrator, of_stages) == integrator.settings[0].evidence
 
 
-def test_a_setting_says_why_it_can_help():
-    stages = {"constraint solver": 0.4, "constraint making": 0.1, "constraint projection": 0.0}
-    of_stages = replace(record(FREE), stages=stages)
-    assert "50 % of a step" in tuning.why(Setting("solver", "solver=CG"), of_stages)
-    assert "2 pairs never touched" in tuning.why(EXCLUDES, of_stages)
-    assert "gives up sensor data" in tuning.why(
-        Setting("sensor", "sensor=disable", loses="sensor data"), of_stages
+def test_a_setting_says_what_it_gives_up():
+    sensor = tried("sensor", "sensor=disable", loses="sensor data")
+    assert "gives up sensor data" in tuning.why(sensor, record())
+    visual = tried("visual geoms", "discardvisual=true", changed_sensors=284)
+    assert tuning.changes(visual).startswith("Here, the data of 284 sensors changed. What is drawn")
+
+
+def test_what_runs_are_too_short_to_show_is_said_where_it_is_offered():
+    noslip = Setting("noslip_iterations", "noslip_iterations=0")
+    assert "slip over many seconds" in tuning.changes(tried(noslip.knob, noslip.label))
+    printed = terminal.text_of(
+        tuning.sections([record(recommended(Effect.APPROXIMATE, 0.5, 0.02, noslip))])
     )
+    assert "Not shown by runs this short: with noslip_iterations=0" in printed
 
 
-def test_errors_have_units_and_a_share():
-    assert tuning.percent(0.0123) == "1.2 %"
-    assert tuning.percent(2e-9) == "2e-07 %"
+def test_a_solver_that_does_not_converge_is_said_first():
+    unconverged = replace(record(FREE), present=present(solver_limited=0.98))
+    (section,) = tuning.sections([unconverged])
+    first, second, *_ = section.conclusions
+    assert "does not converge" in first.text and "98 % of the steps" in first.text
+    assert second.text.startswith("robot: 1.25 times as fast")
+    (section,) = tuning.sections([record(FREE)])
+    assert "converge" not in section.conclusions[0].text
+
+
+def test_without_a_reference_no_error_is_shown():
+    unknown = replace(FREE, error=None)
+    of_all = replace(record(unknown), present=replace(PRESENT, error=None, solver=None))
+    printed = terminal.text_of(tuning.sections([of_all]))
+    assert "No reference was run" in printed
+    assert tuning.rows(of_all)[0].error is None
+
+
+def test_a_row_of_the_flat_table_has_an_error_as_a_share():
     (row,) = tuning.rows(record(FREE))
     assert (row.settings, row.error) == ("engine clock off, jacobian=sparse", 0.02)

@@ -17,10 +17,16 @@ from mjbench.tuning.accelerated_search import (
     LEAST_PROCESSES,
     EngineSearch,
     combinations,
-    log_ratios,
-    mean_ratio,
 )
-from mjbench.tuning.records import Attempt, Batch, BatchFacts, TunedProgram, TuneRecord, log_ratio
+from mjbench.tuning.records import (
+    Attempt,
+    Batch,
+    BatchFacts,
+    TunedProgram,
+    TuneRecord,
+    fresh_ratio,
+    log_ratio,
+)
 from mjbench.tuning.search import SearchPlan
 from mjbench.tuning.settings import Edit, Part, Setting, label
 
@@ -218,7 +224,7 @@ def test_the_fastest_of_each_knob_is_combined_one_after_the_other():
 
 def test_the_interval_includes_what_differs_from_process_to_process():
     noisy, steady = (
-        mean_ratio(log_ratios([blocks(0.9, sign * noise) for sign in (-1, 1, -1, 1)]))
+        fresh_ratio([blocks(0.9, sign * noise) for sign in (-1, 1, -1, 1)])
         for noise in (0.05, 0.01)
     )
     assert noisy.estimate == pytest.approx(steady.estimate, rel=0.01)

@@ -20,7 +20,8 @@ FREE = mujoco.MjModel.from_xml_string(
 def runs_of(qpos, qvel=None):
     qpos = np.asarray(qpos, dtype=float)
     velocities = np.zeros_like(qpos) if qvel is None else np.asarray(qvel, dtype=float)
-    return Trajectories(qpos, velocities, np.zeros((len(qpos), 4, 1)), np.zeros(len(qpos), bool))
+    points = np.zeros((len(qpos), 4, 1))
+    return Trajectories(qpos, velocities, points, points[..., :0], np.zeros(len(qpos), bool))
 
 
 def test_slides_are_in_metres_and_hinges_in_radians():
@@ -43,12 +44,7 @@ def test_the_largest_distance_of_a_run_counts():
 def test_orientations_differ_by_their_angle():
     identity = [0, 0, 0, 1, 0, 0, 0]
     turned = [0, 0, 0, np.cos(0.05), np.sin(0.05), 0, 0]
-    runs = Trajectories(
-        np.array([[turned]]), np.zeros((1, 1, 6)), np.zeros((1, 4, 1)), np.zeros(1, bool)
-    )
-    reference = Trajectories(
-        np.array([[identity]]), np.zeros((1, 1, 6)), np.zeros((1, 4, 1)), np.zeros(1, bool)
-    )
+    runs, reference = (runs_of([[pose]], np.zeros((1, 1, 6))) for pose in (turned, identity))
     scale = Motion(distance.angular(FREE), Units(1.0, 1.0))
     apart = distance.distance(FREE, scale, runs, reference)
     assert apart.position.m == 0.0

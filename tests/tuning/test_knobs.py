@@ -9,7 +9,8 @@ import mujoco
 import pytest
 
 from benchmarks.tuning_planted import rods
-from mjbench.loop.engine_stages import STAGES
+from mjbench.loop.engine_stages import OTHER, STAGES
+from mjbench.loop.step_parts import SENSORS
 from mjbench.simulation import compat, model_options, models
 from mjbench.tuning import knob_values, knobs, observed
 from mjbench.tuning.observed import ObservedModel, Usage, observe_model
@@ -77,7 +78,7 @@ def test_knobs_have_names_of_their_own_and_stages_that_exist() -> None:
     names = [knob.name for knob in knobs.KNOBS]
     assert len(set(names)) == len(names)
     for knob in knobs.KNOBS:
-        assert set(knob.stages) <= {*STAGES, "other"}
+        assert set(knob.stages) <= {*STAGES, OTHER, SENSORS}
         assert knob.changes.endswith(".")
         assert knob.since.count(".") == 2
 

@@ -1,20 +1,24 @@
-"""Attempts in processes of their own: what settings do to the states, and how they fail."""
+"""Settings in processes of their own: what they do to states and sensors, and how they fail."""
 
+import copy
 import dataclasses
 import pickle
 
+import isolated_tasks
 import mujoco
 import pytest
+from commands import PYTHONPATH
 
 from mjbench.errors import InputError
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation import models
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
-from mjbench.tuning import measurements, reference, trajectories
-from mjbench.tuning.measurements import CMeasurements
-from mjbench.tuning.records import Effect
+from mjbench.tuning import measurements, reference, setting_launch, trajectories
+from mjbench.tuning.measurements import CMeasurements, SettingRule
+from mjbench.tuning.records import Attempt, Effect
 from mjbench.tuning.reference import TrialPlan
+from mjbench.tuning.setting_launch import LaunchRequest
 from mjbench.tuning.settings import Edit, LoopChange, Part, Setting, option
 
 
@@ -23,15 +27,18 @@ def cartpole():
     """Return measurements of the cart-pole, in short runs."""
     with WorkerPool() as pool:
         of_cartpole = CMeasurements(pool, models.resolve("cartpole"), StartPlan())
-        facts = of_cartpole.baseline(TrialPlan(0, StartPlan(), ncontrol=8))
+        runs = of_cartpole.present(TrialPlan(0, StartPlan(), ncontrol=8))
+        assert runs.present.error is None
+        assert sum(runs.stages.values()) == pytest.approx(1.0)
+        facts = of_cartpole.reference()
         assert facts.nrun == reference.NRUN
         assert facts.error.share > 0
-        assert of_cartpole._model_file.stat().st_size > 0
         yield of_cartpole
 
 
-def tried(measurements, *settings, quads=0, **keywords):
-    return measurements.attempt(settings, quads=quads, **keywords)
+def tried(measurements, *settings, nrun=None, timed_s=0.0, **keywords):
+    (attempt,) = measurements.launch(LaunchRequest([settings], timed_s, nrun, **keywords))
+    return attempt
 
 
 def test_what_changes_no_state_is_free(cartpole):
@@ -44,7 +51,7 @@ def test_what_changes_no_state_is_free(cartpole):
 
 
 def test_a_larger_timestep_errs_more_and_its_time_is_of_a_simulated_second(cartpole):
-    done = tried(cartpole, option("timestep", "0.004"), quads=2)
+    done = tried(cartpole, option("timestep", "0.004"), timed_s=0.01)
     assert done.accuracy.effect == Effect.APPROXIMATE
     assert done.accuracy.error.share > done.accuracy.distance.share / 2 > 0
     assert len(done.accuracy.run_errors) == reference.NRUN
@@ -62,20 +69,20 @@ def test_the_loop_has_settings_of_its_own(cartpole):
     done = tried(
         cartpole,
         Setting("engine clock", "clock off", loop=LoopChange(is_clock_off=True)),
-        quads=2,
+        timed_s=0.01,
     )
     assert done.accuracy.effect == Effect.FREE
     assert done.time_ratio > 0
 
 
-def test_a_loop_that_reaches_other_states_is_refused(monkeypatch):
+def test_a_loop_that_reaches_other_states_is_refused():
     model = models.load(models.resolve("cartpole"))
-    baseline = reference.baseline(model, TrialPlan(0, StartPlan(), ncontrol=4))
+    baseline = reference.present_runs(model, TrialPlan(0, StartPlan(), ncontrol=4))
     pool = LoopChange(engine_threads=1)
-    measurements._check_loop(model, pool, baseline.trials, baseline.present)
+    setting_launch.check_loop(model, pool, baseline.trials, baseline.present)
     other = trajectories.run(reference.converged(model, 2), baseline.trials)
     with pytest.raises(InputError, match="other final states"):
-        measurements._check_loop(model, pool, baseline.trials, other)
+        setting_launch.check_loop(model, pool, baseline.trials, other)
 
 
 @pytest.mark.parametrize(
@@ -85,6 +92,7 @@ def test_a_loop_that_reaches_other_states_is_refused(monkeypatch):
         (option("bogus", "1"), Status.INPUT, "bogus"),
         (option("solver", "bogus"), Status.INPUT, "bogus"),
         (option("timestep", "-1"), Status.INPUT, "timestep"),
+        (Setting("x", "x", (Edit(Part.EXCLUDE, "a", "b"),)), Status.INPUT, "exclude a b"),
     ],
 )
 def test_settings_that_cannot_be_are_one_line(cartpole, setting, status, detail):
@@ -95,10 +103,14 @@ def test_settings_that_cannot_be_are_one_line(cartpole, setting, status, detail)
 
 
 def test_settings_that_hang_are_ended(cartpole, monkeypatch):
-    monkeypatch.setattr(cartpole, "_limit_s", 0.001)
-    done = tried(cartpole, option("timestep", "0.004"))
-    assert done.status == Status.TIMEOUT
-    assert "no answer" in done.detail
+    monkeypatch.setenv("PYTHONPATH", PYTHONPATH)
+    monkeypatch.setattr(measurements, "run_launch", isolated_tasks.hang_at_a_timestep)
+    monkeypatch.setattr(cartpole, "_limit_s", 3.0)
+    settings = [(option("timestep", timestep),) for timestep in ("0.004", "0.008", "0.016")]
+    first, second, third = cartpole.launch(LaunchRequest(settings))
+    assert (first.status, second.status) == (Status.OK, Status.TIMEOUT)
+    assert "no answer" in second.detail
+    assert (third.settings, third.status) == (settings[2], Status.OK)
 
 
 def test_settings_that_diverge_are_one_line(tmp_path):
@@ -110,34 +122,81 @@ def test_settings_that_diverge_are_one_line(tmp_path):
     )
     with WorkerPool() as pool:
         of_stiff = CMeasurements(pool, models.ModelSource("stiff", stiff), StartPlan())
-        of_stiff.baseline(TrialPlan(0, StartPlan(), ncontrol=50))
+        of_stiff.present(TrialPlan(0, StartPlan(), ncontrol=50))
         done = tried(of_stiff, option("timestep", "0.008"))
     assert done.status == Status.INPUT
     assert "diverges in" in done.detail
 
 
 def judged_after(model, baseline, change):
-    """Return the effect of a change of a model's options."""
-    changed = models.load(models.resolve("cube_table"))
+    """Return what a change of a model's options comes to."""
+    changed = copy.copy(model)
     change(changed.opt)
-    return measurements.judged(model, baseline, trajectories.run(changed, baseline.trials))
+    return setting_launch.judged(model, baseline, trajectories.run(changed, baseline.trials))
 
 
-def test_another_solver_that_converges_is_equivalent_and_a_loose_one_is_not():
+def conjugate_gradient(opt):
+    opt.solver = mujoco.mjtSolver.mjSOL_CG
+
+
+def one_iteration(opt):
+    opt.solver, opt.iterations = mujoco.mjtSolver.mjSOL_PGS, 1
+
+
+def other_cone(opt):
+    opt.cone = 1 - opt.cone
+
+
+def doubled_timestep(opt):
+    opt.timestep *= 2
+
+
+def test_a_solver_that_converges_too_is_equivalent_and_one_that_does_not_is_not():
     model = models.load(models.resolve("cube_table"))
-    baseline = reference.baseline(model, TrialPlan(0, StartPlan(), ncontrol=12))
+    baseline = reference.present_runs(model, TrialPlan(0, StartPlan(), ncontrol=12))
+    effects = [judged_after(model, baseline, c).effect for c in (conjugate_gradient, one_iteration)]
+    assert effects == [Effect.EQUIVALENT, Effect.APPROXIMATE]
 
-    def tighter(opt):
-        opt.tolerance = 1e-10
 
-    def one_iteration(opt):
-        opt.solver, opt.iterations = mujoco.mjtSolver.mjSOL_PGS, 1
+STACK = """<mujoco><option solver="PGS" iterations="{iterations}" timestep="0.004"/><worldbody>
+<geom type="plane" size="5 5 .1"/>{boxes}</worldbody></mujoco>"""
+BOX = "<body pos='0 0 {z}'><freejoint/><geom type='box' size='.05 .05 .05' mass='{mass}'/></body>"
 
-    accuracy = judged_after(model, baseline, tighter)
-    assert accuracy.effect in (Effect.FREE, Effect.EQUIVALENT)
-    assert accuracy.distance.share <= baseline.facts.error.share
-    accuracy = judged_after(model, baseline, one_iteration)
-    assert accuracy.effect == Effect.APPROXIMATE
+
+def stack(iterations):
+    boxes = "".join(BOX.format(z=0.05 + 0.1 * i, mass=10 if i == 5 else 1) for i in range(6))
+    return mujoco.MjModel.from_xml_string(STACK.format(iterations=iterations, boxes=boxes))
+
+
+def test_the_error_of_a_solver_that_does_not_converge_makes_nothing_equivalent():
+    model = stack(iterations=5)
+    baseline = reference.present_runs(model, TrialPlan(0, StartPlan(), ncontrol=4))
+    assert not baseline.facts.is_converged
+    for change in (other_cone, doubled_timestep):
+        assert judged_after(model, baseline, change).effect == Effect.APPROXIMATE
+
+
+# Rays that only see what is drawn.
+RAYS = """<mujoco><worldbody><geom type="plane" size="5 5 .1"/>
+<geom type="box" size=".1 1 1" pos="2 0 0" contype="0" conaffinity="0"/>
+<body pos="0 0 .5"><joint type="slide"/><geom size=".1"/><site name="eye" zaxis="1 0 0"/>
+<site name="down" pos="0 0 -.2" zaxis="0 0 -1"/></body></worldbody>
+<sensor><rangefinder site="eye"/><rangefinder site="down"/></sensor></mujoco>"""
+
+
+def test_a_ray_that_loses_its_target_is_a_change(tmp_path):
+    file = tmp_path / "rays.xml"
+    file.write_text(RAYS)
+    discarded = Setting(
+        "visual geoms", "discardvisual=true", (Edit(Part.COMPILER, "discardvisual", "true"),)
+    )
+    with WorkerPool() as pool:
+        of_rays = CMeasurements(pool, models.ModelSource("rays", file), StartPlan())
+        of_rays.present(TrialPlan(0, StartPlan(), ncontrol=4))
+        attempt = tried(of_rays, discarded)
+    assert attempt.accuracy.changed_sensors == 1
+    assert attempt.accuracy.effect == Effect.APPROXIMATE
+    assert attempt.gives_up
 
 
 def test_effects_are_ordered():
@@ -145,8 +204,40 @@ def test_effects_are_ordered():
 
 
 def test_a_baseline_of_fewer_runs_has_the_same_facts(cartpole):
-    baseline = pickle.loads(cartpole._baseline_file.read_bytes())
+    baseline = pickle.loads(cartpole._files.baseline.read_bytes())
     some = baseline.only(5)
     assert some.trials.nrun == len(some.present.qpos) == len(some.reference.qpos) == 5
     assert some.facts == baseline.facts
     assert dataclasses.replace(some.facts, nrun=1) != baseline.facts
+
+
+def rule(least, most, clock, end_s=10.0, stays=lambda attempts: True):
+    return SettingRule(3, least, most, end_s, clock, stays)
+
+
+def launched(rule, now, statuses=(Status.OK,) * 3, seconds=1.0):
+    """Launch what a rule asks for; return it."""
+    positions = list(rule.next_targets())
+    now[0] += seconds
+    setting = (option("jacobian", "dense"),)
+    rule.add({i: Attempt(setting, statuses[i]) for i in positions})
+    return positions
+
+
+def test_a_rule_launches_until_time_is_up_and_at_least_some_times():
+    now = [0.0]
+    until_late = rule(1, 100, lambda: now[0], end_s=4.5)
+    assert [launched(until_late, now) for _ in range(4)] == [[0, 1, 2]] * 4
+    assert not until_late.next_targets()  # it would end late
+    late = rule(2, 100, lambda: now[0], end_s=0.0)
+    assert [launched(late, now) for _ in range(2)] == [[0, 1, 2]] * 2
+    assert not late.next_targets()
+
+
+def test_a_setting_that_fails_or_is_refused_leaves():
+    now = [0.0]
+    some = rule(3, 3, lambda: now[0], stays=lambda attempts: len(attempts) < 2)
+    assert launched(some, now, (Status.OK, Status.CRASHED, Status.OK)) == [0, 1, 2]
+    assert launched(some, now) == [0, 2]
+    assert not some.next_targets()
+    assert [len(some.attempts[i]) for i in range(3)] == [2, 1, 2]

@@ -119,10 +119,12 @@ def test_a_second_look_has_the_length_and_the_horizon_of_the_first():
     assert (facts.ncontrol, facts.horizon_ncontrol, facts.is_comparable) == (12, 5, True)
 
 
-def test_equivalent_is_within_the_solver_or_rounding_at_every_time():
-    solver, rounding = np.array([0.0, 1e-6, 1e-6]), np.array([1e-16, 1e-16, 1e-7])
-    most = reference.equivalent_share(solver, rounding)
-    assert most == pytest.approx([1e-12, 2e-6, 1e-5])
+def test_settings_are_compared_while_rounding_stays_small():
+    model = models.load(models.resolve("cartpole"))
+    runs = reference.present_runs(model, TrialPlan(0, StartPlan(), ncontrol=12))
+    assert runs.same_ncontrol == 12
+    assert runs.reference is runs.facts.error is None
+    assert runs.facts.rounding.share < reference.SAME_SHARE / reference.ROUNDING_FACTOR
 
 
 def test_trials_depend_on_the_seed_alone():

@@ -1,0 +1,248 @@
+"""Parts of a step that the engine has no timer for, timed by calling them: sensors, and others.
+
+Each is called again and again on states after `mj_forward`; it computes the same each time.
+"""
+
+import contextlib
+import enum
+import itertools
+import statistics
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from mjbench.bounds import Share
+from mjbench.loop.engine_stages import OTHER
+from mjbench.measuring import timing
+from mjbench.simulation import compat
+
+# Seconds for the parts of one kind; rounds, and seconds of a block.
+BUDGET_S = 0.5
+LEAST_ROUNDS, MOST_ROUNDS, BLOCK_S = 7, 200, 0.0005
+# The name of all sensors together, among stages.
+SENSORS = "sensors"
+# RK4 evaluates the dynamics so often in a step.
+_EVALUATIONS_OF_RK4 = 4
+
+Function = Callable[[mujoco.MjModel, mujoco.MjData], None]
+Start = Callable[[mujoco.MjModel, mujoco.MjData], None]
+
+
+class SensorStage(enum.StrEnum):
+    """After which part of a step sensors are computed."""
+
+    POSITION = "position"
+    VELOCITY = "velocity"
+    ACCELERATION = "acceleration"
+
+    @property
+    def need(self) -> mujoco.mjtStage:
+        """What `sensor_needstage` has."""
+        return getattr(mujoco.mjtStage, f"mjSTAGE_{self.value[:3].upper()}")
+
+    @property
+    def function(self) -> Function:
+        """What computes them."""
+        function: Function = getattr(mujoco, f"mj_sensor{self.value[:3].title()}")
+        return function
+
+
+@dataclass(frozen=True)
+class SensorCost:
+    """What all sensors of a type cost, alone, of a step."""
+
+    type: str
+    stage: SensorStage
+    count: int
+    share: Share
+
+
+@dataclass(frozen=True)
+class StepPart:
+    """A part of a step that is timed apart.
+
+    Attributes:
+      within: the stage whose time it is a part of.
+      share: of a step.
+    """
+
+    name: str
+    within: str
+    share: float
+
+
+def with_parts(stages: Mapping[str, float], parts: Sequence[StepPart]) -> dict[str, float]:
+    """Return the share of a step by stage, with parts apart from the stages that they are in.
+
+    A stage is never left with less than nothing: where its parts take longer, as they were timed at
+    another time, they share what it has.
+    """
+    apart = dict(stages)
+    for stage, share in stages.items():
+        inside = [part for part in parts if part.within == stage]
+        total = sum(part.share for part in inside)
+        scale = min(1.0, share / total) if total > 0 else 0.0
+        for part in inside:
+            apart[part.name] = apart.get(part.name, 0.0) + scale * part.share
+        apart[stage] = max(0.0, share - scale * total)
+    return apart
+
+
+def parts(
+    model: mujoco.MjModel,
+    start: Start,
+    step_s: float,
+    sensors: Sequence[SensorCost],
+    budget_s: float = BUDGET_S,
+) -> list[StepPart]:
+    """Return what a step does beside the engine's stages, and tendons.
+
+    Args:
+      start: restores the next start state.
+      step_s: seconds of a step.
+      sensors: as `sensor_costs` returns them.
+    """
+    functions = list(_functions(model))
+    with _needed_sensors(model) as need_only:
+        need_none = need_only(np.zeros(model.nsensor, dtype=bool))
+        nothing = need_none, mujoco.mj_sensorVel  # what a call costs by itself
+        calls = [(need_none, function) for _, _, _, function in functions]
+        of_call_s, *of_parts_s = medians(model, start, [nothing, *calls], budget_s)
+    found = of_sensors(sensors)
+    for (name, within, count, _), part_s in zip(functions, of_parts_s, strict=True):
+        share = count * max(0.0, part_s - of_call_s) / step_s
+        found.append(StepPart(name, within, share))
+    return found
+
+
+def of_sensors(sensors: Sequence[SensorCost]) -> list[StepPart]:
+    """Return all sensors as one part of a step; nothing without any."""
+    total = sum(each.share for each in sensors)
+    return [StepPart(SENSORS, OTHER, total)] if sensors else []
+
+
+def step_s(model: mujoco.MjModel, start: Start) -> float:
+    """Return the seconds of a step from start states."""
+    (seconds,) = medians(model, start, [(_nothing, mujoco.mj_step)])
+    return seconds
+
+
+def _nothing() -> None:
+    pass
+
+
+def _functions(model: mujoco.MjModel) -> Iterator[tuple[str, str, int, Function]]:
+    """Yield the name of a part, the stage it is in, how often a step calls it, and its function."""
+    is_rk4 = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+    evaluations = _EVALUATIONS_OF_RK4 if is_rk4 else 1
+    yield "smooth acceleration", OTHER, evaluations, mujoco.mj_fwdAcceleration
+    for name in ("Pos", "Vel", "Acc"):
+        yield "checks of the state", OTHER, 1, getattr(mujoco, f"mj_check{name}")
+    if compat.flag_enabled(model, "energy"):
+        for name in ("Pos", "Vel"):
+            yield "energy", OTHER, 1, getattr(mujoco, f"mj_energy{name}")
+    if model.ntendon:
+        yield "tendons", "kinematics", evaluations, mujoco.mj_tendon
+    if model.nplugin:
+        yield "passive forces with plugins", "velocity", evaluations, mujoco.mj_passive
+
+
+@contextlib.contextmanager
+def _needed_sensors(
+    model: mujoco.MjModel,
+) -> Iterator[Callable[[np.ndarray], Callable[[], None]]]:
+    """Yield what makes a preparation of the model in which only some sensors are computed."""
+    needs = np.array(model.sensor_needstage)
+
+    def only(mask: np.ndarray) -> Callable[[], None]:
+        def prepare() -> None:
+            model.sensor_needstage[:] = np.where(mask, needs, 0)
+
+        return prepare
+
+    try:
+        yield only
+    finally:
+        model.sensor_needstage[:] = needs
+
+
+def sensor_costs(
+    model: mujoco.MjModel, start: Start, step_s: float, budget_s: float = BUDGET_S
+) -> list[SensorCost]:
+    """Return what the sensors of each type and stage cost of a step, the largest first.
+
+    Each is what its function takes where only they are needed, more than where none are.
+
+    Args:
+      start: restores the next start state.
+      step_s: seconds of a step.
+    """
+    if not model.nsensor or not compat.flag_enabled(model, "sensor"):
+        return []
+    types, needs = np.array(model.sensor_type), np.array(model.sensor_needstage)
+    costs = []
+    with _needed_sensors(model) as need_only:
+        for stage in SensorStage:
+            of_stage = needs == int(stage.need)
+            kinds = sorted({int(kind) for kind in types[of_stage]})
+            masks = [of_stage & (types == kind) for kind in kinds]
+            if not masks:
+                continue
+            prepares = [need_only(mask) for mask in (np.zeros_like(of_stage), *masks)]
+            none_s, *seconds = medians(
+                model, start, [(prepare, stage.function) for prepare in prepares], budget_s
+            )
+            costs += [
+                SensorCost(
+                    str(mujoco.mjtSensor(kind).name).removeprefix("mjSENS_").lower(),
+                    stage,
+                    int(mask.sum()),
+                    min(1.0, max(0.0, each_s - none_s) / step_s),
+                )
+                for kind, mask, each_s in zip(kinds, masks, seconds, strict=True)
+            ]
+    return sorted(costs, key=lambda cost: -cost.share)
+
+
+def medians(
+    model: mujoco.MjModel,
+    start: Start,
+    contenders: Sequence[tuple[Callable[[], None], Function]],
+    budget_s: float = BUDGET_S,
+) -> list[float]:
+    """Return the seconds of a call of each function, after its preparation of the model, in turns.
+
+    All are called on the same states, one after the other; before each block the state is computed
+    as the first preparation has the model.
+    """
+    data, turn = mujoco.MjData(model), itertools.count()
+    state = np.empty(compat.state_size(model))
+    first, _ = contenders[0]
+
+    def contender(prepare: Callable[[], None], function: Function, calls: int) -> timing.Contender:
+        def before() -> None:
+            if next(turn) % len(contenders) == 0:
+                start(model, data)
+                compat.get_state(model, data, state)
+            first()
+            compat.set_state(model, data, state)
+            mujoco.mj_forward(model, data)
+            prepare()
+
+        def block() -> None:
+            for _ in range(calls):
+                function(model, data)
+
+        return timing.Contender(block, before)
+
+    once = [contender(prepare, function, 1) for prepare, function in contenders]
+    once_s = [min(column) for column in zip(*timing.rounds(once, 0.0, 3, 3), strict=True)]
+    calls = [max(1, int(BLOCK_S / max(seconds, 1e-7))) for seconds in once_s]
+    timed = [contender(*each, count) for each, count in zip(contenders, calls, strict=True)]
+    rounds = timing.rounds(timed, budget_s, LEAST_ROUNDS, MOST_ROUNDS)
+    return [
+        statistics.median(seconds) / count
+        for seconds, count in zip(zip(*rounds, strict=True), calls, strict=True)
+    ]

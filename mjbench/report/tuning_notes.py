@@ -1,0 +1,110 @@
+"""The notes of a search for settings: what its figures rest on, and what it left out."""
+
+from mjbench.report.formats import short_percent
+from mjbench.report.starts import starts_lines
+from mjbench.simulation.starts import Starts
+from mjbench.status import Status
+from mjbench.tuning.distance import Distance
+from mjbench.tuning.records import Batch, BatchFacts, TuneRecord
+from mjbench.tuning.reference import REFINEMENT, Present
+from mjbench.tuning.settings import label
+from mjbench.units import plain
+
+# Settings that failed that are named.
+_MOST_FAILED = 12
+
+
+def notes(record: TuneRecord) -> list[str]:
+    """Return what the figures rest on, and what was not recommended, a line each."""
+    lines, starts = _basis(record)
+    lines += starts_lines(starts)
+    lines += [
+        f"Withdrawn by the second look: {label(each.settings)}: {each.reason}"
+        for each in record.withdrawn
+    ]
+    failed = [row for row in record.attempts if row.status != Status.OK]
+    lines += [f"Failed: {label(row.settings)}: {row.detail}" for row in failed[:_MOST_FAILED]]
+    if len(failed) > _MOST_FAILED:
+        lines.append(f"{len(failed) - _MOST_FAILED} more failed")
+    if record.untried:
+        lines.append(f"There was no time for {record.untried} settings: give a longer --budget")
+    lines += [
+        f"Geom {mesh.geom} collides as the mesh {mesh.mesh}, which fills"
+        f" {100 * mesh.share:.0f} % of a {mesh.primitive}"
+        for mesh in record.meshes
+    ]
+    return lines
+
+
+def _basis(record: TuneRecord) -> tuple[list[str], Starts]:
+    """Return what figures rest on, a line each, and the starts of the runs."""
+    if record.present is not None:
+        return _basis_in_c(record.present), record.present.starts
+    assert record.batch is not None and record.batch.facts is not None, "it was measured"
+    return _basis_of_batch(record, record.batch, record.batch.facts), record.batch.facts.starts
+
+
+def _basis_in_c(present: Present) -> list[str]:
+    if present.error is None or present.solver is None:
+        return [
+            f"No reference was run, so errors are unknown: settings were compared with the present"
+            f" ones over {plain(present.run_s, 3)} s of {present.nrun} runs"
+        ]
+    lines = [
+        f"Error: distance from the model at 1/{REFINEMENT} of its timestep with a converged solver,"
+        f" over {plain(present.horizon_s, 3)} s of {present.nrun} runs; nine runs in ten stay below"
+        f" it. Rounding alone: {percent(present.rounding.share)}. The solver alone:"
+        f" {percent(present.solver.share)}."
+    ]
+    if not present.is_comparable:
+        lines.append(
+            "These runs part too soon to compare errors: no settings that change states by more"
+            " than rounding are recommended"
+        )
+    return lines
+
+
+def _basis_of_batch(record: TuneRecord, batch: Batch, facts: BatchFacts) -> list[str]:
+    lines = [
+        f"A transfer error is the distance of {facts.precision} runs from C's with the present"
+        f" settings, over {plain(facts.horizon_s, 3)} s of {facts.nrun} runs: nine runs in ten"
+        f" differ by no more. Rounding starts and controls to {facts.precision} alone makes"
+        f" {percent(facts.rounding.share)}.",
+        f"A batched step is of {batch.nbatch} simulations on {facts.device}; compiling is not in"
+        " its time. Ratios with an interval are from fresh processes, others from one.",
+    ]
+    if record.engine == "warp":
+        lines.append(
+            "Warp compiles kernels once in a process, for the present settings: other settings"
+            " compile what they do not share."
+        )
+    best = record.best()
+    lines += [
+        f"{setting.label}: {setting.evidence}. A simulation that needs more overflows."
+        for setting in (best.settings if best else ())
+        if setting.evidence
+    ]
+    return lines
+
+
+def in_units(error: Distance) -> str:
+    """Return an error of positions in the units that they have."""
+    position = error.position
+    parts = [
+        *([f"{_length(position.m)}"] if position.m is not None else []),
+        *([f"{plain(position.rad, 2)} rad"] if position.rad is not None else []),
+    ]
+    return ", ".join(parts)
+
+
+def _length(metres: float) -> str:
+    """Return a length in the unit that suits it."""
+    for unit, size in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
+        if metres >= size:
+            return f"{plain(metres / size, 2)} {unit}"
+    return f"{metres:.1g} m"
+
+
+def percent(share: float) -> str:
+    """Return a share in percent, in two digits, however small it is."""
+    return f"{100 * share:.2g} %" if share < 1e-4 else short_percent(share)

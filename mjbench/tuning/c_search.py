@@ -1,0 +1,392 @@
+"""Search settings that make a model faster in C: each alone, then together, then a second look.
+
+1. Every setting is timed alone, the likely gains first, in a few fresh processes that time all of
+   them. Those that seem faster are run from some starts, to see whether they change anything, and
+   timed again in further processes, which give the figures.
+2. Only where some of them change the motion, the reference is run, which says by how much they err.
+3. Those that are faster are combined. Combinations are tried on few runs first; the better half
+   goes on to more runs (successive halving: Jamieson and Talwalkar, AISTATS 2016).
+4. The front, on which no setting is both faster and nearer to the reference than another, is
+   measured again from starts and with controls that the search has not seen. What that does not
+   confirm is withdrawn.
+"""
+
+import math
+import random
+import statistics
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from mjbench.errors import MachineError
+from mjbench.paired import launches
+from mjbench.status import Status
+from mjbench.tuning import fronts, knobs
+from mjbench.tuning.fronts import FRONT, effect_of, error_of, is_allowed
+from mjbench.tuning.measurements import CMeasurements, SettingRule, SettingTargets
+from mjbench.tuning.observed import MAX_COMPUTING_S
+from mjbench.tuning.records import (
+    Attempt,
+    Effect,
+    allowed_error,
+    fresh_ratio,
+    log_ratio,
+    saves_time,
+)
+from mjbench.tuning.reference import Present
+from mjbench.tuning.search import LEAST_GAIN, Search, too_far
+from mjbench.tuning.setting_launch import LaunchRequest
+from mjbench.tuning.settings import Setting, label
+
+# A setting that costs more than this share, by its first launch, is not in the second one.
+MOST_LOSS = 0.05
+# An error of more than this share of the motion is no simulation of the model any more.
+MOST_ERROR = 0.5
+# Shares of the budget: computing of the survey, and when screening ends, the figures of each
+# setting, their errors, and combinations.
+SURVEY_SHARE = 0.04
+SCREEN_END, FIGURES_END, ERRORS_END, TOGETHER_END = 0.3, 0.5, 0.65, 0.75
+# A part that begins late takes at most this share of the budget.
+LEAST_PART = 0.1
+# Launches that choose settings; that give figures, at least and at most; of the second look, too.
+SCREENS, LEAST_LAUNCHES, MOST_LAUNCHES, MOST_FINAL_LAUNCHES = 2, 4, 8, 16
+# Seconds of timing of a setting in a launch, as a share of the budget, at least and at most.
+TIMED_SHARE, LEAST_TIMED_S, MOST_TIMED_S = 0.002, 0.03, 0.2
+# Settings that get figures of their own.
+MOST_ALONE = 16
+# Combinations that are tried; runs of each in the first rung.
+COMBINATIONS, RUNG_NRUN = 32, 8
+# Of those, so many are tried from all starts.
+LAST_RUNG = 2 * FRONT
+
+
+class CSearch(Search[CMeasurements]):
+    """A search for settings of C."""
+
+    _settings: Sequence[Setting] = ()
+
+    def _measure_present(self) -> None:
+        plan = self._plan
+        self._advance(0, "what there is to try", 0.0)
+        computing_s = min(MAX_COMPUTING_S, SURVEY_SHARE * plan.budget_s)
+        survey = self._measure.survey(plan.seed, computing_s)
+        self._advance(0, "the present settings", 0.5)
+        runs = self._measure.present(plan.trials(0))
+        self._set(meshes=survey.meshes, present=runs.present, stages=runs.stages)
+        wanted = [each for each in survey.settings if each.knob not in plan.skip]
+        self._settings = sorted(wanted, key=lambda each: -knobs.likely_gain(each, runs.stages))
+        self._rng = random.Random(plan.seed)
+
+    def _try_settings(self) -> list[Attempt]:
+        faster = [
+            each for each in self._figures(self._screen()) if each.ratio and saves_time(each.ratio)
+        ]
+        judged = self._judged(faster)
+        return self._together([each for each in judged if not each.gives_up])
+
+    @property
+    def _present(self) -> Present:
+        assert self._record.present is not None, "attempts follow the present runs"
+        return self._record.present
+
+    def _leave_untried(self, count: int) -> None:
+        self._set(untried=self._record.untried + count)
+
+    # -- each setting alone -------------------------------------------------------------------
+
+    def _screen(self) -> list[Attempt]:
+        """Time each setting; return those that may be faster, and do no more than is allowed."""
+        self._advance(1, f"{len(self._settings)} settings", 0.0)
+        settings = [(each,) for each in self._settings]
+        by_setting = self._launched(settings, 1, SCREENS, SCREEN_END, FIGURES_END)
+        self._leave_untried(len(settings) - len(by_setting))
+        timed = [_together_known(launches) for launches in by_setting]
+        for attempt in timed:
+            self._note(attempt)
+        promising = [
+            each
+            for each in timed
+            if each.time_ratio is not None and each.time_ratio <= 1 - LEAST_GAIN
+        ]
+        self._advance(1, f"what {len(promising)} settings change", 0.3)
+        tried = [each.settings for each in promising]
+        seen = self._measure.launch(self._request(tried, nrun=RUNG_NRUN, end=FIGURES_END))
+        known = [_with_accuracy(*pair) for pair in zip(promising, seen, strict=False)]
+        for attempt in known:
+            self._note(attempt)
+        allowed = [each for each in known if self._may_change_so_much(each)]
+        return sorted(allowed, key=fronts.rank_of)[:MOST_ALONE]
+
+    def _figures(self, promising: Sequence[Attempt]) -> Iterator[Attempt]:
+        """Time settings in further processes, which have not chosen them; yield their figures."""
+        self._advance(1, f"the time of {len(promising)} settings", 0.5)
+        settings = [each.settings for each in promising]
+        launches = self._launched(settings, LEAST_LAUNCHES, MOST_LAUNCHES, FIGURES_END)
+        for attempt, of_setting in zip(promising, launches, strict=True):
+            timed = _with_figures(attempt, of_setting)
+            self._note(timed)
+            yield timed
+
+    def _judged(self, faster: Sequence[Attempt]) -> list[Attempt]:
+        """Run settings from all starts; return those that do what they may.
+
+        The reference is run only where one of them changes the motion.
+        """
+        if any(effect_of(each) == Effect.APPROXIMATE for each in faster):
+            self._advance(1, "the reference", 0.7)
+            self._set(present=self._measure.reference())
+        self._advance(1, f"the error of {len(faster)} settings", 0.8)
+        settings = [each.settings for each in faster]
+        seen = self._measure.launch(
+            self._request(settings, nrun=None, end=ERRORS_END, has_stages=True)
+        )
+        judged = [_with_accuracy(*pair) for pair in zip(faster, seen, strict=False)]
+        for attempt in judged:
+            self._note(attempt)
+        known = [*judged, *faster[len(judged) :]]  # there was no time for the others
+        return sorted((each for each in known if self._may_be(each)), key=fronts.rank_of)
+
+    def _may_change_so_much(self, attempt: Attempt) -> bool:
+        """Return whether settings change no more than the user allows, whatever their error is."""
+        is_known = attempt.accuracy is not None
+        return is_known and effect_of(attempt).rank <= self._plan.only.rank
+
+    def _may_be(self, attempt: Attempt) -> bool:
+        """Return whether settings do to the motion what they may."""
+        if attempt.time_ratio is None or not self._may_change_so_much(attempt):
+            return False
+        if effect_of(attempt) != Effect.APPROXIMATE and self._plan.max_error is None:
+            return True
+        if effect_of(attempt) == Effect.FREE:
+            return True
+        if attempt.error is None or not self._present.is_comparable:
+            return False
+        return error_of(attempt) <= (self._plan.max_error or MOST_ERROR)
+
+    # -- together -----------------------------------------------------------------------------
+
+    def _together(self, faster: Sequence[Attempt]) -> list[Attempt]:
+        """Try combinations of settings that are faster alone."""
+        chosen = fronts.combinations(faster, COMBINATIONS, self._rng)
+        nrun = RUNG_NRUN
+        while len(chosen) > LAST_RUNG and self._has_time(TOGETHER_END):
+            tried = self._tried(chosen, nrun)
+            exact, others = fronts.by_exactness(tried, faster)
+            # what changes less is recommended beside what is faster, so the two do not compete
+            chosen = [
+                each.settings for group in (exact, others) for each in fronts.better_half(group)
+            ]
+            nrun *= 2
+        together = self._tried(chosen[:LAST_RUNG], None)
+        for attempt in together:
+            self._note(attempt)
+        return [*faster, *together]
+
+    def _tried(self, chosen: Sequence[tuple[Setting, ...]], nrun: int | None) -> list[Attempt]:
+        """Try combinations until time is up; return those that do what they may."""
+        self._advance(2, f"{len(chosen)} combinations", 0.0)
+        request = self._request(chosen, self._timed_s, nrun, TOGETHER_END)
+        tried = self._measure.launch(request) if chosen else []
+        self._leave_untried(len(chosen) - len(tried))
+        return [each for each in tried if self._may_be(each)]
+
+    # -- second look --------------------------------------------------------------------------
+
+    def _second_look(self, attempts: Sequence[Attempt]) -> None:
+        """Measure a front again, from starts and with controls that the search has not seen.
+
+        Where settings are withdrawn, those that come next are looked at, while there is time.
+        """
+        first_error = _tolerated_error(self._present)
+        front = fronts.pareto_front(attempts, self._plan.max_error, first_error)
+        if not front:
+            return
+        error = self._present_again(attempts)
+        confirmed: list[tuple[Attempt, Attempt]] = []
+        looked: set[str] = set()
+        while new := [each for each in front if label(each.settings) not in looked]:
+            self._advance(3, f"{len(new)} settings from new starts", 0.3)
+            confirmed += self._confirmed(new, first_error, error)
+            looked.update(label(each.settings) for each in new)
+            if not self._has_time(1.0):
+                break
+            withdrawn = {label(each.settings) for each in self._record.withdrawn}
+            left = [each for each in attempts if label(each.settings) not in withdrawn]
+            front = fronts.pareto_front(left, self._plan.max_error, first_error)
+        self._time_again(confirmed, first_error)
+
+    def _present_again(self, attempts: Sequence[Attempt]) -> float:
+        """Run the present settings from new starts; return the error that is tolerated there.
+
+        The reference is run again where settings change the motion.
+        """
+        first = self._present
+        self._advance(3, "present settings from new starts", 0.0)
+        lengths = first.ncontrol, first.horizon_ncontrol
+        present = self._measure.present(self._plan.trials(1, *lengths)).present
+        if first.error is None:
+            self._set(present=present)
+        elif any(effect_of(each) == Effect.APPROXIMATE for each in attempts):
+            present = self._measure.reference(first.horizon_ncontrol)
+            assert present.error is not None, "it is what the reference tells"
+            self._set(present=replace(present, error=first.error.larger(present.error)))
+        return _tolerated_error(present)
+
+    def _confirmed(
+        self, new: Sequence[Attempt], first_error: float, error: float
+    ) -> list[tuple[Attempt, Attempt]]:
+        """Return settings that do the same from new starts, with what they do; withdraw others.
+
+        Args:
+          first_error: that is tolerated in the search.
+          error: that is tolerated from the new starts.
+        """
+        seconds = self._measure.launch(LaunchRequest([each.settings for each in new], nrun=None))
+        confirmed = []
+        for first, second in zip(new, seconds, strict=True):
+            was_allowed = is_allowed(first, self._plan.max_error, first_error)
+            if reason := self._why_not(first, second, was_allowed, error):
+                self._withdraw(first.settings, reason)
+            else:
+                confirmed.append((first, second))
+        return confirmed
+
+    def _time_again(self, confirmed: Sequence[tuple[Attempt, Attempt]], first_error: float) -> None:
+        """Recommend settings that are certainly faster from the new starts, too."""
+        if not confirmed:
+            return
+        self._advance(3, f"the time of {len(confirmed)} settings", 0.6)
+        settings = [first.settings for first, _ in confirmed]
+        launches = self._launched(settings, LEAST_LAUNCHES, MOST_FINAL_LAUNCHES, 1.0)
+        for (first, second), of_setting in zip(confirmed, launches, strict=True):
+            again = _with_figures(second, of_setting)
+            if again.ratio is None or not saves_time(again.ratio):
+                self._withdraw(
+                    first.settings, again.detail or "not certainly faster from new starts"
+                )
+                continue
+            was_allowed = is_allowed(first, self._plan.max_error, first_error)
+            self._recommend(first, second, again.ratio, again.launches, was_allowed)
+        by_effect = sorted(
+            self._record.front, key=lambda each: (each.effect.rank, -each.ratio.estimate)
+        )
+        self._set(front=by_effect)
+
+    def _why_not(
+        self, first: Attempt, second: Attempt, was_allowed: bool, present_error: float
+    ) -> str:
+        """Return why new starts do not confirm what settings do; empty where they do."""
+        if second.accuracy is None:
+            return second.detail
+        was, now = effect_of(first), effect_of(second)
+        if now.rank > was.rank:
+            return f"{was} in the search, {now} from new starts"
+        limit = self._plan.max_error
+        if was_allowed and not is_allowed(second, limit, present_error):
+            return f"an {too_far(error_of(second), allowed_error(limit, present_error))}"
+        return ""
+
+    # -- launches -----------------------------------------------------------------------------
+
+    @property
+    def _timed_s(self) -> float:
+        """Seconds for which a launch times a setting."""
+        return min(MOST_TIMED_S, max(LEAST_TIMED_S, TIMED_SHARE * self._plan.budget_s))
+
+    def _request(
+        self,
+        settings: Sequence[tuple[Setting, ...]],
+        timed_s: float = 0.0,
+        nrun: int | None = 0,
+        end: float = 1.0,
+        has_stages: bool = False,
+    ) -> LaunchRequest:
+        """Return what a launch is to do until a share of the budget is spent."""
+        stop_after_s = self._end_s(end) - self._clock()
+        seed = self._rng.randrange(2**31)
+        return LaunchRequest(settings, timed_s, nrun, seed, has_stages, stop_after_s)
+
+    def _launched(
+        self,
+        settings: Sequence[tuple[Setting, ...]],
+        least: int,
+        most: int,
+        end: float,
+        cut: float | None = None,
+    ) -> list[list[Attempt]]:
+        """Return the launches of each setting that was begun, in the order of `settings`.
+
+        Args:
+          least, most: launches.
+          end: share of the budget at which they end.
+          cut: share at which a launch begins no other setting; then settings leave that seem
+            slower. None for neither.
+        """
+        if not settings:
+            return []
+        end_s = self._end_s(end)
+        stays = _is_wanted if cut is None else _is_hopeful
+        rule = SettingRule(len(settings), least, most, end_s, self._clock, stays)
+
+        def left_s() -> float:
+            return math.inf if cut is None else self._end_s(cut) - self._clock()
+
+        targets = SettingTargets(self._measure.launch, settings, self._timed_s, left_s, self._rng)
+        for ending in launches.launch(targets, rule):
+            if ending is not None and ending.status == Status.INTERRUPTED:
+                raise KeyboardInterrupt
+            if ending is not None and ending.status != Status.OK:
+                raise MachineError(ending.detail)
+        return [rule.attempts[position] for position in sorted(rule.attempts)]
+
+    def _end_s(self, share: float) -> float:
+        """Return when a part ends, by the clock: at a share of the budget, but not at once."""
+        of_plan_s = self._begin_s + share * self._plan.budget_s
+        return max(of_plan_s, self._clock() + LEAST_PART * self._plan.budget_s)
+
+    def _has_time(self, share: float) -> bool:
+        """Return whether a share of the budget is not spent yet."""
+        return self._spent_s() < share * self._plan.budget_s
+
+
+def _tolerated_error(present: Present) -> float:
+    """Return the error of the present settings, which others may have as well.
+
+    It says nothing of settings where the solver does not converge: it is then the solver's.
+    """
+    return present.error.share if present.error and present.is_converged else 0.0
+
+
+def _is_wanted(_: Sequence[Attempt]) -> bool:
+    return True
+
+
+def _is_hopeful(attempts: Sequence[Attempt]) -> bool:
+    """Return whether a setting may be faster, by its launches so far."""
+    ratio = _together_known(attempts).time_ratio
+    return ratio is not None and ratio < 1 + MOST_LOSS
+
+
+def _together_known(attempts: Sequence[Attempt]) -> Attempt:
+    """Return what several launches of a setting say: the median of its time, or how it failed."""
+    last = attempts[-1]
+    if last.status != Status.OK:
+        return last
+    rows = [each.samples for each in attempts if each.samples]
+    ratio = math.exp(statistics.median(log_ratio(row) for row in rows))
+    return replace(last, time_ratio=ratio, samples=None, launches=rows)
+
+
+def _with_accuracy(attempt: Attempt, seen: Attempt) -> Attempt:
+    """Return an attempt with what a launch says of states and stages, or how it failed."""
+    if seen.status != Status.OK:
+        return replace(attempt, status=seen.status, detail=seen.detail)
+    return replace(attempt, accuracy=seen.accuracy, stages=seen.stages)
+
+
+def _with_figures(attempt: Attempt, launched: Sequence[Attempt]) -> Attempt:
+    """Return an attempt with the ratio of launches that did not choose it."""
+    known = _together_known(launched)
+    if known.status != Status.OK:
+        return replace(attempt, status=known.status, detail=known.detail)
+    ratio = fresh_ratio(known.launches)
+    return replace(attempt, time_ratio=ratio.estimate, ratio=ratio, launches=known.launches)

@@ -1,0 +1,90 @@
+"""What no timer of the engine is about is timed by calling it: sensors by type, and other parts."""
+
+from collections.abc import Callable, Sequence
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjbench.loop import step_parts
+from mjbench.loop.engine_stages import OTHER
+from mjbench.loop.step_parts import SensorStage, StepPart
+from mjbench.simulation import workload
+
+XML = """
+<mujoco>
+  <worldbody>
+    <geom type="plane" size="5 5 .1"/>
+    <body pos="0 0 .1"><freejoint/><geom size=".1"/><site name="s" pos="0 0 .2"/></body>
+  </worldbody>
+  <sensor><gyro site="s"/><rangefinder site="s"/><rangefinder site="s"/><touch site="s"/></sensor>
+</mujoco>"""
+
+Contenders = Sequence[tuple[Callable[[], None], step_parts.Function]]
+
+
+@pytest.fixture
+def model() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(XML)
+
+
+def timed_by(monkeypatch: pytest.MonkeyPatch, seconds: Callable[[mujoco.MjModel], float]) -> None:
+    """Let a call take what a function says of the model, once it was prepared."""
+
+    def medians(
+        model: mujoco.MjModel, start: object, contenders: Contenders, budget_s: float
+    ) -> list[float]:
+        times = []
+        for prepare, _ in contenders:
+            prepare()
+            times.append(seconds(model))
+        return times
+
+    monkeypatch.setattr(step_parts, "medians", medians)
+
+
+def test_sensors_cost_what_their_function_takes_with_them(
+    model: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def seconds(model: mujoco.MjModel) -> float:
+        return 1e-6 + 2e-6 * float((np.asarray(model.sensor_needstage) > 0).sum())
+
+    timed_by(monkeypatch, seconds)
+    before = np.array(model.sensor_needstage)
+    costs = step_parts.sensor_costs(model, workload.reset_to_start, step_s=1e-5)
+    by_type = {cost.type: (cost.stage, cost.count, round(cost.share, 9)) for cost in costs}
+    assert by_type == {
+        "rangefinder": (SensorStage.POSITION, 2, 0.4),
+        "gyro": (SensorStage.VELOCITY, 1, 0.2),
+        "touch": (SensorStage.ACCELERATION, 1, 0.2),
+    }
+    assert costs[0].type == "rangefinder", "the largest comes first"
+    np.testing.assert_array_equal(model.sensor_needstage, before)
+
+
+def test_without_sensors_or_with_sensors_disabled_there_is_no_cost(model: mujoco.MjModel) -> None:
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
+    assert step_parts.sensor_costs(model, workload.reset_to_start, 1e-5) == []
+
+
+def test_parts_are_taken_from_the_stage_that_they_are_in() -> None:
+    stages = {"kinematics": 0.3, OTHER: 0.7}
+    parts = [StepPart("sensors", OTHER, 0.6), StepPart("tendons", "kinematics", 0.2)]
+    apart = step_parts.with_parts(stages, parts)
+    assert apart == pytest.approx({"kinematics": 0.1, OTHER: 0.1, "sensors": 0.6, "tendons": 0.2})
+
+
+def test_a_stage_is_not_left_with_less_than_nothing() -> None:
+    parts = [StepPart("sensors", OTHER, 0.6), StepPart("energy", OTHER, 0.2)]
+    apart = step_parts.with_parts({"kinematics": 0.6, OTHER: 0.4}, parts)
+    assert sum(apart.values()) == pytest.approx(1.0)
+    assert apart == pytest.approx({"kinematics": 0.6, OTHER: 0.0, "sensors": 0.3, "energy": 0.1})
+
+
+def test_the_parts_of_a_step_leave_the_model_as_it_was(model: mujoco.MjModel) -> None:
+    before = np.array(model.sensor_needstage)
+    costs = step_parts.sensor_costs(model, workload.reset_to_start, 1e-5, budget_s=0.0)
+    parts = step_parts.parts(model, workload.reset_to_start, 1e-5, costs, budget_s=0.0)
+    assert {part.name for part in parts} >= {"sensors", "smooth acceleration"}
+    assert all(part.share >= 0 for part in parts)
+    np.testing.assert_array_equal(model.sensor_needstage, before)

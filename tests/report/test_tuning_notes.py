@@ -1,0 +1,38 @@
+"""The notes of a search for settings: what figures rest on, and what was left out."""
+
+from dataclasses import replace
+
+from tuning_values import present
+
+from mjbench.report import tuning_notes
+from mjbench.status import Status
+from mjbench.tuning.mesh_notes import MeshNote, Primitive
+from mjbench.tuning.records import Attempt, TuneRecord, Withdrawal
+from mjbench.tuning.settings import option
+
+PRESENT = present()
+JACOBIAN, TIMESTEP = option("jacobian", "sparse"), option("timestep", "0.004")
+
+
+def test_notes_say_what_figures_rest_on_and_what_was_left_out():
+    of_all = TuneRecord(
+        model="robot",
+        present=PRESENT,
+        withdrawn=[Withdrawal((TIMESTEP,), "diverges in 3 of 64 runs")],
+        attempts=[Attempt((JACOBIAN,), Status.CRASHED, "killed by SIGSEGV")],
+        untried=4,
+        meshes=[MeshNote("arm", "arm_mesh", Primitive.BOX, 0.97)],
+    )
+    notes = "\n".join(tuning_notes.notes(of_all))
+    assert "over 0.5 s of 64 runs" in notes
+    assert "Withdrawn by the second look: timestep=0.004: diverges in 3 of 64 runs" in notes
+    assert "Failed: jacobian=sparse: killed by SIGSEGV" in notes
+    assert "no time for 4" in notes
+    assert "fills 97 % of a box" in notes
+    parted = replace(of_all, present=replace(PRESENT, is_comparable=False))
+    assert "part too soon" in "\n".join(tuning_notes.notes(parted))
+
+
+def test_shares_are_in_percent_however_small_they_are():
+    assert tuning_notes.percent(0.0123) == "1.2 %"
+    assert tuning_notes.percent(2e-9) == "2e-07 %"
