@@ -16,7 +16,7 @@ from mjbench.paired.records import VerdictRow
 from mjbench.paths.parallelism import nthread
 from mjbench.program.records import ProgramRow
 from mjbench.program.remedy import Basis, Remedy
-from mjbench.report import advice, environment, formats, program, starts, tuning
+from mjbench.report import advice, environment, formats, program, starts, tuning, tuning_notes
 from mjbench.report.advice import Advice
 from mjbench.report.content import Snippet
 from mjbench.report.lint import finding_place
@@ -144,9 +144,12 @@ class CheckupItem:
             case ResultChange.TOLERANCE:
                 return "within the solver's tolerance"
             case ResultChange.ERROR:
-                if self.error is None:
-                    return "an error of unknown size"
-                return f"an error of {tuning.percent(self.error)} of the motion"
+                size = (
+                    "of unknown size"
+                    if self.error is None
+                    else f"of {tuning_notes.percent(self.error)} of the motion"
+                )
+                return "; ".join(filter(None, [f"an error {size}", self.change_detail]))
         return self.change_detail
 
 
@@ -279,6 +282,7 @@ def _of_recommendation(each: Recommendation, command: str) -> CheckupItem:
         gain=_inverse(each.ratio),
         unit=GainUnit.SIMULATED_SECOND,
         change=changes[each.effect],
+        change_detail="; ".join(tuning.not_shown(each.settings)),
         error=each.error.share if each.error and each.effect == Effect.APPROXIMATE else None,
         group=GainGroup.SETTINGS,
         command=command,

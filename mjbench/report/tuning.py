@@ -21,7 +21,6 @@ from mjbench.status import Status
 from mjbench.tuning import knobs
 from mjbench.tuning.distance import Distance
 from mjbench.tuning.records import (
-    NO_ERROR,
     SAME_ERROR,
     Attempt,
     Effect,
@@ -121,20 +120,25 @@ def _unconverged(present: Present) -> list[Conclusion]:
         Conclusion(
             f"The solver does not converge: it stops at its limit of iterations in"
             f" {short_percent(present.solver_limited)} of the steps. Results depend on that limit,"
-            " so settings that change them are recommended only with an error of at most"
-            f" {percent(NO_ERROR)} of the motion",
+            " so settings that change them are recommended only if they err no more than a solver"
+            " that converges",
             Tone.UNSURE,
         )
     ]
 
 
-def _slow(record: TuneRecord) -> Iterator[Conclusion]:
-    """Yield what recommended settings prevent that is slower than the runs show."""
-    advice = {one.label: one for each in advised(record) for one in each.settings}
-    for setting in advice.values() if record.batch is None else ():
-        if slow := knobs.find(setting.knob).slow:
-            text = f"Not shown by runs this short: with {setting.label}, {slow}"
-            yield Conclusion(text, Tone.UNSURE)
+def not_shown(settings: Sequence[Setting]) -> list[str]:
+    """Return what settings prevent that is slower than runs show, in a few words each."""
+    slow = {setting.label: knobs.slow(setting) for setting in settings}
+    return [
+        f"not shown by runs this short: with {name}, {text}" for name, text in slow.items() if text
+    ]
+
+
+def _slow(record: TuneRecord) -> list[Conclusion]:
+    """Return what recommended settings prevent that is slower than the runs show."""
+    texts = {text for each in advised(record) for text in not_shown(each.settings)}
+    return [Conclusion(text[0].upper() + text[1:], Tone.UNSURE) for text in sorted(texts)]
 
 
 def _is_measured(record: TuneRecord) -> bool:
@@ -381,11 +385,12 @@ def _saved(by_stage: Mapping[str, float]) -> str:
 
 def changes(attempt: Attempt) -> str:
     """Return what a setting alone may change, and what it prevents that runs are too short for."""
-    knob = knobs.find(attempt.settings[0].knob)
+    (setting,) = attempt.settings
     count = attempt.accuracy.changed_sensors if attempt.accuracy else 0
     sensors = [f"Here, the data of {count_of(count, 'sensor')} changed."] if count else []
-    slow = [f"Not shown by runs this short: {knob.slow}."] if knob.slow else []
-    return " ".join([*sensors, knob.changes, *slow])
+    slow = knobs.slow(setting)
+    not_seen = [f"Not shown by runs this short: {slow}."] if slow else []
+    return " ".join([*sensors, knobs.find(setting.knob).changes, *not_seen])
 
 
 def to_apply(settings: Sequence[Setting]) -> Iterator[Snippet]:
