@@ -79,7 +79,7 @@ _STARTING_S = 4.0
 # Seconds that tuning, and measuring something as a whole, need at least.
 _LEAST_TUNING_S, _LEAST_TOGETHER_S = 5.0, 2.0
 # Ways of stepping that race, beside the plain loop: others rarely win, and cost each of these time.
-_PATHS, _OPTIONS = ("rollout", "batch_step", "batch_rollout"), ("pool=kept",)
+_PATHS, _OPTIONS = ("rollout", "batch_step", "batch_rollout"), ("pool=kept", "data=shared")
 # Changes that are measured together, at least: one alone has its figure.
 _SEVERAL = 2
 

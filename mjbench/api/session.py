@@ -6,7 +6,7 @@ all of them together (`mjbench.api.measured`).
 """
 
 import contextlib
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,6 +23,7 @@ from mjbench.report.content import Section
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
+from mjbench.status import FINISHED
 from mjbench.store import runs
 from mjbench.store.run_file import RunFile, check_continues
 from mjbench.store.runs import Record, Run, RunHeader
@@ -122,8 +123,12 @@ def of_each_model(
     """
 
     def items(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+        known = by_name(earlier, "model")
         for number, source in enumerate(sources):
             observer(source.name, number / len(sources))
+            if source.name in known:
+                yield Item(known[source.name])
+                continue
             try:
                 item = Item(measure(source))
             except MjbenchError as error:
@@ -136,7 +141,20 @@ def of_each_model(
     names = {"models": [source.name for source in sources]}
     all_arguments = {**names, **(arguments or {}), "starts": starts}
     files = input_files(sources, [], starts)
-    return Measurement(command, all_arguments, files, items)
+    return Measurement(command, all_arguments, files, items, finished)
+
+
+def finished(records: Sequence[Record]) -> list[Record]:
+    """Return the records of a continued run that ended well, or would end in the same way again."""
+    return [record for record in records if getattr(record, "status", None) in FINISHED]
+
+
+def by_name(records: Sequence[Record], attribute: str) -> Mapping[str, Sequence[Record]]:
+    """Return records by what an attribute of theirs names."""
+    named: dict[str, list[Record]] = {}
+    for record in records:
+        named.setdefault(getattr(record, attribute), []).append(record)
+    return named
 
 
 def failure_of_model(name: str, error: MjbenchError) -> Failure:
@@ -176,6 +194,7 @@ class Session:
         """
         self.earlier: Sequence[Record] = ()
         self.records: list[Record] = []
+        self._earlier_ids: Collection[int] = ()
         self._measurement, self._wait = measurement, wait
         self._folder, self._resume = folder, resume
         self._command_line, self._report = command_line, report
@@ -242,7 +261,7 @@ class Session:
         if stored.is_torn:
             self._report(f"{file}: the last line was cut short; it is left out")
         self.earlier = tuple(self._measurement.select_finished(stored.records))
-        self.records = [*self.earlier]
+        self.records, self._earlier_ids = [*self.earlier], set(map(id, self.earlier))
         return RunFile.rewrite(file, stored.header, self.earlier)
 
     @property
@@ -252,7 +271,7 @@ class Session:
 
     def record(self, record: Record) -> None:
         """Take a record, and append it to the run file, unless a continued run has it."""
-        if any(record is each for each in self.earlier):
+        if id(record) in self._earlier_ids:
             return
         self.records.append(record)
         if self._file is not None:

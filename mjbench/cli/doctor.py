@@ -26,8 +26,8 @@ def doctor(json_file: str | None) -> None:
     """What on this machine spoils measurements, and how small a change can it decide?
 
     It looks at the processor, its clock, the load, the host, Python, valgrind and rendering, and
-    then compares the cart-pole with itself for some seconds. Exit code 1: changes of 1 % cannot be
-    decided within a minute.
+    then compares the cart-pole with itself for some seconds. Exit code 1: something is bad, or
+    changes of 1 % cannot be decided within a minute.
 
     \b
     Example:
@@ -48,11 +48,12 @@ def doctor(json_file: str | None) -> None:
         except KeyboardInterrupt:
             run.interrupt(is_saved=False)
             run.exit([])
-        run.show([noise_section(noise)])
+        run.show([noise_section(noise, rows)])
         run.write(DoctorDocument(machine=machine.describe(), conditions=rows, noise=noise))
     if noise.decidable is None:
         sys.exit(ExitCode.ENVIRONMENT)
-    sys.exit(ExitCode.OK if noise.trusted else ExitCode.FINDING)
+    is_fit = noise.trusted and all(row.grade != conditions.Grade.BAD for row in rows)
+    sys.exit(ExitCode.OK if is_fit else ExitCode.FINDING)
 
 
 def _mujoco_conditions() -> "Iterator[Condition]":

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
     SIZES_OF_STARTS,
     STORING,
+    RenamedOption,
     Seconds,
     models_argument,
     with_options,
@@ -42,7 +43,10 @@ if TYPE_CHECKING:
     help="Launches for each of the four placements; an interval needs at least 9.",
 )
 @click.option(
+    "--budget",
     "--time-limit",
+    "time_limit",
+    cls=RenamedOption,
     type=Seconds(),
     default="180s",
     show_default=True,
@@ -101,4 +105,4 @@ def doctor_placement(
         placement_spread.finished,
         pinning_notes(),
     )
-    measure(measurement, output, summary=PLACEMENT.sections).exit()
+    measure_and_print(measurement, output, summary=PLACEMENT.sections).exit()

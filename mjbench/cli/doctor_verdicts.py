@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import COUNT, STORING, TRIAL_PLAN, Shares, with_options
 from mjbench.errors import Failure
@@ -35,9 +35,8 @@ _SLOWDOWNS = (0.0, 0.005, 0.01, 0.02, 0.05)
 @click.option(
     "--slowdowns",
     type=Shares(),
-    show_default="0,0.5,1,2,5; none with --inside-step or --between-builds",
     help="Slowdowns to inject: by how much longer each block of the candidate lasts; 0 compares"
-    " identical targets.",
+    " identical targets  [default: 0,0.5,1,2,5; none with --inside-step or --between-builds]",
 )
 @click.option(
     "--inside-step",
@@ -124,7 +123,7 @@ def doctor_verdicts(
         trial_records,
         pinning_notes(),
     )
-    measure(measurement, output, summary=SELFCHECK.sections).exit()
+    measure_and_print(measurement, output, summary=SELFCHECK.sections).exit()
 
 
 def _cases(

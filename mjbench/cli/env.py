@@ -6,9 +6,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import LIMIT, OUTPUT, SEED_NUMBER, Numbers, Seconds, with_options
+from mjbench.cli.shared import (
+    LIMIT,
+    SEED_NUMBER,
+    STORING,
+    Numbers,
+    RenamedOption,
+    Seconds,
+    with_options,
+)
 from mjbench.errors import Failure, MjbenchError, failure_of
 from mjbench.limits import THREADS
 from mjbench.status import Status
@@ -26,8 +34,10 @@ MAX_NSTEP = 100_000
 @cli.command()
 @click.argument("names", nargs=-1, required=True, metavar="ENVIRONMENT…")
 @click.option(
+    "--nstep",
     "--steps",
     "nstep",
+    cls=RenamedOption,
     type=click.IntRange(1, MAX_NSTEP),
     help="Steps of the environment to record and repeat in every round"
     "  [default: as many as take 0.1 s, from 50 to 1000]",
@@ -43,8 +53,10 @@ MAX_NSTEP = 100_000
     "--threads", type=Numbers(THREADS), help="Thread counts  [default: 1 and usable cores]"
 )
 @click.option(
+    "--nbatch",
     "--num-envs",
     "nenv",
+    cls=RenamedOption,
     type=Numbers(THREADS),
     help="Numbers of environments in vectorised forms  [default: 1, 2, 4, … usable cores]",
 )
@@ -57,7 +69,7 @@ MAX_NSTEP = 100_000
     help="Time for the rounds of each environment, and as much again for vectorised forms.",
 )
 @click.option("--no-vector", is_flag=True, help="Leave out vectorised forms.")
-@with_options(LIMIT, OUTPUT)
+@with_options(LIMIT, STORING)
 def env(
     names: tuple[str, ...],
     nstep: int | None,
@@ -78,10 +90,10 @@ def env(
     \b
     Examples:
       mjbench env Humanoid-v5
-      mjbench env dm_control:humanoid-walk --steps 500
+      mjbench env dm_control:humanoid-walk --nstep 500
       mjbench env my_env:make --no-vector
     """
-    from mjbench.api.session import Measurement
+    from mjbench.api.session import Item, Measurement, by_name, finished
     from mjbench.environment.records import EnvironmentRecord
     from mjbench.environment.run import EnvironmentPlan
     from mjbench.environment.source import resolve
@@ -89,7 +101,7 @@ def env(
     from mjbench.report.kinds import ENVIRONMENT
 
     if no_vector and nenv:
-        raise click.UsageError("give --num-envs or --no-vector, not both")
+        raise click.UsageError("give --nbatch or --no-vector, not both")
     sources = [resolve(name, Path.cwd()) for name in names]
     cores = machine.usable_cores()
     counts = tuple(nenv or _doubled(cores)) if not no_vector else ()
@@ -97,18 +109,22 @@ def env(
     plan = EnvironmentPlan(nstep, seed, nthread, counts, budget_s, time_limit)
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
+        known = by_name(earlier, "environment")
         for number, source in enumerate(sources):
             observer(source.name, number / len(sources))
-            yield _measured(source, plan)
+            if source.name in known:
+                yield Item(known[source.name])
+            else:
+                yield _measure_environment(source, plan)
 
     arguments = {"environments": list(names), "plan": plan}
-    measurement = Measurement("env", arguments, [], items)
-    run = measure(measurement, output, each=ENVIRONMENT.sections)
+    measurement = Measurement("env", arguments, [], items, finished)
+    run = measure_and_print(measurement, output, each=ENVIRONMENT.sections)
     records = run.session.run().of_type(EnvironmentRecord)
     run.exit(status for record in records for status in record.statuses())
 
 
-def _measured(source: "EnvironmentSource", plan: "EnvironmentPlan") -> "Item":
+def _measure_environment(source: "EnvironmentSource", plan: "EnvironmentPlan") -> "Item":
     """Return what was measured of an environment, or why nothing was."""
     from mjbench.api.session import Item
     from mjbench.environment import measurement

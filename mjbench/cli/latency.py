@@ -4,15 +4,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
     HOLD,
     LIMIT,
-    OUTPUT,
     SEED,
     STARTS,
+    STORING,
     Hertz,
     Seconds,
     models_argument,
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @cli.command()
-@models_argument(required=True)
+@models_argument("cartpole")
 @click.option(
     "--deadline",
     "deadline_s",
@@ -40,14 +40,22 @@ if TYPE_CHECKING:
     help="Paced steps per second  [default: real time]",
 )
 @click.option(
-    "--nstep", type=COUNT, help="Steps at each pace  [default: 10,000, or what 10s allow]"
+    "--nstep", type=COUNT, help="Steps at each pace  [default: 10,000, or what the budget allows]"
 )
-@with_options(HOLD, SEED, STARTS, LIMIT, OUTPUT)
+@click.option(
+    "--budget",
+    type=Seconds(),
+    default="10s",
+    show_default=True,
+    help="Time for the steps of each pace, if there are more than 1,000.",
+)
+@with_options(HOLD, SEED, STARTS, LIMIT, STORING)
 def latency(
     sources: "list[ModelSource]",
     deadline_s: float | None,
     rate_hz: float | None,
     nstep: int | None,
+    budget: float,
     hold: int,
     seed: int,
     starts: "StartPlan",
@@ -57,7 +65,7 @@ def latency(
     """How long do single steps take, which miss their deadline, and what do slow ones share?
 
     Steps are measured free-running, each after the other, and paced: due at a fixed rate, as in a
-    controller.
+    controller. Without a MODEL: cartpole.
 
     \b
     Examples:
@@ -68,5 +76,8 @@ def latency(
     from mjbench.loop.latency import LatencyRequest
     from mjbench.report.kinds import LATENCY
 
-    requests = [LatencyRequest(source, nstep, rate_hz, hold, seed, starts) for source in sources]
-    measure(measurement(requests, deadline_s, time_limit), output, each=LATENCY.sections).exit()
+    requests = [
+        LatencyRequest(source, nstep, rate_hz, hold, seed, starts, budget) for source in sources
+    ]
+    measured = measurement(requests, deadline_s, time_limit)
+    measure_and_print(measured, output, each=LATENCY.sections).exit()

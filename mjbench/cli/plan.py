@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
@@ -16,6 +16,7 @@ from mjbench.cli.shared import (
     SEED,
     Names,
     Numbers,
+    RenamedOption,
     Seconds,
     models_argument,
     own_path_folder,
@@ -42,7 +43,10 @@ if TYPE_CHECKING:
     help="How the plan improves.",
 )
 @click.option(
+    "--nbatch",
     "--samples",
+    "samples",
+    cls=RenamedOption,
     type=Numbers(),
     default="64",
     show_default=True,
@@ -99,8 +103,8 @@ def plan(
     \b
     Examples:
       mjbench plan
-      mjbench plan humanoid --algorithm cem --samples 128
-      mjbench plan --samples 16,64,256 --knots 10,25 --threads 1,2
+      mjbench plan humanoid --algorithm cem --nbatch 128
+      mjbench plan --nbatch 16,64,256 --knots 10,25 --threads 1,2
       mjbench plan robot.mjb --states states.npz
     """
     from mjbench.api.session import Measurement, input_files
@@ -124,7 +128,7 @@ def plan(
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
         for number, request in enumerate(requests):
             observer(request.source.name, number / len(requests))
-            yield _planned(request, import_from, time_limit)
+            yield _plan_model(request, import_from, time_limit)
 
     arguments = {
         "models": [source.name for source in sources],
@@ -135,7 +139,7 @@ def plan(
         "starts": starts,
     }
     files = input_files(sources, [], starts)
-    measure(
+    measure_and_print(
         Measurement("plan", arguments, files, items),
         output,
         each=lambda run: [planning.section(run.of_type(PlanningRow))],
@@ -143,7 +147,7 @@ def plan(
     ).exit()
 
 
-def _planned(request: "PlanningRequest", import_from: str | None, limit_s: float) -> "Item":
+def _plan_model(request: "PlanningRequest", import_from: str | None, limit_s: float) -> "Item":
     """Return what plans of one model and size are, or why there are none."""
     from mjbench.api.session import Item, failure_of_model
     from mjbench.comparison import planning_run

@@ -2,9 +2,9 @@
 
 from typing import TYPE_CHECKING
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import LIMIT, LOOP_STARTS, OUTPUT, mode, models_argument, with_options
+from mjbench.cli.shared import LIMIT, LOOP_STARTS, STORING, mode, models_argument, with_options
 
 if TYPE_CHECKING:
     from mjbench.simulation.models import ModelSource
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 @cli.command()
 @mode("--habits", "What does each habit of a Python loop cost?")
 @mode("--instructions", "Count instructions by function; needs valgrind.")
-@models_argument(required=True)
-@with_options(LOOP_STARTS, LIMIT, OUTPUT)
+@models_argument("cartpole")
+@with_options(LOOP_STARTS, LIMIT, STORING)
 def profile(
     sources: "list[ModelSource]", starts: "StartPlan", time_limit: float, output: OutputOptions
 ) -> None:
@@ -23,7 +23,7 @@ def profile(
 
     Stages are from MuJoCo's own timers. Rendering is timed with EGL and with OSMesa, or on macOS
     with CGL. Steps are short runs from states along the model's own run, or from those of --states,
-    each with its controls held.
+    each with its controls held. Without a MODEL: cartpole.
 
     \b
     Examples:
@@ -33,4 +33,6 @@ def profile(
     from mjbench.api.profile import measurement
     from mjbench.report.kinds import PROFILE
 
-    measure(measurement(sources, starts, time_limit), output, each=PROFILE.sections).exit()
+    measure_and_print(
+        measurement(sources, starts, time_limit), output, each=PROFILE.sections
+    ).exit()

@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import LIMIT, LOOP_STARTS, OUTPUT, models_argument, with_options
+from mjbench.cli.shared import LIMIT, LOOP_STARTS, STORING, models_argument, with_options
 
 if TYPE_CHECKING:
     from mjbench.simulation.models import ModelSource
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 @cli.command("profile --habits")
 @models_argument("cartpole")
 @click.option("--code", is_flag=True, help="Print each habit's loop, and its cheaper form.")
-@with_options(LOOP_STARTS, LIMIT, OUTPUT)
+@with_options(LOOP_STARTS, LIMIT, STORING)
 def profile_habits(
     sources: "list[ModelSource]",
     code: bool,
@@ -44,4 +44,4 @@ def profile_habits(
         return [loop_overhead.measure(source, time_limit, starts=starts)]
 
     measurement = of_each_model("overhead", sources, starts, loop_overhead.OverheadRow, rows)
-    measure(measurement, output, each=OVERHEAD.sections, code=code).exit()
+    measure_and_print(measurement, output, each=OVERHEAD.sections, code=code).exit()

@@ -185,6 +185,15 @@ class Hertz(Text[float]):
         return _within(float(text.strip().removesuffix("Hz")), limits.HERTZ)
 
 
+class RenamedOption(click.Option):
+    """An option whose last name is that of an earlier version: it works, and no help has it."""
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        """Return its line of the help."""
+        record = super().get_help_record(ctx)
+        return record and (record[0].replace(f", {self.opts[-1]}", ""), record[1])
+
+
 def own_path_folder(path_names: Sequence[str] | None) -> str | None:
     """Return the folder that the user's own paths are imported from, and import from it here, too.
 
@@ -231,13 +240,12 @@ def as_one(
     return add
 
 
-def models_argument(
-    *default: str, required: bool = False
-) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def models_argument(*default: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that adds the argument MODEL to a command, which gets `sources`.
 
     Args:
-      default: models of a command line without any; all shipped ones, unless it is `required`.
+      default: models of a command line without any: none stands for all shipped ones, which
+        comparisons have; what looks closely at one model has the cart-pole.
     """
 
     def sources(names: tuple[str, ...]) -> "list[ModelSource]":
@@ -245,14 +253,13 @@ def models_argument(
 
         return [models.resolve(name) for name in names or default or models.shipped()]
 
-    metavar = "MODEL…" if required else "[MODEL]…"
-    argument = click.argument("names", nargs=-1, required=required, metavar=metavar)
+    argument = click.argument("names", nargs=-1, metavar="[MODEL]…")
     return as_one("sources", sources, argument)
 
 
 def mode(flag: str, text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that names a mode in a command's help (see `command_names`)."""
-    return click.option(flag, is_flag=True, expose_value=False, help=f"{text} See its --help.")
+    return click.option(flag, is_flag=True, expose_value=False, help=f"{text} ({flag} --help)")
 
 
 def check_sizes(nstep: int | None, hold: int) -> None:
@@ -375,7 +382,10 @@ _JUDGING = (
         help="Stop when half the interval's width is below this.",
     ),
     click.option(
+        "--budget",
         "--time-limit",
+        "time_limit",
+        cls=RenamedOption,
         type=Seconds(),
         default=f"{outcomes.TIME_LIMIT_S:g}s",
         show_default=True,
@@ -407,7 +417,8 @@ ACTIONS = click.option(
     metavar="FILE",
     type=click.Path(path_type=Path),
     help="Take controls from this .npz or .npy file: an array `ctrl` or `actions` of shape"
-    " (ncontrol, nu) or (nsequence, ncontrol, nu). Each row is held for --hold steps.",
+    " (ncontrol, nu) or (nsequence, ncontrol, nu). Each row is held for the steps of"
+    " a control.",
 )
 SETTLE = click.option(
     "--settle",

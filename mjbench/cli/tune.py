@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, RunContext, measure
+from mjbench.cli.context import OutputOptions, RunContext, measure_and_print
 from mjbench.cli.group import cli, report_line
 from mjbench.cli.output_file import OutputFile
 from mjbench.cli.shared import (
     COUNT,
     LIMIT,
-    OUTPUT,
     SEED,
     STARTS,
+    STORING,
     Names,
     Seconds,
     Share,
@@ -34,7 +34,7 @@ NBATCH = 64
 
 
 @cli.command()
-@models_argument(required=True)
+@models_argument("cartpole")
 @click.option(
     "--engine",
     type=click.Choice(["c", "mjx", "warp"]),
@@ -87,7 +87,7 @@ NBATCH = 64
     show_default=True,
     help="Steps for which each control is held; timesteps must divide that time",
 )
-@with_options(SEED, STARTS, LIMIT, OUTPUT)
+@with_options(SEED, STARTS, LIMIT, STORING)
 def tune(
     sources: "list[ModelSource]",
     engine: str,
@@ -108,6 +108,7 @@ def tune(
     Tries settings alone and together. Those that change no state come first, then those that change
     no more than rounding does, then those with an error: a distance from the same model at an
     eighth of its timestep. Recommendations are measured again from new starts.
+    Without a MODEL: cartpole.
 
     --engine mjx or warp tries settings of that engine: limits of iterations, solver, Jacobian,
     buffers. Times are of a batched step, errors are distances from C.
@@ -119,7 +120,7 @@ def tune(
       mjbench tune robot.xml --max-error 1% --budget 600s
       mjbench tune robot.xml --engine mjx --nbatch 1024
     """
-    from mjbench.api.session import Item, Measurement, input_files
+    from mjbench.api.session import Item, Measurement, by_name, finished, input_files
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.report.kinds import TUNE
     from mjbench.tuning import knobs, variants
@@ -141,10 +142,14 @@ def tune(
         _see_whether_writable(OutputFile("--write", target, files))
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
+        known = by_name(earlier, "model")
         if target is not None:
             variants.copy_in_child(sources[0], None, Path(target), time_limit)
         with WorkerPool() as pool:
             for number, source in enumerate(sources):
+                if source.name in known:
+                    yield Item(known[source.name])
+                    continue
 
                 def advance(done: int, text: str, share: float, number: int = number) -> None:
                     observer(text, (number + (done + share) / PARTS) / len(sources))
@@ -152,8 +157,8 @@ def tune(
                 yield Item([tune_model(pool, source, plan, time_limit, advance)])
 
     arguments = {"models": [source.name for source in sources], "plan": plan}
-    measurement = Measurement("tune", arguments, files, items)
-    run = measure(measurement, output, each=TUNE.sections)
+    measurement = Measurement("tune", arguments, files, items, finished)
+    run = measure_and_print(measurement, output, each=TUNE.sections)
     if target is not None and not run.is_stopped:
         _write(run, sources[0], Path(target), time_limit)
     run.exit()

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     help="What to compare: the time of steps; p99, the time that 99 of 100 single steps do not"
     " exceed; or instructions. Instruction counts repeat within 0.1 %. They do not need a quiet"
     " machine, but they need valgrind; they are those of the engine alone, and --confidence,"
-    " --precision, --time-limit and --as-shipped do not apply.",
+    " --precision, --budget and --as-shipped do not apply.",
 )
 @click.option(
     "--family",

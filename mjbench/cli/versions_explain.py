@@ -1,24 +1,27 @@
 """`mjbench versions --explain`: what changed from one release to another, by function."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import RunContext
-from mjbench.cli.group import cli, report_line
-from mjbench.cli.shared import COUNT, JSON, VERDICT_PLAN, WAIT, with_options
+from mjbench.cli.context import OutputOptions, measure_and_print
+from mjbench.cli.group import cli
+from mjbench.cli.shared import COUNT, STORING, VERDICT_PLAN, with_options
 from mjbench.cli.versions import releases_and_models
 from mjbench.errors import InputError
 from mjbench.status import Status
 
 if TYPE_CHECKING:
-    from mjbench.counts.instructions import InstructionCounter
-    from mjbench.counts.records import ExplainRecord
+    from mjbench.api.session import Item, Observer
+    from mjbench.counts.instructions import InstructionCounter, ModelCount
     from mjbench.paired.records import VerdictRow
     from mjbench.paired.targets import Target
     from mjbench.paired.verdict import VerdictPlan
     from mjbench.paired.worker_pool import WorkerPool
+    from mjbench.report.content import Section
+    from mjbench.store.runs import Record, Run
 
 
 @cli.command("versions --explain")
@@ -33,14 +36,13 @@ if TYPE_CHECKING:
 @click.option(
     "--clock/--no-clock", default=True, show_default=True, help="Compare wall-clock times too."
 )
-@with_options(VERDICT_PLAN, WAIT, JSON)
+@with_options(VERDICT_PLAN, STORING)
 def versions_explain(
     names: tuple[str, ...],
     top: int,
     clock: bool,
     plan: "VerdictPlan",
-    wait: bool,
-    json_file: str | None,
+    output: OutputOptions,
 ) -> None:
     """Explain what changed from the OLD release to the NEW one: code, work, or time alone.
 
@@ -53,14 +55,15 @@ def versions_explain(
     Example:
       mjbench versions --explain 3.17.0 4.0.0 pile
     """
-    from mjbench.api.session import Measurement, Session, input_files
+    from mjbench.api.session import Item, Measurement, input_files
+    from mjbench.counts import records
     from mjbench.counts.explain import explain_change
     from mjbench.counts.instructions import InstructionCounter
+    from mjbench.counts.records import ExplainRecord
     from mjbench.paired.targets import Target
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.releases import installs
-    from mjbench.report import counts
-    from mjbench.report.kinds import EXPLAIN
+    from mjbench.report import counts as report
 
     release_names, sources = releases_and_models(names)
     if len(release_names) != 2:
@@ -68,28 +71,41 @@ def versions_explain(
             "name an OLD and a NEW release, such as `mjbench versions --explain 3.17.0 4.0.0`"
         )
     specs = [installs.parse_release(name) for name in release_names]
+    counted: dict[str, tuple[ModelCount, ModelCount]] = {}
+
+    def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
+        known = {record.model for record in records.finished(earlier)}
+        remaining = [source for source in sources if source.name not in known]
+        with WorkerPool() as pool, InstructionCounter(plan.sizes) as counter:
+            # workloads last as long as the pool
+            times: list[VerdictRow | None] = []
+            for number, source in enumerate(remaining):
+                observer(f"{source.name}: time", number / len(remaining) / 2)
+                targets = [Target(spec, source) for spec in specs]
+                times.append(_compare_times(pool, counter, targets, plan) if clock else None)
+            observer("instructions", 0.5)
+            baselines, candidates = (counter.count(spec, remaining) for spec in specs)
+            for baseline, candidate, time in zip(baselines, candidates, times, strict=True):
+                counted[candidate.model] = baseline, candidate
+                yield Item([explain_change(baseline, candidate, time)])
+
+    def sections(run: "Run") -> "Iterator[Section]":
+        for record in run.of_type(ExplainRecord):
+            yield report.explanation_section(*counted[record.model], record, top)
+
+    arguments = {
+        **asdict(plan),
+        "releases": [spec.key for spec in specs],
+        "models": [source.name for source in sources],
+        "clock": clock,
+    }
     files = input_files(sources, specs, plan.sizes.starts)
-    session = Session(Measurement("explain", {}, files), wait, report=report_line)
-    rows: list[ExplainRecord] = []
-    statuses: list[Status] = []
-    with (
-        RunContext(json_file, files, session) as run,
-        WorkerPool() as pool,  # workloads last as long as the pool
-        InstructionCounter(plan.sizes) as counter,
-    ):
-        times = [
-            _compare_times(pool, counter, [Target(spec, source) for spec in specs], plan)
-            if clock
-            else None
-            for source in sources
-        ]
-        baselines, candidates = (counter.count(spec, sources) for spec in specs)
-        for baseline, candidate, time in zip(baselines, candidates, times, strict=True):
-            rows.append(explain_change(baseline, candidate, time))
-            run.show([counts.explanation_section(baseline, candidate, rows[-1], top)])
-            statuses += [baseline.status, candidate.status, time.status if time else Status.OK]
-        run.write(EXPLAIN.document_type(results=rows))
-    run.exit(statuses)
+    measurement = Measurement("explain", arguments, files, items, records.finished)
+    run = measure_and_print(measurement, output, each=sections)
+    rows = run.session.run().of_type(ExplainRecord)
+    run.exit(
+        row.time.status if row.time and row.status == Status.OK else row.status for row in rows
+    )
 
 
 def _compare_times(

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import LIMIT, OUTPUT, SIZES, Seconds, models_argument, with_options
+from mjbench.cli.shared import LIMIT, SIZES, STORING, Seconds, models_argument, with_options
 
 if TYPE_CHECKING:
     from mjbench.api.session import Observer
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Time to spend on timing each model.",
 )
-@with_options(SIZES, LIMIT, OUTPUT)
+@with_options(SIZES, LIMIT, STORING)
 def web(
     sources: "list[ModelSource]",
     release: str | None,
@@ -75,7 +75,7 @@ def web(
       mjbench web robot.xml --release 3.12.0
       mjbench web --package path/to/your/app --json web.json
     """
-    from mjbench.api.session import Item, Measurement, input_files
+    from mjbench.api.session import Item, Measurement, by_name, finished, input_files
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.releases import installs
     from mjbench.report.kinds import WEB
@@ -88,10 +88,11 @@ def web(
     plan = builds.WebPlan(spec, engine, sizes, budget_s)
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
+        known = by_name(earlier, "model")
         with WorkerPool(time_limit) as pool:
             for number, source in enumerate(sources):
                 observer(source.name, number / len(sources))
-                yield Item([builds.measure(pool, source, plan)])
+                yield Item(known.get(source.name) or [builds.measure(pool, source, plan)])
 
     arguments = {
         "models": [source.name for source in sources],
@@ -101,8 +102,8 @@ def web(
         "budget_s": budget_s,
     }
     files = input_files(sources, [], sizes.starts)
-    measurement = Measurement("web", arguments, files, items)
-    run = measure(measurement, output, each=WEB.sections)
+    measurement = Measurement("web", arguments, files, items, finished)
+    run = measure_and_print(measurement, output, each=WEB.sections)
     records = run.session.run().of_type(WebRecord)
     run.exit(status for record in records for status in record.statuses())
 

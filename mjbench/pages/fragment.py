@@ -34,10 +34,10 @@ def render(report: Report, notes: Sequence[str] = ()) -> str:
 
 def _parts(report: Report, notes: Sequence[str]) -> Iterator[str]:
     yield '<div class="mjbench">'
-    yield from _conclusions(report.conclusions)
+    yield from _conclusions([*report.conclusions, *report.further])
     for note in notes:
         yield f"<p><strong>{_text(note)}</strong></p>"
-    for section in report.sections:
+    for section in (*report.summaries, *report.sections):
         yield from (f"<div>{_text(fact)}</div>" for fact in section.facts)
         for table in section.shown_tables:
             has_several = len(section.shown_tables) > 1

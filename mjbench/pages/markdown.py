@@ -5,8 +5,10 @@ before it is part of a page, and then is no markup, no HTML and no role of MyST.
 """
 
 import html
+import itertools
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
 
 from mjbench.errors import printable
 from mjbench.report import charts
@@ -19,35 +21,56 @@ _MARKS = {
     Tone.UNSURE: "❔ ",
     Tone.NEUTRAL: "",
 }
+# Characters that are not folded, and of conclusions among them.
+_MOST_SHOWN, _MOST_CONCLUDED = 2800, 1400
 # Characters that mean something in Markdown, MyST or HTML; `_` does not inside a word.
 _SPECIAL = re.compile(r"[\\`*{}\[\]<>#&~]|(?<![^\W_])_|_(?![^\W_])")
 
 
 def render(report: Report) -> Iterator[str]:
-    """Yield the lines of a report: conclusions first, tables folded."""
+    """Yield the lines of a report: a few conclusions and what is advised; the rest is folded."""
     yield f"## {escaped(report.title)}"
     yield ""
-    yield from _conclusions((each.text, each.tone) for each in report.conclusions)
+    yield from filter(None, [escaped(report.subtitle)])
+    yield ""
+    lines = [*_conclusions((e.text, e.tone) for e in (*report.conclusions, *report.further))]
+    lengths = itertools.accumulate(len(line) + 1 for line in lines)
+    room = sum(length <= _MOST_CONCLUDED for length in lengths)
+    yield from lines[:room]
+    if lines[room:]:
+        yield from _folded(f"{len(lines) - room} further conclusions", lines[room:])
+    left = _MOST_SHOWN - min(_MOST_CONCLUDED, sum(len(line) + 1 for line in lines))
+    for section in report.summaries:
+        table = [*_tables(section)]
+        left -= sum(len(line) + 1 for line in table)
+        if left > 0:
+            yield from table
+            section = replace(section, tables=(), figures=())
+        yield from _folded(section.heading, _section_lines(section))
     for section in report.sections:
-        yield ""
-        yield f"<details><summary>{html.escape(section.heading, quote=False)}</summary>"
-        yield ""
-        yield from _conclusions((each.sentence, each.tone) for each in section.conclusions)
-        yield from (f"- {escaped(fact)}" for fact in section.facts)
-        yield from _tables(section)
-        yield ""
-        yield from (f"- {escaped(note)}" for note in section.notes)
-        yield ""
-        yield f"Measured by {code(section.command)}"
-        yield ""
-        yield "</details>"
+        yield from _folded(section.heading, _section_lines(section))
     if report.machines.rows:
-        yield ""
-        yield "<details><summary>Machines and versions</summary>"
-        yield ""
-        yield from data_table(report.machines)
-        yield ""
-        yield "</details>"
+        yield from _folded("Machines and versions", data_table(report.machines))
+
+
+def _folded(heading: str, lines: Iterable[str]) -> Iterator[str]:
+    """Yield lines below a heading that opens them."""
+    yield ""
+    yield f"<details><summary>{html.escape(heading, quote=False)}</summary>"
+    yield ""
+    yield from lines
+    yield ""
+    yield "</details>"
+
+
+def _section_lines(section: Section) -> Iterator[str]:
+    yield from _conclusions((each.sentence, each.tone) for each in section.conclusions)
+    yield from (f"- {escaped(fact)}" for fact in section.facts)
+    yield from _tables(section)
+    yield ""
+    yield from (f"- {escaped(note)}" for note in section.notes)
+    yield ""
+    yield f"Measured by {code(section.command)}"
 
 
 def document(sections: Iterable[Section], plots: str = "") -> Iterator[str]:
@@ -71,8 +94,14 @@ def document(sections: Iterable[Section], plots: str = "") -> Iterator[str]:
         for note in section.notes:
             yield ""
             yield escaped(note)
+        if section.see_also:
+            links = (f"[{escaped(about)}]({page})" for about, page in section.see_also.items())
+            yield ""
+            yield f"See {', '.join(links)}."
         yield ""
         yield f"Measured by {code(section.command)}"
+    yield ""
+    yield "Written by mjbench; do not edit."
 
 
 def _tables(section: Section) -> Iterator[str]:

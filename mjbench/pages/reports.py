@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mjbench.errors import printable
+from mjbench.errors import one_line, printable
 from mjbench.releases import bundle
 from mjbench.releases.release_ratios import RatioRecord
 from mjbench.report import across_machines as across
@@ -14,13 +14,16 @@ from mjbench.report.content import Column, Conclusion, DataTable, Report, Sectio
 from mjbench.store import run_set
 from mjbench.store.machine_identity import MachineIdentity
 from mjbench.store.runs import Run
+from mjbench.units import count_of
 
 # Sections of single runs, at most, where there are several runs: a page of more is of no use.
 _MOST_SECTIONS = 100
 # Files that the command of a section names, at most.
 _MOST_FILES = 3
 # Conclusions that stand at the head of a report, at most; the others are in their sections.
-_MOST_CONCLUSIONS = 40
+_MOST_CONCLUSIONS = 8
+# Characters of a title, and parts of a subtitle, at most.
+_TITLE_LENGTH, _MOST_FACTS = 80, 8
 # Figures that are drawn, at most: a page of more opens slowly. Tables are always there.
 _MOST_FIGURES = 20
 
@@ -65,32 +68,57 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
         for named, machine in zip(named_runs, results.machines, strict=True)
         for part in _parts(named, machine.name if results.has_several else "")
     ]
-    parts += _history_parts(named_runs)
+    if history := _history_parts(named_runs):  # why speed changed is part of it
+        parts = [*history, *(replace(part, main=first_of(part.main)) for part in parts)]
     chosen = _most_important(parts) if len(named_runs) > 1 else parts
     # several models may say the same
     main = list(dict.fromkeys(conclusion for part in chosen for conclusion in part.main))
     main.sort(key=lambda conclusion: conclusion.tone != Tone.BAD)
-    sections = [part.section for part in chosen]
+    summaries = [replace(p.section, conclusions=()) for p in chosen if p.section.is_summary]
+    sections = [part.section for part in chosen if not part.section.is_summary]
     if results.has_several and (first := across.section(results)):
-        first = replace(first, command=_report_command(named_runs))
+        summaries.insert(0, replace(first, conclusions=(), command=_report_command(named_runs)))
         main = [*first.conclusions, *main]
-        # they stand right above it, unless there are too many
-        are_all_above = len(first.conclusions) <= _MOST_CONCLUSIONS
-        sections.insert(0, replace(first, conclusions=()) if are_all_above else first)
     main.sort(key=lambda conclusion: conclusion.tone != Tone.CAUTION)
-    sections = list(_with_fewer_figures(sections))
-    if len(sections) == 1 and len(main) <= _MOST_CONCLUSIONS:  # they are those of the report
+    summaries, sections = _with_fewer_figures(summaries, sections)
+    if len(sections) == 1 and not summaries:  # they are those of the report
         sections = [replace(sections[0], conclusions=())]
-    if not sections:
+    if not (sections or summaries):
         main.append(Conclusion("Nothing was measured.", Tone.UNSURE))
-    title = f"mjbench {', '.join(dict.fromkeys(n.run.header.command for n in named_runs))}"
-    if len(main) > _MOST_CONCLUSIONS:
-        rest = len(main) - _MOST_CONCLUSIONS
-        main = main[:_MOST_CONCLUSIONS]
-        main.append(Conclusion(f"{rest} further conclusions are in their sections."))
     if len(chosen) < len(parts):
-        main.append(_left_out(len(parts) - len(chosen), len(parts)))
-    return Report(title, main, sections, _machines(named_runs, results.machines))
+        main.insert(0, _left_out(len(parts) - len(chosen), len(parts)))
+    return Report(
+        title(named_runs),
+        main[:_MOST_CONCLUSIONS],
+        sections,
+        _subtitle(named_runs),
+        main[_MOST_CONCLUSIONS:],
+        summaries,
+        _machines(named_runs, results.machines),
+    )
+
+
+def title(named_runs: Sequence[NamedRun]) -> str:
+    """Return the command with what it measured; of several runs, the commands."""
+    if len(named_runs) != 1:
+        return f"mjbench {', '.join(dict.fromkeys(n.run.header.command for n in named_runs))}"
+    return one_line(named_runs[0].command, _TITLE_LENGTH)
+
+
+def _subtitle(named_runs: Sequence[NamedRun]) -> str:
+    """Return when, where and with which versions runs were measured."""
+    days = sorted({named.run.header.began[:10] for named in named_runs} - {""})
+    machines = [named.run.header.machine for named in named_runs]
+    parts = [
+        " to ".join(dict.fromkeys([*days[:1], *days[-1:]])),
+        *dict.fromkeys(f"{m.cpu}, {count_of(m.usable_cores, 'core')}" for m in machines),
+        *dict.fromkeys(
+            f"MuJoCo {m.versions['mujoco']}" for m in machines if "mujoco" in m.versions
+        ),
+        *dict.fromkeys(f"Python {m.python}" for m in machines),
+    ]
+    shown = [part for part in parts if part]
+    return " · ".join(shown[:_MOST_FACTS]) + " …" * (len(shown) > _MOST_FACTS)
 
 
 def first_of(conclusions: Sequence[Conclusion]) -> list[Conclusion]:
@@ -119,18 +147,21 @@ def _left_out(count: int, total: int) -> Conclusion:
     )
 
 
-def _with_fewer_figures(sections: Sequence[Section]) -> Iterator[Section]:
-    """Yield sections, without figures once there are enough; a section says that it lacks some."""
+def _with_fewer_figures(*groups: Sequence[Section]) -> list[list[Section]]:
+    """Return sections, without figures once there are enough; a section says that it lacks some."""
     room = _MOST_FIGURES
-    for section in sections:
+
+    def fewer(section: Section) -> Section:
+        nonlocal room
         drawn, others = section.figures[:room], section.figures[room:]
         room -= len(drawn)
         if not others:
-            yield section
-            continue
+            return section
         note = f"Not drawn: a report has {_MOST_FIGURES} charts at most. Report fewer runs."
         tables = section.tables or [figure.data for figure in others]
-        yield replace(section, figures=drawn, tables=tables, notes=[*section.notes, note])
+        return replace(section, figures=drawn, tables=tables, notes=[*section.notes, note])
+
+    return [[fewer(section) for section in group] for group in groups]
 
 
 def _history_parts(named_runs: Sequence[NamedRun]) -> list[_Part]:
@@ -144,7 +175,11 @@ def _history_parts(named_runs: Sequence[NamedRun]) -> list[_Part]:
     )
     sections = history_across.sections(each)
     command = timed[0].command
-    return [_Part(replace(section, command=command), section.conclusions) for section in sections]
+    first, *others = (replace(section, command=command) for section in sections)
+    return [
+        _Part(replace(first, is_summary=True), first.conclusions),
+        *(_Part(section, first_of(section.conclusions)) for section in others),
+    ]
 
 
 def _parts(named: NamedRun, machine: str) -> Iterator[_Part]:
@@ -158,10 +193,15 @@ def _parts(named: NamedRun, machine: str) -> Iterator[_Part]:
         if kind is kinds.HISTORY:  # of all runs together
             continue
         is_detail = kinds.CHECKUP in of_run and kind is not kinds.CHECKUP
-        for section in kind.sections(named.run):
+        sections = [*kind.sections(named.run)]
+        has_summary = any(section.is_summary for section in sections)
+        for section in sections:
             section = replace(section, command=named.command)
             if not machine or is_detail:
-                yield _Part(section, () if is_detail else section.conclusions)
+                main = section.conclusions
+                if has_summary and not section.is_summary:
+                    main = first_of(main)
+                yield _Part(section, () if is_detail else main)
                 continue
             section = replace(section, heading=f"{machine}: {section.heading}")
             yield _Part(section, _main(kind, section, machine))

@@ -29,6 +29,7 @@ from mjbench.report import comparison, history, history_plots
 from mjbench.report.content import Tone
 from mjbench.report.results import derive_all
 from mjbench.report.speed_history import SpeedHistory
+from mjbench.status import Status
 
 # A file that says that a folder is a site, and may be replaced by a new one.
 MARKER = ".mjbench-site"
@@ -54,6 +55,7 @@ extensions = ["myst_parser"]
 html_theme = "furo"
 html_extra_path = ["{copied}"]
 html_copy_source = False
+html_show_copyright = False
 smartquotes = False
 exclude_patterns = ["{copied}"]
 myst_heading_anchors = 4
@@ -269,14 +271,31 @@ def _reports_page(runs: Sequence[NamedRun]) -> Iterator[str]:
     yield "One report for each run file or set: charts, tables, and the command that gave them.\n"
     rows = [
         (
-            _report_link(named, named.file.stem),
-            escaped(named.command) if len(others) == 0 else f"{1 + len(others)} runs",
-            escaped(", ".join(dict.fromkeys(n.run.header.machine.cpu for n in (named, *others)))),
+            _report_link(named, _name([named, *others])),
             escaped(named.run.header.began[:10]),
+            escaped(", ".join(dict.fromkeys(n.run.header.machine.cpu for n in (named, *others)))),
+            ", ".join(dict.fromkeys(filter(None, map(_remark, (named, *others))))),
         )
         for named, *others in reversed(_by_file(runs).values())
     ]
-    yield from markdown.table_lines(["report", "command", "processor", "began"], rows)
+    yield from markdown.table_lines(["report", "began", "processor", "remarks"], rows)
+
+
+def _name(named_runs: Sequence[NamedRun]) -> str:
+    """Return what a report is called: its command; where that is not known, its file."""
+    if len(named_runs) > 1:
+        return f"{reports.title(named_runs)} ({len(named_runs)} runs)"
+    known = named_runs[0].run.header.command_line
+    return reports.title(named_runs) if known else named_runs[0].file.stem
+
+
+def _remark(named: NamedRun) -> str:
+    """Return what speaks against the numbers of a run; empty for nothing."""
+    statuses = {getattr(record, "status", Status.OK) for record in named.run.records}
+    if Status.OK not in statuses:
+        return "failed"
+    results = [result for model in derive_all(named.run.records) for result in model.results]
+    return "disturbed" if any(result.disturbances for result in results) else ""
 
 
 def _by_file(runs: Sequence[NamedRun]) -> dict[Path, list[NamedRun]]:
@@ -290,7 +309,7 @@ def _by_file(runs: Sequence[NamedRun]) -> dict[Path, list[NamedRun]]:
 def _report_link(named: NamedRun, text: str) -> str:
     # a link in HTML: what it names is no page of Sphinx's
     address = urllib.parse.quote(os.fsencode(f"reports/{named.file.stem}.html"))
-    return f'<a href="{address}">{escaped(text)}</a>'
+    return f'<a href="{address}">{markdown.code(text)}</a>'
 
 
 def _index(project: Project, source: Path) -> Iterator[str]:
@@ -306,7 +325,8 @@ def _index(project: Project, source: Path) -> Iterator[str]:
             yield f"\nThe newest release, {newest}: {change}"
             links.append("[release by release](releases.md)")
         yield f"\n{' · '.join(links)}\n"
-    newest_runs = {named.run.header.command: named for named in project.runs}
+    ranked = sorted(project.runs, key=lambda named: not _remark(named))  # the newest good one last
+    newest_runs = {named.run.header.command: named for named in ranked}
     for title, command in (
         ("The newest comparison of paths", "compare"),
         ("The newest comparison of releases", "versions"),
@@ -315,7 +335,7 @@ def _index(project: Project, source: Path) -> Iterator[str]:
             named = newest_runs[command]
             yield f"## {title}\n"
             yield from _summary(_by_file(project.runs)[named.file])
-            yield f"\n{_report_link(named, 'The whole report')}\n"
+            yield f"\n{_report_link(named, _name([named]))}\n"
     if project.asv_pages is not None:
         yield '<a href="asv/index.html">The pages of asv</a>: every benchmark over all releases\n'
     if project.lab is not None:
@@ -330,9 +350,16 @@ def _index(project: Project, source: Path) -> Iterator[str]:
     remaining = [name for name in remaining if name not in listed]
     for caption, folder in _GROUPS:
         group = [name for name in remaining if str(Path(name).parent) == folder]
-        yield from _toctree(caption, sorted(group, key=lambda name: Path(name).name != "README"))
+        yield from _toctree(caption, _in_order(group, source / folder / "README.md"))
         remaining = [name for name in remaining if name not in group]
     yield from _toctree("Project", remaining)
+
+
+def _in_order(names: Sequence[str], readme: Path) -> list[str]:
+    """Return a folder's pages: the README first, then those that it links, in its order."""
+    linked = [match[2] for match in _LINK.finditer(readme.read_text())] if readme.is_file() else []
+    order = {file: i for i, file in reversed([*enumerate(["README.md", *linked])])}
+    return sorted(names, key=lambda name: order.get(f"{Path(name).name}.md", len(order)))
 
 
 def _summary(runs: Sequence[NamedRun]) -> Iterator[str]:

@@ -115,14 +115,14 @@ def table_parts(table: DataTable, width: int) -> Iterator[RenderableType]:
     for row in table.texts:
         printed.add_row(*row)
     yield printed
-    if left_out:
-        names = ", ".join(left_out)
+    if names := ", ".join(filter(None, left_out)):
         yield Text(_printable_lines(f"Columns that need a wider terminal: {names}"), style="dim")
 
 
 def _fitting(table: DataTable, width: int) -> tuple[DataTable, list[str]]:
     """Return a table whose least widths fit, where that is possible, and which columns it lost."""
-    optional = sorted((c for c in table.columns if c.leaves), key=lambda column: column.leaves)
+    optional = [column for column in table.columns if column.leaves or column.is_bar]
+    optional.sort(key=lambda column: column.leaves)  # bars first
     left_out: list[str] = []
     for column in optional:
         natural, least = _natural_widths(table), _least_widths(table)

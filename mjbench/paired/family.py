@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mjbench.measuring import anytime
-from mjbench.paired.outcomes import CONFIDENCE, Cause, Metric, Verdict
+from mjbench.paired.outcomes import CONFIDENCE, MIN_EFFECT, Cause, Metric, Verdict
 from mjbench.paired.records import VerdictRow
 from mjbench.store.runs import RunHeader
 
@@ -37,6 +37,14 @@ def confidence_of(header: RunHeader) -> float:
     if isinstance(confidence, float) and 0 < confidence < 1:
         return confidence
     return CONFIDENCE
+
+
+def rule_of(header: RunHeader) -> tuple[float, float]:
+    """Return the confidence, and the smallest effect, that the command of a run was given."""
+    min_effect = header.arguments.get("min_effect")
+    if not (isinstance(min_effect, float) and 0 < min_effect < 1):
+        min_effect = MIN_EFFECT
+    return confidence_of(header), min_effect
 
 
 def decide(rows: Sequence[VerdictRow], confidence: float) -> Family:

@@ -16,7 +16,7 @@ import numpy as np
 from mjbench.errors import Failure, InputError, MachineError, failure_of
 from mjbench.host import child, platforms
 from mjbench.paired import verdict
-from mjbench.paired.outcomes import Arm, Cause, Verdict
+from mjbench.paired.outcomes import MIN_EFFECT, Arm, Cause, Verdict
 from mjbench.paired.selfcheck_cases import Case
 from mjbench.paired.selfcheck_records import CaseRow, SelfcheckRow, TrialRecord
 from mjbench.paired.verdict import PairedResult, VerdictPlan
@@ -90,7 +90,7 @@ def record_of(case: Case, result: PairedResult) -> TrialRecord:
     )
 
 
-def summary(trials: Sequence[TrialRecord]) -> list[SelfcheckRow]:
+def summary(trials: Sequence[TrialRecord], min_effect: float = MIN_EFFECT) -> list[SelfcheckRow]:
     """Return what the trials say, a row for each case.
 
     Rows are sorted by arm, model and slowdown; rows that differ in none of them are in the order of
@@ -99,18 +99,22 @@ def summary(trials: Sequence[TrialRecord]) -> list[SelfcheckRow]:
     groups: dict[tuple[CaseRow, bool], list[TrialRecord]] = {}
     for record in trials:
         groups.setdefault((record.case(), record.averaged), []).append(record)
-    rows = [_row(case, averaged, group) for (case, averaged), group in groups.items()]
+    rows = [_row(case, averaged, group, min_effect) for (case, averaged), group in groups.items()]
     arms = list(Arm)
     return sorted(rows, key=lambda row: (arms.index(row.arm), row.model, row.slowdown or 0.0))
 
 
-def _row(case: CaseRow, averaged: bool, trials: Sequence[TrialRecord]) -> SelfcheckRow:
+def _row(
+    case: CaseRow, averaged: bool, trials: Sequence[TrialRecord], min_effect: float
+) -> SelfcheckRow:
     def share(test: Callable[[TrialRecord], bool]) -> float:
         return sum(map(test, trials)) / len(trials)
 
     wrong = {Verdict.FASTER} if case.is_slower else {Verdict.FASTER, Verdict.SLOWER}
     has_cause = averaged and not case.is_slower
     truth = None if case.slowdown is None else 1 + case.slowdown
+    measured = float(np.median([t.estimate for t in trials])) - 1
+    is_to_find = (measured if case.slowdown is None else case.slowdown) >= min_effect
     variances = [np.var(t.launches, ddof=1) for t in trials if len(t.launches) > 1]
     return SelfcheckRow(
         **vars(case),
@@ -121,7 +125,8 @@ def _row(case: CaseRow, averaged: bool, trials: Sequence[TrialRecord]) -> Selfch
         wrong=share(lambda t: t.verdict in wrong),
         by_code=share(lambda t: t.cause == Cause.CODE) if has_cause else None,
         by_placement=share(lambda t: t.cause == Cause.PLACEMENT) if has_cause else None,
-        missed=share(lambda t: t.verdict == Verdict.SAME and case.is_slower),
+        measured=measured,
+        missed=share(lambda t: t.verdict == Verdict.SAME) if is_to_find else None,
         inconclusive=share(lambda t: t.verdict == Verdict.INCONCLUSIVE),
         covered=None if truth is None else share(lambda t: t.ratio.covers(truth)),
         error=None if truth is None else float(np.mean([t.estimate - truth for t in trials])),

@@ -101,7 +101,9 @@ class SelfcheckRow(CaseRow):
       by_code: share called different because of the code; None where more differs than the build,
         or where placements are not averaged.
       by_placement: share called different only as shipped; None likewise.
-      missed: share called the same although the candidate is slower.
+      measured: median slowdown that trials measured, as a share.
+      missed: share called the same although the candidate is slower by the smallest effect that
+        matters or more; None where it is not.
       inconclusive: share without a verdict.
       covered: share of intervals that hold the truth; None where its size is unknown.
       error: mean of estimate minus truth; None where its size is unknown.
@@ -116,7 +118,8 @@ class SelfcheckRow(CaseRow):
     wrong: float
     by_code: float | None
     by_placement: float | None
-    missed: float
+    measured: float
+    missed: float | None
     inconclusive: float
     covered: float | None
     error: float | None

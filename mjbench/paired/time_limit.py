@@ -141,7 +141,7 @@ class TimeLimit:
         enough_s = _MARGIN * (before_s + self.min_launches * launch_s)
         return (
             f"a launch takes about {_two_digits(launch_s)} s, and {self._purpose} needs at least"
-            f" {self.min_launches} launches: give --time-limit {_rounded_up(enough_s)}s or more"
+            f" {self.min_launches} launches: give --budget {_rounded_up(enough_s)}s or more"
         )
 
 

@@ -107,7 +107,7 @@ def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> It
             yield Conclusion(caution, Tone.CAUTION, name)
     for item in listed_items:
         if item.change == ResultChange.CORRECTED:
-            yield Conclusion(f"{name}: first, correct a wrong result: {item.action}", Tone.BAD)
+            yield Conclusion(f"{name}: first, what is wrong: {item.action}", Tone.BAD)
     failed = [part for part in run.of_type(CheckedPart) if not part.has_ended_well]
     for part in failed:
         yield Conclusion(f"{name}: {_failure(part)}", Tone.BAD)
@@ -121,9 +121,16 @@ def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> It
         changes = "" if is_same else f"; changes in results: {first.change_text}"
         tone = Tone.GOOD if first.change.keeps else Tone.UNSURE
         yield Conclusion(f"{name}: {first.action}: {_gain(first)}{changes}", tone)
-    elif not failed:
+    elif others := [each for each in listed_items if each.change != ResultChange.CORRECTED]:
+        yield Conclusion(f"{name}: {others[0].action}; what it gains was not measured")
+    elif not failed and not (listed_items and _is_read_only(run)):
         begin = "nothing to gain here" if _is_certain(run) else "no gain is certain yet"
         yield Conclusion(f"{name}: {begin}: {_why_nothing(run)}", Tone.NEUTRAL)
+
+
+def _is_read_only(run: Run) -> bool:
+    """Return whether only source code was read, so that nothing is known of gains."""
+    return all(part.part == CheckupPart.SOURCE for part in run.of_type(CheckedPart))
 
 
 def _failure(part: CheckedPart) -> str:
@@ -228,7 +235,7 @@ def _table(listed_items: Sequence[CheckupItem]) -> DataTable:
         (Column("", str), lambda row: row[0]),
         (Column("gain"), lambda row: row[1].gain_text or None),
         (Column("95 %"), lambda row: row[1].ends_text or None),
-        (Column("of what"), lambda row: row[1].unit if row[1].gain is not None else None),
+        (Column("unit"), lambda row: row[1].unit if row[1].gain is not None else None),
         (Column("what to do", wraps=True), lambda row: row[1].action),
         (Column("changes in results", wraps=True), lambda row: row[1].change_text),
     )
@@ -249,6 +256,8 @@ def _notes(
             yield from _combination_lines(part, part.combination)
         if part.status == Status.UNAVAILABLE:
             yield f"Not done: mjbench {part.part}: {part.detail}"
+    for record in run.of_type(TuneRecord):
+        yield from (conclusion.text for conclusion in tuning.slow_effects(record))
     yield from _not_tried(run, parts)
 
 

@@ -2,7 +2,7 @@
 
 import shlex
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from mjbench.checkups.records import CheckedPart, Combination
@@ -144,12 +144,9 @@ class CheckupItem:
             case ResultChange.TOLERANCE:
                 return "within the solver's tolerance"
             case ResultChange.ERROR:
-                size = (
-                    "of unknown size"
-                    if self.error is None
-                    else f"of {tuning_notes.percent(self.error)} of the motion"
-                )
-                return "; ".join(filter(None, [f"an error {size}", self.change_detail]))
+                if self.error is None:
+                    return "an error of unknown size"
+                return f"an error of {tuning_notes.percent(self.error)} of the motion"
         return self.change_detail
 
 
@@ -165,7 +162,8 @@ def quoted(target: str) -> str:
 
 def short_name(target: str) -> str:
     """Return a target, or the name of a file, for sentences: without its folder."""
-    return target.rpartition("/")[2] or target
+    is_of_package = ":" in target
+    return target if is_of_package else target.rpartition("/")[2] or target
 
 
 def _items(run: Run) -> Iterator[CheckupItem]:
@@ -267,7 +265,7 @@ def _of_settings(record: TuneRecord, target: str) -> Iterator[CheckupItem]:
     for each in recommended:
         yield _of_recommendation(each, command)
     for attempt in tuning.faster_alone(record):
-        if attempt.settings[0].loses:
+        if attempt.gives_up:
             yield _of_loss(attempt, command)
 
 
@@ -278,11 +276,10 @@ def _of_recommendation(each: Recommendation, command: str) -> CheckupItem:
         Effect.APPROXIMATE: ResultChange.ERROR,
     }
     return CheckupItem(
-        action=f"set {label(each.settings)}",
+        action=f"settings: {label(each.settings)}",
         gain=_inverse(each.ratio),
         unit=GainUnit.SIMULATED_SECOND,
         change=changes[each.effect],
-        change_detail="; ".join(tuning.not_shown(each.settings)),
         error=each.error.share if each.error and each.effect == Effect.APPROXIMATE else None,
         group=GainGroup.SETTINGS,
         command=command,
@@ -294,11 +291,11 @@ def _of_loss(attempt: Attempt, command: str) -> CheckupItem:
     assert attempt.ratio is not None, "it is certainly faster"
     setting = attempt.settings[0]
     return CheckupItem(
-        action=f"set {setting.label}",
+        action=f"settings: {setting.label}",
         gain=_inverse(attempt.ratio),
         unit=GainUnit.SIMULATED_SECOND,
         change=ResultChange.STATED,
-        change_detail=f"gives up {setting.loses}",
+        change_detail=f"gives up {setting.loses}" if setting.loses else tuning.changes(attempt),
         group=GainGroup.SETTINGS,
         command=command,
         snippet=_applied(attempt.settings),
@@ -390,10 +387,14 @@ def _of_source(
     for finding in findings:
         is_wrong = finding.is_wrong_result
         yield CheckupItem(
-            action=f"{finding_place(finding)}: {finding.message} ({finding.code})",
+            action=f"{_place(finding)}: {finding.message} ({finding.code})",
             change=ResultChange.CORRECTED if is_wrong else ResultChange.NONE,
             command=f"mjbench lint {target}",
         )
+
+
+def _place(finding: Finding) -> str:
+    return finding_place(replace(finding, file=short_name(finding.file)))
 
 
 # -- an environment --------------------------------------------------------------------------------

@@ -1,6 +1,7 @@
 """What `mjbench compare` comes to: what follows for each model, its table, and notes."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 from mjbench.comparison.records import ModelRecord
 from mjbench.paired.race import MAX_LAUNCHES
@@ -64,7 +65,13 @@ def sections_together(models: Sequence[ModelResults]) -> Iterator[Section]:
         advice = advice_table(models)
         if advice.rows:
             heading_of_advice = "Advice: speed-ups over the plain loop; ? is not certain"
-            yield Section(heading_of_advice, tables=[advice])
+            yield Section(
+                heading_of_advice,
+                [_advice_conclusion(models)],
+                figures=[comparison_figures.advice_figure(models)],
+                tables=[advice],
+                is_summary=True,
+            )
 
 
 def _crossover_section(
@@ -160,6 +167,19 @@ def _conclusions(model_results: ModelResults, names_size: bool) -> Iterator[Conc
         yield Conclusion(clock_conclusion(clock, names_size), Tone.GOOD, subject)
 
 
+def _advice_conclusion(models: Sequence[ModelResults]) -> Conclusion:
+    """Return what the advice for several models comes to."""
+    advice = [row for model_results in models for row in advise(model_results)]
+    speedups = [row.speedup.estimate if row.speedup else 1.0 for row in advice]
+    ncertain = sum(row.is_certain for row in advice)
+    return Conclusion(
+        f"{formats.factor(min(speedups))} to {formats.factor(max(speedups))} times as fast as the"
+        f" plain loop; {ncertain} of {len(advice)} are certain",
+        Tone.GOOD if ncertain == len(advice) else Tone.UNSURE,
+        f"Advice for {count_of(len(models), 'model')}",
+    )
+
+
 def advice_table(models: Sequence[ModelResults]) -> DataTable:
     """Return what is advised on every model, one row a model and loop."""
     advice = [row for model_results in models for row in advise(model_results)]
@@ -183,6 +203,27 @@ def advice_table(models: Sequence[ModelResults]) -> DataTable:
         (Column("95 %", formats.ends), lambda row: row.speedup),
         (Column("× real time", times_real_time, leaves=1), lambda row: row.realtime_factor),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RatedPath(PathResult):
+    """A row of the flat table: the result of a path, and whether it is advised.
+
+    Attributes:
+      advised: `certain` or `not certain` where it is, for open or closed loop; else empty.
+    """
+
+    advised: str = ""
+
+
+def flat_rows(models: Sequence[ModelResults]) -> Iterator[RatedPath]:
+    """Yield the results of paths as `mjbench.load` has them."""
+    for model_results in models:
+        certain = {str(row.variant): row.is_certain for row in advise(model_results)}
+        for result in model_results.results:
+            is_certain = certain.get(str(result.variant))
+            advised = "" if is_certain is None else "certain" if is_certain else "not certain"
+            yield RatedPath(**vars(result), advised=advised)
 
 
 def mark(is_certain: bool) -> str:

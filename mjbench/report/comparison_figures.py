@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 
 from mjbench.paired.race_record import Loop
 from mjbench.report import charts, formats
+from mjbench.report.advice import advise
 from mjbench.report.content import Column, DataTable, Figure
 from mjbench.report.results import ModelResults
 
@@ -17,6 +18,7 @@ def speedup_figures(model_results: ModelResults) -> Iterator[Figure]:
     timed = [r for r in model_results.results if r.speedup is not None]
     if not timed:
         return
+    timed.sort(key=lambda result: -result.speedup.estimate if result.speedup else 0.0)
     model = model_results.model.model
     data = DataTable.of(
         "Speed-ups",
@@ -58,6 +60,41 @@ def speedup_figures(model_results: ModelResults) -> Iterator[Figure]:
         f"Bars of {len(timed)} paths; the longest is {fastest}, {speedup:.2f}×.{intervals}",
         data,
         layers,
+    )
+
+
+def advice_figure(models: Sequence[ModelResults]) -> Figure:
+    """Return the speed-ups of what is advised, with their intervals, the largest first."""
+    advised = [
+        (f"{row.model}, {row.loop.value} loop", row.speedup, row.loop)
+        for model_results in models
+        for row in advise(model_results)
+        if row.speedup is not None
+    ]
+    advised.sort(key=lambda row: -row[1].estimate)
+    data = DataTable.of(
+        "Speed-ups of what is advised",
+        advised,
+        (Column("advice"), lambda row: row[0]),
+        (Column("speed-up", formats.factor), lambda row: row[1].estimate),
+        (Column("low", formats.factor), lambda row: row[1].low),
+        (Column("high", formats.factor), lambda row: row[1].high),
+        (Column("loop"), lambda row: row[2].value),
+    )
+    axis = "times as fast as the plain loop"
+    shared = {"y": charts.names(data), "color": charts.colour("loop", _LOOPS, "loop")}
+    points = {"x": charts.quantity("speed-up", axis), **shared}
+    ends = {"x": charts.quantity("low", axis), "x2": {"field": "high"}, **shared}
+    intervals = charts.layer("rule", ends, strokeWidth=3)
+    return charts.figure(
+        "What is advised, and how much faster it is",
+        f"{len(advised)} speed-ups with their 95 % intervals.",
+        data,
+        [
+            charts.rule_at(1.0),
+            {**intervals, "transform": [{"filter": "isValid(datum.low)"}]},
+            charts.layer("point", points, filled=True, size=70),
+        ],
     )
 
 

@@ -195,6 +195,8 @@ class Section:
       shows_code: whether a terminal shows it without being asked.
       command: the command line that measured it.
       is_open: whether its tables are shown at once also on a page of many sections.
+      is_summary: whether it stands for the conclusions of other sections, at the head of a page.
+      see_also: pages below docs/ that explain it, by what they are about; linked by documents.
     """
 
     heading: str
@@ -207,6 +209,8 @@ class Section:
     shows_code: bool = False
     command: str = ""
     is_open: bool = False
+    is_summary: bool = False
+    see_also: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def shown_tables(self) -> Sequence[DataTable]:
@@ -216,11 +220,21 @@ class Section:
 
 @dataclass(frozen=True)
 class Report:
-    """All that a report says; its conclusions are the main ones of its sections."""
+    """All that a report says.
+
+    Attributes:
+      subtitle: when, where and with which versions it was measured.
+      conclusions: the main ones of its sections.
+      further: conclusions for which there is no room at the head.
+      summaries: sections that stand at the head.
+    """
 
     title: str
     conclusions: Sequence[Conclusion]
     sections: Sequence[Section]
+    subtitle: str = ""
+    further: Sequence[Conclusion] = ()
+    summaries: Sequence[Section] = ()
     machines: DataTable = field(default_factory=lambda: DataTable("Machines", (), ()))
 
 

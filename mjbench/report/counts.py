@@ -14,6 +14,7 @@ from mjbench.report import charts, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report.starts import starts_lines, warning_lines
 from mjbench.status import Status
+from mjbench.units import count_of
 
 # Functions of a count that are listed, and functions of a change that are drawn.
 _MOST_LISTED, _MOST_DRAWN = 10, 12
@@ -144,8 +145,12 @@ def change_sections(rows: Sequence[ExplainRecord]) -> Iterator[Section]:
     differ = [
         row for row in compared if abs((row.instruction_ratio or 1.0) - 1) > explain.REPEATABILITY
     ]
-    failed = [row for row in compared if row.instruction_ratio is None]
+    unloaded = [row for row in compared if row.status == Status.INPUT]
+    failed = [row for row in compared if row.instruction_ratio is None and row not in unloaded]
     conclusions = [Conclusion(f"Instructions differ in {len(differ)} of {len(compared)} pairs")]
+    if unloaded:
+        text = f"{count_of(len(unloaded), 'pair')} not counted: a release cannot load the model"
+        conclusions.append(Conclusion(text))
     conclusions += [
         Conclusion(f"{_heading(row)}: not counted ({row.status})", Tone.BAD) for row in failed
     ]

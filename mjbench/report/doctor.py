@@ -56,8 +56,9 @@ def condition_lines(conditions: Sequence[Condition]) -> Iterator[str]:
             yield f"{'':<{width + 7}}{condition.remedy}"
 
 
-def noise_section(noise: NoiseRow) -> Section:
-    """Return which changes can be decided here."""
+def noise_section(noise: NoiseRow, conditions: Sequence[Condition] = ()) -> Section:
+    """Return which changes can be decided here, and what speaks against measuring."""
+    bad = [condition.name for condition in conditions if condition.grade == Grade.BAD]
     if noise.decidable is None or noise.deviation is None:
         return Section("Noise", [Conclusion(f"Not measured: {noise.detail}", Tone.BAD)])
     size = plain(100 * noise.decidable, 2)
@@ -69,4 +70,7 @@ def noise_section(noise: NoiseRow) -> Section:
     conclusions = [Conclusion(text)]
     if not noise.trusted:
         conclusions.append(Conclusion("This machine cannot be trusted with 1 % now.", Tone.BAD))
+    if bad:
+        text = f"Bad for measuring: {', '.join(bad)}. What to do stands above, below each."
+        conclusions.append(Conclusion(text, Tone.BAD))
     return Section("Noise", conclusions)

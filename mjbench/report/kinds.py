@@ -22,7 +22,7 @@ from mjbench.paired.bisect_records import BisectRecord
 from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import VerdictRecord, VerdictRow
-from mjbench.paired.selfcheck_records import TrialRecord
+from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.program.records import ProgramRow
 from mjbench.releases.release_ratios import OperationRatioRecord, StepRatioRecord
 from mjbench.report import (
@@ -46,7 +46,7 @@ from mjbench.report import (
 )
 from mjbench.report.content import Section
 from mjbench.report.lint import LintDocument
-from mjbench.report.results import derive_all, path_results
+from mjbench.report.results import derive_all
 from mjbench.store.runs import SCHEMA, Record, Run
 from mjbench.tuning.records import TuneRecord
 from mjbench.web.records import WebRecord
@@ -113,13 +113,17 @@ def _selfcheck_document(run: Run) -> documents.SelfcheckDocument:
     return documents.SelfcheckDocument(
         machine=run.header.machine,
         busy=run.header.arguments.get("busy"),
-        results=trials.summary(run.of_type(TrialRecord)),
+        results=_selfcheck_rows(run),
     )
 
 
+def _selfcheck_rows(run: Run) -> list[SelfcheckRow]:
+    _, min_effect = family.rule_of(run.header)
+    return trials.summary(run.of_type(TrialRecord), min_effect)
+
+
 def _selfcheck_sections(run: Run) -> list[Section]:
-    rows = trials.summary(run.of_type(TrialRecord))
-    return [selfcheck.section(rows, family.confidence_of(run.header))]
+    return [selfcheck.section(_selfcheck_rows(run), *family.rule_of(run.header))]
 
 
 _RATIOS = (StepRatioRecord, OperationRatioRecord)
@@ -139,7 +143,7 @@ COMPARE = Kind(
     documents.CompareDocument,
     _compare_document,
     lambda run: comparison.sections(derive_all(run.records)),
-    lambda run: path_results(run.records),
+    lambda run: comparison.flat_rows(derive_all(run.records)),
 )
 OVERHEAD = _kind(OverheadRow, overhead.sections, "overhead")
 PROFILE = _kind(ProfileRow, profile.sections, "profile")
@@ -152,7 +156,7 @@ VERDICT = Kind(
     (VerdictRecord,),
     _VERDICTS,
     lambda run: _VERDICTS(machine=run.header.machine, results=_verdict_rows(run)),
-    lambda run: [verdicts.section(_verdict_rows(run), family.confidence_of(run.header))],
+    lambda run: [verdicts.section(_verdict_rows(run), *family.rule_of(run.header))],
     _verdict_rows,
 )
 SELFCHECK = Kind(
@@ -161,7 +165,7 @@ SELFCHECK = Kind(
     documents.SelfcheckDocument,
     _selfcheck_document,
     _selfcheck_sections,
-    lambda run: trials.summary(run.of_type(TrialRecord)),
+    _selfcheck_rows,
 )
 PLACEMENT = _kind(SpreadRecord, lambda rows: [placement.section(rows)], "placement")
 BISECT = _kind(BisectRecord, bisect.sections, "bisect")

@@ -14,6 +14,20 @@ from mjbench.units import duration, plain
 # Slow steps have a feature in common if they have so many times as much of it as all steps, and at
 # least this much in every tenth of them.
 _FACTOR, _LEAST = 1.2, 0.1
+# What helps where slow steps have much of a feature, by its name (see `loop.latency`).
+_SCHEDULER = (
+    "other programs took the core, physics is not slow: end them, or give the program a core of its"
+    " own and a real-time priority (taskset, chrt)"
+)
+_PHYSICS = "these steps have more to compute: `mjbench tune` looks for faster settings"
+_REMEDIES = {
+    "µs of late start": _SCHEDULER,
+    "preemptions": _SCHEDULER,
+    "page faults": "memory was allocated in the loop: allocate it before, and write into it",
+    "garbage collections": "call gc.freeze() before the loop, or gc.disable() in it",
+    "contacts": _PHYSICS,
+    "solver iterations": _PHYSICS,
+}
 # Latency is drawn at the shares of steps that are one in so many.
 _ONE_IN = np.logspace(0, 4, 41)
 _PACES = {Pace.FREE.value: charts.BLUE, Pace.PACED.value: charts.ORANGE}
@@ -37,8 +51,20 @@ def sections(rows: Sequence[LatencyRow]) -> Iterator[Section]:
             ],
             figures=[_figure(model, of_model)],
             tables=[_table(of_model)],
-            notes=[f"Slow steps, {row.pace}: {_common(row.slow)}" for row in of_model],
+            notes=[
+                *(f"Slow steps, {row.pace}: {_common(row.slow)}" for row in of_model),
+                *_remedies(of_model),
+            ],
         )
+
+
+def _remedies(rows: Sequence[LatencyRow]) -> list[str]:
+    """Return what to do about slow steps, a line for each cause that was seen."""
+    names = dict.fromkeys(feature.name for row in rows for feature in _common_features(row.slow))
+    causes: dict[str, list[str]] = {}
+    for name in names:
+        causes.setdefault(_REMEDIES.get(name, ""), []).append(name)
+    return [f"{', '.join(same)}: {remedy}" for remedy, same in causes.items() if remedy]
 
 
 def _missed(row: LatencyRow) -> Conclusion:
@@ -71,10 +97,13 @@ def _common(features: Sequence[SlowFeature]) -> str:
     """Return what the slowest 1 % of steps have in common."""
     parts = [
         f"{plain(feature.slow, 2)} {feature.name} a step instead of {plain(feature.all, 2)}"
-        for feature in features
-        if feature.slow >= _LEAST and feature.slow > _FACTOR * feature.all
+        for feature in _common_features(features)
     ]
     return ", ".join(parts) or "nothing in common that was recorded"
+
+
+def _common_features(features: Sequence[SlowFeature]) -> list[SlowFeature]:
+    return [f for f in features if f.slow >= _LEAST and f.slow > _FACTOR * f.all]
 
 
 def _figure(model: str, rows: Sequence[LatencyRow]) -> Figure:

@@ -107,7 +107,8 @@ def _other_lines(steps: ProfiledSteps) -> list[str]:
         return []
     return [
         f"Other ({formats.short_percent(share)}) is what neither the engine's timers nor calls of"
-        " its functions explain, such as what lies between stages, callbacks, and what caches lose"
+        " its functions explain, such as what lies between stages, callbacks, and what caches lose;"
+        " `mjbench profile --instructions` names the functions"
     ]
 
 

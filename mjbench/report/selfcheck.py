@@ -1,16 +1,25 @@
 """What `mjbench doctor --verdicts` comes to: how often verdicts on known truths are wrong."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import assert_never
 
-from mjbench.paired.outcomes import Arm
+from mjbench.paired.outcomes import MIN_EFFECT, Arm
 from mjbench.paired.selfcheck_records import CaseRow, SelfcheckRow
 from mjbench.report import formats
 from mjbench.report.content import Cell, Column, Conclusion, DataTable, Section, Tone
 
+# From this share of trials on, undecided ones are too many.
+_MANY = 0.2
 
-def section(rows: Sequence[SelfcheckRow], confidence: float) -> Section:
-    """Return what trials come to: a table of slowdowns and one of builds, each if there is any."""
+
+def section(
+    rows: Sequence[SelfcheckRow], confidence: float, min_effect: float = MIN_EFFECT
+) -> Section:
+    """Return what trials come to: a table of slowdowns and one of builds, each if there is any.
+
+    Args:
+      min_effect: the smallest change that matters, as a share.
+    """
     between = [row for row in rows if row.arm == Arm.BETWEEN_BUILDS]
     slowdowns = [row for row in rows if row.arm != Arm.BETWEEN_BUILDS]
     problems = dict.fromkeys(row.problem for row in rows if row.problem)
@@ -21,8 +30,31 @@ def section(rows: Sequence[SelfcheckRow], confidence: float) -> Section:
             *([_slowdown_table(slowdowns)] if slowdowns else []),
             *([_build_table(between)] if between else []),
         ],
-        notes=[f"compared as shipped: {problem}" for problem in problems],
+        notes=[
+            *(f"compared as shipped: {problem}" for problem in problems),
+            *_small_slowdowns(slowdowns, min_effect),
+            *_what_to_do(rows),
+        ],
     )
+
+
+def _small_slowdowns(rows: Sequence[SelfcheckRow], min_effect: float) -> Iterator[str]:
+    """Yield what becomes of slowdowns that do not matter."""
+    if any(row.missed is None and row.is_slower for row in rows):
+        yield (
+            f"Slowdowns of less than {100 * min_effect:g} % (--min-effect) may be called the same:"
+            " they are not counted as missed"
+        )
+
+
+def _what_to_do(rows: Sequence[SelfcheckRow]) -> Iterator[str]:
+    count = sum(row.trials for row in rows)
+    undecided = sum(row.inconclusive * row.trials for row in rows)
+    if undecided > _MANY * count:
+        yield (
+            f"{100 * undecided / count:.0f} % are undecided: give a longer --budget, or end other"
+            " programs (`mjbench doctor`)"
+        )
 
 
 def _conclusion(rows: Sequence[SelfcheckRow], confidence: float) -> Conclusion:
@@ -30,8 +62,13 @@ def _conclusion(rows: Sequence[SelfcheckRow], confidence: float) -> Conclusion:
     count = sum(row.trials for row in rows)
     if not count:
         return Conclusion("No trial was finished.", Tone.UNSURE)
-    tone = Tone.GOOD if wrong <= (1 - confidence) * count else Tone.BAD
-    return Conclusion(f"{wrong} of {count} verdicts on known truths are wrong", tone)
+    sentence = f"{wrong} of {count} verdicts on known truths are wrong"
+    expected = (1 - confidence) * count
+    if wrong > expected:
+        return Conclusion(f"{sentence}, more than chance: do not trust them here", Tone.BAD)
+    # of fewer, none may be wrong by luck
+    trust = ": trust `versions` and `ab` on this machine" if expected >= 1 else ""
+    return Conclusion(f"{sentence}{trust}", Tone.GOOD)
 
 
 def _slowdown_table(rows: Sequence[SelfcheckRow]) -> DataTable:
@@ -40,6 +77,10 @@ def _slowdown_table(rows: Sequence[SelfcheckRow]) -> DataTable:
         "Known slowdowns",
         "slowdown",
         rows,
+        (
+            Column("measured", lambda share: f"{100 * share:+.2f} %", leaves=9),
+            lambda row: row.measured,
+        ),
         (Column("called slower", formats.percent), lambda row: row.detected),
         (Column("wrong", formats.percent), lambda row: row.wrong),
         (Column("missed", formats.percent), lambda row: row.missed),

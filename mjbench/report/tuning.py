@@ -100,7 +100,7 @@ def sections(records: Sequence[TuneRecord]) -> Iterator[Section]:
         present, alone = record.present, faster_alone(record)[:_MOST_ALONE]
         yield Section(
             heading=f"{subject(record)}: settings",
-            conclusions=[*(_unconverged(present) if present else []), first, *_slow(record)],
+            conclusions=[*(_unconverged(present) if present else []), first, *slow_effects(record)],
             figures=[_front_figure(record, present)] if present and present.error else [],
             tables=[
                 *([_front_table(record)] if record.front or record.batch else []),
@@ -127,18 +127,13 @@ def _unconverged(present: Present) -> list[Conclusion]:
     ]
 
 
-def not_shown(settings: Sequence[Setting]) -> list[str]:
-    """Return what settings prevent that is slower than runs show, in a few words each."""
-    slow = {setting.label: knobs.slow(setting) for setting in settings}
-    return [
-        f"not shown by runs this short: with {name}, {text}" for name, text in slow.items() if text
-    ]
-
-
-def _slow(record: TuneRecord) -> list[Conclusion]:
-    """Return what recommended settings prevent that is slower than the runs show."""
-    texts = {text for each in advised(record) for text in not_shown(each.settings)}
-    return [Conclusion(text[0].upper() + text[1:], Tone.UNSURE) for text in sorted(texts)]
+def slow_effects(record: TuneRecord) -> Iterator[Conclusion]:
+    """Yield what recommended settings prevent that is slower than the runs show."""
+    advice = {one.label: one for each in advised(record) for one in each.settings}
+    for setting in advice.values() if record.batch is None else ():
+        if slow := knobs.find(setting.knob).slow:
+            text = f"Not shown by runs this short: with {setting.label}, {slow}"
+            yield Conclusion(text, Tone.UNSURE)
 
 
 def _is_measured(record: TuneRecord) -> bool:
@@ -385,12 +380,11 @@ def _saved(by_stage: Mapping[str, float]) -> str:
 
 def changes(attempt: Attempt) -> str:
     """Return what a setting alone may change, and what it prevents that runs are too short for."""
-    (setting,) = attempt.settings
+    knob = knobs.find(attempt.settings[0].knob)
     count = attempt.accuracy.changed_sensors if attempt.accuracy else 0
     sensors = [f"Here, the data of {count_of(count, 'sensor')} changed."] if count else []
-    slow = knobs.slow(setting)
-    not_seen = [f"Not shown by runs this short: {slow}."] if slow else []
-    return " ".join([*sensors, knobs.find(setting.knob).changes, *not_seen])
+    slow = [f"Not shown by runs this short: {knob.slow}."] if knob.slow else []
+    return " ".join([*sensors, knob.changes, *slow])
 
 
 def to_apply(settings: Sequence[Setting]) -> Iterator[Snippet]:

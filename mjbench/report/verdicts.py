@@ -1,5 +1,6 @@
 """What paired comparisons come to: each verdict in a sentence, and the table of all."""
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -13,7 +14,7 @@ from mjbench.paired.across_machines import (
     MachineVerdict,
 )
 from mjbench.paired.family import Family
-from mjbench.paired.outcomes import Cause, Metric, ResultsOutcome, Verdict
+from mjbench.paired.outcomes import MIN_EFFECT, Cause, Metric, ResultsOutcome, Verdict
 from mjbench.paired.records import ControlRow, Pair, TargetRow, VerdictRow
 from mjbench.paths import BASE
 from mjbench.report import charts, formats
@@ -46,19 +47,54 @@ _COLOURS = {
     Verdict.FASTER.value: charts.BLUE,
     Verdict.SAME.value: charts.GREY,
     Verdict.SLOWER.value: charts.ORANGE,
-    Verdict.INCONCLUSIVE.value: charts.SKY,
+    Verdict.INCONCLUSIVE.value: charts.PINK,
 }
 
 
-def section(rows: Sequence[VerdictRow], confidence: float) -> Section:
-    """Return what comparisons come to, decided together (see `family.decide`)."""
+def section(
+    rows: Sequence[VerdictRow], confidence: float, min_effect: float = MIN_EFFECT
+) -> Section:
+    """Return what comparisons come to, decided together (see `family.decide`).
+
+    Args:
+      min_effect: the smallest change that matters, as a share.
+    """
     return Section(
         heading="Verdicts",
         conclusions=[*_conclusions(rows, confidence)],
-        figures=[_forest(rows)] if any(row.ratio for row in rows) else [],
+        figures=[_forest(rows, min_effect)] if any(row.ratio for row in rows) else [],
         tables=[_table(rows)],
-        notes=[f"{_label(row)}: {line}" for row in rows for line in notes(row)],
+        notes=[
+            *(f"{_label(row)}: {line}" for row in rows for line in notes(row)),
+            *_what_would_decide(rows, min_effect),
+        ],
     )
+
+
+def _what_would_decide(rows: Sequence[VerdictRow], min_effect: float) -> Iterator[str]:
+    """Yield what to do about comparisons that time left undecided."""
+    undecided = [row for row in rows if row.verdict == Verdict.INCONCLUSIVE]
+    if not undecided:
+        return
+    times = [seconds for row in undecided if (seconds := _deciding_s(row, min_effect))]
+    about = ""
+    if times:
+        about = f" (at this noise about --budget {60 * math.ceil(max(times) / 60)}s)"
+    yield (
+        f"To decide what is inconclusive: give it more time{about}, end other programs, or accept a"
+        " larger --min-effect; `mjbench doctor` says what this machine can decide"
+    )
+
+
+def _deciding_s(row: VerdictRow, min_effect: float) -> float | None:
+    """Return in which time the interval would be as narrow as the effect; None if unknown.
+
+    Its width falls with the square root of the time.
+    """
+    if row.ratio is None or not (row.ratio.low and row.ratio.high and row.seconds):
+        return None
+    half_width = math.log(row.ratio.high / row.ratio.low) / 2
+    return row.seconds * (half_width / math.log1p(min_effect)) ** 2
 
 
 def _conclusions(rows: Sequence[VerdictRow], confidence: float) -> Iterator[Conclusion]:
@@ -419,8 +455,9 @@ def _percent(ratio: float | None) -> float | None:
     return None if ratio is None else 100 * (ratio - 1)
 
 
-def _forest(rows: Sequence[VerdictRow]) -> Figure:
+def _forest(rows: Sequence[VerdictRow], min_effect: float) -> Figure:
     """Return the changes of comparisons that have a ratio, with their intervals."""
+    percent = 100 * min_effect
     data = DataTable.of(
         "Changes in percent",
         [(row, row.ratio) for row in rows if row.ratio is not None],
@@ -439,10 +476,11 @@ def _forest(rows: Sequence[VerdictRow]) -> Figure:
     summary = ", ".join(f"{counts[verdict]} {verdict}" for verdict in _COLOURS if counts[verdict])
     return charts.figure(
         "Changes with their intervals",
-        f"{len(data.rows)} comparisons: {summary}.",
+        f"{count_of(len(data.rows), 'comparison')}: {summary}. Dashed: no change, and changes of"
+        f" {percent:g} %, the smallest that matter.",
         data,
         [
-            charts.rule_at(0.0),
+            *(charts.rule_at(value) for value in (-percent, 0.0, percent)),
             {
                 **charts.layer("rule", intervals, strokeWidth=3),
                 "transform": [{"filter": "isValid(datum.low) && isValid(datum.high)"}],

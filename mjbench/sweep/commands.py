@@ -93,7 +93,10 @@ SWITCHES = frozenset({"as-shipped"})
 _SIZES = ("nbatch", "nstep", "hold", "seed", "settle")
 COMMANDS: Mapping[CellKind, Command] = {
     CellKind.VERSIONS: Command(
-        options=("min-effect", "confidence", "precision", "time-limit", "as-shipped", *_SIZES),
+        options=(
+            *("min-effect", "confidence", "precision", "budget", "time-limit", "as-shipped"),
+            *_SIZES,
+        ),
         name=("versions",),
         together=lambda c: (c.baseline, c.release, c.path, c.metric or ""),
         most=10,

@@ -276,11 +276,6 @@ def likely_gain(setting: Setting, stages: Mapping[str, float]) -> float:
     return sum(stages.get(stage, 0.0) for stage in knob.stages)
 
 
-def slow(setting: Setting) -> str:
-    """Return what a setting prevents that is slower than runs show; empty for nothing."""
-    return next((knob.slow for knob in KNOBS if knob.name == setting.knob), "")
-
-
 def known(names: Sequence[str]) -> tuple[str, ...]:
     """Return names of knobs; raises InputError for any other."""
     every = [knob.name for knob in KNOBS]

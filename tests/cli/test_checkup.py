@@ -56,7 +56,7 @@ def test_a_notebook_is_read_and_not_run(tmp_path: Path) -> None:
     (tmp_path / "n.ipynb").write_text(json.dumps(notebook))
     done = mjbench("n.ipynb", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "first, correct a wrong result: n.ipynb:cell 1:3" in done.stderr
+    assert "n.ipynb: first, what is wrong: n.ipynb:cell 1:3" in done.stderr
     assert not (tmp_path / "ran").exists()
 
 

@@ -11,6 +11,7 @@ from commands import mjbench
 from mjbench.cli import cli
 from mjbench.errors import MachineError
 from mjbench.host import conditions
+from mjbench.host.conditions import Condition, Grade
 from mjbench.loop import rendering
 from mjbench.loop.rendering import FrameTime
 from mjbench.paired import machine_check
@@ -31,13 +32,17 @@ def test_a_machine_is_described_and_checked(tmp_path: Path) -> None:
     assert {c["name"] for c in document["conditions"]} >= {"cores", "load", "Python", "clock"}
     noise = document["noise"]
     assert noise["launches"] >= 8
-    assert noise["trusted"] == (noise["decidable"] <= 0.01) == (done.returncode == 0)
+    assert noise["trusted"] == (noise["decidable"] <= 0.01)
+    is_bad = any(condition["grade"] == "bad" for condition in document["conditions"])
+    assert (done.returncode == 0) == (noise["trusted"] and not is_bad)
+    assert ("Bad for measuring: " in done.stdout) == is_bad
     assert "A verdict of a minute decides changes of" in done.stdout
 
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
     monkeypatch.setattr(machine_check, "clock_share", lambda: 0.3)
+    monkeypatch.setattr(conditions, "all_conditions", lambda others: [])
     monkeypatch.setattr(
         rendering, "measure", lambda model, backend, limit_s: FrameTime(backend, 0.004)
     )
@@ -54,6 +59,16 @@ def test_noise_decides_the_exit_code(
     assert result.exit_code == code, result.output
     assert ("cannot be trusted with 1 %" in result.output) == bool(code)
     assert "takes 30 % of a cart-pole's step" in result.output
+
+
+def test_what_is_bad_fails_and_is_named_at_the_end(quick: pytest.MonkeyPatch) -> None:
+    noise = Noise(launches=20, deviation=0.003, launch_s=0.6, ratio=1.0)
+    quick.setattr(machine_check, "noise", lambda pool: noise)
+    busy = Condition("load", Grade.BAD, "is 3.0 on 2 cores", "end other programs")
+    quick.setattr(conditions, "all_conditions", lambda others: [busy])
+    result = CliRunner().invoke(cli, ["doctor"])
+    assert result.exit_code == 1
+    assert result.output.splitlines()[-1].startswith("Bad for measuring: load.")
 
 
 def test_interrupted_it_says_so_in_one_line(quick: pytest.MonkeyPatch) -> None:

@@ -20,7 +20,7 @@ def test_a_model_is_measured_and_stored_and_not_measured_again(
         ("contact.xml", "ok"),
         ("broken.xml", "input"),
     ]
-    assert "a spread needs at least 36 launches: give --time-limit" in rows[0]["detail"]
+    assert "a spread needs at least 36 launches: give --budget" in rows[0]["detail"]
     launches = [residue["launches"] for residue in rows[0]["residues"]]
     assert launches in ([1], [1, 1]), "one, or two at the same time on other residues"
     assert "MuJoCo cannot load it" in rows[1]["detail"]

@@ -73,6 +73,7 @@ def test_tables_sort_and_filter(opened: Any) -> None:
     heading.click()
     assert opened.execute_script(read, table, index) == sorted(rising, reverse=True)
     filters = opened.find_elements("css selector", "details[open] input")
+    filters = [each for each in filters if each.is_displayed()]
     if filters:
         filters[0].send_keys("no row has this")
         rows = opened.execute_script(
@@ -81,6 +82,7 @@ def test_tables_sort_and_filter(opened: Any) -> None:
             filters[0],
         )
         assert rows == 0
+        assert "No row has this." in opened.find_element("tag name", "main").text
 
 
 def test_a_dark_page_is_dark(opened: Any) -> None:
@@ -90,9 +92,38 @@ def test_a_dark_page_is_dark(opened: Any) -> None:
     assert opened.execute_script(read) != light
 
 
-def test_a_phone_scrolls_no_wider_than_its_screen(opened: Any) -> None:
-    resize(opened, 375)
-    assert opened.execute_script("return document.documentElement.scrollWidth") <= 375
+OVERLAPS = """
+for (const each of document.querySelectorAll('details')) each.open = true;
+const found = [];
+for (const svg of document.querySelectorAll('figure svg')) {
+  const texts = [...svg.querySelectorAll('text')].filter(t => t.textContent && t.getBBox().width);
+  const boxes = texts.map(t => t.getBoundingClientRect());
+  for (let i = 0; i < boxes.length; i++) for (let j = 0; j < i; j++) {
+    const [a, b] = [boxes[i], boxes[j]];
+    const width = Math.min(a.right, b.right) - Math.max(a.left, b.left);
+    const height = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+    if (width > 1 && height > 4) found.push([texts[i].textContent, texts[j].textContent]);
+  }
+}
+return found;
+"""
+
+
+@pytest.mark.parametrize("width", [375, 768, 1280])
+def test_no_screen_is_too_narrow_and_no_labels_of_charts_overlap(opened: Any, width: int) -> None:
+    resize(opened, width)
+    assert opened.execute_script(OVERLAPS) == []
+    assert opened.execute_script("return document.documentElement.scrollWidth") <= width
+
+
+def test_the_first_screen_has_the_conclusions_and_what_was_measured(opened: Any) -> None:
+    resize(opened, 1280, 800)
+    seen = opened.execute_script(
+        "return [...document.querySelectorAll('h1, header p, main > .conclusions li')]"
+        ".map(each => each.getBoundingClientRect().bottom)"
+    )
+    assert len(seen) >= 3
+    assert max(seen) <= 800
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -2,6 +2,7 @@
 
 import csv
 import html.parser
+import platform
 import re
 import urllib.parse
 from dataclasses import replace
@@ -148,9 +149,10 @@ def test_a_report_of_many_models_has_all_tables_and_some_charts(
     monkeypatch.setattr(reports, "_MOST_FIGURES", 2)
     records = [record for name in "abc" for record in compared(name)]
     report = reports.build([named(run_file_here(tmp_path, *records))])
-    assert [len(section.figures) for section in report.sections] == [1, 1, 0, 0]
-    assert len(report.sections[2].tables) == 1
-    assert "Not drawn" in report.sections[2].notes[-1]
+    sections = [*report.summaries, *report.sections]
+    assert [len(section.figures) for section in sections] == [1, 1, 0, 0]
+    assert len(sections[2].tables) == 1
+    assert "Not drawn" in sections[2].notes[-1]
 
 
 def test_several_runs_are_one_report(tmp_path: Path) -> None:
@@ -178,13 +180,45 @@ def test_the_command_writes_a_file_or_markdown(
     assert result.exit_code == 2
 
 
-def test_the_only_section_keeps_what_the_head_of_a_report_has_no_room_for(
+def test_what_the_head_of_a_report_has_no_room_for_is_folded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(reports, "_MOST_CONCLUSIONS", 1)
     report = reports.build([named(run_file_here(tmp_path, *compared("m")))])
-    assert report.conclusions[-1].text.endswith("further conclusions are in their sections.")
-    assert len(report.sections[0].conclusions) > 1
+    assert (len(report.conclusions), len(report.further)) == (1, 1)
+    assert "<summary>1 further conclusion</summary>" in as_html.render(report)
+    assert report.further[0].text in "\n".join(as_markdown.render(report))
+
+
+def test_of_several_models_the_head_has_what_is_advised_and_what_went_wrong(
+    tmp_path: Path,
+) -> None:
+    wrong = {"status": Status.DISAGREES, "agrees": False}
+    records = [record for name in "abc" for record in compared(name)]
+    report = reports.build([named(run_file_here(tmp_path, *records, *compared("d", **wrong)))])
+    assert "does other work" in report.conclusions[0].text
+    assert report.conclusions[-1].text.startswith("Advice for 4 models: ")
+    assert [section.heading.split(":")[0] for section in report.summaries] == ["Advice"]
+    shown = re.sub(r"<details>.*?</details>", "", "\n".join(as_markdown.render(report)), flags=re.S)
+    assert "| a | closed |" in shown
+
+
+def test_the_head_says_what_was_measured_when_and_where(tmp_path: Path) -> None:
+    file = run_file_here(tmp_path, *compared("m"))
+    report = reports.build([named(file)])
+    assert report.title == "mjbench compare 'a model.xml'"
+    assert f"Python {platform.python_version()}" in report.subtitle
+    assert report.subtitle in Page(as_html.render(report)).text
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["runs/reference-mujoco-4.0.0", "runs/reference-selfcheck-quiet", "history/reference-ratios"],
+)
+def test_markdown_shows_little_and_folds_the_rest(name: str) -> None:
+    text = "\n".join(as_markdown.render(report(ROOT / f"results/{name}.jsonl")))
+    shown = re.sub(r"</summary>.*?</details>", "", text, flags=re.S)
+    assert len(shown) <= 3000
 
 
 # several machines
@@ -216,18 +250,22 @@ def report(*files: Path) -> Report:
 
 
 def texts(content: Report) -> list[str]:
-    return [conclusion.text for conclusion in content.conclusions]
+    return [conclusion.text for conclusion in (*content.conclusions, *content.further)]
+
+
+def all_sections(content: Report) -> list[Section]:
+    return [*content.summaries, *content.sections]
 
 
 def test_a_set_is_reported_side_by_side_first_and_then_run_by_run(tmp_path: Path) -> None:
     files = verdict_runs(tmp_path, a=SLOWER, b=SAME)
     content = report(set_of(tmp_path / "set.jsonl", files))
-    assert [section.heading for section in content.sections] == [
+    assert [section.heading for section in all_sections(content)] == [
         "Across machines",
         "a: Verdicts",
         "b: Verdicts",
     ]
-    first, *_ = content.sections
+    first, *_ = all_sections(content)
     assert [table.title for table in first.tables] == [
         "Verdicts by machine",
         "On how many machines",
@@ -238,7 +276,7 @@ def test_a_set_is_reported_side_by_side_first_and_then_run_by_run(tmp_path: Path
     # what runs show alone is in their sections
     assert len(content.conclusions) == 2
     assert "slower on 1 of 2 machines, same on 1" in texts(content)[1]
-    assert content == replace(report(*files), sections=content.sections, machines=content.machines)
+    assert texts(content) == texts(report(*files))
 
 
 @pytest.mark.parametrize(
@@ -260,14 +298,14 @@ def test_a_conclusion_has_the_tone_of_the_worst_machine(
 def test_runs_of_one_machine_are_reported_as_before(tmp_path: Path) -> None:
     files = [*verdict_runs(tmp_path, a=SLOWER), *verdict_runs(tmp_path, a=of_model(SAME, "n"))]
     content = report(*files)
-    assert [section.heading for section in content.sections] == ["Verdicts", "Verdicts"]
+    assert [section.heading for section in all_sections(content)] == ["Verdicts", "Verdicts"]
     assert texts(content)[0].startswith("m, 1.0.0 → 2.0.0: slower by 3 %")
 
 
 def test_a_run_that_is_in_two_files_is_reported_once(tmp_path: Path) -> None:
     files = verdict_runs(tmp_path, a=SLOWER, b=SAME)
     content = report(*files, set_of(tmp_path / "set.jsonl", files))
-    assert len(content.sections) == 3
+    assert len(all_sections(content)) == 3
 
 
 def test_paths_that_disagree_stand_at_the_head_whichever_machine(tmp_path: Path) -> None:
@@ -280,12 +318,12 @@ def test_paths_that_disagree_stand_at_the_head_whichever_machine(tmp_path: Path)
         run_file(tmp_path, labelled("b"), model_record(), plain),
     ]
     content = report(*files)
-    assert [section.heading for section in content.sections] == [
+    assert [section.heading for section in all_sections(content)] == [
         "Across machines",
         "a: m: 10 simulations × 100 steps",
         "b: m: 10 simulations × 100 steps",
     ]
-    assert content.sections[0].tables[0].title == "Advised paths by machine"
+    assert all_sections(content)[0].tables[0].title == "Advised paths by machine"
     bad = [c.text for c in content.conclusions if c.tone == Tone.BAD]
     assert bad == [
         "a: m, 10 simulations: rollout does other work than the plain loop: qpos differs"
@@ -303,15 +341,15 @@ def test_a_set_of_many_runs_leaves_sections_out_and_says_so(
     ]
     failed = run_file(tmp_path, labelled("b"), of_model(FAILED, "p"), command="versions")
     content = report(*files, failed)
-    assert [section.heading for section in content.sections] == [
+    assert [section.heading for section in all_sections(content)] == [
         "Across machines",
         *["a: Verdicts"] * 3,
         "b: Verdicts",
     ]
     assert content.sections[-1].conclusions[0].text.endswith("signal 11")
-    assert texts(content)[-1].startswith("Left out: 3 of 7 sections of single runs.")
+    assert texts(content)[0].startswith("Left out: 3 of 7 sections of single runs.")
     # all comparisons are in the first tables
-    assert len(content.sections[0].tables[0].rows) == 4
+    assert len(all_sections(content)[0].tables[0].rows) == 4
 
 
 def test_many_comparisons_have_some_sentences_and_all_rows(tmp_path: Path) -> None:
@@ -319,12 +357,12 @@ def test_many_comparisons_have_some_sentences_and_all_rows(tmp_path: Path) -> No
     files = [run_file(tmp_path, labelled(name), *records, command="versions") for name in "ab"]
     content = report(*files)
     assert "10 further comparisons are only in the tables." in texts(content)
-    assert len(content.sections[0].tables[0].rows) == 40
+    assert len(all_sections(content)[0].tables[0].rows) == 40
 
 
 def test_of_many_machines_each_cell_is_a_row(tmp_path: Path) -> None:
     files = verdict_runs(tmp_path, **{f"m{n}": SAME for n in range(9)})
-    table = report(*files).sections[0].tables[0]
+    table = report(*files).summaries[0].tables[0]
     assert [column.title for column in table.columns] == ["comparison", "machine", "result"]
     assert len(table.rows) == 9
 
@@ -341,12 +379,12 @@ def test_histories_of_several_machines_are_apart(tmp_path: Path) -> None:
         for name, ratios in (("a", step), ("b", [1.0] * 8))
     ]
     content = report(*files)
-    assert [section.heading for section in content.sections] == [
+    assert [section.heading for section in all_sections(content)] == [
         "What changed between releases, by machine",
         *(f"{name}: {heading}" for name in "ab" for heading in OF_A_HISTORY),
     ]
     assert texts(content) == ["1 change is listed on 2 machines: 1 on one machine alone."]
-    (row,) = content.sections[0].tables[0].rows
+    (row,) = all_sections(content)[0].tables[0].rows
     assert row[0] == "1.3 → 1.4, pile: slower on 1 of 2"
 
 
@@ -357,7 +395,7 @@ def test_the_command_of_a_section_names_some_files(tmp_path: Path) -> None:
             reports.read(verdict_runs(tmp_path, a=SAME, b=SAME, c=SAME, d=SAME))
         )
     ]
-    assert reports.build(runs).sections[0].command == (
+    assert reports.build(runs).summaries[0].command == (
         "mjbench show 0.jsonl 1.jsonl 2.jsonl … --html"
     )
 

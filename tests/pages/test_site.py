@@ -3,6 +3,7 @@
 import html.parser
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -102,6 +103,18 @@ def test_the_first_page_says_what_was_found(tmp_path: Path, history: SpeedHistor
     assert report.startswith("<!doctype html>")
 
 
+def test_guides_are_in_the_order_in_which_their_first_page_links_them(tmp_path: Path) -> None:
+    project = project_in(tmp_path)
+    guides = tmp_path / "docs/guides"
+    for name in "abc":
+        (guides / f"{name}.md").write_text(f"# {name}\n")
+    (guides / "README.md").write_text("# Guides\n\n[C](c.md#one) before [B](b.md)\n")
+    site.write_source(project, tmp_path / "source")
+    index = (tmp_path / "source/index.md").read_text()
+    listed = re.findall(r"^docs/guides/(\w+)$", index, flags=re.M)
+    assert listed == ["README", "c", "b", "a"]
+
+
 def test_a_set_has_one_report_of_all_its_machines(tmp_path: Path) -> None:
     files = [
         run_file(tmp_path / "runs", labelled(name), SLOWER, command="versions") for name in "ab"
@@ -109,7 +122,7 @@ def test_a_set_has_one_report_of_all_its_machines(tmp_path: Path) -> None:
     named_runs = reports.read([set_of(tmp_path / "all.jsonl", files)])
     site.write_source(Project(tmp_path, named_runs), tmp_path / "source")
     assert [file.name for file in (tmp_path / "source/copied/reports").iterdir()] == ["all.html"]
-    assert "| 2 runs | " in (tmp_path / "source/reports.md").read_text()
+    assert "(2 runs)" in (tmp_path / "source/reports.md").read_text()
     assert "slower on both machines" in (tmp_path / "source/index.md").read_text()
 
 
@@ -250,3 +263,22 @@ def test_a_run_file_that_cannot_be_read_is_left_out_and_named(
     assert result.exit_code == 0, result.output
     assert "left out: " in result.output
     assert [named.file.name for named in projects[0].runs] == ["run.jsonl"]
+
+
+def test_the_page_of_reports_names_commands_and_marks_what_not_to_trust(tmp_path: Path) -> None:
+    good, bad = (
+        run_file(tmp_path / name, labelled("a"), *compared(raced(cores=cores)), began=began)
+        for name, cores, began in (("good", 2.0, "2026-11-20"), ("bad", 0.5, "2026-11-21"))
+    )
+    named_runs = [
+        replace(each, file=Path(f"{name}.jsonl"))
+        for name, file in (("good", good), ("bad", bad))
+        for each in reports.read([file])
+    ]
+    site.write_source(Project(tmp_path, named_runs), tmp_path / "source")
+    page = (tmp_path / "source/reports.md").read_text()
+    lines = [line for line in page.splitlines() if "`mjbench compare 'a model'`" in line]
+    assert [line.count("disturbed") for line in lines] == [1, 0]  # the newest first
+    index = (tmp_path / "source/index.md").read_text()
+    assert "reports/good.html" in index
+    assert "reports/bad.html" not in index

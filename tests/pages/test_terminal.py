@@ -183,3 +183,15 @@ def test_what_is_logged_is_a_phase_and_a_warning_a_line_without_a_bar_before_it(
     with progress(Console(file=io.StringIO())):
         logger.info("installing MuJoCo %s", "3.17.0")
     assert capsys.readouterr().err == "mjbench: a file has been changed\ninstalling MuJoCo 3.17.0\n"
+
+
+def test_a_bar_leaves_a_table_rather_than_wraps() -> None:
+    columns = [Column("a name that is long"), Column("share", formats.percent)]
+    table = DataTable("", [*columns, Column("", is_bar=True)], [["stage", 0.9, 27 * "█"]])
+    out = terminal.console()
+    for width, is_there in ((60, True), (50, False)):
+        parts = list(terminal.table_parts(table, width))
+        with out.capture() as captured:
+            terminal.print_lines(out, parts)
+        assert ("█" in captured.get()) == is_there
+        assert len(captured.get().splitlines()) == 2

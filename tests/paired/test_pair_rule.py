@@ -120,7 +120,7 @@ def test_launches_end_with_the_time_limit_and_what_they_gave(
 def test_a_time_limit_that_allows_no_answer_is_explained(launched: Callable[..., Launched]) -> None:
     result = launched(50, limit_s=2.0)
     assert result.status == Status.OK
-    assert "a test needs at least 4 launches: give --time-limit 5s or more" in result.detail
+    assert "a test needs at least 4 launches: give --budget 5s or more" in result.detail
     assert len(result.launches) == 2
 
 

@@ -170,7 +170,7 @@ def test_time_runs_out_with_what_was_measured(launched: Launched) -> None:
     assert count == 10
     assert detail == (
         "a launch takes about 1 s, and a spread needs at least 36 launches:"
-        " give --time-limit 45s or more"
+        " give --budget 45s or more"
     )
 
 

@@ -122,7 +122,7 @@ def test_a_summary_has_a_row_for_each_model_and_slowdown() -> None:
     ]
     none, slowed = selfcheck.summary(trials)
     assert (none.slowdown, none.trials, none.detected, none.wrong) == (0.0, 2, 0.5, 0.5)
-    assert (none.missed, none.covered) == (0.0, 0.5)
+    assert (none.missed, none.covered) == (None, 0.5)
     assert (slowed.slowdown, slowed.trials, slowed.detected, slowed.wrong) == (0.02, 4, 0.25, 0.25)
     assert (slowed.missed, slowed.inconclusive, slowed.covered) == (0.25, 0.25, 0.5)
     assert slowed.error == pytest.approx(np.mean([0.0, -0.04, -0.02, 0.004]))
@@ -135,7 +135,16 @@ def test_where_only_the_sign_is_known_there_is_no_error_and_no_coverage() -> Non
     (row,) = selfcheck.summary([trial(verdict, 1.03, **INSIDE_STEP) for verdict in verdicts])
     assert (row.arm, row.slowdown, row.callback) == (Arm.INSIDE_STEP, None, "mj_factorM")
     assert (row.detected, row.missed, row.wrong) == (0.5, 0.25, 0.25)
+    assert row.measured == pytest.approx(0.03)
     assert (row.error, row.covered, row.by_code, row.by_placement) == (None, None, None, None)
+
+
+def test_a_slowdown_that_measures_less_than_the_smallest_effect_is_not_missed() -> None:
+    small = [trial(Verdict.SAME, 1.002, **INSIDE_STEP) for _ in range(3)]
+    (row,) = selfcheck.summary(small)
+    assert (row.measured, row.missed) == (pytest.approx(0.002), None)
+    (row,) = selfcheck.summary(small, min_effect=0.001)
+    assert row.missed == 1.0
 
 
 def test_differences_between_builds_are_counted_by_their_cause() -> None:
@@ -150,7 +159,7 @@ def test_differences_between_builds_are_counted_by_their_cause() -> None:
     )
     assert (row.old, row.new, row.averaged) == ("3.2.1", "3.2.2", True)
     assert (row.wrong, row.by_code, row.by_placement) == (0.25, 0.25, 0.25)
-    assert (row.covered, row.missed) == (0.75, 0.0)
+    assert (row.covered, row.missed) == (0.75, None)
 
 
 def test_trials_as_shipped_have_a_row_of_their_own_without_a_cause() -> None:

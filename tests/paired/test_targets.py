@@ -31,6 +31,15 @@ def test_options_of_a_path_are_parsed_and_completed() -> None:
     assert candidate.options["threads"] == candidate.nthread == 1
 
 
+def test_any_path_can_step_without_the_timer() -> None:
+    baseline, candidate = targets.parse("", "path=rollout,threads=2,timer=off")
+    assert baseline.has_timer
+    assert not candidate.has_timer
+    assert not candidate.row().has_timer
+    with pytest.raises(InputError, match="timer is on or off"):
+        targets.parse("timer=maybe", "")
+
+
 def test_option_names_a_field_of_mjoption_too() -> None:
     _, candidate = targets.parse("", "option=solver:cg")
     assert dict(candidate.model_options) == {"solver": "cg"}

@@ -61,7 +61,7 @@ def test_a_launch_that_would_exceed_the_limit_is_refused_with_a_limit_that_would
         limit.check_first_launch(launch_s=36.0, preparation_s=48.0)
     assert str(caught.value) == (
         "a launch takes about 36 s, and a verdict needs at least 6 launches:"
-        " give --time-limit 330s or more"
+        " give --budget 330s or more"
     )
     TimeLimit(330.0, 6, clock).check_first_launch(36.0, 48.0)
 
@@ -95,7 +95,7 @@ def test_time_that_ends_before_there_are_enough_launches_is_said(clock: Clock) -
     limit = TimeLimit(0.1, min_launches=6, clock=clock)
     limit.start()
     clock.now += 0.75
-    with pytest.raises(OutOfTimeError, match="--time-limit 4s or more"):
+    with pytest.raises(OutOfTimeError, match="--budget 4s or more"):
         limit.allows_another(launches=1, before_s=0.35, can_judge=False)
 
 

@@ -48,7 +48,7 @@ def test_time_runs_out_with_an_interval_and_no_verdict(pool: WorkerPool) -> None
     assert result.judgement is not None
     assert result.judgement.verdict == Verdict.INCONCLUSIVE
     assert len(result.launches) == 2
-    assert "--time-limit" in result.detail
+    assert "--budget" in result.detail
     record = result.record()
     assert record.launches == len(record.samples) == 2
     assert record.pairs == 2 * sum(len(sample.orders) for sample in record.samples)
@@ -66,7 +66,7 @@ def test_a_model_too_heavy_for_its_limit_is_inconclusive_before_it_is_launched(
     assert (result.status, result.judgement, list(result.launches)) == (Status.OK, None, [])
     row = result.row()
     assert (row.verdict, row.ratio) == (Verdict.INCONCLUSIVE, None)
-    assert "a verdict needs at least 8 launches: give --time-limit" in row.detail
+    assert "a verdict needs at least 8 launches: give --budget" in row.detail
     sentence = verdicts.describe_verdict(row)
     assert ": inconclusive: a launch takes about" in sentence
 

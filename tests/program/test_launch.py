@@ -36,6 +36,14 @@ def test_a_program_is_ended_by_force_where_it_ignores_signals(stubborn):
     assert seen.steps[0].step.count > 0
 
 
+def test_a_program_that_does_not_step_is_ended_when_its_time_is_over(tmp_path):
+    file = tmp_path / "waits.py"
+    file.write_text("import time\ntime.sleep(60)")
+    seen = launch.run(Program([str(file)]), seconds=60.0, most_s=0.3)
+    assert seen.was_ended
+    assert not seen.steps
+
+
 def test_a_program_ends_where_the_profiler_cannot_start(stubborn, monkeypatch):
     processes = []
     start_program = launch._start

@@ -66,9 +66,9 @@ def test_what_keeps_results_comes_before_what_changes_them_and_larger_gains_firs
     assert [item.action for item in listed] == [
         "step by mujoco.rollout on 2 threads, for 64 simulations at once with controls known"
         " beforehand",
-        "set engine clock off, jacobian=sparse",
+        "settings: engine clock off, jacobian=sparse",
         "step by Batch.step on 2 threads, for 64 simulations at once in RL",
-        "set timestep=0.004",
+        "settings: timestep=0.004",
     ]
     assert [item.change_text for item in listed] == [
         "nothing",
@@ -105,7 +105,7 @@ def test_wrong_results_stand_first() -> None:
     assert second.gain is not None
     conclusions = checkup.list_section(run(*records)).conclusions
     assert conclusions[0].tone == Tone.BAD
-    assert "first, correct a wrong result: 4 of 68" in conclusions[0].text
+    assert "first, what is wrong: 4 of 68" in conclusions[0].text
 
 
 def test_what_is_given_up_is_said() -> None:
@@ -196,6 +196,8 @@ def test_of_a_notebook_there_is_what_lint_finds() -> None:
     assert first.action == "n.ipynb:cell 2:3:1: a view (MJB001)"
     assert first.change == ResultChange.CORRECTED
     assert second.gain is None
+    texts = [each.text for each in checkup.list_section(run(source)).conclusions]
+    assert texts[1].endswith("a name (MJB002); what it gains was not measured")
     assert any("jupyter nbconvert" in note for note in checkup.list_section(run(source)).notes)
 
 

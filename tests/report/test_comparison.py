@@ -59,7 +59,8 @@ def test_several_sizes_have_a_conclusion_each_and_share_a_table() -> None:
 def test_several_models_end_with_a_table_of_what_is_advised() -> None:
     other = derived(raced(model="other", cores=1.0))
     summary = printed(derived(raced()), other).split("Advice: ")[1].splitlines()
-    assert summary[2].split()[:4] == ["m", "open", "✓", "rollout"]
+    assert summary[1].endswith("times as fast as the plain loop; 2 of 4 are certain")
+    assert summary[3].split()[:4] == ["m", "open", "✓", "rollout"]
     assert summary[-1].split()[:4] == ["other", "closed", "?", "batch_step"]
 
 
@@ -154,3 +155,11 @@ def test_without_a_terminal_nothing_is_shown_so_far(capsys: pytest.CaptureFixtur
 
 def test_nothing_is_shown_before_there_is_a_speed() -> None:
     assert comparison.section_so_far([derived(replace(raced(), launches=()))]) is None
+
+
+def test_rows_of_the_flat_table_say_what_is_advised() -> None:
+    rows = {str(row.variant): row.advised for row in comparison.flat_rows([derived(raced())])}
+    assert {name for name, advised in rows.items() if advised} == {str(ROLLOUT), str(BATCH_STEP)}
+    assert rows[str(ROLLOUT)] == "certain"
+    disturbed = comparison.flat_rows([derived(raced(cores=1.0))])
+    assert {row.advised for row in disturbed} == {"", "not certain"}

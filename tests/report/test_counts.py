@@ -8,7 +8,7 @@ from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import CodeChange, FunctionCount, FunctionDifference
 from mjbench.pages import terminal
 from mjbench.report import counts
-from mjbench.report.content import Section
+from mjbench.report.content import Section, Tone
 from mjbench.status import Status
 
 
@@ -71,3 +71,11 @@ def test_code_old_names_and_moved_cost_stand_beside_a_function() -> None:
     row = replace(explain_change(count, count, None), functions=[function])
     last_line = lines_of([counts.explanation_section(count, count, row, top=1)])[-1]
     assert last_line.split("  ")[-2:] == ["changed", "was f; moved to mj_g, mj_h"]
+
+
+def test_a_release_that_cannot_load_a_model_is_no_failure() -> None:
+    unloaded = replace(CRASHED, status=Status.INPUT)
+    rows = [explain_change(unloaded, counted("2.0", a=1000.0), None)]
+    (section,) = counts.change_sections(rows)
+    assert [each.tone for each in section.conclusions] == [Tone.NEUTRAL, Tone.NEUTRAL]
+    assert section.conclusions[1].text == "1 pair not counted: a release cannot load the model"

@@ -1,6 +1,7 @@
 """What the latency of single steps comes to."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,6 +17,17 @@ from mjbench.report.content import Tone
 def samples(pace: Pace, latency_ns: Sequence[float]) -> StepSamples:
     rate = 500.0 if pace == Pace.PACED else None
     return StepSamples(pace, rate, 0.002, WORK, np.asarray(latency_ns), {})
+
+
+def test_what_slow_steps_share_has_a_remedy() -> None:
+    assert set(report._REMEDIES) == set(latency._FEATURES)
+    late = replace(
+        samples(Pace.PACED, [10_000.0] * 990 + [5e6] * 10),
+        features={"µs of late start": np.array([1.0] * 990 + [4000.0] * 10)},
+    )
+    (section,) = report.sections([latency.row("m", late, None)])
+    assert section.notes[0].startswith("Slow steps, paced: 4000 µs of late start")
+    assert section.notes[1].startswith("µs of late start: other programs took the core")
 
 
 def test_latency_is_drawn_as_far_as_there_are_steps() -> None:

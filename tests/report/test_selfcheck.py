@@ -1,4 +1,4 @@
-"""The tables of `mjbench selfcheck`: nothing of them is cut off, and what is unknown is empty."""
+"""The tables of `mjbench doctor --verdicts`: nothing is cut off, and what is unknown is empty."""
 
 from dataclasses import replace
 
@@ -18,6 +18,7 @@ KNOWN = SelfcheckRow(
     wrong=0.0,
     by_code=None,
     by_placement=None,
+    measured=0.0045,
     missed=0.5,
     inconclusive=0.0,
     covered=1.0,
@@ -54,8 +55,11 @@ def printed(*rows: SelfcheckRow) -> list[str]:
 @pytest.mark.parametrize(
     ("row", "cells"),
     [
-        (KNOWN, "0.5 % averaged 20 50.0 % 0.0 % 50.0 % 0.0 % 100.0 % -0.100 % 12.3 15.0 0.40 %"),
-        (INSIDE, "calls mj_subtreeVel averaged 20 50.0 % 0.0 % 50.0 % 0.0 % 12.3 15.0"),
+        (
+            KNOWN,
+            "0.5 % averaged 20 +0.45 % 50.0 % 0.0 % 50.0 % 0.0 % 100.0 % -0.100 % 12.3 15.0 0.40 %",
+        ),
+        (INSIDE, "calls mj_subtreeVel averaged 20 +0.45 % 50.0 % 0.0 % 50.0 % 0.0 % 12.3 15.0"),
         (
             BUILDS,
             "3.2.1 → 3.2.2 averaged 20 15.0 % 15.0 % 25.0 % 0.0 % 100.0 % -0.100 %"
@@ -66,6 +70,18 @@ def printed(*rows: SelfcheckRow) -> list[str]:
 def test_a_row_says_what_differed_and_what_was_found(row: SelfcheckRow, cells: str) -> None:
     lines = printed(row)
     assert " ".join(lines[-1].split()) == f"quadruped_terrain {cells}"
+
+
+def test_what_is_too_small_to_matter_is_not_missed_and_said() -> None:
+    lines = printed(replace(KNOWN, missed=None), BUILDS)
+    assert "of less than 1 % (--min-effect) may be called the same" in lines[-1]
+
+
+def test_the_first_line_says_whether_to_trust_verdicts_here() -> None:
+    assert printed(KNOWN)[0] == "0 of 20 verdicts on known truths are wrong"
+    many = replace(KNOWN, trials=200)
+    assert printed(many)[0].endswith("wrong: trust `versions` and `ab` on this machine")
+    assert printed(replace(KNOWN, wrong=0.2))[0].endswith("do not trust them here")
 
 
 def test_builds_have_a_table_of_their_own() -> None:

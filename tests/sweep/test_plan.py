@@ -131,8 +131,8 @@ def test_a_range_has_all_releases_between(tmp_path: Path, text: str) -> None:
             "line 3: versions.seeds: no such key (did you mean seed",
         ),
         (
-            f"{RELEASES}[versions]\nbudget = 1",
-            "versions.budget: no such key here; it belongs in [c",
+            f"{RELEASES}[versions]\ntotal-steps = 1",
+            "versions.total-steps: no such key here; it belongs in [c",
         ),
         (f'{RELEASES}[versions]\nmodels = ["pile"]', "it belongs before the first table"),
         (f"{RELEASES}models = 3", "models: give a list of texts"),
