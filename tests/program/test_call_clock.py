@@ -173,6 +173,24 @@ def test_rollout_counts_steps_of_all_simulations(slow, tmp_path):
     assert single.is_step
 
 
+def test_the_first_simulation_of_a_rollout_is_looked_at_from_time_to_time(slow, monkeypatch):
+    class Rollout:
+        def rollout(self, model, data, initial_state):
+            return np.zeros((2, 2, 3)), None
+
+    seen, looks = [], slow._watch
+    monkeypatch.setattr(looks, "look", lambda model, data, *_: seen.append((model, data)))
+    module = ModuleType("rollout")
+    module.rollout, module.Rollout = lambda *_: (np.zeros((1, 2, 3)), None), Rollout
+    slow.install_rollout(module)
+    module.rollout("model", "data", None)
+    module.Rollout().rollout(["one", "two"], data=["first", "second"], initial_state=None)
+    assert seen == [("model", "data"), ("one", "first")]
+    looks.next_look_ns = sys.maxsize
+    module.rollout("model", "data", None)
+    assert len(seen) == 2
+
+
 def test_rollout_and_its_pool_stay_two_functions(slow, tmp_path):
     class Rollout:
         def rollout(self, model, data, initial_state):
