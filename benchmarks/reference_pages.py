@@ -94,7 +94,15 @@ def key_lines() -> Iterator[str]:
     yield ""
     yield "## Documents"
     yield ""
-    documents = ((f"`{s['title']}`", link(s)) for s in schemas.values() if "$ref" in s)
+    from mjbench.cli.command_names import EARLIER
+
+    titles = {
+        name: f"mjbench {' '.join(words).removesuffix('=')} --json"
+        for name, words in EARLIER.items()
+    }
+    documents = (
+        (f"`{titles.get(name, s['title'])}`", link(s)) for name, s in schemas.items() if "$ref" in s
+    )
     yield from markdown.table_lines(["written by", "keys"], documents)
     yield ""
     yield "## Types"

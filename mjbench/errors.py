@@ -2,7 +2,7 @@
 
 import contextlib
 import difflib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,6 +27,12 @@ class UnavailableError(InputError):
     """This machine, this MuJoCo or this model cannot do what was asked for."""
 
     status = Status.UNAVAILABLE
+
+
+# Failures that are the user's to mend, by the status that a child process reports.
+REFUSALS: Mapping[Status, type[InputError]] = {
+    kind.status: kind for kind in (InputError, UnavailableError)
+}
 
 
 class MachineError(MjbenchError):

@@ -90,7 +90,7 @@ def fail(request: Any, channel: Channel) -> None:
 
 def crash(request: Any, channel: Channel) -> None:
     channel.send(Text("before the crash"))
-    channel.doing("something dangerous", item=3)
+    channel.doing("something dangerous", position=3)
     os.kill(os.getpid(), signal.SIGSEGV)
 
 
@@ -102,7 +102,7 @@ def leave(request: Any, channel: Channel) -> None:
 
 def hang(request: Any, channel: Channel) -> None:
     grandchild = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
-    channel.doing("nothing at all", item=0)
+    channel.doing("nothing at all", position=0)
     channel.send(Process(grandchild.pid))
     while True:
         time.sleep(600)

@@ -108,7 +108,7 @@ def main() -> None:
 
 
 def _measure_overhead_once() -> None:
-    """Have `mjbench overhead` measure each habit in one process rather than in several."""
+    """Have `mjbench profile --habits` measure each habit in one process rather than in several."""
     from mjbench.loop import overhead
 
     overhead.measure = functools.partial(overhead.measure, launches=1)

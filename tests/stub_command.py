@@ -1,4 +1,4 @@
-"""A stand-in for `mjbench instructions` on a node: it writes a record a release, and can hang.
+"""A stand-in for `mjbench profile --instructions` on a node: a record a release, and it can hang.
 
     python stub_command.py FOLDER instructions --release R … --results DIR -- MODEL
 

@@ -9,7 +9,7 @@ from mjbench.api.measured import Measured
 from mjbench.api.session import Measurement, of_each_model
 from mjbench.limits import HERTZ, SECONDS, SEED, TIME_LIMIT_S
 from mjbench.loop import latency as loop_latency
-from mjbench.loop.latency import LatencyRequest, LatencyRow, Pace
+from mjbench.loop.latency import BUDGET_S, LatencyRequest, LatencyRow, Pace
 from mjbench.simulation.models import ModelSource
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ def latency(
     deadline_s: float | None = None,
     rate_hz: float | None = None,
     nstep: int | None = None,
+    budget_s: float = BUDGET_S,
     hold: int = 1,
     seed: int = 0,
     settle_s: float | None = None,
@@ -60,7 +61,8 @@ def latency(
       deadline_s: by which a step should end; None for the time between two paced steps, and for
         free-running ones the model's timestep.
       rate_hz: paced steps per second; None for real time.
-      nstep: steps at each pace; None for 10,000, or what 10 seconds allow.
+      nstep: steps at each pace; None for 10,000, or what the budget allows.
+      budget_s: time for the steps of each pace, if there are more than 1,000.
       hold: steps for which each control is held.
       seed: of start states and controls.
       settle_s: simulated seconds for which the model moves before the first start state; 0 starts
@@ -81,12 +83,13 @@ def latency(
     deadline_s = checks.optional(checks.number, "deadline_s", deadline_s, SECONDS)
     rate_hz = checks.optional(checks.number, "rate_hz", rate_hz, HERTZ)
     nstep = checks.optional(checks.whole, "nstep", nstep)
+    budget_s = checks.number("budget_s", budget_s, SECONDS)
     hold, seed = checks.whole("hold", hold), checks.whole("seed", seed, SEED)
     with (
         model_sources.sources([model]) as (source,),
         start_states.plan(settle_s, states, actions) as starts,
     ):
-        request = LatencyRequest(source, nstep, rate_hz, hold, seed, starts)
+        request = LatencyRequest(source, nstep, rate_hz, hold, seed, starts, budget_s)
         return Latency.of(measurement([request], deadline_s, limit_s), wait)
 
 
@@ -102,6 +105,7 @@ def measurement(
 
     arguments = {
         "nstep": first.nstep,
+        "budget_s": first.budget_s,
         "rate_hz": first.rate_hz,
         "deadline_s": deadline_s,
         "hold": first.hold,

@@ -8,7 +8,7 @@ from typing import Any, Self
 
 from mjbench.api.interrupts import one_interrupt
 from mjbench.api.session import Item, Measurement, Observer, Session
-from mjbench.errors import InputError, MachineError, one_line
+from mjbench.errors import REFUSALS, InputError, MachineError, one_line
 from mjbench.host import child, platforms
 from mjbench.host.machine import Machine
 from mjbench.measuring.progress import Progress
@@ -143,8 +143,7 @@ def _check_any(items: Sequence[Item]) -> None:
     if not records:
         raise InputError("name a model")
     first, failure = records[0], items[0].failure
-    is_input = first.status in (Status.INPUT, Status.UNAVAILABLE)
-    kind = InputError if is_input else MachineError
+    kind = REFUSALS.get(first.status, MachineError)
     if failure is not None:
         raise kind(failure.detail)
     detail = first.detail.removeprefix(f"{first.model}: ")

@@ -6,7 +6,7 @@ all of them together (`mjbench.api.measured`).
 """
 
 import contextlib
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -194,6 +194,7 @@ class Session:
         """
         self.earlier: Sequence[Record] = ()
         self.records: list[Record] = []
+        self._earlier_ids: Collection[int] = ()
         self._measurement, self._wait = measurement, wait
         self._folder, self._resume = folder, resume
         self._command_line, self._report = command_line, report
@@ -260,7 +261,7 @@ class Session:
         if stored.is_torn:
             self._report(f"{file}: the last line was cut short; it is left out")
         self.earlier = tuple(self._measurement.select_finished(stored.records))
-        self.records = [*self.earlier]
+        self.records, self._earlier_ids = [*self.earlier], set(map(id, self.earlier))
         return RunFile.rewrite(file, stored.header, self.earlier)
 
     @property
@@ -270,7 +271,7 @@ class Session:
 
     def record(self, record: Record) -> None:
         """Take a record, and append it to the run file, unless a continued run has it."""
-        if any(record is each for each in self.earlier):
+        if id(record) in self._earlier_ids:
             return
         self.records.append(record)
         if self._file is not None:

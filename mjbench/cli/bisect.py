@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mjbench.cli.ab import revision_comparison
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import OUTPUT, VERDICT_PLAN, with_options
 
@@ -36,4 +36,4 @@ def bisect(
     from mjbench.report.kinds import BISECT
 
     comparison = revision_comparison(baseline, candidate, [function], plan)
-    measure(bisection(comparison, plan), output, summary=BISECT.sections).exit()
+    measure_and_print(bisection(comparison, plan), output, summary=BISECT.sections).exit()

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mjbench.cli import show_pages
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.output_file import OutputFile
 from mjbench.cli.shared import CODE, LIMIT, LOOP_STARTS, OUTPUT, with_options
@@ -68,7 +68,7 @@ def checkup(
     try:
         for page in pages.values():
             page.open()
-        run = measure(
+        run = measure_and_print(
             work,
             output,
             each=report.part_sections,

@@ -21,7 +21,7 @@ LISTED: Mapping[str, Mapping[str, str]] = {
         "bisect": "which commit made my own code slower?",
         "lint": "what is slow or wrong in a script",
         "doctor": "can I measure here? --verdicts, --placement",
-        "show": "results again: --html, --markdown, --against",
+        "show": "results again: --html, --format csv, --against",
     },
     "A closer look": {
         "profile": "a step by stage; --habits of loops",
@@ -34,7 +34,7 @@ LISTED: Mapping[str, Mapping[str, str]] = {
     "Many runs": {
         "history": "in which release speed changed, and why",
         "releases": "list, install and remove releases",
-        "results": "merge run files; write a site of them",
+        "results": "merge or export runs; write a site of them",
         "sweep": "a matrix of models and releases on Ray",
     },
 }

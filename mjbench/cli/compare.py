@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     CODE,
@@ -150,7 +150,7 @@ def compare(
         threads = threads or selection.scaling_threads()
         chunk = chunk or list(selection.SCALING_CHUNKS)
     plans = selection.plans(plan, path_names or [], threads, chunk, option_words, nbatch)
-    run = measure(
+    run = measure_and_print(
         measurement(each_once(sources), plans),
         output,
         each=lambda run: [report.model_section(derive_all(run.records))],

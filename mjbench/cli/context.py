@@ -194,7 +194,7 @@ def _status(record: "Record") -> Status:
     return getattr(record, "status", Status.OK)
 
 
-def measure(
+def measure_and_print(
     measurement: "Measurement",
     output: OutputOptions,
     *,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
@@ -105,4 +105,4 @@ def doctor_placement(
         placement_spread.finished,
         pinning_notes(),
     )
-    measure(measurement, output, summary=PLACEMENT.sections).exit()
+    measure_and_print(measurement, output, summary=PLACEMENT.sections).exit()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import COUNT, STORING, TRIAL_PLAN, Shares, with_options
 from mjbench.errors import Failure
@@ -123,7 +123,7 @@ def doctor_verdicts(
         trial_records,
         pinning_notes(),
     )
-    measure(measurement, output, summary=SELFCHECK.sections).exit()
+    measure_and_print(measurement, output, summary=SELFCHECK.sections).exit()
 
 
 def _cases(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     LIMIT,
@@ -112,16 +112,19 @@ def env(
         known = by_name(earlier, "environment")
         for number, source in enumerate(sources):
             observer(source.name, number / len(sources))
-            yield Item(known[source.name]) if source.name in known else _measured(source, plan)
+            if source.name in known:
+                yield Item(known[source.name])
+            else:
+                yield _measure_environment(source, plan)
 
     arguments = {"environments": list(names), "plan": plan}
     measurement = Measurement("env", arguments, [], items, finished)
-    run = measure(measurement, output, each=ENVIRONMENT.sections)
+    run = measure_and_print(measurement, output, each=ENVIRONMENT.sections)
     records = run.session.run().of_type(EnvironmentRecord)
     run.exit(status for record in records for status in record.statuses())
 
 
-def _measured(source: "EnvironmentSource", plan: "EnvironmentPlan") -> "Item":
+def _measure_environment(source: "EnvironmentSource", plan: "EnvironmentPlan") -> "Item":
     """Return what was measured of an environment, or why nothing was."""
     from mjbench.api.session import Item
     from mjbench.environment import measurement

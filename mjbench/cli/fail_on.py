@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.shared import Text, as_one, parsed
 from mjbench.paired.outcomes import Verdict
 from mjbench.status import ExitCode, Status, exit_code
@@ -135,6 +135,6 @@ def measure_verdicts(
     from mjbench.paired.records import VerdictRecord
     from mjbench.report.kinds import VERDICT
 
-    run = measure(measurement, output, summary=VERDICT.sections)
+    run = measure_and_print(measurement, output, summary=VERDICT.sections)
     rows = [record.row() for record in run.session.run().of_type(VerdictRecord)]
     run.exit_with(fail_on.exit_code(rows, confidence))

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mjbench.api import interrupts
-from mjbench.cli.context import OutputOptions
-from mjbench.cli.context import measure as measure_and_print
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.output_file import OutputFile
 from mjbench.cli.releases import HISTORY
@@ -271,14 +270,14 @@ def measure(selection: _Selection, output: OutputOptions) -> None:
         "history",
         selection.arguments(),
         input_files(selection.sources, selection.releases, DEFAULT_STARTS),
-        lambda earlier, observer: _measured(selection, earlier, observer),
+        lambda earlier, observer: _measure_releases(selection, earlier, observer),
         release_ratios.finished,
         pinning_notes(),
     )
     measure_and_print(measurement, output, summary=HISTORY.sections).exit()
 
 
-def _measured(
+def _measure_releases(
     selection: _Selection, earlier: "Sequence[Record]", observer: "Observer"
 ) -> "Iterator[Item]":
     """Yield what is measured of one release after the other."""
@@ -347,7 +346,7 @@ def explain(selection: _Selection, output: OutputOptions) -> None:
         "history-explain",
         selection.arguments(),
         [source.path for source in selection.sources],
-        lambda earlier, observer: _explained(selection, earlier, observer),
+        lambda earlier, observer: _explain_releases(selection, earlier, observer),
         records.finished,
     )
     measure_and_print(
@@ -355,7 +354,7 @@ def explain(selection: _Selection, output: OutputOptions) -> None:
     ).exit()
 
 
-def _explained(
+def _explain_releases(
     selection: _Selection, earlier: "Sequence[Record]", observer: "Observer"
 ) -> "Iterator[Item]":
     """Count each release, and yield what changed since the one before."""

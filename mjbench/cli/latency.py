@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
@@ -40,7 +40,14 @@ if TYPE_CHECKING:
     help="Paced steps per second  [default: real time]",
 )
 @click.option(
-    "--nstep", type=COUNT, help="Steps at each pace  [default: 10,000, or what 10s allow]"
+    "--nstep", type=COUNT, help="Steps at each pace  [default: 10,000, or what the budget allows]"
+)
+@click.option(
+    "--budget",
+    type=Seconds(),
+    default="10s",
+    show_default=True,
+    help="Time for the steps of each pace, if there are more than 1,000.",
 )
 @with_options(HOLD, SEED, STARTS, LIMIT, STORING)
 def latency(
@@ -48,6 +55,7 @@ def latency(
     deadline_s: float | None,
     rate_hz: float | None,
     nstep: int | None,
+    budget: float,
     hold: int,
     seed: int,
     starts: "StartPlan",
@@ -68,5 +76,8 @@ def latency(
     from mjbench.loop.latency import LatencyRequest
     from mjbench.report.kinds import LATENCY
 
-    requests = [LatencyRequest(source, nstep, rate_hz, hold, seed, starts) for source in sources]
-    measure(measurement(requests, deadline_s, time_limit), output, each=LATENCY.sections).exit()
+    requests = [
+        LatencyRequest(source, nstep, rate_hz, hold, seed, starts, budget) for source in sources
+    ]
+    measured = measurement(requests, deadline_s, time_limit)
+    measure_and_print(measured, output, each=LATENCY.sections).exit()

@@ -15,9 +15,7 @@ from mjbench.units import count_of
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from mjbench.loop.lint_fixes import FixedFile, Unfixed
-    from mjbench.loop.lint_settings import RuleChoice
-    from mjbench.loop.script_files import UncheckedFile
+    from mjbench.loop.lint_fixes import LintedFile, Unfixed
 
 
 def _explain(context: click.Context, _: click.Parameter, code: str | None) -> None:
@@ -103,8 +101,8 @@ def lint(
       mjbench lint src --output-format sarif
       mjbench lint --explain MJB007
     """
-    from mjbench.loop.lint import Finding, check_all, findings_of
-    from mjbench.loop.lint_fixes import fix_all
+    from mjbench.loop.lint import Finding
+    from mjbench.loop.lint_fixes import LintedFile, lint_all
     from mjbench.loop.lint_settings import RuleChoice
     from mjbench.loop.script_files import UncheckedFile, regular_files, script_files
     from mjbench.report.lint import FORMATS, LintDocument, finding_line, statistics_lines
@@ -122,42 +120,39 @@ def lint(
     for file in files:
         if isinstance(file, str):
             choice.codes_for(file)  # refuses settings before anything is printed or changed
-    if diff:
-        _print_diff(files, choice)
     findings: list[Finding] = []
     unchecked: list[UncheckedFile] = []
     fixed, is_unwritten = 0, False
     with RunContext(json_file, regular_files(files)) as run:
-        for result in fix_all(files, choice) if fix else check_all(files, choice):
-            left: Sequence[Finding] = []
-            unfixed: Sequence[Unfixed] = []
+        for result in lint_all(files, choice, fixes=fix or diff):
             if isinstance(result, UncheckedFile):
                 unchecked.append(result)
                 report_line(f"{result.file}: {result.detail}")
-            elif isinstance(result, Finding):
-                left = [result]
-            elif _write(result):
-                fixed += result.fixed
-                left, unfixed = result.findings, result.unfixed
-            else:
+                continue
+            if diff:
+                click.echo(_shown(result.diff()), nl=False)
+            elif not _write(result):
                 is_unwritten = True
-                left = findings_of(result.file, result.before, choice.codes_for(result.file))
-            findings += left
-            if form == "text" and not statistics:
-                for finding in left:
+                codes = choice.codes_for(result.file)
+                result = LintedFile.unchanged(result.file, result.before, codes)
+            fixed += result.fixed
+            if not diff:
+                findings += result.findings
+            if form == "text" and not statistics and not diff:
+                for finding in result.findings:
                     run.out.print(finding_line(finding), soft_wrap=True)
-            _report_unfixed(unfixed)
+            _report_unfixed(result.unfixed)
         document = LintDocument(findings=findings, unchecked=unchecked)
         for line in statistics_lines(findings) if statistics else ():
             run.out.print(line, soft_wrap=True)
         if form != "text":
             click.echo(FORMATS[form](document), nl=False)
         run.write(document)
-    if fix:
-        report_line(f"fixed {count_of(fixed, 'finding')}")
+    if fix or diff:
+        report_line(f"{'would fix' if diff else 'fixed'} {count_of(fixed, 'finding')}")
     if is_unwritten:
         sys.exit(ExitCode.ENVIRONMENT)
-    if findings:
+    if findings or (diff and fixed):
         sys.exit(ExitCode.FINDING)
     sys.exit(exit_code(Status.INPUT for _ in unchecked))
 
@@ -166,8 +161,8 @@ def _split(text: str) -> tuple[str, ...]:
     return tuple(code.strip() for code in text.split(",") if code.strip())
 
 
-def _write(file: "FixedFile") -> bool:
-    """Change a file; return whether it could be written."""
+def _write(file: "LintedFile") -> bool:
+    """Change a file where something is to be changed; return whether it could be written."""
     try:
         file.write()
     except MachineError as error:
@@ -191,22 +186,3 @@ def _shown(diff: str) -> str:
         return diff
     lines = ("\t".join(map(printable, line.split("\t"))) for line in diff.split("\n"))
     return "\n".join(lines)
-
-
-def _print_diff(files: "Sequence[str | UncheckedFile]", choice: "RuleChoice") -> None:
-    """Print what would change in files, and end with the exit code."""
-    from mjbench.loop import lint_fixes
-
-    would_fix, unchecked = 0, []
-    for result in lint_fixes.fix_all(files, choice):
-        if not isinstance(result, lint_fixes.FixedFile):
-            unchecked.append(result)
-            report_line(f"{result.file}: {result.detail}")
-            continue
-        would_fix += result.fixed
-        click.echo(_shown(result.diff()), nl=False)
-        _report_unfixed(result.unfixed)
-    report_line(f"would fix {count_of(would_fix, 'finding')}")
-    if would_fix:
-        sys.exit(ExitCode.FINDING)
-    sys.exit(exit_code(Status.INPUT for _ in unchecked))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
@@ -128,7 +128,7 @@ def plan(
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
         for number, request in enumerate(requests):
             observer(request.source.name, number / len(requests))
-            yield _planned(request, import_from, time_limit)
+            yield _plan_model(request, import_from, time_limit)
 
     arguments = {
         "models": [source.name for source in sources],
@@ -139,7 +139,7 @@ def plan(
         "starts": starts,
     }
     files = input_files(sources, [], starts)
-    measure(
+    measure_and_print(
         Measurement("plan", arguments, files, items),
         output,
         each=lambda run: [planning.section(run.of_type(PlanningRow))],
@@ -147,7 +147,7 @@ def plan(
     ).exit()
 
 
-def _planned(request: "PlanningRequest", import_from: str | None, limit_s: float) -> "Item":
+def _plan_model(request: "PlanningRequest", import_from: str | None, limit_s: float) -> "Item":
     """Return what plans of one model and size are, or why there are none."""
     from mjbench.api.session import Item, failure_of_model
     from mjbench.comparison import planning_run

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import LIMIT, LOOP_STARTS, STORING, mode, models_argument, with_options
 
@@ -33,4 +33,6 @@ def profile(
     from mjbench.api.profile import measurement
     from mjbench.report.kinds import PROFILE
 
-    measure(measurement(sources, starts, time_limit), output, each=PROFILE.sections).exit()
+    measure_and_print(
+        measurement(sources, starts, time_limit), output, each=PROFILE.sections
+    ).exit()

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import LIMIT, LOOP_STARTS, STORING, models_argument, with_options
 
@@ -44,4 +44,4 @@ def profile_habits(
         return [loop_overhead.measure(source, time_limit, starts=starts)]
 
     measurement = of_each_model("overhead", sources, starts, loop_overhead.OverheadRow, rows)
-    measure(measurement, output, each=OVERHEAD.sections, code=code).exit()
+    measure_and_print(measurement, output, each=OVERHEAD.sections, code=code).exit()

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import COUNT, COUNTS_OUTPUT, SIZES, Seconds, models_argument, with_options
 
@@ -79,7 +79,7 @@ def profile_instructions(
     files = input_files(sources, specs, sizes.starts)
     measurement = Measurement("instructions", arguments, files, items)
     with InstructionCounter(sizes) as counter:
-        run = measure(
+        run = measure_and_print(
             measurement,
             output,
             summary=lambda run: counts.sections(run.of_type(InstructionsRecord), top),

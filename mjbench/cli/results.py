@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from mjbench.cli import show_pages
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli, report_line
 from mjbench.errors import InputError
@@ -15,9 +16,9 @@ if TYPE_CHECKING:
 
 @cli.group()
 def results() -> None:
-    """Merge run files into a set, or write a site of all of them.
+    """Merge run files into a set, export one, or write a site of all of them.
 
-    `mjbench show` prints, exports and compares runs.
+    `mjbench show` prints and compares runs, and writes reports.
     """
 
 
@@ -53,6 +54,27 @@ def merge(files: tuple[Path, ...], output: Path) -> None:
         for path in merged.torn:
             report_line(f"{path}: its end was cut short; the incomplete part is left out")
         run.out.print(f"{output}: {_summary(merged)}", soft_wrap=True)
+
+
+@results.command(short_help="write a run in a format of other tools")
+@click.argument("file", metavar="RUN", type=click.Path(path_type=Path))
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(show_pages.FORMATS),
+    default="csv",
+    show_default=True,
+    help="The format.",
+)
+@click.option("-o", "--output", metavar="FILE", help="Write to FILE  [default: stdout]")
+def export(file: Path, form: str, output: str | None) -> None:
+    """Write a run file or set in a format of other tools, as `mjbench show --format` does.
+
+    \b
+    Example:
+      mjbench results export run.jsonl --format parquet -o run.parquet
+    """
+    show_pages.write((file,), form, output)
 
 
 def _summary(merged: "Merged") -> str:

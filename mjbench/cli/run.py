@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import OUTPUT, Seconds
 from mjbench.errors import InputError
@@ -147,7 +147,7 @@ def run(
         if flame_graph is not None:
             flame.write(flame_graph, seen.threads)
         if confirm and of_program is not None:
-            yield from _confirmed(of_program, row, observer)
+            yield from _confirm_remedies(of_program, row, observer)
         else:
             yield Item([row])
 
@@ -161,7 +161,7 @@ def run(
     }
     files = [Path(program[0])] if program and Path(program[0]).is_file() else []
     measurement = Measurement("run", arguments, files, items)
-    context = measure(measurement, output, each=PROGRAM.sections, to_stderr=True)
+    context = measure_and_print(measurement, output, each=PROGRAM.sections, to_stderr=True)
     codes = [
         ExitCode.OK if row.was_ended else row.exit_code
         for row in context.session.run().of_type(ProgramRow)
@@ -169,7 +169,9 @@ def run(
     context.exit_with(codes[0] if codes else ExitCode.INTERRUPTED)
 
 
-def _confirmed(program: "Program", row: "ProgramRow", observer: "Observer") -> "Iterator[Item]":
+def _confirm_remedies(
+    program: "Program", row: "ProgramRow", observer: "Observer"
+) -> "Iterator[Item]":
     """Yield the row, with what the remedies of its first loop save."""
     from mjbench.api.session import Item
     from mjbench.host import machine

@@ -259,7 +259,7 @@ def models_argument(*default: str) -> Callable[[Callable[..., None]], Callable[.
 
 def mode(flag: str, text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that names a mode in a command's help (see `command_names`)."""
-    return click.option(flag, is_flag=True, expose_value=False, help=f"{text} See its --help.")
+    return click.option(flag, is_flag=True, expose_value=False, help=f"{text} ({flag} --help)")
 
 
 def check_sizes(nstep: int | None, hold: int) -> None:

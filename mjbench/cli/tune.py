@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, RunContext, measure
+from mjbench.cli.context import OutputOptions, RunContext, measure_and_print
 from mjbench.cli.group import cli, report_line
 from mjbench.cli.output_file import OutputFile
 from mjbench.cli.shared import (
@@ -158,7 +158,7 @@ def tune(
 
     arguments = {"models": [source.name for source in sources], "plan": plan}
     measurement = Measurement("tune", arguments, files, items, finished)
-    run = measure(measurement, output, each=TUNE.sections)
+    run = measure_and_print(measurement, output, each=TUNE.sections)
     if target is not None and not run.is_stopped:
         _write(run, sources[0], Path(target), time_limit)
     run.exit()

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import COUNT, STORING, VERDICT_PLAN, with_options
 from mjbench.cli.versions import releases_and_models
@@ -101,7 +101,7 @@ def versions_explain(
     }
     files = input_files(sources, specs, plan.sizes.starts)
     measurement = Measurement("explain", arguments, files, items, records.finished)
-    run = measure(measurement, output, each=sections)
+    run = measure_and_print(measurement, output, each=sections)
     rows = run.session.run().of_type(ExplainRecord)
     run.exit(
         row.time.status if row.time and row.status == Status.OK else row.status for row in rows

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import OutputOptions, measure
+from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import LIMIT, SIZES, STORING, Seconds, models_argument, with_options
 
@@ -103,7 +103,7 @@ def web(
     }
     files = input_files(sources, [], sizes.starts)
     measurement = Measurement("web", arguments, files, items, finished)
-    run = measure(measurement, output, each=WEB.sections)
+    run = measure_and_print(measurement, output, each=WEB.sections)
     records = run.session.run().of_type(WebRecord)
     run.exit(status for record in records for status in record.statuses())
 

@@ -45,8 +45,8 @@ class ModelChildren:
     def agreeing(self) -> list[int]:
         """The variants that run C and agree, in the plan's order."""
         return [
-            index
-            for index, record in sorted(self.measured.items())
+            position
+            for position, record in sorted(self.measured.items())
             if record.status == Status.OK and not record.is_accelerated
         ]
 
@@ -62,8 +62,8 @@ class ModelChildren:
             if isinstance(message, ModelRecord):
                 self.reference = message
             else:
-                self.measured[message.index] = dataclasses.replace(
-                    self._blank(message.index, message.status, message.detail),
+                self.measured[message.position] = dataclasses.replace(
+                    self._blank(message.position, message.status, message.detail),
                     agrees=message.agrees,
                     agreement=message.agreement,
                     snippet=message.snippet,
@@ -91,30 +91,30 @@ class ModelChildren:
 
     def _culprit(self, ended: isolate.Ended) -> int | None:
         """Return the variant that ended the child, if one did and the others can go on."""
-        index = ended.item
-        if index is None or self.plan.variants[index].path == paths.BASE:
+        position = ended.position
+        if position is None or self.plan.variants[position].path == paths.BASE:
             return None
-        record = self.measured.get(index)
+        record = self.measured.get(position)
         # a variant that was already refused is not timed, so another one ended the child
-        return index if record is None or record.status == Status.OK else None
+        return position if record is None or record.status == Status.OK else None
 
-    def _blank(self, index: int, status: Status, detail: str) -> MeasurementRecord:
+    def _blank(self, position: int, status: Status, detail: str) -> MeasurementRecord:
         """Return the record of a variant of which no more is known."""
-        return MeasurementRecord.of(self.source.name, self.plan.variants[index], status, detail)
+        return MeasurementRecord.of(self.source.name, self.plan.variants[position], status, detail)
 
-    def revise(self, index: int, status: Status, detail: str) -> None:
+    def revise(self, position: int, status: Status, detail: str) -> None:
         """Change what became of a variant after the fact; its snippet and check stay."""
-        record = self.measured.get(index) or self._blank(index, status, detail)
+        record = self.measured.get(position) or self._blank(position, status, detail)
         if status == Status.DISAGREES:
             record = dataclasses.replace(record, agrees=False, agreement=detail)
-        self.measured[index] = dataclasses.replace(record, status=status, detail=detail)
+        self.measured[position] = dataclasses.replace(record, status=status, detail=detail)
 
-    def run_accelerated(self, index: int) -> None:
+    def run_accelerated(self, position: int) -> None:
         """Measure one accelerated path alone; whatever becomes of it costs its own row."""
-        variant = self.plan.variants[index]
+        variant = self.plan.variants[position]
 
         def receive(record: MeasurementRecord) -> None:
-            self.measured[index] = record
+            self.measured[position] = record
 
         request = AcceleratedRequest(
             self.source,
@@ -129,17 +129,17 @@ class ModelChildren:
             failure = failure_of(error)
             ended = isolate.Ended(failure.status, failure.detail)
         if ended.status != Status.OK:
-            compiled = self.measured.get(index)
+            compiled = self.measured.get(position)
             is_silent = ended.status == Status.TIMEOUT
             if is_silent and (compiled is None or compiled.compile_s is None):
                 ended = dataclasses.replace(ended, detail=_not_compiled(self.plan.limit_s))
-            self.revise(index, ended.status, ended.detail)
+            self.revise(position, ended.status, ended.detail)
             return
         assert self.reference is not None
-        digest = self.measured[index].workload_digest
+        digest = self.measured[position].workload_digest
         if digest not in (None, self.reference.workload_digest):
             detail = "it did not receive the workload of the paths before"
-            self.measured[index] = self._blank(index, Status.FAILED, detail)
+            self.measured[position] = self._blank(position, Status.FAILED, detail)
 
     def model_record(self) -> ModelRecord:
         """Return the record of the model as far as it is known."""
@@ -162,11 +162,11 @@ class ModelChildren:
         """
         model, untimed = self.model_record(), self._untimed(is_over)
         records = []
-        for index in range(len(self.plan.variants)):
-            record = self.measured.get(index)
+        for position in range(len(self.plan.variants)):
+            record = self.measured.get(position)
             if record is None:
-                record = self._blank(index, untimed.status, untimed.detail)
-            elif record.status == Status.OK and index not in timed and not record.samples_s:
+                record = self._blank(position, untimed.status, untimed.detail)
+            elif record.status == Status.OK and position not in timed and not record.samples_s:
                 record = dataclasses.replace(record, status=untimed.status, detail=untimed.detail)
             records.append(record.with_model(model))
         return tuple(records)

@@ -51,7 +51,12 @@ def measure_in_child(
         model_digest(model), functools.partial(sampling.settled_step_s, model)
     )
     sizes = choose_sizes(
-        cost_s, plan.nbatch, plan.nstep, plan.hold, plan.most_threads, bool(plan.accelerated)
+        cost_s,
+        nbatch=plan.nbatch,
+        nstep=plan.nstep,
+        hold=plan.hold,
+        nthread=plan.most_threads,
+        has_accelerated=bool(plan.accelerated),
     )
     check_memory(model, sizes.nbatch, sizes.nstep, plan.most_threads, plan.returns)
     max_nstep = starts.max_settling_nstep(cost_s)
@@ -75,12 +80,12 @@ def measure_in_child(
     channel.send(_model_record(name, own, sizes, sample))
     further = FurtherCases.create(case, cost_s)
     guard = ModelGuard(model)
-    for index, variant in enumerate(plan.variants):
-        if index in excluded:
+    for position, variant in enumerate(plan.variants):
+        if position in excluded:
             continue
-        channel.doing(f"preparing {variant} on {name}", index)
+        channel.doing(f"preparing {variant} on {name}", position)
         channel.allow_silence(patience_s)
-        report, _ = verify(index, variant, case, further)
+        report, _ = verify(position, variant, case, further)
         guard.check()
         channel.send(report)
     further.close()

@@ -1,7 +1,7 @@
 """What the children of a comparison send back, and the files that they write.
 
 Frozen dataclasses, pickled from process to process (see `mjbench.host.isolate`). A variant is
-named by its index in the plan.
+named by its position in the plan.
 """
 
 from dataclasses import dataclass
@@ -36,13 +36,13 @@ class AgreementReport:
     """Whether a variant does what the reference run does, so that it may be timed.
 
     Attributes:
-      index: of the variant, or of a vectorised form.
+      position: of the variant.
       status: `ok`, or why it is not timed.
       agrees: None where it was not compared.
       agreement: the rule that was held, or the first difference.
     """
 
-    index: int
+    position: int
     status: Status
     detail: str = ""
     agrees: bool | None = None

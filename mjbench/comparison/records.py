@@ -5,7 +5,7 @@ apply.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Protocol, TypeVar
 
 from mjbench import paths
@@ -140,11 +140,6 @@ class MeasurementRecord:
         """Whether the path compiles first and is held to tolerances."""
         return self.precision is not None
 
-    @property
-    def is_timed(self) -> bool:
-        """Whether it has blocks of its own, and agrees; paths of a race have theirs there."""
-        return bool(self.agrees and self.status == Status.OK and self.samples_s)
-
     @classmethod
     def of(
         cls, model: str, variant: Variant, status: Status = Status.OK, detail: str = ""
@@ -163,9 +158,21 @@ class MeasurementRecord:
 
     def with_model(self, model: ModelRecord) -> "MeasurementRecord":
         """Return the record with what the record of its model has, too, but how that ended."""
-        common = {each.name for each in fields(self)} & {each.name for each in fields(model)}
-        values = {name: getattr(model, name) for name in common - {"status", "detail"}}
-        return replace(self, **values)
+        return replace(
+            self,
+            model=model.model,
+            nbatch=model.nbatch,
+            nstep=model.nstep,
+            hold=model.hold,
+            returns=model.returns,
+            seed=model.seed,
+            diverged=model.diverged,
+            warnings=model.warnings,
+            workload_digest=model.workload_digest,
+            state_digest=model.state_digest,
+            work=model.work,
+            nbatch_asked=model.nbatch_asked,
+        )
 
     @staticmethod
     def upgrade(value: dict[str, Any]) -> dict[str, Any]:

@@ -38,6 +38,7 @@ class BlockSizes:
 
 def choose_sizes(
     step_s: float,
+    *,
     nbatch: int | None = None,
     nstep: int | None = None,
     hold: int = 1,

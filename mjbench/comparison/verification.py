@@ -243,7 +243,7 @@ def _input_cases(own: Workload, step_s: float) -> dict[Product, ReferenceCase]:
 
 
 def verify(
-    index: int, variant: Variant, case: ReferenceCase, further: FurtherCases
+    position: int, variant: Variant, case: ReferenceCase, further: FurtherCases
 ) -> tuple[AgreementReport, paths.Prepared | None]:
     """Compare a variant with the reference run; return also the prepared run if it may be timed.
 
@@ -255,7 +255,7 @@ def verify(
         path = paths.find(variant.path)
         reason = _reason_not_to_run(path, variant, case.workload)
         if reason:
-            return AgreementReport(index, Status.UNAVAILABLE, one_line(reason)), None
+            return AgreementReport(position, Status.UNAVAILABLE, one_line(reason)), None
         prepared, difference = case.verify(variant)
         rules, place = ["bit-identical"], ""
         others = further.of(path, variant.options)
@@ -269,12 +269,12 @@ def verify(
             rules.append("sensor data not compared")
         snippet = str(path.snippet(case.workload, variant.options))
     except BaseException as error:  # a path's own failure costs its own row; it may be SystemExit
-        return AgreementReport(index, Status.FAILED, describe(error)), None
+        return AgreementReport(position, Status.FAILED, describe(error)), None
     if difference:
         detail = f"{difference}{place}"
-        report = AgreementReport(index, Status.DISAGREES, detail, False, detail, snippet)
+        report = AgreementReport(position, Status.DISAGREES, detail, False, detail, snippet)
         return report, None
-    return AgreementReport(index, Status.OK, "", True, ", ".join(rules), snippet), prepared
+    return AgreementReport(position, Status.OK, "", True, ", ".join(rules), snippet), prepared
 
 
 def _reason_not_to_run(path: paths.SteppingPath, variant: Variant, own: Workload) -> str | None:

@@ -45,8 +45,17 @@ Places = Mapping[str, Sequence[CodePlace]]
 Codes = Mapping[str, Sequence[Instruction]]
 
 
-@functools.lru_cache(maxsize=3)  # with the functions that were decoded, each takes 60 MB or more
 def _read(file: Path) -> SharedLibrary:
+    """Return a library; one that was read before, and has not changed since, is not read again."""
+    try:
+        status = file.stat()
+    except OSError:  # `read` says why
+        return _read_version(file, None)
+    return _read_version(file, (status.st_ino, status.st_mtime_ns))
+
+
+@functools.lru_cache(maxsize=3)  # with the functions that were decoded, each takes 60 MB or more
+def _read_version(file: Path, version: tuple[int, int] | None) -> SharedLibrary:
     return shared_library.read(file)
 
 

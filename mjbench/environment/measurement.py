@@ -68,7 +68,7 @@ def _record(
     )
     if record.facts is None:
         return record
-    reports = {each.index: each for each in messages if isinstance(each, AgreementReport)}
+    reports = {each.position: each for each in messages if isinstance(each, AgreementReport)}
     return dataclasses.replace(
         record,
         step_ns=[each.step_ns for each in rounds],
@@ -77,7 +77,7 @@ def _record(
         layered_ns=[each.layered_ns for each in rounds],
         timer_ns=[each.timer_ns for each in rounds],
         layers=_layers(rounds, record.facts.nstep),
-        paths=[_path(variants[index], report, rounds) for index, report in reports.items()],
+        paths=[_path(variants[position], report, rounds) for position, report in reports.items()],
         cores=[each.cores for each in rounds],
     )
 
@@ -102,12 +102,12 @@ def _layers(rounds: Sequence[EnvironmentRound], nstep: int) -> list[LayerSamples
 def _path(
     variant: Variant, report: AgreementReport, rounds: Sequence[EnvironmentRound]
 ) -> PathSamples:
-    index, is_ok = report.index, report.status == Status.OK
+    position, is_ok = report.position, report.status == Status.OK
     return PathSamples(
         path=variant.path,
         options=variant.options,
         closed_loop=paths.find(variant.path).closed_loop,
         status=report.status,
         detail=report.detail,
-        ns=[each.path_ns[index] for each in rounds if index in each.path_ns] if is_ok else (),
+        ns=[each.path_ns[position] for each in rounds if position in each.path_ns] if is_ok else (),
     )

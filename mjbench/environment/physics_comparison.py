@@ -163,8 +163,8 @@ class PhysicsComparison:
     """The paths that do the physics of an environment, to be timed.
 
     Attributes:
-      prepared: the paths that agree, by the index of the variant.
-      differences: the first one of each path whose timed block was wrong, by the same index.
+      prepared: the paths that agree, by the position of the variant.
+      differences: the first one of each path whose timed block was wrong, by the same position.
     """
 
     physics: PhysicsAlone
@@ -174,14 +174,14 @@ class PhysicsComparison:
     prepared: Mapping[int, paths.Prepared]
     differences: dict[int, Difference] = field(default_factory=dict)
 
-    def block_s(self, index: int) -> float:
+    def block_s(self, position: int) -> float:
         """Time one block of a path, compare its final states, and return its seconds."""
-        prepared = self.prepared[index]
+        prepared = self.prepared[position]
         seconds = timing.block_s(timing.Contender(prepared.run, before=prepared.clear))
-        self.guard.check(f"{self.variants[index]} ")
+        self.guard.check(f"{self.variants[position]} ")
         difference = self.case.difference(prepared.final_states(), prepared)
         if difference:
-            self.differences.setdefault(index, difference)
+            self.differences.setdefault(position, difference)
         return seconds
 
     def reorder(self, rng: np.random.Generator) -> None:
@@ -239,18 +239,18 @@ def prepare(
     case = ReferenceCase.create(workload, observation)
     further = FurtherCases.create(case, work.step_s(workload.model, workload.initial_state[0]))
     guard = ModelGuard(workload.model)
-    prepared_by_index: dict[int, paths.Prepared] = {}
-    for index, variant in enumerate(variants):
-        channel.doing(f"preparing {variant}", index)
+    prepared_by_position: dict[int, paths.Prepared] = {}
+    for position, variant in enumerate(variants):
+        channel.doing(f"preparing {variant}", position)
         channel.allow_silence(0.0)
         if variant.path == _ONE_CALL and not physics.holds:
             detail = "the environment sets another control for each step of the engine"
-            channel.send(AgreementReport(index, Status.UNAVAILABLE, detail))
+            channel.send(AgreementReport(position, Status.UNAVAILABLE, detail))
             continue
-        report, prepared = verify(index, variant, case, further)
+        report, prepared = verify(position, variant, case, further)
         guard.check(f"{variant} ")
         channel.send(report)
         if prepared is not None:
-            prepared_by_index[index] = prepared
+            prepared_by_position[position] = prepared
     further.close()
-    return PhysicsComparison(physics, variants, case, guard, prepared_by_index)
+    return PhysicsComparison(physics, variants, case, guard, prepared_by_position)

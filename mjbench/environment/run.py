@@ -94,7 +94,7 @@ class EnvironmentRound:
       layered_ns: of the layered pass, with the timer's cost.
       timer_ns: by which a step of it took longer than the same one of the plain pass; the median.
       layers: what each function took in all steps of it.
-      path_ns: of each path, by the index of its variant.
+      path_ns: of each path, by the position of its variant.
     """
 
     step_ns: float
@@ -277,9 +277,9 @@ def _time(
     turns = _Turns(passes, comparison, request, channel)
     send_rounds(turns.round, request.plan.budget_s, channel)
     if comparison is not None:
-        for index, difference in comparison.differences.items():
+        for position, difference in comparison.differences.items():
             detail = f"in a timed block: {difference}"
-            channel.send(AgreementReport(index, Status.DISAGREES, detail))
+            channel.send(AgreementReport(position, Status.DISAGREES, detail))
         comparison.close()
 
 
@@ -335,7 +335,7 @@ class _Turns:
         )
         return self._calibration.cores(single_s, together_s)
 
-    def _path_ns(self, comparison: PhysicsComparison, index: int) -> float:
+    def _path_ns(self, comparison: PhysicsComparison, position: int) -> float:
         """Time a path once; return its nanoseconds per step of the environment."""
-        self._channel.doing(f"timing {self._variants[index]}", index)
-        return 1e9 * comparison.block_s(index) / len(comparison.physics.numbers)
+        self._channel.doing(f"timing {self._variants[position]}", position)
+        return 1e9 * comparison.block_s(position) / len(comparison.physics.numbers)

@@ -116,10 +116,10 @@ class _VectorLaunches(Targets[VectorLaunch]):
 
 def _without_figures(ended: Ended) -> VectorLaunch:
     """Return a launch that a form ended; raises as `Ended.check` does where none did."""
-    if ended.item is None:
+    if ended.position is None:
         ended.check()
-    assert ended.item is not None, "it did not end well"
-    return VectorLaunch({}, {}, {ended.item: Failure(ended.status, ended.detail)})
+    assert ended.position is not None, "it did not end well"
+    return VectorLaunch({}, {}, {ended.position: Failure(ended.status, ended.detail)})
 
 
 class _VectorRule(StopRule[VectorLaunch]):

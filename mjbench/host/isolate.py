@@ -18,15 +18,13 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar, TypeVarTuple
 
-from mjbench.errors import InputError, MachineError, UnavailableError, failure_of
+from mjbench.errors import REFUSALS, MachineError, failure_of
 from mjbench.host import child, child_connection, scratch
 from mjbench.host.child_connection import ChildConnection, ChildError
 from mjbench.status import Status
 
 _Answer = TypeVar("_Answer")
 _Arguments = TypeVarTuple("_Arguments")
-# Ends that are the user's to mend: what the child was doing then says nothing more.
-_REFUSALS = {Status.INPUT: InputError, Status.UNAVAILABLE: UnavailableError}
 _ACTIVITY = "activity.json"
 _LOG = "output.txt"
 # The child's program; its arguments are the connection, and the parent.
@@ -40,14 +38,14 @@ class Ended:
     Attributes:
       status: `ok`, `input`, `unavailable`, `failed`, `crashed` or `timeout`.
       detail: one line for people; empty when ok.
-      item: number of the item that the child worked on when it crashed, failed or hung; None where
-        it worked on none, or is unknown.
+      position: of what the child worked on, among several, when it crashed, failed or hung; None
+        where that is unknown.
       answer: what the function returned.
     """
 
     status: Status
     detail: str = ""
-    item: int | None = None
+    position: int | None = None
     answer: Any = None
 
     def check(self) -> None:
@@ -59,7 +57,7 @@ class Ended:
           MachineError: the child failed, crashed or hung.
         """
         if self.status != Status.OK:
-            raise _REFUSALS.get(self.status, MachineError)(self.detail)
+            raise REFUSALS.get(self.status, MachineError)(self.detail)
 
 
 @dataclass(frozen=True)
@@ -91,7 +89,7 @@ class Channel:
         """Extend the time limit until the next message to `seconds`; it is never shortened."""
         self.send(_SilenceAllowed(seconds))
 
-    def doing(self, text: str, item: int | None = None) -> None:
+    def doing(self, text: str, position: int | None = None) -> None:
         """Record what is being done now, for the parent to read if this process dies.
 
         It goes to a file rather than to the parent, which would wake up beside a timed block. A
@@ -99,10 +97,10 @@ class Channel:
 
         Args:
           text: for people, such as `loading humanoid`; it completes "killed while …".
-          item: number of the item that is worked on, where there are several.
+          position: of what is worked on, where there are several.
         """
         with contextlib.suppress(OSError):
-            self._activity_file.write_text(json.dumps([text, item]), encoding="utf-8")
+            self._activity_file.write_text(json.dumps([text, position]), encoding="utf-8")
 
 
 def run(
@@ -144,7 +142,8 @@ def run(
             end = _converse(connection, (function, arguments), on_message, limit_s, memory_bytes)
         finally:
             connection.end()
-        return end if end.status in (Status.OK, *_REFUSALS) else _located(end, folder)
+        # what the child was doing says nothing more of an end that is the user's to mend
+        return end if end.status in (Status.OK, *REFUSALS) else _located(end, folder)
 
 
 def _refuse(ended: Ended) -> NoReturn:
@@ -216,13 +215,13 @@ def _converse(
 def _located(end: Ended, folder: Path) -> Ended:
     """Return `end` with what the child was doing, and the last line it wrote to stderr."""
     try:
-        text, item = json.loads(child.text(folder / _ACTIVITY))
+        text, position = json.loads(child.text(folder / _ACTIVITY))
     except (ValueError, TypeError):  # none yet, or the child died while it wrote
-        text, item = "", None
+        text, position = "", None
     detail = end.detail + (f" while {text}" if text else "")
     if end.status == Status.CRASHED:
         detail += child.last_line(folder / _LOG)
-    return Ended(end.status, detail, item)
+    return Ended(end.status, detail, position)
 
 
 def _environment(import_from: str | None, others: Mapping[str, str | None]) -> dict[str, str]:

@@ -58,7 +58,11 @@ class Pace(enum.StrEnum):
 
 @dataclass(frozen=True)
 class LatencyRequest:
-    """What is measured on a model; None chooses the number of steps, and real time as the rate."""
+    """What is measured on a model; None chooses the number of steps, and real time as the rate.
+
+    Attributes:
+      budget_s: about how long the steps of a pace may take, if there are more than LEAST_NSTEP.
+    """
 
     source: ModelSource
     nstep: int | None = None
@@ -66,6 +70,7 @@ class LatencyRequest:
     hold: int = 1
     seed: int = 0
     starts: StartPlan = DEFAULT_STARTS
+    budget_s: float = BUDGET_S
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +240,7 @@ def measure_in_child(request: LatencyRequest, channel: Channel) -> list[StepSamp
     model = models.load(request.source)
     channel.doing("drawing start states")
     step_s = work.step_s(model)
-    affordable = max(LEAST_NSTEP, int(BUDGET_S / step_s))
+    affordable = max(LEAST_NSTEP, int(request.budget_s / step_s))
     nstep = request.nstep or min(NSTEP, affordable)
     nrun = -(-(nstep + WARM_UP_NSTEP) // RUN_NSTEP)
     channel.allow_silence(_PATIENCE * step_s * (nrun + 1) * RUN_NSTEP)
@@ -251,7 +256,7 @@ def measure_in_child(request: LatencyRequest, channel: Channel) -> list[StepSamp
         channel.doing(f"timing {pace} steps")
         count = nstep
         if pace == Pace.PACED and request.nstep is None:
-            count = max(LEAST_NSTEP, min(nstep, int(BUDGET_S * rate_hz)))
+            count = max(LEAST_NSTEP, min(nstep, int(request.budget_s * rate_hz)))
         total = count + WARM_UP_NSTEP
         channel.allow_silence(_PATIENCE * step_s * total + 2 * total / rate_hz)
         period_ns = 1e9 / rate_hz if pace == Pace.PACED else 0.0

@@ -5,15 +5,14 @@ The rules are in lint_rules.py; stepping_script.py describes a script to them.
 
 import contextlib
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 from mjbench.errors import InputError
 from mjbench.loop.lint_rule import Match, Rule
 from mjbench.loop.lint_rules import RULES
-from mjbench.loop.lint_settings import ALL_CODES, ALL_RULES, RuleChoice
+from mjbench.loop.lint_settings import ALL_CODES
 from mjbench.loop.python_source import PythonProgram, read_program
-from mjbench.loop.script_files import UncheckedFile, each_checked
 from mjbench.loop.stepping_script import SteppingScript
 
 
@@ -66,13 +65,6 @@ def refusing_deep_nesting(file: str) -> Iterator[None]:
         raise InputError(
             f"{file}: nested too deeply, or too large, for Python's parser or for lint"
         ) from error
-
-
-def check_all(
-    files: Iterable[str | UncheckedFile], choice: RuleChoice = ALL_RULES
-) -> Iterator[Finding | UncheckedFile]:
-    """Yield the findings of all files in turn; in place of a file's, why it has none."""
-    return each_checked(files, lambda file: check(file, choice.codes_for(file)))
 
 
 def findings_of(file: str, program: PythonProgram, codes: Collection[str]) -> list[Finding]:

@@ -71,8 +71,8 @@ class Unfixed:
 
 
 @dataclass(frozen=True)
-class FixedFile:
-    """A file, and what can be changed in it.
+class LintedFile:
+    """A file, what lint finds in it, and what can be changed in it.
 
     Attributes:
       before: as it is stored.
@@ -88,6 +88,11 @@ class FixedFile:
     fixed: int
     findings: Sequence[lint.Finding]
     unfixed: Sequence[Unfixed]
+
+    @classmethod
+    def unchanged(cls, file: str, program: PythonProgram, codes: Collection[str]) -> "LintedFile":
+        """Return a file in which nothing is to be changed."""
+        return cls(file, program, program, 0, lint.findings_of(file, program, codes), ())
 
     def write(self) -> None:
         """Store the changed file in place of the old one.
@@ -112,14 +117,24 @@ class FixedFile:
         )
 
 
-def fix_all(
-    files: Iterable[str | UncheckedFile], choice: RuleChoice = ALL_RULES
-) -> Iterator[FixedFile | UncheckedFile]:
-    """Yield what can be changed in each file; in place of one that cannot be checked, why."""
-    return each_checked(files, lambda file: [fix(file, choice.codes_for(file))])
+def lint_all(
+    files: Iterable[str | UncheckedFile], choice: RuleChoice = ALL_RULES, fixes: bool = False
+) -> Iterator[LintedFile | UncheckedFile]:
+    """Yield what is found in each file; in place of one that cannot be checked, why.
+
+    Args:
+      fixes: whether to say what can be changed.
+    """
+    lint_file = fix if fixes else _check
+    return each_checked(files, lambda file: lint_file(file, choice.codes_for(file)))
 
 
-def fix(file: str, codes: Collection[str] = ALL_CODES) -> FixedFile:
+def _check(file: str, codes: Collection[str]) -> LintedFile:
+    with lint.refusing_deep_nesting(file):
+        return LintedFile.unchanged(file, read_program(file), codes)
+
+
+def fix(file: str, codes: Collection[str] = ALL_CODES) -> LintedFile:
     """Return what can be changed in a Python file or a notebook; nothing is written.
 
     Raises:
@@ -143,7 +158,7 @@ def fix(file: str, codes: Collection[str] = ALL_CODES) -> FixedFile:
             for finding, (_, match) in zip(findings, plan.matches, strict=True)
             if match.node in plan.refusals
         ]
-        return FixedFile(file, before, after, len(fixed), findings, unfixed)
+        return LintedFile(file, before, after, len(fixed), findings, unfixed)
 
 
 def _plan(program: PythonProgram, codes: Collection[str]) -> _Plan:

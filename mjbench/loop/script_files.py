@@ -41,15 +41,15 @@ def script_files(names: Sequence[str]) -> list[str | UncheckedFile]:
 
 
 def each_checked(
-    files: Iterable[str | UncheckedFile], check: Callable[[str], Iterable[_Result]]
+    files: Iterable[str | UncheckedFile], check: Callable[[str], _Result]
 ) -> Iterator[_Result | UncheckedFile]:
-    """Yield the results of all files in turn; in place of those of a file, why it has none."""
+    """Yield the result of each file in turn; in its place, why it has none."""
     for file in files:
         if isinstance(file, UncheckedFile):
             yield file
             continue
         try:
-            yield from check(file)
+            yield check(file)
         except InputError as error:
             yield UncheckedFile(file, str(error).removeprefix(f"{file}: "))
 

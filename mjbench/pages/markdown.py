@@ -94,8 +94,14 @@ def document(sections: Iterable[Section], plots: str = "") -> Iterator[str]:
         for note in section.notes:
             yield ""
             yield escaped(note)
+        if section.see_also:
+            links = (f"[{escaped(about)}]({page})" for about, page in section.see_also.items())
+            yield ""
+            yield f"See {', '.join(links)}."
         yield ""
         yield f"Measured by {code(section.command)}"
+    yield ""
+    yield "Written by mjbench; do not edit."
 
 
 def _tables(section: Section) -> Iterator[str]:

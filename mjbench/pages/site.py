@@ -350,9 +350,16 @@ def _index(project: Project, source: Path) -> Iterator[str]:
     remaining = [name for name in remaining if name not in listed]
     for caption, folder in _GROUPS:
         group = [name for name in remaining if str(Path(name).parent) == folder]
-        yield from _toctree(caption, sorted(group, key=lambda name: Path(name).name != "README"))
+        yield from _toctree(caption, _in_order(group, source / folder / "README.md"))
         remaining = [name for name in remaining if name not in group]
     yield from _toctree("Project", remaining)
+
+
+def _in_order(names: Sequence[str], readme: Path) -> list[str]:
+    """Return a folder's pages: the README first, then those that it links, in its order."""
+    linked = [match[2] for match in _LINK.finditer(readme.read_text())] if readme.is_file() else []
+    order = {file: i for i, file in reversed([*enumerate(["README.md", *linked])])}
+    return sorted(names, key=lambda name: order.get(f"{Path(name).name}.md", len(order)))
 
 
 def _summary(runs: Sequence[NamedRun]) -> Iterator[str]:

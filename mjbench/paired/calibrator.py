@@ -12,6 +12,16 @@ def countable(nthread: int) -> int:
     return min(machine.usable_cores(), nthread)
 
 
+def cores_had(process: WorkerProcess, nthread: int) -> float | None:
+    """Return how many cores as many threads get in a process now; None of one, which has its own.
+
+    Raises:
+      ChildError: the process failed, crashed or did not answer in time.
+    """
+    count = countable(nthread)
+    return process.call(Worker.count_cores, count) if count > 1 else None
+
+
 class Calibrator:
     """Counts cores; its process starts with the first count, because calibrating takes memory."""
 
@@ -26,13 +36,12 @@ class Calibrator:
         Raises:
           ChildError: the process failed, crashed or did not answer in time.
         """
-        count = countable(self._nthread)
-        if count == 1:
+        if countable(self._nthread) == 1:
             return 1.0
         if self._process is None:
             self._process = self._pool.start(self._release)
             self._process.wait()
-        return self._process.call(Worker.count_cores, count)
+        return cores_had(self._process, self._nthread) or 1.0
 
     def close(self) -> None:
         """End the process."""

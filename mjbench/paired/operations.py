@@ -178,8 +178,7 @@ def _call_path(
     work = _deterministic_work(model, nbatch, returns)
     path = paths.find(name)
     complete = path.complete(options)
-    reason = path.unavailable() or path.unsuited(work, complete)
-    if reason:
+    if reason := path.cannot_run(work, complete):
         raise UnavailableError(reason)
     prepared = path.prepare(work, complete, paths.Resources(work))
 

@@ -9,7 +9,7 @@ from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError
 from mjbench.host.child_connection import ChildError
 from mjbench.paired import cores, launch_seeds
-from mjbench.paired.calibrator import countable
+from mjbench.paired.calibrator import cores_had
 from mjbench.paired.launches import Targets, UnableError
 from mjbench.paired.race_record import RaceLaunch
 from mjbench.paired.worker import Worker
@@ -54,8 +54,8 @@ class RaceLaunches(Targets[RaceLaunch]):
                 plan.import_from,
             )
             self._pool.wait_for(process, self._release)
-            count = countable(max(nthread(self._variants[i].options) for i in positions))
-            had = process.call(Worker.count_cores, count) if count > 1 else None
+            most_threads = max(nthread(self._variants[i].options) for i in positions)
+            had = cores_had(process, most_threads)
             prepared = random.sample(list(positions), len(positions))
             for position in prepared:
                 path, options = self._variants[position].path, self._variants[position].options

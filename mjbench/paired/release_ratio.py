@@ -105,7 +105,7 @@ def _measure_in_turns(group: Sequence["_Measurement"]) -> Iterator[list[RatioRec
             each.remove_files()
 
 
-class _Measurement(Targets[None]):
+class _Measurement:
     """One release, which is measured in one turn or several; its tasks keep what launches give."""
 
     def __init__(
@@ -115,36 +115,26 @@ class _Measurement(Targets[None]):
         on_launch: Callable[[float], None],
         clock: Callable[[], float],
     ):
-        self.tasks, self.on_launch, self.clock = tasks, on_launch, clock
-        self._pool = pool
-        self._averaging: Averaging | None = None
-        self._pairs: ProcessPairs | None = None
-        # launches so far; seconds that they took, and the turns with all that belongs to them
-        self.count, self.launches_s, self._turns_s = 0, 0.0, 0.0
+        self._tasks, self._clock = tasks, clock
+        self._targets, self._rule = _TimedTasks(pool, tasks, clock), _WellKnown(tasks, on_launch)
+        self._turns_s = 0.0  # with all that belongs to launches
         self.is_interrupted = False
 
     @property
     def is_complete(self) -> bool:
         """Whether no task needs more launches, or can have any."""
-        return not self.remaining()
-
-    def remaining(self) -> list[int]:
-        """Return the positions of the tasks that need more launches, and can have them."""
-        return [
-            position
-            for position, task in enumerate(self.tasks)
-            if not task.is_complete and task.failure is None
-        ]
+        return not self._rule.remaining()
 
     def take_turn(self, launches: int | None) -> None:
         """Launch until all tasks are known well enough; `launches` times at most, if given."""
-        begin_s = self.clock()
-        *_, ending = launch(self, _Turn(self, launches))
+        begin_s = self._clock()
+        self._rule.allow(launches)
+        *_, ending = launch(self._targets, self._rule)
         assert ending is not None, "the last one says how it ended"
         self.is_interrupted = ending.status == Status.INTERRUPTED  # and so are the others
         if ending.status not in (Status.OK, Status.INTERRUPTED):
             self._fail(ending)
-        self._turns_s += self.clock() - begin_s
+        self._turns_s += self._clock() - begin_s
 
     def interrupt(self) -> None:
         """Note that Ctrl-C was pressed."""
@@ -152,74 +142,99 @@ class _Measurement(Targets[None]):
 
     def records(self) -> list[RatioRecord]:
         """Return what was measured, one record for each task."""
-        problem = self._averaging.problem if self._averaging else ""
-        seconds = self._turns_s / len(self.tasks)
-        return [task.record(problem, seconds) for task in self.tasks]
+        seconds = self._turns_s / len(self._tasks)
+        return [task.record(self._targets.placement_problem, seconds) for task in self._tasks]
+
+    def remove_files(self) -> None:
+        """Remove what the tasks stored."""
+        for task in self._tasks:
+            task.close()
+
+    def _fail(self, failure: Failure) -> None:
+        for position in self._rule.remaining():
+            self._tasks[position].failure = failure
+
+
+class _TimedTasks(Targets[float]):
+    """The tasks of a release, timed in pairs of processes; a launch gives the seconds it took.
+
+    Attributes:
+      placement_problem: why placement is not averaged out; empty where it is.
+    """
+
+    def __init__(self, pool: WorkerPool, tasks: Sequence[ReleaseTask], clock: Callable[[], float]):
+        self.placement_problem = ""
+        self._pool, self._tasks, self._clock = pool, tasks, clock
+        self._averaging: Averaging | None = None
+        self._pairs: ProcessPairs | None = None
 
     def prepare(self) -> None:
         """Begin a turn; in the first, prepare all tasks."""
-        reference, release = self.tasks[0].releases
+        reference, release = self._tasks[0].releases
         is_first = self._averaging is None
         if self._averaging is None:
             self._averaging = moved_check.averaging(self._pool, reference, release)
+            self.placement_problem = self._averaging.problem
         names = f"reference (MuJoCo {reference.version})", f"release (MuJoCo {release.version})"
         placements = self._averaging.placements()
         self._pairs = ProcessPairs(self._pool, (reference, release), names, placements)
         if is_first:
             self._prepare_tasks()
 
-    def launch(self, positions: Sequence[int]) -> None:
+    def launch(self, positions: Sequence[int]) -> float:
         """Time tasks once; one that fails says how, and ends the launch if its process may have."""
         assert self._pairs is not None, "it was prepared"
-        _launch_once([self.tasks[position] for position in positions], self._pairs)
+        begin_s = self._clock()
+        _launch_once([self._tasks[position] for position in positions], self._pairs)
+        return self._clock() - begin_s
 
     def close(self) -> None:
         """End a turn."""
         if self._pairs is not None:
             self._pairs.close()
 
-    def remove_files(self) -> None:
-        """Remove what the tasks stored."""
-        for task in self.tasks:
-            task.close()
-
-    def _fail(self, failure: Failure) -> None:
-        for position in self.remaining():
-            self.tasks[position].failure = failure
-
     def _prepare_tasks(self) -> None:
-        for task in self.tasks:
+        for task in self._tasks:
             try:
                 task.prepare(self._pool)
             except (InputError, MachineError) as error:
                 task.failure = failure_of(error)
 
 
-class _Turn(StopRule[None]):
-    """A turn of a release: until its tasks are known well enough, or others have their turn."""
+class _WellKnown(StopRule[float]):
+    """Launch tasks until they are known well enough, or others have their turn."""
 
-    def __init__(self, release: _Measurement, launches: int | None):
-        """Have no launches yet; `launches` at most, if given."""
-        self._release = release
-        self._last = None if launches is None else release.count + launches
-        self._before_s, self._begin_s = release.launches_s, math.nan
+    def __init__(self, tasks: Sequence[ReleaseTask], on_launch: Callable[[float], None]):
+        """Have no launches yet."""
+        self._tasks, self._on_launch = tasks, on_launch
+        self._count, self._launches_s = 0, 0.0  # of all turns
+        self._last: int | None = None
+
+    def allow(self, launches: int | None) -> None:
+        """Begin a turn of as many launches, at most; of any number where none is given."""
+        self._last = None if launches is None else self._count + launches
+
+    def remaining(self) -> list[int]:
+        """Return the positions of the tasks that need more launches, and can have them."""
+        return [
+            position
+            for position, task in enumerate(self._tasks)
+            if not task.is_complete and task.failure is None
+        ]
 
     def next_targets(self) -> Sequence[int]:
         """See `StopRule.next_targets`."""
-        if math.isnan(self._begin_s):
-            self._begin_s = self._release.clock()
-        return () if self._release.count == self._last else self._release.remaining()
+        return () if self._count == self._last else self.remaining()
 
-    def add(self, launch: None) -> None:
+    def add(self, launch: float) -> None:
         """See `StopRule.add`."""
-        release = self._release
-        release.count += 1
-        release.launches_s = self._before_s + release.clock() - self._begin_s
-        for position in release.remaining():
-            task = release.tasks[position]
-            task.is_complete = release_ratios.are_enough(task.launches, release.launches_s)
-        share = release_ratios.completed_share(release.count, release.launches_s)
-        release.on_launch(1.0 if release.is_complete else share)
+        self._count += 1
+        self._launches_s += launch
+        for position in self.remaining():
+            task = self._tasks[position]
+            task.is_complete = release_ratios.are_enough(task.launches, self._launches_s)
+        share = release_ratios.completed_share(self._count, self._launches_s)
+        self._on_launch(share if self.remaining() else 1.0)
 
 
 def _launch_once(tasks: Sequence[ReleaseTask], pairs: ProcessPairs) -> None:

@@ -8,7 +8,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
-from mjbench.errors import Failure, InputError, UnavailableError
+from mjbench.errors import REFUSALS, Failure
 from mjbench.host import machine
 from mjbench.host.child_connection import ChildConnection, ChildError, Process
 from mjbench.paired import worker_answers
@@ -118,8 +118,7 @@ class WorkerProcess:
         self._activities.popleft()
         if isinstance(answer, Done):
             return answer.value
-        kinds = {Status.INPUT: InputError, Status.UNAVAILABLE: UnavailableError}
-        if kind := kinds.get(answer.status):
+        if kind := REFUSALS.get(answer.status):
             raise kind(f"{self.name}: {answer.detail}")
         raise self._failed(answer.detail)
 

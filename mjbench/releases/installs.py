@@ -28,6 +28,7 @@ from mjbench.errors import InputError, MachineError, one_line, suggestion
 from mjbench.host import platforms
 from mjbench.releases import install_check, package_index, pip, wheels
 from mjbench.releases.release import OLDEST, version_key
+from mjbench.units import count_of
 
 _LOG = logging.getLogger(__name__)
 # Names the release of the environment that mjbench runs in.
@@ -101,8 +102,13 @@ def parse_release(text: str) -> ReleaseSpec:
     """
     if text in (NEWEST, PREVIOUS):
         known = sorted((r.version for r in package_index.releases()), key=version_key)
-        last = known[-1 if text == NEWEST else -2]
-        return ReleaseSpec(last, last)
+        from_end = 1 if text == NEWEST else 2
+        if len(known) < from_end:
+            raise MachineError(
+                f"the package index has no {text} release of mujoco: it lists"
+                f" {count_of(len(known), 'release')} with an upload time"
+            )
+        return ReleaseSpec(known[-from_end], known[-from_end])
     if text == INSTALLED:
         installed = install_check.installed_version()
         if installed is None:

@@ -1,15 +1,17 @@
 """The releases of MuJoCo on the package index that pip installs from."""
 
 import base64
+import contextlib
 import re
 import subprocess
 import sys
 import urllib.parse
 import urllib.request
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from http.client import HTTPException
+from typing import Any
 
 from packaging.version import InvalidVersion, Version
 
@@ -25,18 +27,21 @@ _TIMEOUT_S = 30.0
 
 @dataclass(frozen=True)
 class Upload:
-    """A file of a release, as the index's JSON describes it (other keys are ignored)."""
+    """A file of a release, as the index's JSON describes it (other keys are ignored).
 
-    upload_time_iso_8601: datetime
-    filename: str = ""
-    yanked: bool = False
+    Some indexes leave out what they do not know, or have null in its place.
+    """
+
+    upload_time_iso_8601: datetime | None = None
+    filename: str | None = None
+    yanked: bool | None = None
 
 
 @dataclass(frozen=True)
 class _Answer:
     """The index's JSON."""
 
-    releases: Mapping[str, Sequence[Upload]]
+    releases: Mapping[str, Sequence[Mapping[str, Any]]]
 
 
 def releases() -> list[Release]:
@@ -58,12 +63,18 @@ def files() -> dict[str, list[str]]:
 
 
 def _uploads() -> Mapping[str, Sequence[Upload]]:
-    """Return the files of each version that the index has."""
+    """Return the files of each version that the index has, without those that make no sense."""
     import msgspec  # late: asv's environments lack it
+
+    def understood(described: Sequence[Mapping[str, Any]]) -> Iterator[Upload]:
+        for each in described:
+            with contextlib.suppress(msgspec.ValidationError):
+                yield msgspec.convert(each, Upload)
 
     try:
         with urllib.request.urlopen(_request(_index_url()), timeout=_TIMEOUT_S) as answer:
-            return msgspec.json.decode(answer.read(), type=_Answer).releases
+            described = msgspec.json.decode(answer.read(), type=_Answer).releases
+        return {version: list(understood(uploads)) for version, uploads in described.items()}
     except (OSError, ValueError, HTTPException) as error:
         reason = re.sub(r"//[^/@\s]*@", "//", one_line(error))  # without credentials
         raise MachineError(
@@ -74,17 +85,24 @@ def _uploads() -> Mapping[str, Sequence[Upload]]:
 def _files(uploads_of: Mapping[str, Sequence[Upload]]) -> dict[str, list[str]]:
     """Return the names of the files of each version that is one."""
     return {
-        version: [upload.filename for upload in uploads]
+        version: [upload.filename for upload in uploads if upload.filename]
         for version, uploads in uploads_of.items()
         if _parsed(version) is not None
     }
 
 
 def _final_releases(uploads_of: Mapping[str, Sequence[Upload]]) -> list[Release]:
-    """Return the final releases in upload order, from FIRST on, without yanked ones."""
+    """Return the final releases in upload order, from FIRST on, without yanked ones.
+
+    A release of which no file has a time is left out.
+    """
     final = []
     for version, uploads in uploads_of.items():
-        times = [upload.upload_time_iso_8601 for upload in uploads if not upload.yanked]
+        times = [
+            upload.upload_time_iso_8601
+            for upload in uploads
+            if upload.upload_time_iso_8601 is not None and not upload.yanked
+        ]
         if times and _is_final(version) and version_key(version) >= FIRST:
             final.append(Release(version, min(times).astimezone(UTC).replace(microsecond=0)))
     return sorted(final, key=lambda r: (r.uploaded, version_key(r.version)))

@@ -256,6 +256,8 @@ def _notes(
             yield from _combination_lines(part, part.combination)
         if part.status == Status.UNAVAILABLE:
             yield f"Not done: mjbench {part.part}: {part.detail}"
+    for record in run.of_type(TuneRecord):
+        yield from (conclusion.text for conclusion in tuning.slow_effects(record))
     yield from _not_tried(run, parts)
 
 

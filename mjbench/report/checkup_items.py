@@ -265,7 +265,7 @@ def _of_settings(record: TuneRecord, target: str) -> Iterator[CheckupItem]:
     for each in recommended:
         yield _of_recommendation(each, command)
     for attempt in tuning.faster_alone(record):
-        if attempt.settings[0].loses:
+        if attempt.gives_up:
             yield _of_loss(attempt, command)
 
 
@@ -295,7 +295,7 @@ def _of_loss(attempt: Attempt, command: str) -> CheckupItem:
         gain=_inverse(attempt.ratio),
         unit=GainUnit.SIMULATED_SECOND,
         change=ResultChange.STATED,
-        change_detail=f"gives up {setting.loses}",
+        change_detail=f"gives up {setting.loses}" if setting.loses else tuning.changes(attempt),
         group=GainGroup.SETTINGS,
         command=command,
         snippet=_applied(attempt.settings),

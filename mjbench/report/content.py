@@ -196,6 +196,7 @@ class Section:
       command: the command line that measured it.
       is_open: whether its tables are shown at once also on a page of many sections.
       is_summary: whether it stands for the conclusions of other sections, at the head of a page.
+      see_also: pages below docs/ that explain it, by what they are about; linked by documents.
     """
 
     heading: str
@@ -209,6 +210,7 @@ class Section:
     command: str = ""
     is_open: bool = False
     is_summary: bool = False
+    see_also: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def shown_tables(self) -> Sequence[DataTable]:

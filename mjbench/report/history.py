@@ -24,6 +24,12 @@ from mjbench.units import count_of
 
 # As many of the largest changes are named in the conclusion.
 _LARGEST_CHANGES = 3
+_METHODS = {
+    "how releases are timed": "method/history.md",
+    "how exact that is": "method/history.md#how-exact-it-is",
+    "how placement is averaged out": "method/placement.md",
+    "simulated histories": "method/history.md#which-changes-are-listed",
+}
 
 
 def sections(history: SpeedHistory, has_plots: bool = True) -> Iterator[Section]:
@@ -37,6 +43,7 @@ def sections(history: SpeedHistory, has_plots: bool = True) -> Iterator[Section]
         conclusions=[Conclusion(sentence) for sentence in conclusions(history)],
         notes=[*_provenance(history)],
         command=measure,
+        see_also=_METHODS,
     )
     yield from _change_points(history, both)
     yield _section(

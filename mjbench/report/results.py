@@ -5,9 +5,8 @@ A speed is derived only for a measurement whose final states agree.
 
 import math
 import statistics
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import MeasurementRecord, ModelRecord, ScalingRecord, of_model
@@ -18,11 +17,9 @@ from mjbench.paired.path_comparison import race_of
 from mjbench.paired.race_record import Loop, RaceRecord
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import nthread
-from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
 from mjbench.simulation.starts import Starts
-from mjbench.simulation.work import Work
-from mjbench.simulation.workload import Product
 from mjbench.status import Status
+from mjbench.store.json_form import in_json
 from mjbench.store.runs import Record
 
 # A model on whose free bodies gravity acts falls where it has fewer contacts than this in a step.
@@ -37,11 +34,17 @@ _FALLING = (
 )
 
 
+@in_json(
+    *("model", "path", "options", "status", "detail", "agrees", "agreement", "closed_loop"),
+    *("nbatch", "nstep", "hold", "returns", "starts", "diverged", "warnings"),
+    *("steps_per_s", "step_ns", "realtime_factor", "speedup", "launches", "work", "snippet"),
+    *("nbatch_asked", "precision", "device", "trace_s", "compile_s", "cached_compile_s"),
+    *("memory_bytes", "gpu_memory_bytes", "check", "buffer_sizes"),
+    *("overtakes_after_steps", "disturbances", "is_former"),
+)
 @dataclass(frozen=True, kw_only=True)
-class PathResult:
+class PathResult(MeasurementRecord):
     """What a comparison says of one variant; None is what cannot be said.
-
-    Fields of the same names are those of `MeasurementRecord`.
 
     Attributes:
       steps_per_s: steps of all simulations per second.
@@ -56,46 +59,15 @@ class PathResult:
       is_former: whether an earlier version of mjbench timed it: all paths in one process.
     """
 
-    model: str
-    path: str
-    options: Mapping[str, Any]
-    status: Status
-    detail: str = ""
-    agrees: bool | None = None
-    agreement: str = ""
-    closed_loop: bool = False
-    nbatch: int | None = None
-    nstep: int | None = None
-    hold: int | None = None
-    returns: Product | None = None
     starts: Starts | None = None
-    diverged: int | None = None
-    warnings: Mapping[str, int] | None = None
     steps_per_s: float | None = None
     step_ns: float | None = None
     realtime_factor: float | None = None
     speedup: Ratio | None = None
     launches: int = 0
-    work: Work | None = None
-    snippet: str = ""
-    nbatch_asked: int | None = None
-    precision: Precision | None = None
-    device: str | None = None
-    trace_s: float | None = None
-    compile_s: float | None = None
-    cached_compile_s: float | None = None
-    memory_bytes: int | None = None
-    gpu_memory_bytes: int | None = None
-    check: AcceleratedCheck | None = None
-    buffer_sizes: Mapping[str, int] | None = None
     overtakes_after_steps: float | None = None
     disturbances: Sequence[str] = ()
     is_former: bool = False
-
-    @property
-    def is_accelerated(self) -> bool:
-        """Whether the path compiles first and is held to tolerances."""
-        return self.precision is not None
 
     @property
     def is_judged(self) -> bool:
@@ -151,9 +123,6 @@ class PathResult:
         if self.step_ns is None or self.compile_s is None or self.step_ns >= other_ns:
             return math.inf
         return 1e9 * ((self.trace_s or 0.0) + self.compile_s) / (other_ns - self.step_ns)
-
-
-_RESULT_FIELDS = {field.name for field in fields(PathResult)}
 
 
 @dataclass(frozen=True)
@@ -264,7 +233,8 @@ def derive(
     model: ModelRecord, measurements: Sequence[MeasurementRecord], race: RaceRecord | None
 ) -> ModelResults:
     """Return the results of one model at one size from its records."""
-    base = next((m for m in measurements if m.path == BASE and m.is_timed), None)
+    own_blocks = (m for m in measurements if m.path == BASE and m.samples_s)
+    base = next((m for m in own_blocks if m.agrees and m.status == Status.OK), None)
     is_former = race is None and base is not None
     base_ns = None
     if race is not None:
@@ -310,8 +280,7 @@ def _result(
       base_ns: nanoseconds of a step of the plain loop.
       speedup: over the plain loop, and from how many launches.
     """
-    shared = {name: value for name, value in vars(record).items() if name in _RESULT_FIELDS}
-    untimed = PathResult(**shared, starts=model.starts)
+    untimed = PathResult(**vars(record), starts=model.starts)
     if not record.agrees or record.status != Status.OK or speedup is None or base_ns is None:
         return untimed
     ratio, launches = speedup

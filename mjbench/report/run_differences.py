@@ -209,7 +209,7 @@ def _timed(runs: Sequence[Run]) -> dict[_Key, list[_Timed]]:
     return timed
 
 
-def _key(record: MeasurementRecord | PathResult) -> _Key:
+def _key(record: MeasurementRecord) -> _Key:
     return record.model, record.path, repr(sorted(record.options.items())), record.nbatch
 
 

@@ -101,7 +101,7 @@ def sections(records: Sequence[TuneRecord]) -> Iterator[Section]:
         present, alone = record.present, faster_alone(record)[:_MOST_ALONE]
         yield Section(
             heading=f"{subject(record)}: settings",
-            conclusions=[*(_unconverged(present) if present else []), first, *_slow(record)],
+            conclusions=[*(_unconverged(present) if present else []), first, *slow_effects(record)],
             figures=[_front_figure(record, present)] if present and present.error else [],
             tables=[
                 *([_front_table(record)] if record.front or record.batch else []),
@@ -128,7 +128,7 @@ def _unconverged(present: Present) -> list[Conclusion]:
     ]
 
 
-def _slow(record: TuneRecord) -> Iterator[Conclusion]:
+def slow_effects(record: TuneRecord) -> Iterator[Conclusion]:
     """Yield what recommended settings prevent that is slower than the runs show."""
     advice = {one.label: one for each in advised(record) for one in each.settings}
     for setting in advice.values() if record.batch is None else ():

@@ -146,7 +146,7 @@ def drift(
     return largest
 
 
-def scales(fields: Mapping[str, np.ndarray]) -> dict[str, float]:
+def field_scales(fields: Mapping[str, np.ndarray]) -> dict[str, float]:
     """Return the scale of each field: its largest finite magnitude, at least LEAST_SCALE."""
     return {
         field: max(LEAST_SCALE, float(np.abs(values[np.isfinite(values)]).max(initial=0.0)))

@@ -7,6 +7,8 @@ A name is `cartpole` (one of ours, in models/), `path/to/robot.xml`, `.urdf` or 
 Models that were carried here from another machine have the names that they have there.
 """
 
+import codecs
+import contextlib
 import errno
 import importlib.util
 import json
@@ -37,6 +39,8 @@ CARRIED_VARIABLE = "MJBENCH_CARRIED_MODELS"
 _COMPILED = ".mjb"
 # Packages that are known to ship models.
 MODEL_PACKAGES = tuple(_HOMES)
+# What is wrong with an XML file in this encoding, and what to do.
+UTF16 = "it is encoded in UTF-16, which MuJoCo does not read: save it as UTF-8"
 # What a model file ends in. A package is searched for one group after the other, because many ship
 # the same robot as MJCF and as URDF.
 _SUFFIX_GROUPS = ((".xml", _COMPILED), (".urdf",))
@@ -116,14 +120,8 @@ def load(source: ModelSource) -> "mujoco.MjModel":
     try:
         model = from_file(str(source.path))
     except Exception as error:  # MuJoCo raises ValueError, FatalError, and others by release
-        advice = (
-            "; only the release that saved an .mjb file can load it, and this is MuJoCo"
-            f" {mujoco.__version__}"
-            if compiled
-            else ""
-        )
         raise InputError(
-            f"{source.name}: MuJoCo cannot load it: {one_line(error)}{advice}"
+            f"{source.name}: MuJoCo cannot load it: {one_line(error)}{_advice(source.path)}"
         ) from error
     if model.nv == 0:
         raise InputError(f"{source.name}: nothing to step, the model has no degree of freedom")
@@ -133,6 +131,26 @@ def load(source: ModelSource) -> "mujoco.MjModel":
             f"{source.name}: its timestep is {timestep_s:g} s; it must be above 0 and finite"
         )
     return model
+
+
+def _advice(file: Path) -> str:
+    """Return how a file that MuJoCo cannot load may become one that it can; empty if unknown."""
+    import mujoco
+
+    if file.suffix.lower() == _COMPILED:
+        release = mujoco.__version__
+        return (
+            f"; only the release that saved an .mjb file can load it, and this is MuJoCo {release}"
+        )
+    with contextlib.suppress(OSError), file.open("rb") as stream:
+        if is_utf16(stream.read(4)):
+            return f"; {UTF16}"
+    return ""
+
+
+def is_utf16(text: bytes) -> bool:
+    """Return whether XML that begins so is encoded in UTF-16."""
+    return text.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, b"<\0", b"\0<"))
 
 
 def save(model: "mujoco.MjModel", file: Path) -> None:

@@ -114,7 +114,7 @@ def drift(
         return None
     nprobe = next(iter(baseline.stepped.values())).shape[1]
     keep = np.flatnonzero(is_compared[:nprobe])
-    scales = agreement.scales(baseline.run)
+    scales = agreement.field_scales(baseline.run)
     one_step = agreement.drift(_of(candidate.stepped, keep), _of(baseline.stepped, keep), scales)
     if not start_alike:
         return StateDrift(one_step)

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from mjbench.limits import SECONDS, SHARE
 from mjbench.measuring import calls
 from mjbench.measuring.calls import Function
 from mjbench.paired.outcomes import CONFIDENCE
@@ -104,10 +105,12 @@ class SpeedFixture:
 def _question(max_slowdown: float, confidence: float, time_limit_s: float) -> SpeedQuestion:
     """Return what is asked; the test fails where that makes no sense."""
     __tracebackhide__ = True
-    if not 0 < confidence < 1:
-        raise _failure(f"confidence must be between 0 and 1, not {confidence!r}")
-    if not time_limit_s > 0:
-        raise _failure(f"time_limit_s must be above 0, not {time_limit_s!r}")
+    for name, value, bounds in (
+        ("confidence", confidence, SHARE),
+        ("time_limit_s", time_limit_s, SECONDS),
+    ):
+        if value not in bounds:
+            raise _failure(f"{name} must be {bounds}, not {value!r}")
     least = callables.least_slowdown(confidence)
     if not max_slowdown >= least:
         raise _failure(

@@ -155,11 +155,11 @@ class EngineMeasurements:
             )
             if ended.status == Status.OK:
                 break
-            if ended.item is None:
+            if ended.position is None:
                 ended.check()
             else:
-                on_attempt(Attempt(left[ended.item], ended.status, ended.detail))
-                left = left[ended.item + 1 :]
+                on_attempt(Attempt(left[ended.position], ended.status, ended.detail))
+                left = left[ended.position + 1 :]
         return programs[0]
 
 
@@ -182,7 +182,7 @@ def run_baseline(case: EngineCase, plan: TrialPlan, channel: Channel) -> BatchFa
     ncontrol = _horizon(model, full, rounded)
     trials, runs = full.trials.first(ncontrol), full.present.first(ncontrol)
     repeated = _batch(model, trials, trials.nrun, trials.ncontrol)
-    reason = path.unavailable() or path.unsuited(repeated, {})
+    reason = path.cannot_run(repeated, {})
     if reason:
         raise UnavailableError(reason)
     starts_qpos = workload.fields(model, trials.initial_state)["qpos"]

@@ -119,7 +119,7 @@ class CMeasurements:
             )
             if ended.status == Status.OK:
                 break
-            if ended.item is None:
+            if ended.position is None:
                 ended.check()
             settings = request.settings[len(attempts)]
             attempts.append(Attempt(settings, ended.status, ended.detail))

@@ -13,6 +13,7 @@ from typing import NoReturn
 from xml.parsers import expat
 
 from mjbench.errors import InputError, one_line
+from mjbench.simulation import models
 
 # Sections whose children are recorded; of other sections, only where they are.
 _SECTIONS = frozenset({"option", "compiler", "contact"})
@@ -134,6 +135,8 @@ def parse(text: bytes) -> Document:
     Raises:
       InputError: it is no well-formed XML, or refers to entities outside it.
     """
+    if models.is_utf16(text):
+        raise InputError(models.UTF16)
     if b"\0" in text[:64]:
         raise InputError("it is binary, not XML: give the MJCF file that it was compiled from")
     try:

@@ -233,7 +233,7 @@ def prepared(
     """Return what does the trials by a path."""
     hold = trajectories.steps_per_control(model, trials.control_s)
     drawn = Workload(model, trials.initial_state.copy(), trials.control.copy(), hold, 0)
-    reason = path.unavailable() or path.unsuited(drawn, options)
+    reason = path.cannot_run(drawn, options)
     if reason:
         raise InputError(reason)
     return path.prepare(drawn, path.complete(options), paths.Resources(drawn))

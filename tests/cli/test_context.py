@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from mjbench.api.session import Item, Measurement, Observer, Session
-from mjbench.cli.context import OutputOptions, RunContext, measure
+from mjbench.cli.context import OutputOptions, RunContext, measure_and_print
 from mjbench.errors import Failure, MachineError
 from mjbench.host.machine import ProcessorTime
 from mjbench.loop.overhead import OverheadRow
@@ -36,7 +36,7 @@ def measured(
         yield from items()
 
     measurement = Measurement("overhead", {}, [], yielded)
-    return measure(measurement, OutputOptions(folder, None, False, resume), each=names)
+    return measure_and_print(measurement, OutputOptions(folder, None, False, resume), each=names)
 
 
 def stored(folder: Path) -> list[str]:
@@ -155,5 +155,5 @@ def test_what_measures_ends_where_printing_fails(tmp_path: Path) -> None:
 
     measurement = Measurement("overhead", {}, [], lambda *_: items())
     with pytest.raises(BrokenPipeError):
-        measure(measurement, OutputOptions(tmp_path, None, False), each=fail)
+        measure_and_print(measurement, OutputOptions(tmp_path, None, False), each=fail)
     assert ended

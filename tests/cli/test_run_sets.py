@@ -128,6 +128,13 @@ def test_rows_of_a_set_say_which_machine_they_are_of(tmp_path: Path) -> None:
     assert [line["machine"] for line in lines] == [row["machine"] for row in rows]
 
 
+def test_a_run_is_exported_as_it_is_shown_in_a_format(tmp_path: Path) -> None:
+    run = run_file(tmp_path, labelled("a"), SAME)
+    done = command("results", "export", run)
+    assert done.exit_code == 0
+    assert done.stdout == command("show", run, "--format", "csv").stdout
+
+
 def test_rows_of_a_run_file_are_as_before(tmp_path: Path) -> None:
     (row,) = mjbench.load(run_file(tmp_path, labelled("a"), SAME))
     assert next(iter(row)) == "model"

@@ -39,7 +39,7 @@ def further_humanoid(humanoid: ReferenceCase) -> FurtherCases:
 def test_the_first_step_that_differs_is_named(case: ReferenceCase, name: str, step: int) -> None:
     report, prepared = verify(3, Variant(f"wrong_paths:{name}", {}), case, NOTHING_FURTHER)
     assert prepared is None
-    assert (report.index, report.status, report.agrees) == (3, Status.DISAGREES, False)
+    assert (report.position, report.status, report.agrees) == (3, Status.DISAGREES, False)
     assert f"after step {step}:" in report.agreement
 
 

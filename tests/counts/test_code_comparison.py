@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from assembly import ADD, COPY, LOAD_FAR_FIELD, LOAD_FIELD, RETURN, ROOT, SUBTRACT, call, library
 
-from mjbench.counts import shared_library
+from mjbench.counts import code_comparison, shared_library
 from mjbench.counts.callgrind import CodePlace
 from mjbench.counts.code_comparison import Places, compare, renamed_functions
 from mjbench.counts.machine_code import Instruction, Surroundings, decode
@@ -182,3 +182,16 @@ def test_a_like_name_needs_less_similar_code() -> None:
 def test_short_functions_are_not_matched() -> None:
     assert renamed_functions({"f": SUMS[:9]}, {"g": SUMS[:9]}) == {}
     assert renamed_functions({"f": SUMS[:10]}, {"g": SUMS[:10]}) == {"f": "g"}
+
+
+def test_a_library_that_changed_on_disk_is_read_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "libmujoco.so"
+    monkeypatch.setattr(code_comparison.shared_library, "read", lambda file: file.read_text())
+    file.write_text("first")
+    assert [code_comparison._read(file), code_comparison._read(file)] == ["first", "first"]
+    replacement = tmp_path / "new"
+    replacement.write_text("second")
+    replacement.replace(file)
+    assert code_comparison._read(file) == "second"  # type: ignore[comparison-overlap]

@@ -34,7 +34,7 @@ class Channel:
     def send(self, message: object) -> None:
         self.sent.append(message)
 
-    def doing(self, text: str, item: int | None = None) -> None:
+    def doing(self, text: str, position: int | None = None) -> None:
         pass
 
     def allow_silence(self, seconds: float) -> None:

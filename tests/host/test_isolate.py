@@ -134,14 +134,14 @@ def test_a_crash_names_the_signal_and_the_activity_with_its_index() -> None:
     ended, messages = run("crash")
     assert ended.status == Status.CRASHED
     assert ended.detail == "killed by signal 11 (SIGSEGV) while something dangerous"
-    assert ended.item == 3
+    assert ended.position == 3
     assert messages == [Text("before the crash")]
 
 
 def test_an_early_exit_names_its_code_and_the_last_line_of_the_log() -> None:
     ended, _ = run("leave")
     assert ended.status == Status.CRASHED
-    assert ended.item is None
+    assert ended.position is None
     assert "exit code 7" in ended.detail
     assert "last words" in ended.detail
 
@@ -155,7 +155,7 @@ def test_a_silent_child_is_killed_with_its_own_children() -> None:
     ended = isolate.run(isolated_tasks.hang, (None,), watch, 1.0, str(TESTS))
     assert ended.status == Status.TIMEOUT
     assert "--time-limit" in ended.detail
-    assert ended.item == 0
+    assert ended.position == 0
     (grandchild,) = children
     assert ends(grandchild)
 

@@ -35,7 +35,7 @@ def result_of(text: str) -> dict[str, Any]:
     return names
 
 
-def fixed(file: Path, text: str) -> lint_fixes.FixedFile:
+def fixed(file: Path, text: str) -> lint_fixes.LintedFile:
     file.write_text(text, encoding="utf-8")
     return lint_fixes.fix(str(file), CODES)
 

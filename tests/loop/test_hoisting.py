@@ -19,7 +19,7 @@ def run(model, data, n, name):
 """
 
 
-def fixed(file: Path, text: str) -> lint_fixes.FixedFile:
+def fixed(file: Path, text: str) -> lint_fixes.LintedFile:
     file.write_text(textwrap.dedent(text))
     return lint_fixes.fix(str(file))
 

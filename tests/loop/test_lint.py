@@ -10,7 +10,7 @@ import pytest
 from commands import ROOT
 
 from mjbench.errors import InputError
-from mjbench.loop import habits, lint
+from mjbench.loop import habits, lint, lint_fixes
 from mjbench.loop.lint_rules import COSTS_NS, RULES
 from mjbench.loop.script_files import UncheckedFile
 
@@ -462,9 +462,9 @@ def test_a_file_that_cannot_be_checked_stands_between_the_findings_of_others(
     (tmp_path / "d.py").write_text(LOOP.format(line="x = np.zeros(3)"))
     names = [str(tmp_path / name) for name in ("a.py", "b.py", "missing.py", "c.py", "d.py")]
     folder = UncheckedFile("folder", "cannot be listed")
-    results = list(lint.check_all([*names, folder]))
+    results = list(lint_fixes.lint_all([*names, folder]))
     assert [result.file for result in results] == [*names, "folder"]
-    codes = [r.code if isinstance(r, lint.Finding) else r.detail for r in results]
+    codes = [r.detail if isinstance(r, UncheckedFile) else r.findings[0].code for r in results]
     assert codes == [
         "MJB001",
         "line 1: invalid syntax",

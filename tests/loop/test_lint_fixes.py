@@ -225,8 +225,8 @@ def test_a_file_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         return real(path, *arguments, **options)
 
     monkeypatch.setattr(Path, "open", counted)
-    (result,) = lint_fixes.fix_all([str(file)])
-    assert isinstance(result, lint_fixes.FixedFile)
+    (result,) = lint_fixes.lint_all([str(file)], fixes=True)
+    assert isinstance(result, lint_fixes.LintedFile)
     assert result.findings == []
     assert opened == [file]
 
@@ -237,7 +237,7 @@ def test_what_cannot_be_read_or_written_is_said(
     file = tmp_path / "script.py"
     file.write_text(ACCESS)
     folder = UncheckedFile("folder", "cannot be listed")
-    results = list(lint_fixes.fix_all([str(file), "missing.py", folder]))
+    results = list(lint_fixes.lint_all([str(file), "missing.py", folder], fixes=True))
     assert results[1:] == [UncheckedFile("missing.py", "no such file"), folder]
     with pytest.raises(InputError, match="nested too deeply"):
         file.write_text("-" * 100_000 + "1")
@@ -249,6 +249,6 @@ def test_what_cannot_be_read_or_written_is_said(
         yield
 
     monkeypatch.setattr("mjbench.store.files.replacing", full)
-    assert isinstance(results[0], lint_fixes.FixedFile)
+    assert isinstance(results[0], lint_fixes.LintedFile)
     with pytest.raises(MachineError, match=r"cannot write .*script\.py: No space left"):
         results[0].write()

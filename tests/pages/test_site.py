@@ -103,6 +103,18 @@ def test_the_first_page_says_what_was_found(tmp_path: Path, history: SpeedHistor
     assert report.startswith("<!doctype html>")
 
 
+def test_guides_are_in_the_order_in_which_their_first_page_links_them(tmp_path: Path) -> None:
+    project = project_in(tmp_path)
+    guides = tmp_path / "docs/guides"
+    for name in "abc":
+        (guides / f"{name}.md").write_text(f"# {name}\n")
+    (guides / "README.md").write_text("# Guides\n\n[C](c.md#one) before [B](b.md)\n")
+    site.write_source(project, tmp_path / "source")
+    index = (tmp_path / "source/index.md").read_text()
+    listed = re.findall(r"^docs/guides/(\w+)$", index, flags=re.M)
+    assert listed == ["README", "c", "b", "a"]
+
+
 def test_a_set_has_one_report_of_all_its_machines(tmp_path: Path) -> None:
     files = [
         run_file(tmp_path / "runs", labelled(name), SLOWER, command="versions") for name in "ab"

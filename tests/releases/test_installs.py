@@ -8,6 +8,7 @@ import os
 import re
 import sys
 from collections.abc import Iterator, Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,8 @@ from hypothesis import strategies as st
 
 from mjbench.errors import InputError, MachineError
 from mjbench.host import platforms
-from mjbench.releases import install_check, installs
+from mjbench.releases import install_check, installs, package_index
+from mjbench.releases.release import Release
 
 
 @pytest.fixture(autouse=True)
@@ -352,3 +354,16 @@ def test_a_changed_file_of_the_environments_own_release_is_said(
         pass
     said = f"mujoco/libmujoco.so has been changed since MuJoCo {release.version} was installed here"
     assert caplog.messages == [f"mjbench: {said}"]
+
+
+def test_the_newest_release_and_the_one_before_are_those_of_the_index(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    releases = [Release(version, datetime(2026, 1, 1)) for version in ("3.10.0", "3.9.0")]
+    monkeypatch.setattr(package_index, "releases", lambda: releases)
+    assert installs.parse_release("newest").version == "3.10.0"
+    assert installs.parse_release("previous").version == "3.9.0"
+    for known, name in (([], "newest"), (releases[:1], "previous")):
+        monkeypatch.setattr(package_index, "releases", lambda known=known: known)
+        with pytest.raises(MachineError, match=f"the package index has no {name} release of muj"):
+            installs.parse_release(name)

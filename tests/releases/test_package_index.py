@@ -1,3 +1,4 @@
+import json
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -46,7 +47,7 @@ def test_the_names_of_all_files_are_known_by_version() -> None:
 
 @pytest.mark.parametrize(
     "content",
-    [b"", b"<html>", b"[]", b"null", b'{"releases": null}', b'{"releases": {"3.0": [{}]}}'],
+    [b"", b"<html>", b"[]", b"null", b'{"releases": null}', b'{"releases": {"3.0": [1]}}'],
 )
 def test_an_answer_that_is_not_the_indexs_is_a_machine_error(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, content: bytes
@@ -58,6 +59,20 @@ def test_an_answer_that_is_not_the_indexs_is_a_machine_error(
             MachineError, match="cannot read the releases of mujoco from the package"
         ):
             read()
+
+
+def test_a_file_of_which_the_index_knows_little_does_not_lose_the_others(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    time = "2024-01-01T00:00:00Z"
+    complete = {"upload_time_iso_8601": time, "filename": "mujoco.whl", "yanked": False}
+    wrong = {**complete, "upload_time_iso_8601": "yesterday"}
+    poor = [{}, dict.fromkeys(complete), wrong, {**complete, "yanked": None, "filename": None}]
+    uploads = {"3.0.0": [complete, *poor], "3.0.1": [{"filename": "other.whl"}], "3.0.2": poor[3:]}
+    (tmp_path / "answer").write_text(json.dumps({"releases": uploads}))
+    monkeypatch.setattr(package_index, "_index_url", (tmp_path / "answer").as_uri)
+    assert [release.version for release in package_index.releases()] == ["3.0.0", "3.0.2"]
+    assert package_index.files() == {"3.0.0": ["mujoco.whl"], "3.0.1": ["other.whl"], "3.0.2": []}
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The tables of `mjbench selfcheck`: nothing of them is cut off, and what is unknown is empty."""
+"""The tables of `mjbench doctor --verdicts`: nothing is cut off, and what is unknown is empty."""
 
 from dataclasses import replace
 

@@ -61,6 +61,13 @@ def test_a_compiled_model_loads(tmp_path: Path) -> None:
     assert models.load(models.resolve(str(tmp_path / "robot.mjb"))).nv == 6
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_a_model_in_utf_16_is_refused_with_what_to_do(tmp_path: Path, encoding: str) -> None:
+    (tmp_path / "robot.xml").write_text(XML, encoding)
+    with pytest.raises(InputError, match="it is encoded in UTF-16, which MuJoCo does not read: "):
+        models.load(models.resolve(str(tmp_path / "robot.xml")))
+
+
 def test_a_packages_model_is_found_without_importing_the_package(package: Path) -> None:
     assert models.resolve("robots_pkg:ant").path == package / "ant.xml"
     assert models.resolve("robots_pkg:deep/arm").path == package / "deep/arm.xml"

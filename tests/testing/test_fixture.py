@@ -2,7 +2,10 @@
 
 from pathlib import Path
 
+import pytest
 from pytest_runs import PLUGIN, run_pytest
+
+from mjbench.testing import fixture
 
 # Work whose time is far from that of other numbers, so that a busy machine does not matter.
 FUNCTIONS = """
@@ -93,3 +96,26 @@ def test_it():
 """
     done = run_pytest(tmp_path, content, plugins=(PLUGIN,))
     assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize(
+    ("confidence", "time_limit_s", "message"),
+    [
+        (
+            1.0,
+            30.0,
+            "confidence must be above 0 and below 1, such as 0.01 for 1 %, not",
+        ),
+        (
+            0.95,
+            0.0,
+            "time_limit_s must be above 0 and at most 86400, a day in seconds, not",
+        ),
+        (0.95, float("nan"), "time_limit_s must be above 0 and at most 86400"),
+    ],
+)
+def test_arguments_are_within_the_bounds_of_commands(
+    confidence: float, time_limit_s: float, message: str
+) -> None:
+    with pytest.raises(pytest.fail.Exception, match=f"^mjbench: {message}"):
+        fixture._question(0.1, confidence, time_limit_s)

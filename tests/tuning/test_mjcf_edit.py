@@ -305,6 +305,7 @@ def test_a_name_that_no_xml_holds_is_refused() -> None:
         (b"<mujoco \xff/>", "not well-formed"),
         (b"<mujoco/><mujoco/>", "not well-formed XML: junk after document element"),
         (b"\x31\xd4\0\0\x08\0\0\0binary", "it is binary, not XML"),
+        ("<mujoco/>".encode("utf-16"), "it is encoded in UTF-16, which MuJoCo does not read: save"),
         (b'<!DOCTYPE mujoco SYSTEM "x.dtd"><mujoco/>', "its DOCTYPE names another file"),
         (b'<!DOCTYPE m [<!ENTITY e SYSTEM "x">]><m>&e;</m>', "its entity e is in another file"),
         (b'<!DOCTYPE m [<!ENTITY % e SYSTEM "x">]><m/>', "its entity e is in another file"),

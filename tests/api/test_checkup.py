@@ -1,0 +1,128 @@
+"""Which parts a check-up has, what time they get, and how it ends where one fails."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from example_races import ROLLOUT, compared, raced
+from step_profiles import step_profile
+from verdict_records import FASTER
+
+import mjbench
+from mjbench.api import checkup
+from mjbench.api.checkup import CheckupPlan
+from mjbench.api.session import Item, Observer
+from mjbench.checkups.records import CheckedPart, CheckupPart
+from mjbench.checkups.targets import ProgramFile
+from mjbench.comparison.plan import WITHOUT_TIMER
+from mjbench.errors import InputError, MachineError
+from mjbench.simulation import models
+from mjbench.simulation.starts import StartPlan
+from mjbench.status import Status
+from mjbench.tuning.records import TuneRecord
+
+CARTPOLE = models.resolve("cartpole")
+GAINS = ((WITHOUT_TIMER, 1.3), (ROLLOUT, 3.0))
+
+
+class Planted:
+    """Measurements that take as many seconds as they are given, by a clock of their own."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *entrants: Any):
+        self.now_s, self.entrants = 0.0, entrants
+        self.tuning_s: list[float] = []
+        self.together_s: list[float] = []
+        monkeypatch.setattr(checkup.isolate, "call", self.profile)
+        monkeypatch.setattr(checkup.compare, "measure_model", self.compare)
+        monkeypatch.setattr(checkup, "tune", self.tune)
+        monkeypatch.setattr(checkup.combination, "measure", self.together)
+
+    def profile(self, *arguments: Any, **options: Any) -> Any:
+        self.now_s += 4.0
+        return step_profile().steps
+
+    def compare(self, pool: Any, source: Any, plans: Any, *others: Any) -> Iterator[Item]:
+        self.now_s += plans[0].budget_s
+        yield Item(compared(raced(self.entrants)))
+
+    def tune(self, pool: Any, source: Any, plan: Any, *others: Any) -> TuneRecord:
+        self.tuning_s.append(plan.budget_s)
+        self.now_s += plan.budget_s
+        return TuneRecord(model="m")
+
+    def together(
+        self, pool: Any, source: Any, combined: Any, sizes: Any, time_s: float, *others: Any
+    ) -> Any:
+        self.together_s.append(time_s)
+        return FASTER
+
+    def parts(self, plan: CheckupPlan) -> list[CheckedPart]:
+        parts = checkup._Parts(CARTPOLE, plan, Observer(), lambda: self.now_s)
+        items = list(checkup._model_items(CARTPOLE, parts))
+        firsts = [item.records[0] for item in items]
+        return [part for part in firsts if isinstance(part, CheckedPart)]
+
+
+def test_a_minute_is_shared_and_no_part_begins_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    planted = Planted(monkeypatch, *GAINS)
+    parts = [part.part for part in planted.parts(CheckupPlan())]
+    assert parts == [
+        CheckupPart.STEP,
+        CheckupPart.PATHS,
+        CheckupPart.SETTINGS,
+        CheckupPart.TOGETHER,
+    ]
+    assert planted.tuning_s == [60 - 4 - 14 - 5 - 4]
+    assert planted.together_s == [5.0]
+
+
+def test_a_quick_one_tries_no_settings(monkeypatch: pytest.MonkeyPatch) -> None:
+    planted = Planted(monkeypatch, *GAINS)
+    parts = planted.parts(CheckupPlan(is_quick=True))
+    assert [part.part for part in parts] == [CheckupPart.STEP, CheckupPart.PATHS]
+    assert all(part.is_quick for part in parts)
+    assert planted.now_s == 15.0
+
+
+def test_one_change_alone_has_its_figure_and_is_not_measured_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    planted = Planted(monkeypatch, (ROLLOUT, 3.0))
+    planted.parts(CheckupPlan())
+    assert planted.together_s == []
+
+
+def test_a_part_that_fails_does_not_end_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    planted = Planted(monkeypatch, *GAINS)
+
+    def crash(*arguments: Any, **options: Any) -> None:
+        raise MachineError("killed by signal 11")
+
+    monkeypatch.setattr(checkup, "tune", crash)
+    parts = planted.parts(CheckupPlan())
+    statuses = {part.part: part.status for part in parts}
+    assert statuses[CheckupPart.SETTINGS] == Status.FAILED
+    assert statuses[CheckupPart.TOGETHER] == Status.OK
+
+
+def test_a_model_that_cannot_be_stepped_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    planted = Planted(monkeypatch)
+
+    def refuse(*arguments: Any, **options: Any) -> None:
+        raise InputError("cartpole: every simulation diverges")
+
+    monkeypatch.setattr(checkup.isolate, "call", refuse)
+    (part,) = planted.parts(CheckupPlan())
+    assert (part.status, part.detail) == (Status.INPUT, "every simulation diverges")
+
+
+def test_start_states_are_of_a_model() -> None:
+    plan = CheckupPlan(starts=StartPlan(settle_s=1.0))
+    with pytest.raises(InputError, match=r"of a model, and train\.py is none"):
+        checkup.measurement(ProgramFile("train.py", Path("train.py")), plan)
+
+
+def test_a_model_has_no_arguments() -> None:
+    with pytest.raises(InputError, match="only a program has arguments"):
+        mjbench.checkup("cartpole", "--fast")
