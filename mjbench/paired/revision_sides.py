@@ -12,6 +12,7 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs, revision_builds, source_layout
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.revisions import Repository, Revision
+from mjbench.units import listed
 
 # What a function of the user's code can be, for messages.
 FORMS = "FILE.py::FUNCTION or MODULE:FUNCTION"
@@ -152,6 +153,8 @@ def check_out(
             replace(side, release=revision_builds.built(side.revision, side.folder, side.tree))
             for side in sides
         ]
+    elif changed := changed_locks(sides[0].folder, sides[1].folder):
+        on_phase(f"both revisions run with what is installed here; other {listed(changed)}")
     packages = frozenset().union(*(source_layout.package_names(side.folder) for side in sides))
     return [_targets(comparison, function, sides, packages) for function in comparison.functions]
 
@@ -165,6 +168,12 @@ def build_reason(baseline: Path, candidate: Path) -> str:
         return "there are extension modules"
     needs = set(map(source_layout.dependencies, trees))
     return "they need other packages" if len(needs) > 1 else ""
+
+
+def changed_locks(baseline: Path, candidate: Path) -> list[str]:
+    """Return the names of files that pin versions, and are not the same in two source trees."""
+    old, new = map(source_layout.lock_files, (baseline, candidate))
+    return sorted(name for name in {**old, **new} if old.get(name) != new.get(name))
 
 
 def _targets(

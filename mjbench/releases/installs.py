@@ -43,7 +43,7 @@ FORMS = (
 # No version has more characters; an install's name, of which it is part, must fit a file system.
 _LONGEST_VERSION = 64
 # Written last into an install; a folder without it is not one.
-_MARKER = "installed-by-mjbench"
+MARKER = "installed-by-mjbench"
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def cache_folder() -> Path:
 
 def install_names() -> list[str]:
     """Return the names of the installs in the cache folder, sorted."""
-    folders = [marker.parent for marker in cache_folder().glob(f"*/{_MARKER}")]
+    folders = [marker.parent for marker in cache_folder().glob(f"*/{MARKER}")]
     return sorted(folder.name for folder in folders if not folder.name.startswith("."))
 
 
@@ -191,7 +191,7 @@ def install_sizes(now: Callable[[], float] = time.time) -> list[InstallSize]:
         folder = cache_folder() / name
         with contextlib.suppress(OSError):  # it is being removed
             size_bytes = sum(f.stat().st_size for f in folder.rglob("*") if f.is_file())
-            unused_s = now() - (folder / _MARKER).stat().st_mtime
+            unused_s = now() - (folder / MARKER).stat().st_mtime
             sizes.append(InstallSize(name, size_bytes, unused_s))
     return sizes
 
@@ -219,7 +219,7 @@ def use(release: ReleaseSpec) -> Iterator[Path | None]:
             if _is_complete(folder):
                 _check_files(folder)
                 with contextlib.suppress(OSError):  # a cache that may only be read
-                    os.utime(folder / _MARKER)  # when it was used last (see `install_sizes`)
+                    os.utime(folder / MARKER)  # when it was used last (see `install_sizes`)
                 yield folder
                 return
         install(release)
@@ -244,7 +244,7 @@ def install(release: ReleaseSpec) -> Path:
                     shutil.rmtree(remains)
             _LOG.info("installing MuJoCo %s", release.version)
             pip.install(release.version, release.wheels, partial, release.own_wheels)
-            (partial / _MARKER).write_text(f"{release.version}\n")
+            (partial / MARKER).write_text(f"{release.version}\n")
             partial.rename(folder)
         except OSError as error:
             raise MachineError(f"cannot install into {cache_folder()}: {error.strerror}") from error
@@ -276,7 +276,7 @@ def remove(name: str) -> None:
 
 
 def _is_complete(folder: Path) -> bool:
-    return (folder / _MARKER).is_file()
+    return (folder / MARKER).is_file()
 
 
 def _check_files(folder: Path) -> None:

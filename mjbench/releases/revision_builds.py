@@ -1,9 +1,11 @@
 """Revisions of the user's code that have to be built: a wheel each, in the cache folder.
 
 A wheel is never editable, and it is built once for a tree, a Python and a machine. It is installed
-beside the MuJoCo of this environment, as a release is.
+beside the MuJoCo of this environment, as a release is. Both are removed as installs of releases
+are (see `installs.remove`).
 """
 
+import contextlib
 import os
 import platform
 import shutil
@@ -16,9 +18,6 @@ from mjbench.releases import installs, pip
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.pip import BuildError
 from mjbench.releases.revisions import Revision
-
-# The folder of wheels, in the cache folder.
-_WHEELS = "wheels"
 
 
 def built(revision: Revision, source: Path, tree: str) -> ReleaseSpec:
@@ -39,17 +38,19 @@ def built(revision: Revision, source: Path, tree: str) -> ReleaseSpec:
 
 def _wheel(revision: Revision, source: Path, tree: str) -> Path:
     """Return the wheel of a revision; build it unless it is there."""
-    name = f"{tree}-{sys.implementation.cache_tag}-{platform.machine()}"
-    folder = installs.cache_folder() / _WHEELS / name
-    with installs.locked(f"{_WHEELS}-{name}"):
+    name = f"wheel-{tree}-{sys.implementation.cache_tag}-{platform.machine()}"
+    folder = installs.cache_folder() / name
+    with installs.locked(name):
         partial = folder.with_name(f".{name}.partial")
         try:
             if not folder.exists():
                 shutil.rmtree(partial, ignore_errors=True)
                 partial.mkdir(parents=True)
                 pip.build(source, partial)
+                (partial / installs.MARKER).write_text(f"{revision}\n")
                 partial.rename(folder)
-            os.utime(folder)
+            with contextlib.suppress(OSError):  # a cache that may only be read
+                os.utime(folder / installs.MARKER)  # when it was used last
             (wheel,) = folder.glob("*.whl")
         except BuildError as error:
             raise BuildError(f"cannot build {revision}: {error}") from error

@@ -1,6 +1,7 @@
 """Where the importable code of a source tree lies, and whether it has to be built."""
 
 import os
+import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -8,8 +9,9 @@ from typing import Any
 
 from mjbench.errors import MachineError, reason
 
-# Sources of extension modules; they have to be compiled.
-_COMPILED = frozenset({".c", ".cc", ".cpp", ".cu", ".cxx", ".f", ".f90", ".pyx", ".rs"})
+# Build backends that compile, and what other builds say where they do.
+_COMPILING = ("maturin", "mesonpy", "py_build_cmake", "scikit_build_core", "skbuild")
+_EXTENSION = re.compile(r"ext_modules|ext-modules|Extension\(|cythonize|rust_extensions")
 # Files that pin what a project is developed with.
 _LOCKS = ("requirements*.txt", "constraints*.txt", "uv.lock", "poetry.lock", "pdm.lock")
 # Folders that hold no importable code of a project.
@@ -38,35 +40,25 @@ def package_names(tree: Path) -> frozenset[str]:
 
 
 def _names(tree: Path) -> Iterator[str]:
-    for path, depth, files in _walk(tree, _DEPTH):
-        if "__init__.py" in files and depth:
-            yield path.name
-        elif path in (tree, tree / "src"):
-            yield from (name.removesuffix(".py") for name in files if name.endswith(".py"))
-
-
-def _walk(tree: Path, depth: int | None) -> Iterator[tuple[Path, int, list[str]]]:
-    """Yield the folders of a tree, how deep each lies, and the names of its files.
-
-    Args:
-      depth: beyond which folders, and folders of packages, are left out; None for all folders.
-    """
     for folder, subfolders, files in os.walk(tree):
         path = Path(folder)
         level = len(path.relative_to(tree).parts)
-        yield path, level, files
-        is_end = depth is not None and (level >= depth or (level > 0 and "__init__.py" in files))
+        is_package = "__init__.py" in files and level > 0
+        if is_package:
+            yield path.name
+        elif path in (tree, tree / "src"):
+            yield from (name.removesuffix(".py") for name in files if name.endswith(".py"))
         kept = [name for name in subfolders if name[0] != "." and name not in _SKIPPED]
-        subfolders[:] = [] if is_end else kept
+        subfolders[:] = [] if is_package or level >= _DEPTH else kept
 
 
 def is_compiled(tree: Path) -> bool:
     """Return whether a source tree is a package with extension modules, which have to be built."""
-    if not is_installable(tree):
-        return False
-    return any(
-        Path(name).suffix in _COMPILED for _, _, files in _walk(tree, depth=None) for name in files
-    )
+    backend = str(_table(_pyproject(tree), "build-system").get("build-backend", ""))
+    if backend.partition(".")[0] in _COMPILING:
+        return True
+    files = [tree / "setup.py", tree / "setup.cfg", tree / "pyproject.toml"]
+    return any(_EXTENSION.search(f.read_text(errors="replace")) for f in files if f.is_file())
 
 
 def dependencies(tree: Path) -> str:

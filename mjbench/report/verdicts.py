@@ -296,9 +296,10 @@ def _revision_lines(row: VerdictRow) -> list[str]:
 
 def describe_control(control: ControlRow) -> str:
     """Return what the baseline against itself shows, as a sentence."""
-    interval = formats.ends(control.ratio, formats.change, " to ") or "too few launches for one"
+    ends = formats.ends(control.ratio, formats.change, " to ")
+    interval = f"interval {ends}" if ends else "too few launches for an interval"
     change = formats.change(control.ratio.estimate)
-    text = f"control, the baseline against itself: {change} (interval {interval})"
+    text = f"control, the baseline against itself: {change} ({interval})"
     if control.covers:
         return text
     return f"{text}; it should hold 0, so this machine was too noisy for this verdict"

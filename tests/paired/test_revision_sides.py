@@ -119,8 +119,8 @@ def test_commits_that_the_candidate_lacks_are_noted(repository: Repository) -> N
     ("old", "new", "reason"),
     [
         ({"pyproject.toml": "[project]\n"}, {"pyproject.toml": "[project]\n"}, ""),
-        ({}, {"fast.pyx": ""}, ""),  # neither can be installed
-        ({"setup.py": ""}, {"setup.py": "", "fast.c": ""}, "there are extension modules"),
+        ({}, {"setup.py": "setup(ext_modules=[])"}, ""),  # the baseline cannot be installed
+        ({"setup.py": ""}, {"setup.py": "cythonize('a')"}, "there are extension modules"),
         (
             {"pyproject.toml": "[project]\ndependencies = []\n"},
             {"pyproject.toml": "[project]\ndependencies = ['scipy']\n"},
@@ -150,3 +150,13 @@ def test_what_is_built_is_imported_from_where_it_is_installed(
         assert not target.source.are_first
         assert target.origin.folders[1].endswith(release.key)
         assert target.release is release
+
+
+def test_files_that_pin_other_versions_are_named(tmp_path: Path) -> None:
+    for folder, text in (("a", "numpy==1"), ("b", "numpy==2")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "requirements.txt").write_text(text)
+        (tmp_path / folder / "uv.lock").write_text("the same")
+    (tmp_path / "b/poetry.lock").touch()
+    changed = revision_sides.changed_locks(tmp_path / "a", tmp_path / "b")
+    assert changed == ["poetry.lock", "requirements.txt"]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from mjbench.releases import pip, revision_builds
+from mjbench.releases import installs, pip, revision_builds
 from mjbench.releases.pip import BuildError
 from mjbench.releases.revisions import Revision
 from mjbench.status import ExitCode
@@ -37,6 +37,9 @@ def test_a_tree_is_built_once(sources: list[str]) -> None:
     assert sources == ["source"]
     assert [wheel.name for wheel in first.own_wheels] == ["own-1.0-py3-none-any.whl"]
     assert first.name == "main"
+    (name,) = installs.install_names()
+    installs.remove(name)
+    assert not first.own_wheels[0].exists()
 
 
 def test_builds_of_other_trees_are_other_installs(sources: list[str]) -> None:

@@ -34,17 +34,22 @@ def test_packages_are_found_wherever_they_lie(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("files", "pyproject", "expected"),
+    ("setup", "pyproject", "expected"),
     [
-        (("mine/fast.pyx",), "[project]\n", True),
-        (("mine/fast.pyx",), "", False),  # nobody can build it
-        (("mine/step.py", ".git/hook.c"), "[project]\n", False),
+        ("", '[build-system]\nbuild-backend = "scikit_build_core.build"\n', True),
+        ("", '[build-system]\nbuild-backend = "hatchling.build"\n', False),
+        ("setup(ext_modules=[Extension('a', ['a.c'])])", "", True),
+        ("", "[tool.setuptools]\next-modules = [{name = 'a', sources = ['a.c']}]\n", True),
+        ("setup()", "", False),
+        ("", "", False),
     ],
 )
 def test_a_package_with_extension_modules_has_to_be_built(
-    tmp_path: Path, files: tuple[str, ...], pyproject: str, expected: bool
+    tmp_path: Path, setup: str, pyproject: str, expected: bool
 ) -> None:
-    assert source_layout.is_compiled(tree(tmp_path, *files, pyproject=pyproject)) is expected
+    folder = tree(tmp_path, "benchmarks/floor.c", "setup.py", pyproject=pyproject)
+    (folder / "setup.py").write_text(setup)
+    assert source_layout.is_compiled(folder) is expected
 
 
 def test_trees_are_told_apart_by_what_they_depend_on(tmp_path: Path) -> None:

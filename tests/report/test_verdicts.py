@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -10,8 +11,8 @@ from hypothesis import strategies as st
 from mjbench.measuring.ratio import Ratio
 from mjbench.pages import terminal
 from mjbench.paired import family
-from mjbench.paired.outcomes import Cause, Verdict
-from mjbench.paired.records import Pair, PlacementEffect, TargetRow, VerdictRow
+from mjbench.paired.outcomes import Cause, ResultsOutcome, Verdict
+from mjbench.paired.records import ControlRow, Pair, PlacementEffect, TargetRow, VerdictRow
 from mjbench.report import verdicts
 from mjbench.simulation.starts import SettleLimit, Starts
 from mjbench.simulation.work import Work
@@ -147,3 +148,45 @@ def test_comparisons_are_summed_up_together() -> None:
     )
     quiet = verdicts.describe_family(family.decide([same, same], 0.99), 0.99)
     assert quiet == "All 2 together: slower in none, faster in none, undecided in none."
+
+
+def of_revisions(**fields: Any) -> VerdictRow:
+    """Return the verdict on a function in two revisions."""
+    main = TargetRow("4.0.0", "bench.py::step", "", {}, {}, revision="main", commit="a" * 40)
+    sides = main, replace(main, revision="WORKTREE", commit="")
+    names = {"model": "bench.py::step", "path": "", "old": "main", "new": "WORKTREE"}
+    return replace(ROW, sides=sides, **names, **fields)
+
+
+@pytest.mark.parametrize(
+    ("outcome", "detail", "text"),
+    [
+        (ResultsOutcome.SAME, "", "same results"),
+        (ResultsOutcome.ROUNDING, "by 1e-12", "same results but for rounding (by 1e-12)"),
+        (ResultsOutcome.RANDOM, "", "results are random, so they were not compared"),
+        (ResultsOutcome.NONE, "it returns nothing", "were not compared (it returns nothing)"),
+    ],
+)
+def test_what_a_function_returned_stands_beside_its_verdict(
+    outcome: ResultsOutcome, detail: str, text: str
+) -> None:
+    row = of_revisions(results=outcome, results_detail=detail)
+    sentence = verdicts.describe_verdict(row)
+    assert sentence.startswith("bench.py::step, main → WORKTREE: slower by 1.4 % (interval")
+    assert sentence.endswith(text)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "covers", "text"),
+    [
+        (Ratio(1.002, 0.99, 1.01), True, "+0.20 % (interval -1.00 to +1.00 %)"),
+        (Ratio(1.05, 1.04, 1.06), False, "so this machine was too noisy for this verdict"),
+        (Ratio(1.05, None, None), True, "(too few launches for an interval)"),
+    ],
+)
+def test_the_control_and_the_commits_are_noted(ratio: Ratio, covers: bool, text: str) -> None:
+    row = of_revisions(control=ControlRow(ratio, 8, covers), calls_s=Pair(2e-6, 2e-6))
+    commits, call, control = verdicts.notes(row)
+    assert commits == f"main is {'a' * 40}, WORKTREE is not committed"
+    assert call == "a call takes about 2 µs in main"
+    assert control.endswith(text)
