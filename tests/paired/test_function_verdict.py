@@ -197,7 +197,7 @@ def test_what_cannot_be_installed_ends_all(decided: Decided) -> None:
 def test_a_launch_that_exceeds_the_limit_ends_as_inconclusive(decided: Decided) -> None:
     record = decided(Invented(sides(FACTS, FACTS), launch_s=20.0))
     assert (record.status, record.verdict) == (Status.OK, Verdict.INCONCLUSIVE)
-    assert "a verdict with its control needs at least 16 launches: give --time-limit 400s" in (
+    assert "a verdict with its control needs at least 16 launches: give --budget 400s" in (
         record.detail
     )
     assert record.launches == 0
