@@ -9,7 +9,7 @@ STAMP := $(VENV)/.up-to-date
 UPGRADE := build/upgrade
 SITE := build/site
 LAB := build/lab/mujoco-lab.html
-.PHONY: help bench test tests lint style types types-darwin upgrade site lab c-floor slowdown soak fuzz verdicts foreign clean
+.PHONY: help bench test tests lint style types types-darwin upgrade site lab c-floor slowdown soak fuzz verdicts foreign gpu clean
 
 help:
 	@echo "make bench     compare the C paths on the ten shipped models (4 minutes)"
@@ -24,6 +24,7 @@ help:
 	@echo "make fuzz      check that 2,000 command lines of bad input end well (20 minutes)"
 	@echo "make verdicts  simulate how often verdicts are wrong (3 minutes)"
 	@echo "make foreign   compare the C paths on the models of 13 packages, downloaded (half an hour)"
+	@echo "make gpu       measure MJX and Warp on this machine's NVIDIA GPU (an hour or more)"
 	@echo "make clean     remove the virtual environment and caches"
 	@echo "All but clean set up .venv first, if it is missing or out of date."
 
@@ -82,6 +83,9 @@ fuzz: $(STAMP)
 
 verdicts: $(STAMP)
 	$(BIN)/python -m benchmarks.studies.verdict_simulation
+
+gpu: $(STAMP)
+	$(BIN)/python -m benchmarks.gpu
 
 foreign: $(STAMP)
 	$(BIN)/python -m benchmarks.foreign

@@ -3,7 +3,15 @@
 from typing import Any
 
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
-from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
+from mjbench.simulation.judgement import (
+    Answer,
+    Judgement,
+    Measure,
+    PairContacts,
+    Part,
+    PartName,
+    Precision,
+)
 from mjbench.simulation.work import ModelFacts, Work
 from mjbench.status import Status
 
@@ -19,24 +27,30 @@ FACTS = ModelFacts(
     solver="newton",
     cone="pyramidal",
 )
-CHECK = AcceleratedCheck(
-    precision=Precision.FLOAT32,
-    received=True,
-    still=False,
-    unconstrained_steps=8,
-    constrained_steps=0,
-    contact_steps=1,
-    unconstrained_error=1e-7,
-    constrained_error=None,
-    contact_error=1e-3,
-    unconstrained_nstep=3,
-    unconstrained_difference=2e-7,
-    unconstrained_shadow=1e-7,
-    final_nstep=9,
-    final_difference=1e-2,
-    final_shadow=1e-6,
-    final_shadow_median=1e-7,
-    lost=0,
+JUDGED = Judgement.of(
+    Precision.FLOAT32,
+    [
+        Part.of(PartName.SMOOTH, Measure("a step without constraints", 1e-7, 1e-4)),
+        Part(PartName.CONTACTS, Answer.YES),
+        Part.of(PartName.CONSTRAINTS, Measure("forces of the solution", 1e-5, 1e-4, in_c=1e-9)),
+    ],
+    [
+        PairContacts(
+            types=("plane", "sphere"),
+            states=8,
+            other_counts=0,
+            count=4.0,
+            count_in_c=4.0,
+            distance_m=1e-9,
+            position_m=1e-9,
+            normal_degrees=0.0,
+            effect=1e-6,
+            largest_effect=1e-5,
+            answer=Answer.YES,
+        )
+    ],
+    states=9,
+    contact_states=8,
 )
 WORK = Work(contacts=1.0, constraints=4.0, solver_iterations=2.0)
 

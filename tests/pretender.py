@@ -1,8 +1,9 @@
 """An accelerated path that is C under another name, for tests of the check of such paths."""
 
 import copy
+import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -18,8 +19,9 @@ from mjbench.paths.accelerated import (
     states_of_fields,
 )
 from mjbench.paths.base import Options, States
-from mjbench.simulation import models, trajectory, workload
-from mjbench.simulation.accelerated_limits import Precision
+from mjbench.simulation import compat, models, trajectory, workload
+from mjbench.simulation.contacts import Contacts
+from mjbench.simulation.judgement import Precision
 from mjbench.simulation.work import Peaks
 
 # A model without contacts or other constraints.
@@ -45,13 +47,14 @@ class Pretender(AcceleratedPath):
     """C itself under another name, with one fault, which the check must find.
 
     Attributes:
-      fault: `control`, `nan`, `many`, `step`, `still`, `start`, `contactless` or `forceless` spoil
-        `advance`; `block`, `idle` and `memo` spoil the timed run; empty for none.
+      fault: `control`, `nan`, `many`, `step`, `still`, `start` or `forceless` spoil `advance`;
+        `block`, `idle` and `memo` spoil the timed run; those of `MODEL_FAULTS`, `lost contact` and
+        `force` spoil each step; empty for none.
     """
 
     name = "pretender"
     summary = "wrong on purpose"
-    precision = Precision.FLOAT64
+    precision: ClassVar[Precision] = Precision.FLOAT64
     extra = "none"
     packages = ()
 
@@ -71,7 +74,7 @@ class Pretender(AcceleratedPath):
         def advance(
             fields: Mapping[str, np.ndarray], control: np.ndarray, nstep: int
         ) -> StepOutcome:
-            return StepOutcome(self._advance(work, fields, control, nstep), None)
+            return self._advance(work, fields, control, nstep)
 
         results: list[States] = []
 
@@ -103,41 +106,130 @@ class Pretender(AcceleratedPath):
         fields: Mapping[str, np.ndarray],
         control: np.ndarray,
         nstep: int,
-    ) -> dict[str, np.ndarray]:
-        """Return the fields after `nstep` steps in C, spoilt by the fault."""
+    ) -> StepOutcome:
+        """Return what `nstep` steps in C lead to, spoilt by the fault."""
         if self.fault == "control":
             control = np.roll(control, 1, axis=0) + 0.1
-        model = work.model
-        if self.fault == "contactless":
-            model = copy.copy(model)
-            model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         if self.fault == "forceless":
             forces = ("xfrc_applied", "qfrc_applied")
             fields = {n: 0 * v if n in forces and nstep else v for n, v in fields.items()}
-        start = workload.states(model, fields)
-        stepped = workload.Workload(model, start, control, work.hold, 0)
-        states = trajectory.record_trajectory(with_steps(stepped, nstep), work.nbatch).states
-        after = workload.fields(work.model, states[:, nstep])
-        after.pop("ctrl", None)
+        count = nstep - 1 if self.fault == "step" and nstep > 1 else nstep
+        is_float32 = self.precision == Precision.FLOAT32
+        outcome = _steps(work, fields, control, count, self.fault, is_float32)
+        after = dict(outcome.fields)
         if self.fault == "nan":
             after["qvel"][1] = np.nan
-        if self.fault == "many" and len(start) > 256:  # as if a buffer ended there
+        if self.fault == "many" and len(after["qpos"]) > 256:  # as if a buffer ended there
             after["qpos"][256:] = fields["qpos"][256:]
-        after["ctrl"] = stepped.step_control[:, max(nstep - 1, 0)]
-        if self.fault == "step" and nstep > 1:
-            after |= workload.fields(work.model, states[:, nstep - 1])
         if self.fault == "still":
-            after |= fields
+            after |= {name: values for name, values in fields.items() if name != "ctrl"}
         if self.fault == "start":
             after["qpos"] = after["qpos"] + 1e-16
-        return after
+        return dataclasses.replace(outcome, fields=after)
+
+
+class Pretender32(Pretender):
+    """The same in float32: every state is rounded before a step, and all that is returned."""
+
+    name = "pretender32"
+    precision = Precision.FLOAT32
 
 
 def _nothing() -> None:
     pass
 
 
-def with_steps(work: workload.Workload, nstep: int) -> workload.Workload:
-    """Return a workload of `nstep` steps, each with the control that it had."""
-    control = np.ascontiguousarray(work.step_control[:, :nstep])
-    return workload.Workload(work.model, work.initial_state, control, 1, 0)
+_DISABLE = mujoco.mjtDisableBit
+# Flags that a fault sets.
+MODEL_FAULTS = {
+    "contactless": _DISABLE.mjDSBL_CONTACT,
+    "skipped equality": _DISABLE.mjDSBL_EQUALITY,
+    "ignored limit": _DISABLE.mjDSBL_LIMIT,
+}
+
+
+def _spoilt(model: mujoco.MjModel, fault: str) -> mujoco.MjModel:
+    """Return a model as an engine with a fault reads it."""
+    changed = copy.copy(model)
+    if fault in MODEL_FAULTS:
+        changed.opt.disableflags |= int(MODEL_FAULTS[fault])
+    if fault == "warm start":
+        changed.opt.disableflags &= ~int(_DISABLE.mjDSBL_WARMSTART)
+    if fault == "friction":
+        changed.geom_friction *= 0.9
+    if fault == "soft":
+        changed.geom_solref[:, 0] *= 1.02
+    if fault == "damping":
+        changed.dof_damping[:] = 0.0
+    if fault == "margin":
+        changed.geom_margin[:] = 0.0
+    if fault == "armature":
+        changed.dof_armature[:] = 0.0
+    return changed
+
+
+def _steps(
+    work: workload.Workload,
+    fields: Mapping[str, np.ndarray],
+    control: np.ndarray,
+    nstep: int,
+    fault: str,
+    is_float32: bool,
+) -> StepOutcome:
+    """Take steps in C, with contacts and accelerations of the last one."""
+    model, data = _spoilt(work.model, fault), mujoco.MjData(work.model)
+    round_off = trajectory.as_float32 if is_float32 else np.array
+    states, found = workload.states(work.model, fields), []
+    qacc, forces = (np.zeros((len(states), model.nv)) for _ in range(2))
+    ctrl = control[:, 0]
+    for i, state in enumerate(states):
+        compat.restart(model, data, round_off(state))
+        contacts: list[mujoco.MjContact] = []
+        for k in range(nstep):
+            ctrl = control[:, k // work.hold]
+            data.ctrl[:] = round_off(ctrl[i])
+            contacts = _step(model, data, fault)
+            compat.get_state(model, data, state)
+            compat.set_state(model, data, round_off(state))
+        compat.get_state(model, data, state)
+        found.append(contacts)
+        qacc[i], forces[i] = data.qacc, data.qfrc_constraint
+    after = workload.fields(work.model, states)
+    after["ctrl"] = ctrl
+    contacts_in_all = Contacts.of_c(found)
+    rounded = (round_off(getattr(contacts_in_all, n)) for n in ("distance", "position", "frame"))
+    return StepOutcome(
+        {name: round_off(values) for name, values in after.items()},
+        Contacts(contacts_in_all.simulation, contacts_in_all.geom, *rounded),
+        round_off(qacc),
+        round_off(forces),
+    )
+
+
+def _step(model: mujoco.MjModel, data: mujoco.MjData, fault: str) -> list[mujoco.MjContact]:
+    """Take a step; return its contacts."""
+    if fault not in ("lost contact", "force"):
+        mujoco.mj_step(model, data)
+        return [copy.copy(each) for each in data.contact[: data.ncon]]
+    mujoco.mj_forward(model, data)
+    contacts = [copy.copy(each) for each in data.contact[: data.ncon]]
+    if fault == "lost contact":
+        contacts = contacts[:-1] if len(contacts) >= 8 else contacts
+        contactless = copy.copy(model)
+        contactless.opt.disableflags |= int(_DISABLE.mjDSBL_CONTACT)
+        mujoco.mj_fwdPosition(contactless, data)
+        for contact in contacts:
+            mujoco.mj_addContact(model, data, contact)
+        mujoco.mj_makeConstraint(model, data)
+        mujoco.mj_projectConstraint(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_fwdActuation(model, data)
+        mujoco.mj_fwdAcceleration(model, data)
+        mujoco.mj_fwdConstraint(model, data)
+    else:
+        added = np.zeros(model.nv)
+        mujoco.mj_solveM(model, data, added[None], 0.01 * data.qfrc_constraint[None])
+        data.qfrc_constraint[:] *= 1.01
+        data.qacc[:] += added
+    mujoco.mj_Euler(model, data)
+    return contacts

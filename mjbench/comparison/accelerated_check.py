@@ -1,35 +1,76 @@
 """How far a compiled run is from C: single steps, the run to its end, and the timed blocks.
 
-`check_run` drives the compiled program beside the reference run and returns a `CheckedRun`;
-`mjbench.simulation.accelerated_limits` says how far it may be.
+`check_run` drives the compiled programs beside the reference run and returns a `CheckedRun`, with
+the judgement of each part (`mjbench.simulation.judgement`).
 """
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 
-from mjbench.paths.accelerated import Advance, Compiled, StepOutcome, start_fields
-from mjbench.simulation import accelerated_limits, agreement, compat, trajectory
-from mjbench.simulation import workload as workloads
-from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
-from mjbench.simulation.trajectory import (
-    COMPARED,
-    MAX_SINGLE_STEPS,
-    Contacts,
-    SingleSteps,
-    Trajectory,
+from mjbench.comparison.judged_run import SHADOW_FACTOR, figure_measures, run_points
+from mjbench.comparison.judged_steps import (
+    SMOOTH_LIMIT,
+    SOLUTION_LIMIT,
+    JudgedConstraints,
+    judge_constraints,
+    judge_smooth,
+    judge_warm_start,
 )
+from mjbench.paths.accelerated import Advance, Compiled, StepOutcome, start_fields
+from mjbench.simulation import agreement, compat, trajectory
+from mjbench.simulation import workload as workloads
+from mjbench.simulation.contacts import Contacts
+from mjbench.simulation.judgement import (
+    Answer,
+    Judgement,
+    Measure,
+    Part,
+    PartName,
+    Precision,
+)
+from mjbench.simulation.trajectory import COMPARED, MAX_SINGLE_STEPS, SingleSteps
 from mjbench.simulation.workload import Workload
 
 # Simulations followed step by step, spread over the batch. Single steps from their states are taken
 # again in every simulation that remains.
 FOLLOWED = 32
-
-# Contacts that change velocities by a smaller share than this are lost in float32.
-_LEAST_IMPULSE = 1e-4
+# States in which smooth dynamics, contacts and the constraint problem are judged, at most.
+JUDGED_STATES = 64
+# Largest difference of an unconstrained run in float64.
+UNCONSTRAINED_RUN_LIMIT = 1e-10
+# A larger error stands for NaN or infinity (see `agreement.max_relative_error`).
+FINITE_LIMIT = 1e300
 
 Fields = Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """A compiled program, and the workload whose sizes it was compiled for."""
+
+    advance: Advance
+    workload: Workload
+
+
+@dataclass(frozen=True, eq=False)
+class Programs:
+    """What an engine compiled of a model.
+
+    Attributes:
+      timed: the program that is timed.
+      smooth: single steps of `probe_workload` without constraints.
+      converged: the same with constraints, and a solver that goes on to the solution.
+      is_deterministic: see `Compiled`.
+    """
+
+    timed: Program
+    smooth: Program
+    converged: Program
+    is_deterministic: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,102 +78,272 @@ class CheckedRun:
     """A compiled run beside the reference run.
 
     Attributes:
-      check: how far it is from C.
+      judgement: whether it does what C does.
       final_fields: (nbatch, size) arrays by MjData field, after the last step of the compiled run.
+      unconstrained_nstep: steps of the run before the first on which a constraint acted.
+      final_shadow: difference of the shadow from C at the end of the run, the largest over
+        simulations; `final_shadow_median` is the median.
     """
 
-    check: AcceleratedCheck
+    judgement: Judgement
     final_fields: Fields
+    unconstrained_nstep: int
+    final_shadow: float
+    final_shadow_median: float
 
 
-def check_run(workload: Workload, advance: Advance, precision: Precision) -> CheckedRun:
-    """Return how far a compiled run is from the reference run.
+def probe_workload(model: mujoco.MjModel, workload: Workload) -> Workload:
+    """Return the workload of single steps for which other programs of a model are compiled.
 
     Args:
-      advance: the compiled program, (start fields, control, nstep) → StepOutcome.
+      model: a changed copy of the workload's.
+      workload: that is timed.
     """
-    rounded = precision == Precision.FLOAT32
-    reference = trajectory.record_trajectory(workload, FOLLOWED)
-    shadow = trajectory.record_trajectory(workload, FOLLOWED, trajectory.as_float32)
-    starts = start_fields(workload)
-    fields = advance(starts, workload.control, 0).fields
-    singles = trajectory.single_steps(workload, reference, MAX_SINGLE_STEPS, rounded, [*fields])
-    outcome = _take_single_steps(advance, workload, singles)
-    final_fields = advance(starts, workload.control, workload.nstep).fields
-    unconstrained_fields = final_fields
-    if reference.unconstrained_nstep < workload.nstep:
-        unconstrained_fields = advance(
-            starts, workload.control, reference.unconstrained_nstep
-        ).fields
-    unconstrained, unconstrained_shadow = _run_errors(
-        workload, reference, shadow, reference.unconstrained_nstep, unconstrained_fields
-    )
-    final, final_shadow = _run_errors(workload, reference, shadow, workload.nstep, final_fields)
-    compared = [final_fields[name] for name in COMPARED if name in final_fields]
-    is_finite = np.isfinite(np.hstack(compared)).all(axis=1)
-    steps = _judge_single_steps(workload, singles, outcome)
-    reached = trajectory.violation(
-        workload.model, _followed_states(reference, final_fields, workload)
-    )
-    in_c = trajectory.violation(workload.model, reference.states[:, -1])
-    check = AcceleratedCheck(
-        precision=precision,
-        received=_received(workload, advance, starts, final_fields, rounded),
-        still=steps.still,
-        same_count=steps.same_count,
-        normal_degrees=steps.normal_degrees,
-        contact_impulse=steps.contact_impulse,
-        penetration=reached.penetration,
-        penetration_in_c=in_c.penetration,
-        violation=reached.constraint,
-        violation_in_c=in_c.constraint,
-        mean_size=float(workload.model.stat.meansize),
-        unconstrained_steps=steps.unconstrained.count,
-        constrained_steps=steps.constrained.count,
-        contact_steps=steps.contact.count,
-        unconstrained_error=steps.unconstrained.max_error,
-        constrained_error=steps.constrained.max_error,
-        contact_error=steps.contact.max_error,
-        unconstrained_nstep=reference.unconstrained_nstep,
-        unconstrained_difference=float(unconstrained.max()),
-        unconstrained_shadow=float(unconstrained_shadow.max()),
-        final_nstep=workload.nstep,
-        final_difference=float(final.max()),
-        final_shadow=float(final_shadow.max()),
-        final_shadow_median=float(np.median(final_shadow)),
-        lost=int((~is_finite).sum()),
-    )
-    return CheckedRun(check, final_fields)
+    count = min(JUDGED_STATES, min(FOLLOWED, workload.nbatch) * workload.nstep)
+    states = np.tile(workload.initial_state[:1], (count, 1))
+    control = np.zeros((count, 1, workload.control.shape[2]))
+    return Workload(model, states, control, 1, workload.seed)
 
 
-def _followed_states(reference: Trajectory, final_fields: Fields, workload: Workload) -> np.ndarray:
-    """Return (n, nstate) final states of the simulations that are followed, finite ones only.
+def check_run(workload: Workload, programs: Programs, precision: Precision) -> CheckedRun:
+    """Judge compiled programs beside the reference run."""
+    check = _Check(workload, programs, precision)
+    constraints = check.constraints()
+    parts = [check.inputs(), check.smooth(), constraints.contacts, constraints.constraints]
+    if workload.model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_WARMSTART):
+        parts.append(check.warm_start())
+    parts.append(check.run(constraints.contacts.answer == Answer.YES))
+    judgement = Judgement.of(
+        precision,
+        parts,
+        constraints.pairs,
+        len(check.judged.state),
+        constraints.contact_states,
+    )
+    _, final_shadow = check.errors(workload.nstep, check.final_fields)
+    return CheckedRun(
+        judgement,
+        check.final_fields,
+        check.reference.unconstrained_nstep,
+        float(final_shadow.max()),
+        float(np.median(final_shadow)),
+    )
 
-    Fields that the engine lacks are C's.
+
+class _Check:
+    """The reference run, and what the compiled programs make of it.
+
+    Attributes:
+      reference: the run in C.
+      judged: single steps from its states.
+      final_fields: (nbatch, size) arrays by MjData field, after the compiled run.
     """
-    states: np.ndarray = reference.states[:, -1].copy()
-    columns = compat.state_columns(workload.model)
-    for name, place in columns.items():
-        if name in final_fields:
-            states[:, place] = final_fields[name][reference.simulation]
-    return np.asarray(states[np.isfinite(states).all(axis=1)])
+
+    def __init__(self, workload: Workload, programs: Programs, precision: Precision):
+        self._workload, self._programs, self._precision = workload, programs, precision
+        self._is_float32 = precision == Precision.FLOAT32
+        self._timed = programs.timed.advance
+        self._starts = start_fields(workload)
+        self.reference = trajectory.record_trajectory(workload, FOLLOWED)
+        self._shadow = trajectory.record_trajectory(workload, FOLLOWED, trajectory.as_float32)
+        self._at_start = self._timed(self._starts, workload.control, 0).fields
+        self.judged = self._single_steps(len(programs.smooth.workload.initial_state))
+        self.final_fields = self._timed(self._starts, workload.control, workload.nstep).fields
+
+    def inputs(self) -> Part:
+        """Judge whether the engine has exactly the start states, the first and the last control."""
+        control = self._workload.control
+        first_ctrl = self._timed(self._starts, control, 1).fields["ctrl"]
+        pairs = [
+            (self._at_start[name], self._starts[name])
+            for name in self._starts
+            if name in self._at_start
+        ]
+        pairs += [(first_ctrl, control[:, 0]), (self.final_fields["ctrl"], control[:, -1])]
+        others = sum(not np.array_equal(got, self._held(want)) for got, want in pairs)
+        return Part.of(
+            PartName.INPUTS, Measure("arrays other than the start states and controls", others, 0)
+        )
+
+    def smooth(self) -> Part:
+        """Judge steps on which no constraint acts, and the run as long as none does."""
+        model, limit = self._workload.model, SMOOTH_LIMIT[self._precision]
+        reached = take_single_steps(self._programs.smooth, self.judged).fields
+        measures = [judge_smooth(model, self.judged, reached, self._precision)]
+        singles = self._single_steps(MAX_SINGLE_STEPS)
+        outcome = take_single_steps(self._programs.timed, singles, repeats=True)
+        errors = _StepErrors.of(model, singles, outcome)
+        if errors.unconstrained is not None:
+            measures.append(Measure("an unconstrained step", errors.unconstrained, limit))
+        if errors.repeated is not None:
+            measures.append(
+                Measure(
+                    "a step beside the same one in another simulation",
+                    errors.repeated,
+                    SOLUTION_LIMIT[self._precision],
+                )
+            )
+        nstep = self.reference.unconstrained_nstep
+        if nstep:
+            measures.append(self._unconstrained_run(nstep, errors.unconstrained or 0.0))
+        measures.append(Measure("share of steps that change no state", errors.still_share, 0.5))
+        return Part.of(PartName.SMOOTH, *measures)
+
+    def constraints(self) -> JudgedConstraints:
+        """Judge contacts and the constraint problem."""
+        return judge_constraints(
+            self._workload.model,
+            self.judged,
+            take_single_steps(self._programs.converged, self.judged),
+            take_single_steps(self._programs.timed, self.judged),
+            self._precision,
+        )
+
+    def warm_start(self) -> Part:
+        """Judge whether the engine ignores warm starts, as the model demands."""
+        steps, place = self.judged, compat.state_columns(self._workload.model)["qacc_warmstart"]
+
+        def qacc(warm_start: np.ndarray) -> np.ndarray:
+            state = steps.state.copy()
+            state[:, place] = warm_start
+            started = dataclasses.replace(steps, state=state)
+            return take_single_steps(self._programs.timed, started).qacc
+
+        cold = np.zeros_like(steps.state[:, place])
+        return judge_warm_start(
+            qacc(cold),
+            qacc(1.0 + np.abs(steps.state[:, place])),
+            qacc(cold),
+            self._programs.is_deterministic,
+        )
+
+    def run(self, has_same_contacts: bool) -> Part:
+        """Judge the run to its end."""
+        workload = self._workload
+        compared = [self.final_fields[name] for name in COMPARED if name in self.final_fields]
+        lost = int((~np.isfinite(np.hstack(compared)).all(axis=1)).sum())
+        measures = [Measure("simulations that do not end in finite numbers", lost, 0)]
+        if not lost:
+            points = run_points(workload, self._timed, self.reference)
+            measures += figure_measures(
+                workload.model,
+                points,
+                self.reference,
+                self._shadow,
+                self._precision,
+                has_same_contacts,
+            )
+        error, shadow = self.errors(workload.nstep, self.final_fields)
+        measures.append(
+            Measure(
+                f"difference after {workload.nstep} steps (beside it, C with float32 states)",
+                _finite(error.max()),
+                in_c=float(shadow.max()),
+            )
+        )
+        return Part.of(PartName.RUN, *measures)
+
+    def errors(self, nstep: int, fields: Fields) -> tuple[np.ndarray, np.ndarray]:
+        """Return (nsim,) how far simulations are from the reference run after `nstep` steps.
+
+        Returns:
+          The errors of `fields`, and those of the shadow.
+        """
+        model, reference = self._workload.model, self.reference
+        expected = workloads.fields(model, reference.states[:, nstep])
+        rounded = workloads.fields(model, self._shadow.states[:, nstep])
+        reached = {name: values[reference.simulation] for name, values in fields.items()}
+        return (
+            agreement.max_relative_error(reached, expected, COMPARED),
+            agreement.max_relative_error(rounded, expected, COMPARED),
+        )
+
+    def _unconstrained_run(self, nstep: int, step_error: float) -> Measure:
+        control = self._workload.control
+        reached, shadow = self.errors(nstep, self._timed(self._starts, control, nstep).fields)
+        limit = UNCONSTRAINED_RUN_LIMIT
+        if self._is_float32:  # over few steps the shadow, which rounds only states, shows little
+            rounding = max(step_error, float(np.finfo(np.float32).eps))
+            limit = SHADOW_FACTOR * max(float(shadow.max()), rounding)
+        return Measure(f"{nstep} unconstrained steps", _finite(reached.max()), limit)
+
+    def _single_steps(self, max_count: int) -> SingleSteps:
+        return trajectory.single_steps(
+            self._workload, self.reference, max_count, self._is_float32, [*self._at_start]
+        )
+
+    def _held(self, values: np.ndarray) -> np.ndarray:
+        """Return numbers in the engine's precision."""
+        return trajectory.as_float32(values) if self._is_float32 else values
 
 
-def _run_errors(
-    workload: Workload, reference: Trajectory, shadow: Trajectory, nstep: int, fields: Fields
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (nsim,) how far simulations are from the reference run after `nstep` steps.
+def take_single_steps(program: Program, singles: SingleSteps, repeats: bool = False) -> StepOutcome:
+    """Take single steps by a compiled program, as many at a time as it has simulations.
 
-    Returns:
-      The errors of `fields`, and those of the shadow.
+    Args:
+      repeats: return also the steps that simulations which are left over take, from the first one
+        on: every simulation takes one.
     """
-    expected = workloads.fields(workload.model, reference.states[:, nstep])
-    rounded = workloads.fields(workload.model, shadow.states[:, nstep])
-    reached = {name: values[reference.simulation] for name, values in fields.items()}
-    return (
-        agreement.max_relative_error(reached, expected, COMPARED),
-        agreement.max_relative_error(rounded, expected, COMPARED),
+    nbatch, count = program.workload.nbatch, len(singles.state)
+    states = workloads.fields(program.workload.model, singles.state)
+    states.pop("ctrl", None)
+    outcomes: list[StepOutcome] = []
+    for begin in range(0, count, nbatch):
+        rows = np.arange(begin, begin + nbatch) % count
+        control = np.zeros_like(program.workload.control)
+        control[:, 0] = singles.control[rows]
+        outcomes.append(program.advance({name: v[rows] for name, v in states.items()}, control, 1))
+    total = nbatch * len(outcomes) if repeats else count
+    contacts = [outcome.contacts for outcome in outcomes if outcome.contacts is not None]
+    return StepOutcome(
+        {
+            name: np.concatenate([outcome.fields[name] for outcome in outcomes])[:total]
+            for name in outcomes[0].fields
+        },
+        Contacts.joined(contacts, nbatch).first(total) if len(contacts) == len(outcomes) else None,
+        np.concatenate([outcome.qacc for outcome in outcomes])[:total],
+        np.concatenate([outcome.qfrc_constraint for outcome in outcomes])[:total],
     )
+
+
+@dataclass(frozen=True)
+class _StepErrors:
+    """How far single steps of the timed program are from C's.
+
+    Attributes:
+      unconstrained: the largest error where no constraint acts; None without such steps.
+      repeated: the largest difference between a step and the same in another simulation; None where
+        there are no more simulations than steps.
+      still_share: of the steps that change a state in C, how many change none.
+    """
+
+    unconstrained: float | None
+    repeated: float | None
+    still_share: float
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, singles: SingleSteps, outcome: StepOutcome) -> "_StepErrors":
+        count, total = len(singles.state), len(next(iter(outcome.fields.values())))
+        step = np.arange(total) % count  # which of the single steps a row took
+        expected, before = (
+            {name: values[step] for name, values in workloads.fields(model, states).items()}
+            for states in (singles.after, singles.state)
+        )
+        is_free = ((singles.contacts.counts(count) == 0) & (singles.constraints == 0))[step]
+        errors = agreement.max_relative_error(outcome.fields, expected, COMPARED)[is_free]
+        moves = agreement.max_relative_error(expected, before, COMPARED) > 0
+        stays = agreement.max_relative_error(outcome.fields, before, COMPARED) == 0
+        first = {name: values[step] for name, values in outcome.fields.items()}
+        repeated = agreement.max_relative_error(outcome.fields, first, COMPARED)[count:]
+        return cls(
+            float(errors.max()) if len(errors) else None,
+            float(repeated.max()) if len(repeated) else None,
+            float(stays[moves].mean()) if moves.any() else 0.0,
+        )
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if value <= FINITE_LIMIT else None
 
 
 def timed_end_problem(workload: Workload, compiled: Compiled, checked: CheckedRun) -> str:
@@ -169,153 +380,16 @@ def _end_problem(
     """Return how the last block ended elsewhere than expected; empty if it did not."""
     reached = workloads.fields(workload.model, compiled.final_states().values)
     errors = agreement.max_relative_error(reached, expected, COMPARED)
-    lost = int((errors > accelerated_limits.FINITE_LIMIT).sum())
+    lost = int((errors > FINITE_LIMIT).sum())
     if lost:
         return f"in timed blocks {lost} simulations do not end in finite numbers"
     error, allowed = float(errors.max()), 0.0
     if not is_exact:
-        shadow = checked.check.final_shadow
-        if checked.check.unconstrained_nstep < workload.nstep:
-            error, shadow = float(np.median(errors)), checked.check.final_shadow_median
+        shadow = checked.final_shadow
+        if checked.unconstrained_nstep < workload.nstep:
+            error, shadow = float(np.median(errors)), checked.final_shadow_median
         rounding = float(np.finfo(np.float32).eps)
-        allowed = accelerated_limits.SHADOW_FACTOR * max(shadow, rounding)
+        allowed = SHADOW_FACTOR * max(shadow, rounding)
     if error <= allowed:
         return ""
     return f"timed blocks end {error:.2g} from the run that was checked"
-
-
-def _received(
-    workload: Workload, advance: Advance, starts: Fields, final_fields: Fields, rounded: bool
-) -> bool:
-    """Return whether the engine has exactly the start states, the first and the last control."""
-
-    def as_held(values: np.ndarray) -> np.ndarray:
-        return trajectory.as_float32(values) if rounded else values
-
-    at_start = advance(starts, workload.control, 0).fields
-    first_ctrl = advance(starts, workload.control, 1).fields["ctrl"]
-    return (
-        all(
-            np.array_equal(at_start[name], as_held(values))
-            for name, values in starts.items()
-            if name in at_start
-        )
-        and np.array_equal(first_ctrl, as_held(workload.control[:, 0]))
-        and np.array_equal(final_fields["ctrl"], as_held(workload.control[:, -1]))
-    )
-
-
-def _take_single_steps(advance: Advance, workload: Workload, singles: SingleSteps) -> StepOutcome:
-    """Take the single steps by the compiled program, as many at a time as it has simulations.
-
-    Where simulations are left over, it begins again with the first step: every simulation takes one
-    that is judged.
-    """
-    nbatch, count = workload.nbatch, len(singles.state)
-    states = workloads.fields(workload.model, singles.state)
-    states.pop("ctrl", None)
-    outcomes: list[StepOutcome] = []
-    for begin in range(0, count, nbatch):
-        rows = np.arange(begin, begin + nbatch) % count
-        control = np.zeros_like(workload.control)
-        control[:, 0] = singles.control[rows]
-        outcomes.append(advance({name: v[rows] for name, v in states.items()}, control, 1))
-    fields = {
-        name: np.concatenate([outcome.fields[name] for outcome in outcomes])
-        for name in outcomes[0].fields
-    }
-    contacts = [outcome.contacts for outcome in outcomes if outcome.contacts is not None]
-    if len(contacts) < len(outcomes):
-        return StepOutcome(fields, None)
-    return StepOutcome(fields, Contacts.joined(contacts, nbatch))
-
-
-@dataclass(frozen=True)
-class _KindOfStep:
-    """Single steps of one kind: how many, and the largest error; None without any."""
-
-    count: int
-    max_error: float | None
-
-
-@dataclass(frozen=True)
-class _SingleStepErrors:
-    """How far single steps are from C's; see `AcceleratedCheck` for the fields."""
-
-    unconstrained: _KindOfStep
-    constrained: _KindOfStep
-    contact: _KindOfStep
-    still: bool
-    same_count: float | None = None
-    normal_degrees: float | None = None
-    contact_impulse: float | None = None
-
-
-def _judge_single_steps(
-    workload: Workload, singles: SingleSteps, outcome: StepOutcome
-) -> _SingleStepErrors:
-    """Compare single steps with C's: unconstrained ones, constrained ones, those in contact."""
-    count, total = len(singles.state), len(next(iter(outcome.fields.values())))
-    step = np.arange(total) % count  # which of the single steps a row took
-    expected = _rows(workload, singles.after, step)
-    before = _rows(workload, singles.state, step)
-    errors = agreement.max_relative_error(outcome.fields, expected, COMPARED)
-    ncontact = singles.contacts.counts(count)[step]
-    is_contact = ncontact > 0
-    is_constrained = ~is_contact & (singles.constraints[step] > 0)
-
-    def kind(rows: np.ndarray) -> _KindOfStep:
-        max_error = float(errors[rows].max()) if rows.any() else None
-        return _KindOfStep(int(rows[:count].sum()), max_error)
-
-    c_moves = agreement.max_relative_error(expected, before, COMPARED) > 0
-    engine_stays = agreement.max_relative_error(outcome.fields, before, COMPARED) == 0
-    same_count = normal_degrees = None
-    if outcome.contacts is not None and is_contact.any():
-        has_same_count = outcome.contacts.counts(total) == ncontact
-        same_count = float(has_same_count[is_contact].mean())
-        first = outcome.contacts.first(count)
-        normal_degrees = accelerated_limits.normal_angle(singles.contacts, first)
-    return _SingleStepErrors(
-        unconstrained=kind(~is_contact & ~is_constrained),
-        constrained=kind(is_constrained),
-        contact=kind(is_contact),
-        still=bool(c_moves.any() and engine_stays[c_moves].all()),
-        same_count=same_count,
-        normal_degrees=normal_degrees,
-        contact_impulse=_contact_impulse(
-            outcome.fields["qvel"][:count][is_contact[:count]],
-            expected["qvel"][:count][is_contact[:count]],
-            singles.qvel_without_contact[is_contact[:count]],
-        ),
-    )
-
-
-def _contact_impulse(
-    reached: np.ndarray, expected: np.ndarray, without_contact: np.ndarray
-) -> float | None:
-    """Return the share of C's contact impulse that an engine's steps have, the median.
-
-    An impulse is the change of velocities that contacts make in one step. The engine's is projected
-    on that of C.
-
-    Args:
-      reached: (n, nv) velocities after steps in contact.
-      expected: (n, nv) velocities after the same steps in C.
-      without_contact: (n, nv) velocities after the same steps in C without contacts.
-
-    Returns:
-      The share; None where no contact changes a velocity by more than rounding in float32.
-    """
-    in_c, own = expected - without_contact, reached - without_contact
-    scale = np.maximum(1.0, np.abs(expected).max(axis=1, initial=0.0))
-    counts = np.abs(in_c).max(axis=1, initial=0.0) > _LEAST_IMPULSE * scale
-    if not counts.any():
-        return None
-    shares = (own * in_c).sum(axis=1)[counts] / (in_c * in_c).sum(axis=1)[counts]
-    return float(np.median(np.nan_to_num(shares, nan=0.0, posinf=0.0, neginf=0.0)))
-
-
-def _rows(workload: Workload, states: np.ndarray, rows: np.ndarray) -> dict[str, np.ndarray]:
-    fields = workloads.fields(workload.model, states)
-    return {name: values[rows] for name, values in fields.items()}

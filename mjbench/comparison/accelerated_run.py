@@ -10,11 +10,15 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import mujoco
 import numpy as np
 
 from mjbench import paths
 from mjbench.comparison.accelerated_check import (
+    Program,
+    Programs,
     check_run,
+    probe_workload,
     reordered_end_problem,
     timed_end_problem,
 )
@@ -33,8 +37,10 @@ from mjbench.paths.accelerated import (
     load_workload,
     reference_peaks,
 )
-from mjbench.simulation import accelerated_limits, models, work
-from mjbench.simulation.accelerated_limits import Precision
+from mjbench.paths.warp_buffers import OverflowedError
+from mjbench.simulation import models, work
+from mjbench.simulation.constraint_problem import converging, without_constraints
+from mjbench.simulation.judgement import Answer, Judgement, Part, PartName
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
@@ -121,9 +127,11 @@ def measure_in_child(request: AcceleratedRequest, channel: Channel) -> None:
         trace_s=compiled.trace_s,
         compile_s=compiled.compile_s,
         buffer_sizes=dict(compiled.buffer_sizes),
+        versions=machine.package_versions(path.distributions),
     )
     channel.send(record)
-    record = _checked_and_timed(_Case(workload, compiled, path.precision, request), record, channel)
+    case = _Case(path, workload, resources, compiled, request, channel)
+    record = _judged_and_timed(case, record)
     record = dataclasses.replace(
         record,
         memory_bytes=machine.peak_memory_bytes(),
@@ -137,49 +145,83 @@ def measure_in_child(request: AcceleratedRequest, channel: Channel) -> None:
     resources.close()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Case:
     """A compiled path with what it runs."""
 
+    path: AcceleratedPath
     workload: Workload
+    resources: paths.Resources
     compiled: Compiled
-    precision: Precision
     request: AcceleratedRequest
+    channel: Channel
+
+    def programs(self) -> Programs:
+        """Compile the other programs by which the path is judged."""
+        return Programs(
+            self._program(self.workload, self.compiled),
+            self._compiled(without_constraints(self.workload.model), "smooth dynamics"),
+            self._compiled(converging(self.workload.model), "the constraint problem"),
+            self.compiled.is_deterministic,
+        )
+
+    def _compiled(self, model: mujoco.MjModel, name: str) -> Program:
+        """Compile a changed model, for single steps."""
+        variant, peaks = self.request.variant, reference_peaks(self.workload, self.resources)
+        self.channel.doing(f"compiling {variant.path} for {name}")
+        self.channel.allow_silence(COMPILER_PATIENCE * self.request.limit_s)
+        steps = probe_workload(model, self.workload)
+        return self._program(steps, self.path.compile(steps, variant.options, peaks))
+
+    def _program(self, workload: Workload, compiled: Compiled) -> Program:
+        def advance(
+            fields: Mapping[str, np.ndarray], control: np.ndarray, nstep: int
+        ) -> StepOutcome:
+            # each call has the limit to itself, so that a program that hangs is killed soon
+            self.channel.allow_silence(self.request.limit_s)
+            return compiled.advance(fields, control, nstep)
+
+        return Program(advance, workload)
 
 
-def _checked_and_timed(
-    case: _Case, record: MeasurementRecord, channel: Channel
-) -> MeasurementRecord:
-    """Check the compiled run; where it agrees, time it and compare the timed blocks' end."""
-    variant, limit_s = case.request.variant, case.request.limit_s
-
-    def advance(fields: Mapping[str, np.ndarray], control: np.ndarray, nstep: int) -> StepOutcome:
-        # each call has the limit to itself, so that a program that hangs is killed soon
-        channel.allow_silence(limit_s)
-        return case.compiled.advance(fields, control, nstep)
-
-    channel.doing(f"checking {variant.path} on {record.model}")
-    checked = check_run(case.workload, advance, case.precision)
-    agreement = accelerated_limits.summary(checked.check)
-    record = dataclasses.replace(record, agrees=True, agreement=agreement, check=checked.check)
-    failures = accelerated_limits.failures(checked.check)
-    if failures:
-        detail = "; ".join(failures)
-        return dataclasses.replace(record, status=Status.DISAGREES, detail=detail, agrees=False)
-    channel.send(record)
-    channel.doing(f"timing {variant}")
-    channel.allow_silence(2 * limit_s)
+def _judged_and_timed(case: _Case, record: MeasurementRecord) -> MeasurementRecord:
+    """Judge the compiled path; where it agrees, time it and compare the timed blocks' end."""
+    variant, precision = case.request.variant, case.path.precision
+    try:
+        programs = case.programs()
+        case.channel.doing(f"judging {variant.path} on {record.model}")
+        checked = check_run(case.workload, programs, precision)
+    except OverflowedError as error:
+        part = Part(PartName.BUFFERS, Answer.NO, reason=str(error))
+        return _judged(record, Judgement.of(precision, [part]))
+    record = _judged(record, checked.judgement)
+    if not record.agrees:
+        return record
+    case.channel.send(record)
+    case.channel.doing(f"timing {variant}")
+    case.channel.allow_silence(2 * case.request.limit_s)
     for samples_s in _steady_s(case.compiled):
         record = dataclasses.replace(record, samples_s=samples_s)
-        channel.send(record)  # a sign of life, too: each block has the limit to itself
+        case.channel.send(record)  # a sign of life, too: each block has the limit to itself
     problem = timed_end_problem(case.workload, case.compiled, checked)
     if not problem:
-        channel.doing(f"reordering the simulations of {variant}")
+        case.channel.doing(f"reordering the simulations of {variant}")
         problem = reordered_end_problem(case.workload, case.compiled, checked)
     if not problem:
         return record
+    return _judged(record, checked.judgement.with_failed_run(problem))
+
+
+def _judged(record: MeasurementRecord, judged: Judgement) -> MeasurementRecord:
+    """Return a record with its judgement, and what follows from that."""
+    is_wrong = judged.answer == Answer.NO
     return dataclasses.replace(
-        record, status=Status.DISAGREES, detail=problem, agrees=False, agreement=problem
+        record,
+        status=Status.DISAGREES if is_wrong else record.status,
+        detail=judged.reason if is_wrong else record.detail,
+        agrees=judged.agrees,
+        agreement=judged.summary,
+        judgement=judged,
     )
 
 

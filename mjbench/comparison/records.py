@@ -5,29 +5,21 @@ apply.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, ClassVar, Protocol, TypeVar
 
 from mjbench import paths
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.comparison.plan import Variant
 from mjbench.paths.accelerated import AcceleratedPath
-from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
+from mjbench.simulation.judgement import Answer, Judgement, Precision
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import ModelFacts, Work
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
 
-# Keys of `check` in files that were written before motion without constraints had this name.
-_RENAMED = {
-    "free_steps": "unconstrained_steps",
-    "free_stray": "unconstrained_error",
-    "constrained_stray": "constrained_error",
-    "contact_stray": "contact_error",
-    "free_nstep": "unconstrained_nstep",
-    "free_difference": "unconstrained_difference",
-    "free_shadow": "unconstrained_shadow",
-}
+# Why an accelerated path of an earlier version is not judged.
+_OTHER_RULES = "it was checked by an earlier version of mjbench, which did not judge contacts"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +80,9 @@ class MeasurementRecord:
     """One variant on one model; fields that `ModelRecord` has too are the same there.
 
     Attributes:
-      agrees: whether its final states are the reference's; None where not compared.
+      agrees: whether it does what the reference does; None where that was not compared or judged.
+      judgement: of an accelerated path.
+      versions: of the packages that compute on an accelerated path, by name.
       agreement: the rule that was held, or the first difference.
       precision: of an accelerated path; None for paths that run C.
       cached_compile_s: seconds of the compiler where its cache holds the program.
@@ -126,7 +120,8 @@ class MeasurementRecord:
     cached_compile_s: NonNegativeFloat | None = None
     memory_bytes: NonNegativeInt | None = None
     gpu_memory_bytes: NonNegativeInt | None = None
-    check: AcceleratedCheck | None = None
+    judgement: Judgement | None = None
+    versions: Mapping[str, str] | None = None
     buffer_sizes: Mapping[str, PositiveInt] | None = None
     samples_s: Sequence[PositiveFloat] = field(default=())
 
@@ -180,10 +175,15 @@ class MeasurementRecord:
         if "returns" not in value:  # a rollout used to return all that it can, others final states
             product = Product.SENSORS if value.get("path") == "rollout" else Product.FINAL
             value = {**value, "returns": product.value}
-        if not isinstance(value.get("check"), dict):
+        check = value.get("check")
+        if not isinstance(check, dict) or value.get("judgement"):
             return value
-        check = {_RENAMED.get(name, name): number for name, number in value["check"].items()}
-        return {**value, "check": check}
+        judged = Judgement(
+            precision=check.get("precision", Precision.FLOAT32),
+            answer=Answer.NOT_JUDGED,
+            reason=_OTHER_RULES,
+        )
+        return {**value, "judgement": asdict(judged)}
 
 
 class OfModel(Protocol):

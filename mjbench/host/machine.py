@@ -17,6 +17,7 @@ import subprocess
 import sys
 import threading
 import uuid
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -257,7 +258,7 @@ def describe() -> Machine:
         governor=read_text("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
         hypervisor=is_virtual(),
         python=platform.python_version(),
-        versions={name: version for name in _PACKAGES if (version := _version(name))},
+        versions=package_versions(_PACKAGES),
         flags={name: os.environ[name] for name in _FLAGS if name in os.environ},
         label=_label(),
         host=host_hash(),
@@ -359,6 +360,11 @@ def read_text(path: str | Path) -> str:
         return Path(path).read_text().strip()
     except OSError:
         return ""
+
+
+def package_versions(names: Iterable[str]) -> dict[str, str]:
+    """Return the versions of those of some packages that are installed, by name."""
+    return {name: version for name in names if (version := _version(name))}
 
 
 def _version(package: str) -> str | None:

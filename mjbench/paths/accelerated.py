@@ -2,7 +2,7 @@
 
 Such a path runs in a process of its own (`comparison.accelerated_run`): its engine uses all cores,
 may never return, and must not run while another path is timed. It computes in its own precision
-and order, so its results are held to tolerances, not to the last bit (`AcceleratedCheck`).
+and order, so its results are judged part by part, not to the last bit (`simulation.judgement`).
 """
 
 import pathlib
@@ -19,8 +19,8 @@ from mjbench import extras, paths
 from mjbench.errors import InputError, one_line
 from mjbench.paths.base import Options, Prepared, Resources, States, SteppingPath
 from mjbench.simulation import compat, work
-from mjbench.simulation.accelerated_limits import Precision
-from mjbench.simulation.trajectory import Contacts
+from mjbench.simulation.contacts import Contacts
+from mjbench.simulation.judgement import Precision
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import (
     PortableWorkload,
@@ -43,10 +43,14 @@ class StepOutcome:
       fields: (nbatch, size) float64 by MjData field: the fields that the engine keeps, and the last
         controls as `ctrl`.
       contacts: of the last step; None where the engine does not report them.
+      qacc: (nbatch, nv) accelerations that the last step's solver found, before integration.
+      qfrc_constraint: (nbatch, nv) forces of constraints that it found.
     """
 
     fields: Mapping[str, np.ndarray]
     contacts: Contacts | None
+    qacc: np.ndarray
+    qfrc_constraint: np.ndarray
 
 
 # (fields by name, each (nbatch, size); control (nbatch, ncontrol, nu); nstep)
@@ -87,6 +91,7 @@ class AcceleratedPath(SteppingPath):
 
     Class attributes:
       extra: extra of mjbench that installs the packages.
+      distributions: names by which package indexes know what computes.
     """
 
     closed_loop = True
@@ -95,6 +100,7 @@ class AcceleratedPath(SteppingPath):
     precision: ClassVar[Precision]
     extra: ClassVar[str]
     packages: ClassVar[tuple[str, ...]]
+    distributions: ClassVar[tuple[str, ...]] = ("mujoco",)
     engine: ClassVar[str] = "the engine"
 
     def unavailable(self) -> str | None:

@@ -30,8 +30,8 @@ from mjbench.paths.accelerated import (
 )
 from mjbench.paths.base import Options, States
 from mjbench.simulation import compat
-from mjbench.simulation.accelerated_limits import Precision
-from mjbench.simulation.trajectory import Contacts
+from mjbench.simulation.contacts import Contacts
+from mjbench.simulation.judgement import Precision
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload
 
@@ -52,6 +52,7 @@ class Mjx(AcceleratedPath):
     extra = "mjx"
     engine = "MJX"
     packages: ClassVar[tuple[str, ...]] = ("jax", "mujoco.mjx")
+    distributions: ClassVar[tuple[str, ...]] = ("mujoco", "mujoco-mjx", "jax")
     usual = True
     impl: ClassVar[str] = "jax"
     compiles_at_first_call: ClassVar[bool] = False
@@ -168,6 +169,7 @@ class MjxWarp(Mjx):
     extra = "mjx,warp"
     usual = False
     packages: ClassVar[tuple[str, ...]] = ("jax", "mujoco.mjx", "mujoco_warp", "warp")
+    distributions = ("mujoco", "mujoco-mjx", "mujoco-warp", "jax", "warp-lang")
     impl = "warp"
     compiles_at_first_call = True  # Warp's kernels
 
@@ -354,7 +356,12 @@ class MjxProgram:
             _count_on_device(nstep),
         )
         _check_buffers(data)
-        return StepOutcome(self._fields(data), _contacts(data))
+        return StepOutcome(
+            self._fields(data),
+            _contacts(data),
+            np.asarray(data.qacc, dtype=np.float64),
+            np.asarray(data.qfrc_constraint, dtype=np.float64),
+        )
 
     def _copy_of_start(self) -> "dict[str, jax.Array]":
         import jax
@@ -393,7 +400,7 @@ def _contacts(data: "mjx.Data") -> Contacts | None:
     """Return the contacts of batched Data that are near enough to count."""
     own = compat.mjx_own(data)
     if hasattr(own, "nacon"):  # of Warp: the contacts of all simulations in one list
-        names = ("worldid", "geom", "frame", "dist", "includemargin")
+        names = ("worldid", "geom", "dist", "pos", "frame", "includemargin")
         return warp_buffers.read_contacts(
             own.nacon, *(getattr(own, f"contact__{n}") for n in names)
         )
@@ -402,8 +409,8 @@ def _contacts(data: "mjx.Data") -> Contacts | None:
         return None
     near = np.asarray(contact.dist) < np.asarray(contact.includemargin)
     simulation, slot = np.nonzero(near)
-    frame = np.asarray(contact.frame).reshape(*near.shape, 9)
-    return Contacts.of(simulation, np.asarray(contact.geom)[near], frame[simulation, slot, :3])
+    arrays = (contact.geom, contact.dist, contact.pos, contact.frame)
+    return Contacts.of(simulation, *(np.asarray(each)[simulation, slot] for each in arrays))
 
 
 _SNIPPET_STEP = "    return mjx.step(mx, data.replace(ctrl=ctrl)), None"

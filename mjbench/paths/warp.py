@@ -21,8 +21,8 @@ from mjbench.paths.accelerated import (
 )
 from mjbench.paths.base import Options, States
 from mjbench.simulation import compat
-from mjbench.simulation.accelerated_limits import Precision
-from mjbench.simulation.trajectory import Contacts
+from mjbench.simulation.contacts import Contacts
+from mjbench.simulation.judgement import Precision
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload
 
@@ -37,6 +37,7 @@ class Warp(AcceleratedPath):
     extra = "warp"
     engine = "MuJoCo Warp"
     packages = ("warp", "mujoco_warp")
+    distributions = ("mujoco", "mujoco-warp", "warp-lang")
 
     def device_kind(self) -> str:
         import warp as wp
@@ -161,7 +162,11 @@ class _StepGraph:
         """Take `nstep` steps from other states (see `Compiled.advance`)."""
         self._data.overflow.zero_()
         self._rollout(self._fields_on_device(fields), self._controls_on_device(control), nstep)
-        return StepOutcome(self._fields(), _contacts(self._data))
+        return StepOutcome(
+            self._fields(),
+            _contacts(self._data),
+            *(_rows_of(array) for array in (self._data.qacc, self._data.qfrc_constraint)),
+        )
 
     def _make_rollout(self) -> "_Rollout":
         """Return a function that copies a start to the arrays, and steps."""
@@ -231,6 +236,11 @@ def _array_like(array: Any, values: np.ndarray) -> Any:
     return new
 
 
+def _rows_of(array: Any) -> np.ndarray:
+    """Return an array of a number of rows in float64."""
+    return np.asarray(array.numpy(), dtype=np.float64)
+
+
 def peak_gpu_memory_bytes() -> int | None:
     """Return the peak memory of a GPU's pool that Warp used; None on a CPU."""
     import warp as wp
@@ -244,8 +254,10 @@ def peak_gpu_memory_bytes() -> int | None:
 def _contacts(data: Any) -> Contacts:
     """Return the contacts of the last step that are near enough to count."""
     contact = data.contact
-    arrays = (data.nacon, contact.worldid, contact.geom, contact.frame, contact.dist)
-    return warp_buffers.read_contacts(*(a.numpy() for a in (*arrays, contact.includemargin)))
+    arrays = (contact.worldid, contact.geom, contact.dist, contact.pos, contact.frame)
+    return warp_buffers.read_contacts(
+        *(array.numpy() for array in (data.nacon, *arrays, contact.includemargin))
+    )
 
 
 _SNIPPET = """\

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mjbench.errors import MachineError
-from mjbench.simulation.trajectory import Contacts
+from mjbench.simulation.contacts import Contacts
 from mjbench.simulation.work import Peaks
 
 # Size of the buffers for contacts and constraints, as a multiple of the reference run's peak.
@@ -45,8 +45,9 @@ def read_contacts(
     count: ArrayLike,
     world: ArrayLike,
     geom: ArrayLike,
-    frame: ArrayLike,
     distance: ArrayLike,
+    position: ArrayLike,
+    frame: ArrayLike,
     margin: ArrayLike,
 ) -> Contacts:
     """Return the contacts in Warp's buffers that are near enough to count.
@@ -55,17 +56,16 @@ def read_contacts(
       count: number of rows in use, an array of one.
       world: (n,) simulations.
       geom: (n, 2) ids.
-      frame: (n, 3, 3) axes, the normal first.
       distance: (n,) between the geoms, in m.
+      position: (n, 3), in m.
+      frame: (n, 3, 3) axes, the normal first.
       margin: (n,) distance below which a contact counts, in m.
     """
     distances = np.asarray(distance)
     used = slice(min(int(np.ravel(count)[0]), len(distances)))
     near = distances[used] < np.asarray(margin)[used]
-    frames = np.asarray(frame)[used].reshape(-1, 9)
-    return Contacts.of(
-        np.asarray(world)[used][near], np.asarray(geom)[used][near], frames[near, :3]
-    )
+    arrays = (world, geom, distance, position, frame)
+    return Contacts.of(*(np.asarray(array)[used][near] for array in arrays))
 
 
 def check_overflow(flags: np.ndarray) -> None:

@@ -60,6 +60,7 @@ class Advice:
         they take seconds to start, each with the reason.
       break_even: when compiling pays for an accelerated path that is faster, in one line; empty
         without one.
+      difference: what the path computes otherwise than C, where it is close; empty otherwise.
     """
 
     model: str
@@ -74,6 +75,7 @@ class Advice:
     most_gain: float | None
     unable: Sequence[str]
     break_even: str
+    difference: str
     realtime_factor: float | None
     snippet: str
 
@@ -249,6 +251,7 @@ def _advice(loop: Loop, choice: _Choice, unable: Sequence[str]) -> Advice:
         most_gain=choice.most_gain,
         unable=unable,
         break_even=choice.break_even,
+        difference=result.difference,
         realtime_factor=result.realtime_factor,
         snippet=result.snippet,
     )
@@ -343,6 +346,8 @@ def _reasons(advice: Advice) -> list[str]:
             reasons.append("no other path was timed for it")
     if not advice.is_certain and advice.reason != Reason.PAYS:
         reasons.append(f"not certain{_doubt(advice)}")
+    if advice.difference:
+        reasons.append(f"close to C, not the same: {advice.difference}")
     return [*reasons, *advice.unable, *filter(None, [advice.break_even])]
 
 

@@ -30,10 +30,14 @@ from mjbench.report.crossovers import (
     describe_work_crossover,
     work_crossovers,
 )
+from mjbench.report.judgements import (
+    judgement_conclusion,
+    judgement_tables,
+    version_lines,
+)
 from mjbench.report.results import FORMER, ModelResults, PathResult
 from mjbench.report.starts import starts_lines, warning_lines
-from mjbench.simulation import accelerated_limits, package_timer
-from mjbench.simulation.accelerated_limits import Precision
+from mjbench.simulation import package_timer
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
 from mjbench.units import count_of, plain
@@ -104,6 +108,7 @@ def model_section(sizes: Sequence[ModelResults]) -> Section:
         tables=[
             *([path_table(timed)] if timed else []),
             *([_compile_table(compiled)] if compiled else []),
+            *judgement_tables([result for each in timed for result in each.results]),
         ],
         notes=list(dict.fromkeys(about)),
         snippets=[*_snippets([advice for each in timed for advice in advise(each)])],
@@ -160,6 +165,9 @@ def _conclusions(model_results: ModelResults, names_size: bool) -> Iterator[Conc
         tone = Tone.GOOD if advice.speedup is not None else Tone.NEUTRAL
         tone = tone if advice.is_certain else Tone.UNSURE
         yield Conclusion(conclusion(advice, names_size), tone, subject)
+    for result in model_results.results:
+        if sentence := judgement_conclusion(result):
+            yield Conclusion(f"{sized}{sentence}", Tone.NEUTRAL, subject)
     for row in advise_threads(model_results):
         tone = Tone.GOOD if row.is_certain else Tone.UNSURE
         yield Conclusion(thread_conclusion(row, names_size), tone, subject)
@@ -347,7 +355,7 @@ _AGREES = "yes"
 def agrees(result: PathResult) -> str:
     """Return whether a path agrees, or why that is not known, in a few words."""
     if result.status == Status.OK:
-        return _AGREES if result.is_judged else "not judged"
+        return _AGREES if result.judgement is None else result.judgement.answer.value
     return "NO" if result.status == Status.DISAGREES else str(result.status)
 
 
@@ -393,14 +401,13 @@ def notes(model_results: ModelResults) -> list[str]:
         and (r.status, r.detail) != (model.status, model.detail)
     ]
     lines += _unavailable_lines(results)
-    lines += [f"{r.path}: {r.agreement}" for r in results if r.check and r.agrees]
+    lines += version_lines(results)
     lines += [
         f"{r.path}: timed in one process, so its speed-up has no interval"
         for r in results
         if r.is_accelerated and r.is_timed
     ]
     lines += _buffer_lines(results)
-    lines += _error_causes(results)
     return [*_race_notes(model_results), *lines, *_cores_note(model_results)]
 
 
@@ -442,15 +449,6 @@ def _cores_note(model_results: ModelResults) -> list[str]:
     if model_results.cores is None or model_results.disturbances:
         return []
     return [f"Threads had {model_results.cores} (calibration)."]
-
-
-def _error_causes(results: Sequence[PathResult]) -> list[str]:
-    """Return why MJX differs from C, where checks in float32 and float64 can say."""
-    checks = {r.precision: r.check for r in results if r.path in ("mjx", "mjx64") and r.check}
-    coarse, fine = checks.get(Precision.FLOAT32), checks.get(Precision.FLOAT64)
-    if coarse is None or fine is None:
-        return []
-    return [f"MJX differs from C because of {accelerated_limits.error_cause(coarse, fine)}"]
 
 
 def _unavailable_lines(results: Sequence[PathResult]) -> list[str]:

@@ -51,7 +51,7 @@ def results_document(result: type, schema: int = SCHEMA, has_machine: bool = Tru
 class CompareDocument:
     """What `mjbench compare --json` writes."""
 
-    schema: int = 2
+    schema: int = 3
     machine: Machine
     results: Sequence[PathResult]
     advice: Sequence[Advice]

@@ -17,6 +17,7 @@ from mjbench.paired.path_comparison import race_of
 from mjbench.paired.race_record import Loop, RaceRecord
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import nthread
+from mjbench.simulation.judgement import Answer
 from mjbench.simulation.starts import Starts
 from mjbench.status import Status
 from mjbench.store.json_form import in_json
@@ -39,7 +40,7 @@ _FALLING = (
     *("nbatch", "nstep", "hold", "returns", "starts", "diverged", "warnings"),
     *("steps_per_s", "step_ns", "realtime_factor", "speedup", "launches", "work", "snippet"),
     *("nbatch_asked", "precision", "device", "trace_s", "compile_s", "cached_compile_s"),
-    *("memory_bytes", "gpu_memory_bytes", "check", "buffer_sizes"),
+    *("memory_bytes", "gpu_memory_bytes", "judgement", "versions", "buffer_sizes"),
     *("overtakes_after_steps", "disturbances", "is_former"),
 )
 @dataclass(frozen=True, kw_only=True)
@@ -71,12 +72,14 @@ class PathResult(MeasurementRecord):
 
     @property
     def is_judged(self) -> bool:
-        """Whether its steps were held to anything.
+        """Whether what it computes could be compared with C."""
+        return self.judgement is None or self.judgement.answer != Answer.NOT_JUDGED
 
-        An accelerated engine is held to C in unconstrained steps alone; where a contact or another
-        constraint acts in every step, there are none.
-        """
-        return self.check is None or self.check.unconstrained_steps > 0
+    @property
+    def difference(self) -> str:
+        """What differs from C where it is close; empty otherwise."""
+        is_close = self.judgement is not None and self.judgement.answer == Answer.CLOSE
+        return self.judgement.reason if self.judgement is not None and is_close else ""
 
     @property
     def variant(self) -> Variant:

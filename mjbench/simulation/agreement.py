@@ -1,7 +1,7 @@
 """Compare final states bit by bit, and the work of two targets counter by counter.
 
 Paths that run the same C engine must agree to the last bit, over all of mjSTATE_INTEGRATION.
-Engines that compile the step, MJX and Warp, are held to tolerances: see `accelerated_limits`.
+Engines that compile the step, MJX and Warp, are judged part by part: see `judgement`.
 """
 
 import hashlib

@@ -6,14 +6,14 @@ engine that computes in float32 is expected to differ from C by about as much as
 """
 
 import copy
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike
 
 from mjbench.simulation import compat
+from mjbench.simulation.contacts import Contacts
 from mjbench.simulation.inputs import set_inputs
 from mjbench.simulation.workload import Workload
 
@@ -24,47 +24,6 @@ MAX_SINGLE_STEPS = 256
 
 
 @dataclass(frozen=True, eq=False)
-class Contacts:
-    """Contacts that a step detected at its start, of all simulations in one list.
-
-    Attributes:
-      simulation: (ncon,) indices.
-      geom: (ncon, 2) ids of the geoms, the lower one first.
-      normal: (ncon, 3) unit normals, from the lower geom to the other.
-    """
-
-    simulation: np.ndarray
-    geom: np.ndarray
-    normal: np.ndarray
-
-    def counts(self, nbatch: int) -> np.ndarray:
-        """Return (nbatch,) how many contacts each simulation has."""
-        return np.bincount(self.simulation, minlength=nbatch)
-
-    def first(self, nbatch: int) -> "Contacts":
-        """Return the contacts of the first `nbatch` simulations."""
-        first = self.simulation < nbatch
-        return Contacts(self.simulation[first], self.geom[first], self.normal[first])
-
-    @classmethod
-    def joined(cls, parts: Sequence["Contacts"], nbatch: int) -> "Contacts":
-        """Return the contacts of several batches as one: their simulations follow each other."""
-        simulation = np.concatenate([p.simulation + i * nbatch for i, p in enumerate(parts)])
-        geom = np.concatenate([part.geom for part in parts])
-        normal = np.concatenate([part.normal for part in parts])
-        return cls(simulation, geom, normal)
-
-    @classmethod
-    def of(cls, simulation: ArrayLike, geom: ArrayLike, normal: ArrayLike) -> "Contacts":
-        """Return contacts with the lower geom first; a normal points from geom 0 to geom 1."""
-        pairs = np.asarray(geom, dtype=int).reshape(-1, 2)
-        normals = np.array(normal, dtype=float).reshape(-1, 3)
-        is_swapped = pairs[:, 0] > pairs[:, 1]
-        normals[is_swapped] *= -1
-        return cls(np.asarray(simulation, dtype=int), np.sort(pairs, axis=1), normals)
-
-
-@dataclass(frozen=True, eq=False)
 class SingleSteps:
     """Single steps of the reference engine.
 
@@ -72,14 +31,12 @@ class SingleSteps:
       state: (n, nstate) rows of mjSTATE_INTEGRATION to start from.
       control: (n, nu).
       after: (n, nstate) states after the step.
-      qvel_without_contact: (n, nv) velocities after the same step without any contact.
       constraints: (n,) scalar constraints.
     """
 
     state: np.ndarray
     control: np.ndarray
     after: np.ndarray
-    qvel_without_contact: np.ndarray
     contacts: Contacts
     constraints: np.ndarray
 
@@ -160,64 +117,16 @@ def single_steps(
 
 def take_steps(model: mujoco.MjModel, state: np.ndarray, control: np.ndarray) -> SingleSteps:
     """Take one step in C from each row of `state`, with its row of `control`."""
-    data = mujoco.MjData(model)
-    contactless = copy.copy(model)
-    contactless.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    after, qvel = np.empty_like(state), np.empty((len(state), model.nv))
-    constraints = np.zeros(len(state), dtype=int)
-    rows: list[int] = []
-    geoms: list[np.ndarray] = []
-    normals: list[np.ndarray] = []
+    data, after = mujoco.MjData(model), np.empty_like(state)
+    constraints, contacts = np.zeros(len(state), dtype=int), []
     for i in range(len(state)):
         compat.restart(model, data, state[i])
         data.ctrl[:] = control[i]
         mujoco.mj_step(model, data)
         compat.get_state(model, data, after[i])
         constraints[i] = data.nefc
-        for contact in data.contact[: data.ncon]:
-            rows.append(i)
-            geoms.append(np.array([contact.geom1, contact.geom2]))
-            normals.append(np.array(contact.frame[:3]))
-        compat.restart(contactless, data, state[i])
-        data.ctrl[:] = control[i]
-        mujoco.mj_step(contactless, data)
-        qvel[i] = data.qvel
-    contacts = Contacts.of(rows, geoms, normals)
-    return SingleSteps(state, control, after, qvel, contacts, constraints)
-
-
-@dataclass(frozen=True)
-class Violation:
-    """How far states violate what constraints demand, evaluated by C.
-
-    Attributes:
-      penetration: depth of the deepest contact, in m.
-      constraint: largest residual of an equality, or excess over a limit, in m or rad.
-    """
-
-    penetration: float
-    constraint: float
-
-
-def violation(model: mujoco.MjModel, states: np.ndarray) -> Violation:
-    """Return the largest violations of constraints in (n, nstate) rows of mjSTATE_INTEGRATION."""
-    data = mujoco.MjData(model)
-    penetration = constraint = 0.0
-    equality = int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
-    limits = (
-        int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT),
-        int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON),
-    )
-    for row in states:
-        compat.restart(model, data, row)
-        mujoco.mj_fwdPosition(model, data)
-        penetration = max(penetration, *(-c.dist for c in data.contact[: data.ncon]), 0.0)
-        kind, residual = np.asarray(data.efc_type), np.asarray(data.efc_pos)
-        excess = np.concatenate(
-            [np.abs(residual[kind == equality]), -residual[np.isin(kind, limits)], [0.0]]
-        )
-        constraint = max(constraint, float(excess.max()))
-    return Violation(float(penetration), constraint)
+        contacts.append([copy.copy(each) for each in data.contact[: data.ncon]])
+    return SingleSteps(state, control, after, Contacts.of_c(contacts), constraints)
 
 
 def spread_indices(count: int, max_count: int) -> np.ndarray:

@@ -12,7 +12,7 @@ from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, Posi
 from mjbench.measuring import anytime, stats
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.records import LaunchRow
-from mjbench.simulation.accelerated_limits import Precision
+from mjbench.simulation.judgement import Precision
 from mjbench.simulation.starts import Starts
 from mjbench.status import Status
 from mjbench.tuning.distance import Distance

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 from example_environment_records import record as environment_record
 from example_races import RAY, ROLLOUT, compared, raced
-from example_records import CHECK, measurement, model_record
+from example_records import JUDGED, measurement, model_record
 from example_web_records import record as web_record
 from example_web_records import wasm
 from hypothesis import given, settings
@@ -24,7 +24,7 @@ from mjbench.paired.placement_spread import ResidueRow, Spread, SpreadRecord
 from mjbench.paired.records import LaunchRow, Pair, PlacementEffect, TargetRow, VerdictRecord
 from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.releases.placement import Placement, PlacementPair
-from mjbench.simulation.accelerated_limits import Precision
+from mjbench.simulation.judgement import Precision
 from mjbench.simulation.work import Work
 from mjbench.status import Status
 from mjbench.store import runs
@@ -39,7 +39,7 @@ COMPARISON = (
     ),
     measurement(
         path="mjx", precision=Precision.FLOAT32, device="cpu", trace_s=1.0, compile_s=2.0,
-        memory_bytes=10**9, check=CHECK, samples_s=[0.05, 0.1, 0.07], nbatch_asked=10,
+        memory_bytes=10**9, judgement=JUDGED, samples_s=[0.05, 0.1, 0.07], nbatch_asked=10,
     ),
     model_record(model="n", status=Status.FAILED, detail="it failed", facts=None, work=None),
     measurement(model="n", status=Status.FAILED, agrees=None),

@@ -1,14 +1,13 @@
 """Records of a comparison, as run files hold them."""
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 
-from example_records import CHECK
+from example_records import JUDGED
 
 from mjbench.comparison.records import RECORD_TYPES, MeasurementRecord
 from mjbench.host import machine
-from mjbench.simulation.accelerated_limits import Precision
+from mjbench.simulation.judgement import Answer, Precision
 from mjbench.status import Status
 from mjbench.store import run_file, runs
 
@@ -18,7 +17,7 @@ RECORD = MeasurementRecord(
     options={},
     status=Status.OK,
     precision=Precision.FLOAT32,
-    check=CHECK,
+    judgement=JUDGED,
     samples_s=[],
 )
 
@@ -37,20 +36,14 @@ def test_a_record_comes_back_as_it_was(tmp_path: Path) -> None:
     assert run.of_type(MeasurementRecord) == [RECORD]
 
 
-def test_a_check_with_the_keys_of_earlier_versions_is_read(tmp_path: Path) -> None:
+def test_a_path_that_an_earlier_version_checked_is_not_judged(tmp_path: Path) -> None:
     path = stored(tmp_path)
     header, line = path.read_text().splitlines()
     record = json.loads(line)
-    earlier = {
-        "unconstrained_steps": "free_steps",
-        "unconstrained_error": "free_stray",
-        "constrained_error": "constrained_stray",
-        "contact_error": "contact_stray",
-        "unconstrained_nstep": "free_nstep",
-        "unconstrained_difference": "free_difference",
-        "unconstrained_shadow": "free_shadow",
-    }
-    assert set(earlier) <= set(asdict(CHECK))
-    record["check"] = {earlier.get(name, name): v for name, v in record["check"].items()}
+    del record["judgement"]
+    record["check"] = {"precision": "float32", "received": True, "unconstrained_steps": 0}
     path.write_text(f"{header}\n{json.dumps(record)}\n")
-    assert runs.load(path, RECORD_TYPES).of_type(MeasurementRecord) == [RECORD]
+    (read,) = runs.load(path, RECORD_TYPES).of_type(MeasurementRecord)
+    assert read.judgement is not None
+    assert read.judgement.answer == Answer.NOT_JUDGED
+    assert "earlier version" in read.judgement.reason

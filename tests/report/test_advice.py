@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from example_races import BATCH_STEP, CLEAR, PLAIN, RAY, ROLLOUT, THREADS, Entrant, derived, raced
-from example_records import measurement
+from example_records import JUDGED, measurement
 
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.comparison.records import MeasurementRecord
@@ -23,7 +23,7 @@ from mjbench.report.advice import (
     thread_conclusion,
 )
 from mjbench.report.results import ModelResults, derive
-from mjbench.simulation.accelerated_limits import Precision
+from mjbench.simulation.judgement import Answer, Precision
 from mjbench.status import Status
 
 POOL = Variant("rollout", {"threads": 2, "pool": "new"})
@@ -216,6 +216,20 @@ def test_of_paths_that_compile_the_fastest_that_pays_is_advised() -> None:
     ]
     assert [advise(each)[0].path for each in models] == ["python_loop", "warp", "mjx"]
     assert advise(models[0])[0].break_even.startswith("warp would pay after ")
+
+
+def test_the_advice_of_a_path_that_is_close_says_what_differs() -> None:
+    close = replace(JUDGED, answer=Answer.CLOSE, reason="contacts: box–box: 4 instead of 8")
+    record = replace(compiled(4.0), judgement=close)
+    advice = advise(derived(raced([(THREADS, 0.8)]), more=[record], total_steps=50_000_000))[0]
+    assert (advice.path, advice.difference) == ("mjx", "contacts: box–box: 4 instead of 8")
+    assert "close to C, not the same: contacts: box–box: 4 instead of 8" in conclusion(advice)
+
+
+def test_a_path_that_was_not_judged_is_not_advised() -> None:
+    record = replace(compiled(4.0), judgement=replace(JUDGED, answer=Answer.NOT_JUDGED))
+    advice = advise(derived(raced([(THREADS, 0.8)]), more=[record], total_steps=50_000_000))[0]
+    assert advice.path == "python_loop"
 
 
 def test_the_timer_is_advised_on_where_turning_it_off_certainly_gains() -> None:

@@ -17,7 +17,7 @@ from mjbench.paired.race import MAX_LAUNCHES
 from mjbench.paired.race_record import UnableVariant
 from mjbench.report import comparison
 from mjbench.report.results import ModelResults
-from mjbench.simulation.accelerated_limits import Precision
+from mjbench.simulation.judgement import Precision
 from mjbench.status import Status
 
 LONG = replace(BATCH_STEP, path="batch_rollout", options={"threads": 2, "data": "persistent"})

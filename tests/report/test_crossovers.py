@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from example_records import CHECK
+from example_records import JUDGED
 
 from mjbench.measuring.ratio import Ratio
 from mjbench.report.crossovers import (
@@ -15,7 +15,7 @@ from mjbench.report.crossovers import (
     work_crossovers,
 )
 from mjbench.report.results import PathResult
-from mjbench.simulation.accelerated_limits import Precision
+from mjbench.simulation.judgement import Answer, Precision
 from mjbench.status import Status
 
 
@@ -53,9 +53,9 @@ def test_the_crossover_is_the_size_from_which_on_a_path_stays_ahead(
     assert second.share == pytest.approx(5 / 6)
 
 
-def test_paths_that_were_held_to_nothing_have_no_crossover(rows: list[PathResult]) -> None:
-    unjudged = replace(CHECK, unconstrained_steps=0)
-    assert crossovers([replace(r, check=unjudged if r.precision else None) for r in rows]) == []
+def test_paths_that_were_not_judged_have_no_crossover(rows: list[PathResult]) -> None:
+    unjudged = replace(JUDGED, answer=Answer.NOT_JUDGED)
+    assert crossovers([replace(r, judgement=unjudged if r.precision else None) for r in rows]) == []
 
 
 def test_one_size_is_no_sweep(rows: list[PathResult]) -> None:

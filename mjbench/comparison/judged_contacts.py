@@ -1,0 +1,177 @@
+"""Which contacts does an engine find beside C, by types of geoms, and what do they change?"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from mjbench.simulation.constraint_problem import ConstraintProblem
+from mjbench.simulation.contacts import Contacts
+from mjbench.simulation.judgement import Answer, PairContacts, Precision
+
+# Types of geoms whose contacts have a closed form with one answer; of all others, engines choose
+# points of a surface where bodies touch, each in its own way.
+ONE_ANSWER = frozenset(
+    {("plane", "sphere"), ("plane", "capsule"), ("sphere", "sphere"), ("sphere", "capsule")}
+)
+# In nine of ten states, they change accelerations by less than this: an engine's formula may divide
+# by a length that it keeps from zero.
+ONE_ANSWER_EFFECT = 1e-3
+# In nine of ten states, contacts that an engine chooses in its own way change accelerations by less
+# than this.
+CLOSE_EFFECT, CLOSE_QUANTILE = 0.1, 0.9
+# The same of contacts that are C's own, but for some that are missing: a choice of other points
+# would be seen.
+LACKING_EFFECT = 0.01
+# Contacts this near to each other, relative to the size of the model's parts, are the same.
+_SAME_PLACE = 1e-4
+# A contact this near to where it begins to count, relative to the size of coordinates, may count in
+# one engine alone.
+_BORDER = {Precision.FLOAT64: 1e-9, Precision.FLOAT32: 1e-5}
+
+# What a contact without a geom is of.
+_FLEX = "flex"
+
+Types = tuple[str, str]
+
+
+@dataclass
+class _PairStates:
+    """What was seen of two types of geoms, an entry a state."""
+
+    counts: list[tuple[int, int]] = field(default_factory=list)
+    effects: list[float | None] = field(default_factory=list)
+    lacking: list[bool] = field(default_factory=list)
+    apart: list[tuple[float, float, float]] = field(default_factory=list)
+
+
+class ContactJudge:
+    """Collects the contacts of one state after the other."""
+
+    def __init__(self, model: mujoco.MjModel, precision: Precision):
+        self._precision, self._size = precision, float(model.stat.meansize)
+        names = {int(value): name for name, value in mujoco.mjtGeom.__members__.items()}
+        self._type = [names[int(t)].removeprefix("mjGEOM_").lower() for t in model.geom_type]
+        self._order = {name: int(value) for value, name in enumerate(names.values())}
+        self._pairs: dict[Types, _PairStates] = {}
+
+    def add(self, problem: ConstraintProblem, contacts: Contacts) -> None:
+        """Compare an engine's contacts with those of the state to which `problem` has gone."""
+        types, types_in_c = self._types(contacts), self._types(problem.contacts)
+        for pair in sorted({*types, *types_in_c}):
+            own = contacts.select(_where(types, pair))
+            in_c = problem.contacts.select(_where(types_in_c, pair))
+            if not self._is_borderline(problem, own, in_c):
+                rest = problem.contacts.select(~_where(types_in_c, pair))
+                self._add_pair(problem, pair, own, in_c, rest)
+
+    def _add_pair(
+        self,
+        problem: ConstraintProblem,
+        pair: Types,
+        own: Contacts,
+        in_c: Contacts,
+        rest: Contacts,
+    ) -> None:
+        states = self._pairs.setdefault(pair, _PairStates())
+        states.counts.append((len(own.simulation), len(in_c.simulation)))
+        apart = _apart(own, in_c)
+        states.apart += apart
+        has_fewer = len(own.simulation) < len(in_c.simulation)
+        is_own = len(apart) == len(own.simulation) and all(
+            place < _SAME_PLACE * self._size for _, place, _ in apart
+        )
+        states.lacking.append(has_fewer and is_own)
+        effect = None
+        if problem.has_examples(own):
+            both = Contacts.together(rest, own)
+            effect = problem.acceleration_error(problem.solve(both).qacc, problem.own)
+        states.effects.append(effect)
+
+    def pairs(self, limit: float) -> tuple[PairContacts, ...]:
+        """Return what was seen of each pair of types.
+
+        Args:
+          limit: the largest effect of contacts that agree.
+        """
+        return tuple(_pair(types, states, limit) for types, states in self._pairs.items())
+
+    def _types(self, contacts: Contacts) -> list[Types]:
+        """Return the types of the geoms of each contact, in MuJoCo's order."""
+        return [self._ordered(*pair) for pair in contacts.geom.tolist()]
+
+    def _ordered(self, one: int, other: int) -> Types:
+        low, high = sorted(
+            (self._name(one), self._name(other)), key=lambda t: self._order.get(t, 0)
+        )
+        return low, high
+
+    def _name(self, geom: int) -> str:
+        return self._type[geom] if geom >= 0 else _FLEX
+
+    def _is_borderline(self, problem: ConstraintProblem, own: Contacts, in_c: Contacts) -> bool:
+        """Return whether numbers of contacts differ by those alone that begin to touch."""
+        if len(own.simulation) == len(in_c.simulation):
+            return False
+        more = max(own, in_c, key=lambda each: len(each.simulation))
+        surplus = abs(len(own.simulation) - len(in_c.simulation))
+        if not problem.has_examples(more):
+            return False
+        room = np.sort(problem.margins(more) - more.distance)[:surplus]
+        size = self._size + float(np.abs(more.position).max(initial=0.0))
+        return bool((room < _BORDER[self._precision] * size).all())
+
+
+def _where(types: Sequence[Types], pair: Types) -> np.ndarray:
+    return np.array([each == pair for each in types], dtype=bool)
+
+
+def _apart(own: Contacts, in_c: Contacts) -> list[tuple[float, float, float]]:
+    """Return how far each contact is from C's nearest of the same geoms.
+
+    Returns:
+      Distance between geoms and position in m, and the normal in degrees.
+    """
+    rows = []
+    for i, geom in enumerate(own.geom):
+        same = in_c.select((in_c.geom == geom).all(axis=1))
+        if len(same.simulation):
+            away = np.linalg.norm(same.position - own.position[i], axis=1)
+            nearest = int(np.nan_to_num(away, nan=np.inf).argmin())
+            cosine = float(np.clip(same.normal[nearest] @ own.normal[i], -1.0, 1.0))
+            distance = abs(float(same.distance[nearest] - own.distance[i]))
+            rows.append((distance, float(away[nearest]), float(np.degrees(np.arccos(cosine)))))
+    return rows
+
+
+def _pair(types: Types, states: _PairStates, limit: float) -> PairContacts:
+    counts = np.array(states.counts)
+    other = int((counts[:, 0] != counts[:, 1]).sum())
+    known = [each for each in states.effects if each is not None]
+    has_all = len(known) == len(states.effects)
+    effect = float(np.quantile(known, CLOSE_QUANTILE, method="higher")) if has_all else None
+    largest = max(known) if has_all else None
+    apart = np.array(states.apart).reshape(-1, 3)
+    farthest = [float(each) for each in apart.max(axis=0)] if len(apart) else [None] * 3
+    allowed = LACKING_EFFECT if np.mean(states.lacking) > 1 - CLOSE_QUANTILE else CLOSE_EFFECT
+    if types in ONE_ANSWER:
+        allowed = ONE_ANSWER_EFFECT
+    answer = Answer.NOT_JUDGED if _FLEX in types else Answer.NO
+    if largest is not None and largest <= limit:
+        answer = Answer.YES
+    elif effect is not None and effect <= allowed:
+        answer = Answer.CLOSE
+    return PairContacts(
+        types=types,
+        states=len(counts),
+        other_counts=other,
+        count=float(counts[:, 0].mean()),
+        count_in_c=float(counts[:, 1].mean()),
+        distance_m=farthest[0],
+        position_m=farthest[1],
+        normal_degrees=farthest[2],
+        effect=effect,
+        largest_effect=largest,
+        answer=answer,
+    )

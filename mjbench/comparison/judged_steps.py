@@ -1,0 +1,240 @@
+"""Single steps of an engine beside C's: smooth dynamics, contacts, the constraint problem.
+
+All functions take arrays that an engine returned, so that they need none.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from mjbench.comparison.judged_contacts import ContactJudge
+from mjbench.paths.accelerated import StepOutcome
+from mjbench.simulation import agreement, compat, trajectory
+from mjbench.simulation import workload as workloads
+from mjbench.simulation.constraint_problem import (
+    ConstraintProblem,
+    Solution,
+    without_constraints,
+)
+from mjbench.simulation.contacts import Contacts
+from mjbench.simulation.judgement import (
+    Answer,
+    Measure,
+    PairContacts,
+    Part,
+    PartName,
+    Precision,
+)
+from mjbench.simulation.trajectory import COMPARED, SingleSteps
+
+# Largest error of one step of smooth dynamics, relative to the largest entry of a field where that
+# exceeds 1.
+SMOOTH_LIMIT = {Precision.FLOAT64: 1e-12, Precision.FLOAT32: 1e-4}
+# Largest error of a solution, relative to what constraints do.
+SOLUTION_LIMIT = {Precision.FLOAT64: 1e-6, Precision.FLOAT32: 1e-4}
+# In float32, an error may also be this many times that of C where its states and contacts are moved
+# by rounding: an engine rounds all that it computes.
+ROUNDING_FACTOR = 10.0
+# With the user's own settings, an engine may end this many times as far from the solution as C, or
+# this far.
+SETTINGS_FACTOR, SETTINGS_LIMIT = 10.0, 1e-3
+
+Fields = Mapping[str, np.ndarray]
+
+
+def judge_smooth(
+    model: mujoco.MjModel, singles: SingleSteps, reached: Fields, precision: Precision
+) -> Measure:
+    """Compare single steps without constraints with those of C.
+
+    Args:
+      reached: (n, size) arrays by MjData field, after the engine's steps.
+    """
+    in_c = trajectory.take_steps(without_constraints(model), singles.state, singles.control)
+    expected = workloads.fields(model, in_c.after)
+    error = float(agreement.max_relative_error(reached, expected, COMPARED).max())
+    return Measure("a step without constraints", error, SMOOTH_LIMIT[precision])
+
+
+@dataclass(frozen=True)
+class JudgedConstraints:
+    """What became of contacts, and of the problem that follows from them.
+
+    Attributes:
+      contact_states: states in which C has contacts.
+    """
+
+    contacts: Part
+    constraints: Part
+    pairs: tuple[PairContacts, ...]
+    contact_states: int
+
+
+@dataclass
+class _Errors:
+    """Errors of the states so far."""
+
+    acceleration: list[float] = dataclasses.field(default_factory=list)
+    force: list[float] = dataclasses.field(default_factory=list)
+    at_settings: list[float] = dataclasses.field(default_factory=list)
+    in_c_at_settings: list[float] = dataclasses.field(default_factory=list)
+    rounding: list[float] = dataclasses.field(default_factory=lambda: [0.0])
+    force_rounding: list[float] = dataclasses.field(default_factory=lambda: [0.0])
+    contact_rounding: list[float] = dataclasses.field(default_factory=lambda: [0.0])
+
+
+def judge_constraints(
+    model: mujoco.MjModel,
+    singles: SingleSteps,
+    converged: StepOutcome,
+    timed: StepOutcome,
+    precision: Precision,
+) -> JudgedConstraints:
+    """Compare contacts, and the solutions of the problems that follow from them, with C's.
+
+    Args:
+      converged: the same steps by a solver that goes on to the solution.
+      timed: the same steps with the user's own settings.
+    """
+    if converged.contacts is None:
+        reason = "the engine does not report its contacts"
+        unknown = Part(PartName.CONTACTS, Answer.NOT_JUDGED, reason=reason)
+        return JudgedConstraints(
+            unknown, dataclasses.replace(unknown, name=PartName.CONSTRAINTS), (), 0
+        )
+    problem, errors = ConstraintProblem(model), _Errors()
+    judge, contact_states = ContactJudge(model, precision), 0
+    rounding = _Rounding(model) if precision == Precision.FLOAT32 else None
+    for state, control in zip(singles.state, singles.control, strict=True):
+        problem.load(state, control)  # meets the pairs of geoms that touch in any state
+    for i, (state, control) in enumerate(zip(singles.state, singles.control, strict=True)):
+        problem.load(state, control)
+        contacts = converged.contacts.select(converged.contacts.simulation == i)
+        contact_states += len(problem.contacts.simulation) > 0
+        judge.add(problem, contacts)
+        if not problem.has_examples(contacts):
+            continue
+        solution = problem.solve(contacts)
+        errors.acceleration.append(problem.acceleration_error(converged.qacc[i], solution))
+        following = problem.forces_at(contacts, converged.qacc[i])
+        errors.force.append(
+            problem.force_error(
+                converged.qfrc_constraint[i], Solution(converged.qacc[i], following)
+            )
+        )
+        if model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4:
+            errors.at_settings.append(problem.acceleration_error(timed.qacc[i], solution))
+            user = problem.at_user_settings()
+            errors.in_c_at_settings.append(problem.acceleration_error(user.qacc, problem.own))
+        if rounding is not None:
+            rounding.add(problem, state, contacts, solution, errors)
+    pairs = judge.pairs(_limit(precision, errors.contact_rounding))
+    return JudgedConstraints(
+        _contact_part(pairs), _solution_part(errors, precision), pairs, contact_states
+    )
+
+
+def _contact_part(pairs: tuple[PairContacts, ...]) -> Part:
+    worst = [Answer.NO, Answer.NOT_JUDGED, Answer.CLOSE, Answer.YES]
+    answer = min((pair.answer for pair in pairs), key=worst.index, default=Answer.YES)
+    deciding = (str(pair) for pair in pairs if pair.answer == answer != Answer.YES)
+    return Part(PartName.CONTACTS, answer, reason="; ".join(deciding))
+
+
+def _solution_part(errors: _Errors, precision: Precision) -> Part:
+    name = PartName.CONSTRAINTS
+    if not errors.acceleration:
+        reason = "in no state do only such geoms touch as touch in C, and no flex"
+        return Part(name, Answer.NOT_JUDGED, reason=reason)
+    limit = _limit(precision, errors.rounding)
+    measures = [
+        Measure("accelerations of the solution", _largest(errors.acceleration), limit),
+        Measure(
+            "forces beside those that follow from its accelerations",
+            _largest(errors.force),
+            _limit(precision, [*errors.rounding, *errors.force_rounding]),
+        ),
+    ]
+    if errors.at_settings:
+        in_c = _largest(errors.in_c_at_settings) or 0.0
+        allowed = max(limit, SETTINGS_LIMIT, SETTINGS_FACTOR * in_c)
+        measures.append(
+            Measure(
+                "distance from the solution at your settings",
+                _largest(errors.at_settings),
+                allowed,
+                in_c,
+            )
+        )
+    return Part.of(name, *measures)
+
+
+def _limit(precision: Precision, rounding: list[float]) -> float:
+    return max(SOLUTION_LIMIT[precision], ROUNDING_FACTOR * max(rounding))
+
+
+def _largest(values: list[float]) -> float | None:
+    largest = max(values)
+    return largest if np.isfinite(largest) else None
+
+
+class _Rounding:
+    """C itself, its states and contacts moved by up to half a unit in the last place of float32."""
+
+    def __init__(self, model: mujoco.MjModel):
+        columns = compat.state_columns(model)
+        self._places = [columns[name] for name in COMPARED if name in columns]
+        self._size, self._rng = float(model.stat.meansize), np.random.default_rng(0)
+
+    def add(
+        self,
+        problem: ConstraintProblem,
+        state: np.ndarray,
+        contacts: Contacts,
+        solution: Solution,
+        errors: _Errors,
+    ) -> None:
+        """Add the errors that rounding makes in a state; `problem` stays there."""
+        moved = state.copy()
+        for place in self._places:
+            moved[place] += self._draws(moved[place], moved[place])
+        own = problem.own
+        size = self._size + np.abs(contacts.position)
+        other = dataclasses.replace(
+            contacts,
+            distance=contacts.distance + self._draws(size.max(axis=1), contacts.distance),
+            position=contacts.position + self._draws(size, contacts.position),
+            frame=contacts.frame + self._draws(contacts.frame, contacts.frame),
+        )
+        solved = problem.solve_at(moved, other)
+        errors.rounding.append(problem.acceleration_error(solved.qacc, solution))
+        # forces follow from accelerations by stiff constraints
+        qacc = solution.qacc + self._draws(np.abs(solution.qacc).max(initial=0.0), solution.qacc)
+        force = problem.forces_at(contacts, qacc)
+        errors.force_rounding.append(problem.force_error(force, solution))
+        found = problem.solve_at(moved, None)
+        errors.contact_rounding.append(problem.acceleration_error(found.qacc, own))
+
+    def _draws(self, size: np.ndarray | float, like: np.ndarray) -> np.ndarray:
+        half = 0.5 * np.finfo(np.float32).eps
+        return np.asarray(half * size * self._rng.uniform(-1.0, 1.0, like.shape))
+
+
+def judge_warm_start(
+    cold: np.ndarray, warm: np.ndarray, again: np.ndarray, is_deterministic: bool
+) -> Part:
+    """Judge whether a model that turns warm starts off ignores them.
+
+    Args:
+      cold: (n, nv) accelerations of steps that start at zero.
+      warm: those of the same steps that start elsewhere.
+      again: those of a repetition of `cold`; a GPU adds in any order.
+    """
+    noise = 0.0 if is_deterministic else ROUNDING_FACTOR * float(np.abs(again - cold).max())
+    difference = float(np.abs(warm - cold).max(initial=0.0))
+    value = difference if np.isfinite(difference) else None
+    name = "accelerations depend on a warm start that the model turns off, by"
+    return Part.of(PartName.WARM_START, Measure(name, value, noise))

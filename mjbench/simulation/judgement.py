@@ -1,0 +1,206 @@
+"""Does an engine that compiles the step, MJX or Warp, compute what C does? Judged part by part.
+
+Each part has a right answer of its own: smooth dynamics and the solution of a constraint problem
+are the same for every engine; contacts of some pairs of geoms are not, and are named.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from mjbench.units import plain
+
+
+class Precision(StrEnum):
+    """The type of floating-point numbers that an engine computes in."""
+
+    FLOAT32 = "float32"
+    FLOAT64 = "float64"
+
+
+class Answer(StrEnum):
+    """Whether an engine, or a part of what it does, computes what C does."""
+
+    YES = "yes"
+    CLOSE = "close"
+    """Smooth dynamics and solver agree; contacts differ, as named."""
+    NO = "NO"
+    NOT_JUDGED = "not judged"
+    """It could not run, for a reason that is said."""
+
+
+class PartName(StrEnum):
+    """What is judged."""
+
+    INPUTS = "inputs"
+    SMOOTH = "smooth dynamics"
+    CONTACTS = "contacts"
+    CONSTRAINTS = "constraint problem"
+    WARM_START = "warm start"
+    RUN = "run"
+    BUFFERS = "buffers"
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One number that a part depends on.
+
+    Attributes:
+      value: None where it is not finite.
+      limit: the largest value that agrees; None for what is only shown.
+      in_c: the same number of C, where C has one.
+    """
+
+    name: str
+    value: float | None
+    limit: float | None = None
+    in_c: float | None = None
+
+    @property
+    def is_within(self) -> bool:
+        """Whether it agrees."""
+        return self.limit is None or (self.value is not None and self.value <= self.limit)
+
+    def __str__(self) -> str:
+        """Return it in a phrase."""
+        value = "not finite" if self.value is None else f"{self.value:.1g}"
+        beside = [] if self.limit is None else [f"limit {self.limit:.1g}"]
+        beside += [] if self.in_c is None else [f"C {self.in_c:.1g}"]
+        return f"{self.name} {value}" + (f" ({', '.join(beside)})" if beside else "")
+
+
+@dataclass(frozen=True)
+class Part:
+    """What became of one part.
+
+    Attributes:
+      reason: why the answer is not `yes`, in a clause.
+    """
+
+    name: PartName
+    answer: Answer
+    measures: tuple[Measure, ...] = ()
+    reason: str = ""
+
+    @classmethod
+    def of(cls, name: PartName, *measures: Measure) -> "Part":
+        """Return `yes`, or `NO` with those measures that are beyond their limits."""
+        beyond = [str(each) for each in measures if not each.is_within]
+        return cls(name, Answer.NO if beyond else Answer.YES, measures, "; ".join(beyond))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairContacts:
+    """Contacts between geoms of two types, of an engine beside those of C.
+
+    Attributes:
+      types: of the geoms, such as `plane` and `box`.
+      states: states in which C or the engine has such contacts.
+      other_counts: those of them in which the engine has another number.
+      count: mean number of contacts in these states.
+      distance_m: largest difference of the distances between the geoms.
+      position_m: farthest that a contact is from C's nearest one.
+      normal_degrees: largest angle between normals.
+      effect: by how much accelerations change in C where it has the engine's contacts instead of
+        its own: relative to what constraints add to them; nine in ten states have less.
+      largest_effect: the same of the state where it is largest; None where C never has the pair.
+      answer: `close` where they differ; `not judged` of a flex, whose contacts C cannot be given.
+    """
+
+    types: tuple[str, str]
+    states: int
+    other_counts: int
+    count: float
+    count_in_c: float
+    distance_m: float | None
+    position_m: float | None
+    normal_degrees: float | None
+    effect: float | None
+    largest_effect: float | None
+    answer: Answer
+
+    def __str__(self) -> str:
+        """Return how they differ, in a phrase."""
+        text = "–".join(self.types)
+        if self.other_counts:
+            text += (
+                f": {plain(self.count, 2)} contacts instead of {plain(self.count_in_c, 2)}"
+                f" (other numbers in {self.other_counts} of {self.states} states)"
+            )
+        elif self.position_m is not None:
+            text += f": as many contacts, up to {1000 * self.position_m:.2g} mm elsewhere"
+        if self.answer == Answer.NOT_JUDGED:
+            return f"{text}, which C cannot be given"
+        if self.effect is None:
+            return f"{text}, a pair that never touches in C"
+        return f"{text}, which changes accelerations by {_percent(self.effect)}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judgement:
+    """Whether an engine computes what C does, in the user's own states.
+
+    Attributes:
+      answer: that of the worst part.
+      reason: why it is not `yes`: the parts that decide, each with its reason.
+      pairs: contacts, by types of geoms.
+      states: number of states in which single steps were judged.
+      contact_states: those of them in which C has contacts.
+    """
+
+    precision: Precision
+    answer: Answer
+    reason: str
+    parts: tuple[Part, ...] = ()
+    pairs: tuple[PairContacts, ...] = ()
+    states: int = 0
+    contact_states: int = 0
+
+    @classmethod
+    def of(
+        cls,
+        precision: Precision,
+        parts: Sequence[Part],
+        pairs: Sequence[PairContacts] = (),
+        states: int = 0,
+        contact_states: int = 0,
+    ) -> "Judgement":
+        """Return what parts come to together."""
+        answer = max((part.answer for part in parts), key=_SEVERITY.index)
+        deciding = [part for part in parts if part.answer == answer != Answer.YES]
+        return cls(
+            precision=precision,
+            answer=answer,
+            reason="; ".join(f"{part.name}: {part.reason}" for part in deciding),
+            parts=tuple(parts),
+            pairs=tuple(pairs),
+            states=states,
+            contact_states=contact_states,
+        )
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether it may be timed and advised; None where that is not known."""
+        return None if self.answer == Answer.NOT_JUDGED else self.answer != Answer.NO
+
+    @property
+    def summary(self) -> str:
+        """What was judged, and what differs, in one line."""
+        states = f"{self.states} states, {self.contact_states} in contact"
+        return f"{self.reason or 'all parts agree'} ({states})"
+
+    def with_failed_run(self, reason: str) -> "Judgement":
+        """Return the judgement of an engine whose timed blocks end elsewhere than its run."""
+        failed = Part(PartName.RUN, Answer.NO, reason=reason)
+        parts = [part for part in self.parts if part.name != PartName.RUN]
+        return Judgement.of(
+            self.precision, [*parts, failed], self.pairs, self.states, self.contact_states
+        )
+
+
+# The worst answer last.
+_SEVERITY = (Answer.YES, Answer.CLOSE, Answer.NOT_JUDGED, Answer.NO)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %" if share >= 1e-4 else "less than 0.01 %"

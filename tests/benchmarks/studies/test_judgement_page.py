@@ -1,0 +1,46 @@
+"""The page of judgements, and its tally."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from example_records import JUDGED, measurement
+
+from benchmarks import judgements
+from benchmarks.studies import judgement_page, tally_file
+from benchmarks.studies.judgement_tally import JudgedModel, JudgementTally, load
+from mjbench.errors import InputError
+from mjbench.simulation.judgement import Answer
+from mjbench.status import Status
+
+CLOSE = replace(JUDGED, answer=Answer.CLOSE, reason="contacts: box–box")
+REFUSED = measurement(path="mjx", status=Status.UNAVAILABLE, detail="MJX does not take this model")
+
+
+def tally() -> JudgementTally:
+    empty = JudgementTally("4.0.0", 16, 50, ())
+    close = measurement(path="warp", judgement=CLOSE, versions={"mujoco-warp": "4.0.0"})
+    return empty.with_row(JudgedModel.of("shipped", close)).with_row(JudgedModel.of("p", REFUSED))
+
+
+def test_the_page_says_what_differs_and_which_versions_computed() -> None:
+    text = judgement_page.page(tally())
+    assert "Of 2 pairs of a model and a path: 1 close; 1 times the engine does not take" in text
+    assert "mujoco 4.0.0, mujoco-warp 4.0.0" in text
+    assert "contacts: box–box" in text
+    assert text.index("Shipped models") < text.index("p: m")
+
+
+def test_a_model_that_is_judged_again_replaces_its_row(tmp_path: Path) -> None:
+    again = tally().with_row(JudgedModel.of("p", replace(REFUSED, detail="another")))
+    file = tmp_path / "tally.json"
+    file.write_text(tally_file.dumps(again))
+    assert [row.detail for row in load(file).rows] == ["", "another"]
+
+
+def test_a_wheel_that_was_not_downloaded_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(judgements, "FOREIGN", tmp_path)
+    with pytest.raises(InputError, match="`make foreign` downloads its wheels"):
+        judgements.find("package:scene.xml")

@@ -1,0 +1,93 @@
+"""Other contacts than C's: which are close, and which are a fault."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjbench.comparison.judged_contacts import ContactJudge
+from mjbench.simulation import compat
+from mjbench.simulation.constraint_problem import ConstraintProblem
+from mjbench.simulation.contacts import Contacts
+from mjbench.simulation.judgement import Answer, PairContacts, Precision
+
+BOX = "<geom type='box' size='0.1 0.1 0.1'/>"
+BALL = "<geom size='0.1'/>"
+LIMIT = 1e-6
+
+
+def resting(geom: str, height: float) -> ConstraintProblem:
+    """Return the problem of a body on a plane."""
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><geom type='plane' size='1 1 1'/>"
+        f"<body pos='0 0 {height}'><freejoint/>{geom}</body></worldbody></mujoco>"
+    )
+    data, state = mujoco.MjData(model), np.empty(compat.state_size(model))
+    compat.get_state(model, data, state)
+    problem = ConstraintProblem(model)
+    problem.load(state, np.empty(0))
+    return problem
+
+
+def judged(problem: ConstraintProblem, contacts: Contacts) -> PairContacts:
+    model = problem.model
+    judge = ContactJudge(model, Precision.FLOAT64)
+    judge.add(problem, contacts)
+    (pair,) = judge.pairs(LIMIT)
+    return pair
+
+
+def moved(contacts: Contacts, by_m: float) -> Contacts:
+    return Contacts(
+        contacts.simulation,
+        contacts.geom,
+        contacts.distance,
+        contacts.position + by_m * np.array([1.0, 0.0, 0.0]),
+        contacts.frame,
+    )
+
+
+def test_the_contacts_of_c_agree() -> None:
+    problem = resting(BOX, 0.0995)
+    pair = judged(problem, problem.contacts)
+    assert (pair.types, pair.answer) == (("plane", "box"), Answer.YES)
+    assert (pair.count, pair.other_counts, pair.position_m) == (4.0, 0, 0.0)
+
+
+def test_other_points_of_boxes_are_close_and_say_how_far_they_are() -> None:
+    problem = resting(BOX, 0.0995)
+    pair = judged(problem, moved(problem.contacts, 1e-4))
+    assert pair.answer == Answer.CLOSE
+    assert pair.position_m == pytest.approx(1e-4)
+    assert "up to 0.1 mm elsewhere" in str(pair)
+
+
+def test_points_of_boxes_that_change_accelerations_much_are_a_fault() -> None:
+    problem = resting(BOX, 0.0995)
+    assert judged(problem, moved(problem.contacts, 0.2)).answer == Answer.NO
+
+
+def test_a_point_that_is_lacking_is_a_fault() -> None:
+    problem = resting(BOX, 0.0995)
+    pair = judged(problem, problem.contacts.select(np.arange(3)))
+    assert (pair.answer, pair.other_counts) == (Answer.NO, 1)
+    assert "3 contacts instead of 4 (other numbers in 1 of 1 states)" in str(pair)
+
+
+def test_a_ball_on_a_plane_has_one_answer() -> None:
+    problem = resting(BALL, 0.0995)
+    assert judged(problem, moved(problem.contacts, 1e-2)).answer == Answer.NO
+    assert judged(problem, moved(problem.contacts, 1e-7)).answer != Answer.NO
+
+
+def test_a_contact_that_just_begins_to_touch_is_left_out() -> None:
+    problem = resting(BALL, 0.1 - 1e-12)
+    judge = ContactJudge(problem.model, Precision.FLOAT64)
+    judge.add(problem, problem.contacts.select(np.array([], dtype=int)))
+    assert judge.pairs(LIMIT) == ()
+
+
+def test_a_pair_that_never_touches_in_c_is_a_fault() -> None:
+    problem, touching = resting(BOX, 0.5), resting(BOX, 0.0995)
+    pair = judged(problem, touching.contacts)
+    assert (pair.answer, pair.effect) == (Answer.NO, None)
+    assert "a pair that never touches in C" in str(pair)
