@@ -61,6 +61,20 @@ def _own(name: str) -> SteppingPath:
     return path
 
 
+def shipped(name: str) -> SteppingPath | None:
+    """Return one of mjbench's own paths; None for another.
+
+    It is safe for names that come from files: `find` imports the module in `module:Class`.
+    """
+    return _own(name) if name in _CLASSES else None
+
+
+def title(name: str) -> str:
+    """Return what sentences call a path: its title, or its name."""
+    path = shipped(name)
+    return path.title or name if path else name
+
+
 def find(name: str) -> SteppingPath:
     """Return the path called `name`, or an object of the class that `module:Class` names.
 

@@ -8,7 +8,6 @@ from typing import Any
 
 from mjbench import paths
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant, describe_options
-from mjbench.errors import InputError
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import MARGIN, Loop, RaceRecord, Standing
 from mjbench.paths import BASE
@@ -315,12 +314,11 @@ def _size(nbatch: int | None, names_size: bool) -> str:
 def described(variant: Variant) -> str:
     """Return a path with its options for a sentence, such as `Batch.step on 2 threads`.
 
-    Options that have the path's own value are left out. A path that is not known here, as in a run
-    file from elsewhere, has its name.
+    Options that have the path's own value are left out. A path that is not one of mjbench's has
+    its name.
     """
-    try:
-        path, options = paths.find(variant.path), dict(variant.options)
-    except InputError:
+    path, options = paths.shipped(variant.path), dict(variant.options)
+    if path is None:
         return str(variant)
     text = path.title or path.name
     for option in path.options:
@@ -369,7 +367,7 @@ def _times(speedup: Ratio, baseline: str) -> str:
 def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> str:
     """Return how many threads a path should have."""
     threads = "one thread" if row.nthread == 1 else f"{row.nthread} threads"
-    name = paths.find(row.path).title or row.path
+    name = paths.title(row.path)
     begin = f"{name}{_size(row.nbatch, names_size)}: {threads}"
     doubt = "" if row.is_certain else "; not certain"
     if row.over_one is None:

@@ -86,7 +86,7 @@ def judgement_conclusion(result: PathResult) -> str | None:
     judgement = result.judgement
     if judgement is None or judgement.answer == Answer.NO:
         return None
-    name = paths.find(result.path).title or result.path
+    name = paths.title(result.path)
     if judgement.answer == Answer.NOT_JUDGED:
         return f"{name} is not judged: {judgement.reason}"
     same = "computes what C does"
