@@ -5,7 +5,8 @@
 searches settings for models that have a needless cost each: a tiny timestep, 200 pairs of bodies
 that never touch, a dense Jacobian, RK4 where Euler's method errs as little. In each, the knob that
 removes the cost must be among the recommended settings; in a model without any of the four, none of
-their knobs may be. It takes about a minute and a half a model.
+their knobs may be, nor in one whose solver stops at its limit of iterations. It takes about a
+minute and a half a model.
 
 The exit code is 1 if one is missing, or one too many, and 0 otherwise.
 """
@@ -85,6 +86,19 @@ def boxes(count: int, options: str, joint: str = "<freejoint/>") -> str:
     )
 
 
+def stack(count: int, options: str) -> str:
+    """Return boxes on top of each other, the topmost ten times as heavy."""
+    bodies = "".join(
+        f"<body pos='0 0 {0.05 + 0.1 * i}'><freejoint/><geom type='box' size='.05 .05 .05'"
+        f" mass='{10 if i == count - 1 else 1}'/></body>"
+        for i in range(count)
+    )
+    return (
+        f"<mujoco><option {options}/><worldbody><geom type='plane' size='5 5 1'/>{bodies}"
+        "</worldbody></mujoco>"
+    )
+
+
 SLIDE = "<joint type='slide' axis='0 0 1'/>"
 
 CASES = (
@@ -93,6 +107,7 @@ CASES = (
     Case("dense Jacobian", boxes(24, "timestep='0.002' jacobian='dense'"), "jacobian"),
     Case("RK4", boxes(6, "timestep='0.002' integrator='RK4'", SLIDE), "integrator"),
     Case("nothing planted", chain(4, "timestep='0.004'")),
+    Case("solver at its limit", stack(10, "solver='PGS' iterations='10'")),
 )
 
 

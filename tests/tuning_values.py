@@ -77,6 +77,7 @@ def present(error=PRESENT_ERROR, is_comparable=True, solver_limited=0.0):
         motion_rad=None,
         physics=NOTHING,
         reference_physics=NOTHING,
+        converged_error=apart(0.1 * error),
     )
 
 

@@ -9,23 +9,23 @@ from collections.abc import Collection, Mapping, Sequence
 # What `mjbench --help` says of each command, in its order; lines fit into a narrow terminal.
 LISTED: Mapping[str, Mapping[str, str]] = {
     "To begin with": {
-        "checkup": "it is slow: what can I do? also `mjbench TARGET`",
+        "checkup": "what can I do? the same as `mjbench TARGET`",
     },
     "Every day": {
         "run": "my program: where time goes, what to change",
         "env": "an environment: where the time of a step goes",
-        "compare": "the fastest way of stepping; how many threads",
-        "tune": "faster settings of a model, and their errors",
-        "versions": "is a release slower for my model? --explain",
+        "compare": "the fastest way to step; threads with --scaling",
+        "tune": "faster settings of a model; what they change",
+        "versions": "is a release slower? why: --explain",
         "ab": "which of two models or revisions is slower?",
         "bisect": "which commit made my own code slower?",
         "lint": "what is slow or wrong in a script",
-        "doctor": "can I measure here? --verdicts, --placement",
-        "show": "results again: --html, --format csv, --against",
+        "doctor": "can I trust timings here? error rate: --verdicts",
+        "show": "results again, as a page, or beside others",
     },
     "A closer look": {
-        "profile": "a step by stage; --habits of loops",
-        "latency": "single steps, and which miss a deadline",
+        "profile": "the stages of a step; habits of loops: --habits",
+        "latency": "the slowest steps, and which miss a deadline",
         "plan": "plans per second of a sampling planner",
         "web": "MuJoCo in WebAssembly beside C",
         "models": "list the shipped models",

@@ -210,25 +210,31 @@ def _flush_output(is_failure: bool = False) -> None:
         sys.exit(ExitCode.ENVIRONMENT)
 
 
-@click.group(cls=Cli, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=Cli,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    subcommand_metavar="TARGET | COMMAND [ARGS]...",
+)
 @click.version_option(mjbench.__version__, message="mjbench %(version)s")
 def cli() -> None:
     """Measure MuJoCo in Python: your program, ways of stepping, releases.
 
     \b
     Examples:
-      mjbench robot.xml              it is slow: what can I do?
-      mjbench compare robot.xml      which way of stepping is fastest?
-      mjbench run train.py           what does my loop waste?
-      mjbench versions 3.17.0 4.0.0 robot.xml    is it slower?
-      mjbench tune robot.xml         which settings are faster?
-      mjbench compare robot.xml --paths mjx,warp,rollout
-      mjbench doctor --verdicts      how far can I trust it here?
+      mjbench robot.xml            it is slow: what can I do?
+      mjbench run --seconds 30 train.py    what does it waste?
+      mjbench compare robot.xml --scaling  how many threads?
+      mjbench compare robot.xml --paths mjx,rollout
+      mjbench versions 3.17.0 4.0.0 robot.xml
+      mjbench ab rev=main rev=HEAD bench.py::step
+      mjbench tune robot.xml       which settings are faster?
+      mjbench doctor               can I trust timings here?
 
-    MODEL is one of the shipped models, a path to .xml, .urdf or .mjb, or PACKAGE:NAME for a model
-    inside an installed package, such as gymnasium:ant or dm_control:humanoid.
+    A TARGET is a MODEL, a program or an environment. A MODEL is a path to .xml, .urdf or .mjb, one
+    of the shipped models, or PACKAGE:NAME for a model inside an installed package, such as
+    gymnasium:ant.
 
-    Exit codes: 0 the command ran, and nothing that it was asked to fail on was found; 1 a finding
-    (paths disagree, or what --fail-on names); 2 bad usage or input; 3 the environment failed
-    (crash, time limit, disk), or a verdict that --fail-on needs is inconclusive; 130 interrupted.
+    Exit codes: 0 success; 1 a finding (paths disagree, or what --fail-on names); 2 bad usage or
+    input; 3 the environment failed (crash, time limit, disk), or a verdict that --fail-on needs
+    stayed inconclusive; 130 interrupted.
     """

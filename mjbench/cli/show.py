@@ -36,7 +36,8 @@ _MOST_RUNS = 20
     "-o",
     "--output",
     metavar="FILE",
-    help="With a format: write to FILE, or - for stdout  [default: report.html, others to stdout]",
+    help="With a format: write to FILE, or - for stdout  [default: report.html, others to stdout]."
+    " After --html, a last word that ends in .html is FILE, too.",
 )
 @click.option(
     "--against",
@@ -76,7 +77,8 @@ def show(
     Examples:
       mjbench show
       mjbench show results/runs/run.jsonl --code
-      mjbench show results/runs/*.jsonl --html -o report.html
+      mjbench show --html report.html
+      mjbench show results/runs/*.jsonl --html -o all.html
       mjbench show --markdown >> "$GITHUB_STEP_SUMMARY"
       mjbench show --format comment -o comment.md
       mjbench show --format junit -o junit.xml
@@ -92,6 +94,8 @@ def show(
         raise InputError("--fail-on is about two runs: add --against OLD")
     if output and not form:
         raise InputError("-o is for a page or a format: add --html, --markdown or --format")
+    if form == "html" and not output and files and files[-1].suffix == ".html":
+        files, output = files[:-1], str(files[-1])
     if against is None:
         chosen = files or (runs.latest(results),)
         if form:

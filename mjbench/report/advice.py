@@ -8,6 +8,7 @@ from typing import Any
 
 from mjbench import paths
 from mjbench.comparison.plan import WITHOUT_TIMER, Variant, describe_options
+from mjbench.errors import InputError
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import MARGIN, Loop, RaceRecord, Standing
 from mjbench.paths import BASE
@@ -314,9 +315,13 @@ def _size(nbatch: int | None, names_size: bool) -> str:
 def described(variant: Variant) -> str:
     """Return a path with its options for a sentence, such as `Batch.step on 2 threads`.
 
-    Options that have the path's own value are left out.
+    Options that have the path's own value are left out. A path that is not known here, as in a run
+    file from elsewhere, has its name.
     """
-    path, options = paths.find(variant.path), dict(variant.options)
+    try:
+        path, options = paths.find(variant.path), dict(variant.options)
+    except InputError:
+        return str(variant)
     text = path.title or path.name
     for option in path.options:
         if option.name not in options:

@@ -103,7 +103,7 @@ def conclusion(row: ProgramRow) -> str:
     if not row.loops:
         but = ", although it steps; run it for longer" if row.steps and not outside else ""
         return "no loop was seen that steps MuJoCo" + but + (f"; {outside}" if outside else "")
-    loop = row.loops[0]
+    loop = _first_loop(row)
     remedy = remedies.first(loop.remedies)
     if outside:
         loops_s = sum(report.time.seconds for report in row.loops)
@@ -119,6 +119,16 @@ def conclusion(row: ProgramRow) -> str:
     if remedy is None:
         return _nothing_to_do(loop.time)
     return "first, " + _first(loop.time, remedy)
+
+
+def _first_loop(row: ProgramRow) -> LoopReport:
+    """Return the first loop that does something, or whose waiting can be made shorter."""
+    does_something = (
+        each
+        for each in row.loops
+        if each.time.has_physics or each.time.runs_jax or remedies.first(each.remedies) is not None
+    )
+    return next(does_something, row.loops[0])
 
 
 def _outside(row: ProgramRow) -> str:

@@ -21,7 +21,6 @@ from mjbench.status import Status
 from mjbench.tuning import knobs
 from mjbench.tuning.distance import Distance
 from mjbench.tuning.records import (
-    NO_ERROR,
     SAME_ERROR,
     Attempt,
     Effect,
@@ -121,8 +120,8 @@ def _unconverged(present: Present) -> list[Conclusion]:
         Conclusion(
             f"The solver does not converge: it stops at its limit of iterations in"
             f" {short_percent(present.solver_limited)} of the steps. Results depend on that limit,"
-            " so settings that change them are recommended only with an error of at most"
-            f" {percent(NO_ERROR)} of the motion",
+            " so settings that change them are recommended only if they err no more than a solver"
+            " that converges",
             Tone.UNSURE,
         )
     ]

@@ -51,8 +51,8 @@ LEAST_PART = 0.1
 SCREENS, LEAST_LAUNCHES, MOST_LAUNCHES, MOST_FINAL_LAUNCHES = 2, 4, 8, 16
 # Seconds of timing of a setting in a launch, as a share of the budget, at least and at most.
 TIMED_SHARE, LEAST_TIMED_S, MOST_TIMED_S = 0.002, 0.03, 0.2
-# Settings that get figures of their own.
-MOST_ALONE = 16
+# Settings that get figures of their own: of those that change no motion, and of the others.
+MOST_ALONE = 10
 # Combinations that are tried; runs of each in the first rung.
 COMBINATIONS, RUNG_NRUN = 32, 8
 # Of those, so many are tried from all starts.
@@ -113,8 +113,9 @@ class CSearch(Search[CMeasurements]):
         known = [_with_accuracy(*pair) for pair in zip(promising, seen, strict=False)]
         for attempt in known:
             self._note(attempt)
+        self._leave_untried(len(promising) - len(known))
         allowed = [each for each in known if self._may_change_so_much(each)]
-        return sorted(allowed, key=fronts.rank_of)[:MOST_ALONE]
+        return [*_fastest(allowed, exact=True), *_fastest(allowed, exact=False)]
 
     def _figures(self, promising: Sequence[Attempt]) -> Iterator[Attempt]:
         """Time settings in further processes, which have not chosen them; yield their figures."""
@@ -196,7 +197,7 @@ class CSearch(Search[CMeasurements]):
 
         Where settings are withdrawn, those that come next are looked at, while there is time.
         """
-        first_error = _tolerated_error(self._present)
+        first_error = self._present.tolerated_error
         front = fronts.pareto_front(attempts, self._plan.max_error, first_error)
         if not front:
             return
@@ -229,7 +230,7 @@ class CSearch(Search[CMeasurements]):
             present = self._measure.reference(first.horizon_ncontrol)
             assert present.error is not None, "it is what the reference tells"
             self._set(present=replace(present, error=first.error.larger(present.error)))
-        return _tolerated_error(present)
+        return present.tolerated_error
 
     def _confirmed(
         self, new: Sequence[Attempt], first_error: float, error: float
@@ -348,12 +349,10 @@ class CSearch(Search[CMeasurements]):
         return self._spent_s() < share * self._plan.budget_s
 
 
-def _tolerated_error(present: Present) -> float:
-    """Return the error of the present settings, which others may have as well.
-
-    It says nothing of settings where the solver does not converge: it is then the solver's.
-    """
-    return present.error.share if present.error and present.is_converged else 0.0
+def _fastest(attempts: Sequence[Attempt], exact: bool) -> list[Attempt]:
+    """Return the fastest settings of those that change no motion, or of the others."""
+    of_kind = [each for each in attempts if (effect_of(each) != Effect.APPROXIMATE) == exact]
+    return sorted(of_kind, key=fronts.time_ratio_of)[:MOST_ALONE]
 
 
 def _is_wanted(_: Sequence[Attempt]) -> bool:

@@ -32,8 +32,8 @@ from mjbench.tuning.settings import Setting
 
 # Seconds of silence after which a child is killed.
 SILENCE_S = 120.0
-# Seconds that the reference may take: it has many steps.
-REFERENCE_SILENCE_S = 600.0
+# Seconds that the present runs and the reference may take at least: they have many steps.
+RUNS_SILENCE_S = 600.0
 # A launch of a few settings takes at least this share of the time of one of all: it starts a
 # process.
 SHARE_OF_START = 0.25
@@ -72,7 +72,8 @@ class CMeasurements:
     ):
         """Measure nothing yet."""
         self._source = ModelSource(source.name, source.path.resolve())
-        self._starts, self._hold, self._limit_s = starts, hold, limit_s
+        self._starts, self._hold = starts, hold
+        self._limit_s, self._long_s = limit_s, max(RUNS_SILENCE_S, limit_s)
         model, baseline = pool.new_file(".mjb"), pool.new_file(".pickle")
         self._files = ModelFiles(model, baseline, pool.new_folder())
 
@@ -84,7 +85,7 @@ class CMeasurements:
     def present(self, plan: TrialPlan) -> PresentRuns:
         """Draw trials, and return what the present settings do; launches use them from then on."""
         arguments = self._source, plan, self._files
-        return isolate.call(run_present, *arguments, limit_s=self._limit_s)
+        return isolate.call(run_present, *arguments, limit_s=self._long_s)
 
     def reference(self, horizon_ncontrol: int | None = None) -> Present:
         """Run the reference; return what the present settings do beside it.
@@ -97,7 +98,7 @@ class CMeasurements:
             self._source,
             self._files,
             horizon_ncontrol,
-            limit_s=max(REFERENCE_SILENCE_S, self._limit_s),
+            limit_s=self._long_s,
         )
 
     def launch(self, request: LaunchRequest) -> list[Attempt]:

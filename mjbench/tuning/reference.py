@@ -32,8 +32,8 @@ REFINEMENT = 8
 # 2, 4 or 8 divides it, too.
 HOLD = 8
 # Runs from which settings are tried: `distance.bound` leaves out the largest errors of so many.
-# With fewer than the least number it has less confidence.
-NRUN, LEAST_NRUN = 64, 29
+# With fewer than the least number it has less confidence. Where steps are slow, there are fewer.
+NRUN, SLOW_NRUN, LEAST_NRUN = 64, 32, 29
 # Settling runs from which the starts are drawn, each with a seed of its own, at most and at least;
 # and seconds of computing for them.
 DRAWS, LEAST_DRAWS, DRAWS_S = 16, 2, 4.0
@@ -92,6 +92,7 @@ class Present:
       error: of the present settings, from the reference.
       rounding: distance of runs from starts that differ in the last place.
       solver: distance of runs with the same timestep and a converged solver.
+      converged_error: of these, from the reference.
       motion_m: how far the model moves, in m; None without such degrees of freedom.
       motion_rad: in rad.
     """
@@ -110,6 +111,19 @@ class Present:
     motion_rad: float | None
     physics: Physics
     reference_physics: Physics | None
+    converged_error: Distance | None = None
+
+    @property
+    def tolerated_error(self) -> float:
+        """The error of the present settings that others may have as well, as a share of the motion.
+
+        Where the solver does not converge, it is that of one that does: the rest is the solver's.
+        """
+        if self.error is None:
+            return 0.0
+        if self.is_converged or self.converged_error is None:
+            return self.error.share
+        return min(self.error.share, self.converged_error.share)
 
     @property
     def solver_limited(self) -> float:
@@ -238,6 +252,7 @@ def with_reference(
         error=apart(present, reference),
         rounding=apart(twin, present),
         solver=apart(solver, present),
+        converged_error=apart(solver, reference),
         motion_m=scale.position.m,
         motion_rad=scale.position.rad,
         reference_physics=physics(model, trials.initial_state, reference.points),
@@ -268,6 +283,7 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
     control_s = plan.hold * float(model.opt.timestep)
     step_s = sampling.settled_step_s(model)
     affordable = plan.reference_s / (NRUN * REFINEMENT * plan.hold * step_s)
+    nrun = int(np.clip(NRUN * affordable / LEAST_NCONTROL, SLOW_NRUN, NRUN))
     ncontrol = plan.ncontrol or int(max(LEAST_NCONTROL, min(LONGEST_S / control_s, affordable)))
     count = 1
     if plan.starts.file is None:
@@ -279,7 +295,7 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
         sampling.draw(
             model,
             sampling.SampleRequest(
-                -(-NRUN // count),
+                -(-nrun // count),
                 ncontrol * plan.hold,
                 plan.hold,
                 plan.seed + number * _SEEDS_APART,
@@ -293,8 +309,8 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
     drawn = [sample.workload for sample in samples]
     shortest = min(each.ncontrol for each in drawn)
     trials = Trials(
-        np.concatenate([each.initial_state for each in drawn])[:NRUN],
-        np.concatenate([each.control[:, :shortest] for each in drawn])[:NRUN],
+        np.concatenate([each.initial_state for each in drawn])[:nrun],
+        np.concatenate([each.control[:, :shortest] for each in drawn])[:nrun],
         control_s,
     )
     first = samples[0].starts

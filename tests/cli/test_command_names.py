@@ -1,6 +1,7 @@
 """Which commands the help lists, modes of commands, and names of earlier versions."""
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -8,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 from commands import ROOT, mjbench
 
-from mjbench.cli import cli
+from mjbench.cli import cli, show_pages
 from mjbench.cli.command_names import EARLIER, LISTED, with_mode
 
 MODES = sorted(name for name in cli.commands if " --" in name)
@@ -76,3 +77,11 @@ def test_a_command_that_became_an_example_names_it() -> None:
         "mjbench: `falls` is an example of mjbench's repository now:"
         " python docs/examples/falls.py\n"
     )
+
+
+def test_a_page_is_named_after_html_or_after_o(monkeypatch: pytest.MonkeyPatch) -> None:
+    written: list[tuple[Sequence[Path], str, str | None]] = []
+    monkeypatch.setattr(show_pages, "write", lambda *arguments: written.append(arguments))
+    for words in (["--html", "a.jsonl", "page.html"], ["--html", "a.jsonl", "-o", "page.html"]):
+        assert CliRunner().invoke(cli, ["show", *words]).exit_code == 0
+    assert written == [((Path("a.jsonl"),), "html", "page.html")] * 2

@@ -81,6 +81,33 @@ def test_a_stage_is_not_left_with_less_than_nothing() -> None:
     assert apart == pytest.approx({"kinematics": 0.6, OTHER: 0.0, "sensors": 0.3, "energy": 0.1})
 
 
+TENDON = """
+<mujoco>
+  <option integrator="RK4"><flag energy="enable"/></option>
+  <worldbody><body><joint name="hinge"/><geom size=".1" pos=".2 0 0"/></body></worldbody>
+  <tendon><fixed><joint joint="hinge" coef="1"/></fixed></tendon>
+</mujoco>"""
+
+
+def test_tendons_are_a_part_of_kinematics_and_rk4_computes_them_four_times(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    model = mujoco.MjModel.from_xml_string(TENDON)
+    calls = iter(range(10))
+    timed_by(monkeypatch, lambda model: 1e-6 * next(calls))  # the first is an empty call
+    parts = step_parts.parts(model, workload.reset_to_start, 1e-4, [])
+    shares = [(part.name, part.within, round(part.share, 9)) for part in parts]
+    assert shares == [
+        ("smooth acceleration", OTHER, 0.04),
+        ("checks of the state", OTHER, 0.02),
+        ("checks of the state", OTHER, 0.03),
+        ("checks of the state", OTHER, 0.04),
+        ("energy", OTHER, 0.05),
+        ("energy", OTHER, 0.06),
+        ("tendons", "kinematics", 0.28),
+    ]
+
+
 def test_the_parts_of_a_step_leave_the_model_as_it_was(model: mujoco.MjModel) -> None:
     before = np.array(model.sensor_needstage)
     costs = step_parts.sensor_costs(model, workload.reset_to_start, 1e-5, budget_s=0.0)

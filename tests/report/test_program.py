@@ -89,6 +89,15 @@ def test_a_bound_is_said_as_a_share_of_the_loop() -> None:
     )
 
 
+def test_a_loop_that_only_waits_comes_first_only_if_its_waiting_can_be_shorter() -> None:
+    waiting = loop({Activity.THREADS: 1.0})
+    both = [LoopReport(waiting, []), LoopReport(MIXED, [remedy()])]
+    assert "do otherwise" in program.conclusion(replace(row(waiting), loops=both))
+    longer = replace(remedy(), text="take more steps for each wait")
+    both[0] = LoopReport(waiting, [longer])
+    assert "more steps for each wait" in program.conclusion(replace(row(waiting), loops=both))
+
+
 def test_a_crash_comes_before_a_wrong_result_and_that_before_time() -> None:
     wrong = Remedy(RemedyKind.RESULT, None, PLACE, "a view is stored", None, None)
     both = row(MIXED, remedy(), wrong=[wrong])
