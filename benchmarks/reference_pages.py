@@ -10,18 +10,13 @@ import functools
 import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
-
-import click
+from typing import TYPE_CHECKING, Any
 
 from benchmarks.studies.page_part import PagePart
-from mjbench.cli import cli
-from mjbench.cli.command_names import LISTED
-from mjbench.loop.lint_rules import RULES
 from mjbench.pages import markdown
-from mjbench.report.json_schemas import json_schemas
-from mjbench.report.kinds import RECORD_TYPES
-from mjbench.store.runs import RunHeader
+
+if TYPE_CHECKING:
+    import click
 
 WRITER = "benchmarks.reference_pages"
 COMMANDS = PagePart("commands.md", "commands", WRITER)
@@ -40,6 +35,9 @@ def main() -> None:
 
 def command_lines() -> Iterator[str]:
     """Yield a section for each command, with its help, in the order of `mjbench --help`."""
+    from mjbench.cli import cli  # late, as below: asv imports this module without click
+    from mjbench.cli.command_names import LISTED
+
     for group, names in LISTED.items():
         yield f"## {group}"
         yield ""
@@ -54,10 +52,16 @@ def command_lines() -> Iterator[str]:
 
 def _with_modes(name: str) -> list[str]:
     """Return the name of a command and of its modes, such as `doctor --verdicts`."""
+    from mjbench.cli import cli
+
     return [name, *sorted(each for each in cli.commands if each.startswith(f"{name} "))]
 
 
-def _help(command: click.Command, name: str) -> Iterator[str]:
+def _help(command: "click.Command", name: str) -> Iterator[str]:
+    import click
+
+    from mjbench.cli import cli
+
     names = cli.context_settings["help_option_names"]
     context = click.Context(
         command, info_name=f"mjbench {name}", terminal_width=WIDTH, help_option_names=names
@@ -71,6 +75,8 @@ def _help(command: click.Command, name: str) -> Iterator[str]:
 
 def rule_lines() -> Iterator[str]:
     """Yield the table of rules: those about wrong results first."""
+    from mjbench.loop.lint_rules import RULES
+
     ordered = sorted(RULES, key=lambda rule: not rule.is_wrong_result)
     rows = (
         (rule.code, _cell(rule.message), "result" if rule.is_wrong_result else "time")
@@ -81,6 +87,11 @@ def rule_lines() -> Iterator[str]:
 
 def key_lines() -> Iterator[str]:
     """Yield which type each line and document has, then a section for each type."""
+    from mjbench.cli.command_names import EARLIER
+    from mjbench.report.json_schemas import json_schemas
+    from mjbench.report.kinds import RECORD_TYPES
+    from mjbench.store.runs import RunHeader
+
     schemas = json_schemas()
     types: dict[str, dict[str, Any]] = {}
     for schema in schemas.values():
@@ -94,8 +105,6 @@ def key_lines() -> Iterator[str]:
     yield ""
     yield "## Documents"
     yield ""
-    from mjbench.cli.command_names import EARLIER
-
     titles = {
         name: f"mjbench {' '.join(words).removesuffix('=')} --json"
         for name, words in EARLIER.items()
