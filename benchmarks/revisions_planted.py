@@ -26,9 +26,7 @@ from mjbench.paired.revision_sides import RevisionComparison
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.revisions import Repository
-from mjbench.report import verdicts
 from mjbench.status import ExitCode
-from mjbench.store.json_form import json_form
 
 BASE = """
 import mujoco
@@ -159,6 +157,10 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
     parser.add_argument("--pairs", type=int, default=20, help="unchanged revisions")
     parser.add_argument("--json", type=Path, help="file for what was measured")
     options = parser.parse_args(arguments)
+    # late: asv imports this module where few packages are
+    from mjbench.report.verdicts import describe_verdict
+    from mjbench.store.json_form import json_form
+
     results, wrong = list[Result](), 0
     with tempfile.TemporaryDirectory() as folder:
         top = Path(folder).resolve()
@@ -171,7 +173,7 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
             with WorkerPool() as pool:
                 record = decide(pool, top, number, case)
             mark = "WRONG: " if is_wrong(case, record) else ""
-            line = verdicts.describe_verdict(record.row())
+            line = describe_verdict(record.row())
             print(f"{mark}{case.name}: {line}; {record.seconds:.0f} s", flush=True)
             wrong += bool(mark)
             results.append(

@@ -6,6 +6,7 @@
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from benchmarks.studies.page_part import DOCS, PagePart
 from mjbench.comparison.plan import describe_options
@@ -13,14 +14,13 @@ from mjbench.measuring.ratio import Ratio
 from mjbench.pages import markdown
 from mjbench.paired.outcomes import Cause
 from mjbench.paired.race_record import Loop
-from mjbench.releases.speed_history import MeasuredRelease
-from mjbench.report import advice, history_files
-from mjbench.report.advice import Advice
-from mjbench.report.kinds import RECORD_TYPES
-from mjbench.report.results import ModelResults, derive_all
-from mjbench.report.speed_history import Listed, SpeedHistory, listed_changes
-from mjbench.store import runs
-from mjbench.store.runs import Run
+
+if TYPE_CHECKING:  # else imported late: asv imports this module where few packages are
+    from mjbench.releases.speed_history import MeasuredRelease
+    from mjbench.report.advice import Advice
+    from mjbench.report.results import ModelResults
+    from mjbench.report.speed_history import Listed, SpeedHistory
+    from mjbench.store.runs import Run
 
 ROOT = Path(__file__).resolve().parents[2]
 RUN = ROOT / "results/runs/reference-mujoco-4.0.0.jsonl"
@@ -34,18 +34,23 @@ _NAMES = {Loop.CLOSED: "for RL (closed loop)", Loop.OPEN: "for planning (open lo
 _LEFT, _ROW, _UNIT, _MOST = 150, 34, 170, 3.0
 
 
-def committed_run() -> Run:
+def committed_run() -> "Run":
     """Return the run of all shipped models."""
+    from mjbench.report.kinds import RECORD_TYPES
+    from mjbench.store import runs
+
     return runs.load(RUN, RECORD_TYPES)
 
 
-def committed_history() -> SpeedHistory:
+def committed_history() -> "SpeedHistory":
     """Return the committed history of releases."""
+    from mjbench.report import history_files
+
     files = [f for f in history_files.run_files(ROOT / "results/history") if "reference-" in f.name]
     return history_files.read(files, ROOT / "benchmarks/causes.toml")
 
 
-def model_lines(run: Run) -> Iterator[str]:
+def model_lines(run: "Run") -> Iterator[str]:
     """Yield the table of what is advised on each model."""
     machine = run.header.machine
     yield (
@@ -58,23 +63,27 @@ def model_lines(run: Run) -> Iterator[str]:
     yield from markdown.table_lines(["model", *columns], rows, columns[:1])
 
 
-def _models(run: Run) -> list[ModelResults]:
+def _models(run: "Run") -> "list[ModelResults]":
+    from mjbench.report.results import derive_all
+
     return list(derive_all(run.records))
 
 
-def _advised(model: ModelResults) -> list[Advice]:
+def _advised(model: "ModelResults") -> "list[Advice]":
+    from mjbench.report import advice
+
     rows = {row.loop: row for row in advice.advise(model)}
     return [rows[loop] for loop in _NAMES]
 
 
-def _plain_us(model: ModelResults) -> str:
+def _plain_us(model: "ModelResults") -> str:
     (plain,) = [r for r in model.results if r.path == "python_loop" and not r.options]
     assert plain.step_ns is not None
     us = plain.step_ns / 1e3
     return f"{us:,.0f}" if us >= 100 else f"{us:.3g}"
 
 
-def _cell(row: Advice) -> str:
+def _cell(row: "Advice") -> str:
     if row.speedup is None:
         return "the plain loop"
     mark = "" if row.is_certain else " ?"
@@ -85,7 +94,7 @@ def _interval(ratio: Ratio) -> str:
     return f"{ratio.estimate:.2f} ({ratio.low:.2f} to {ratio.high:.2f})"
 
 
-def chart(run: Run) -> str:
+def chart(run: "Run") -> str:
     """Return the speed-ups of the table as an SVG image: a dot for each, with its interval."""
     models = _models(run)
     height = _ROW * len(models) + 70
@@ -134,7 +143,7 @@ def _axis(bottom: float) -> Iterator[str]:
         yield _text(_x(tick), bottom + 18, f"{tick}×", "middle")
 
 
-def _mark(row: Advice, y: float) -> Iterator[str]:
+def _mark(row: "Advice", y: float) -> Iterator[str]:
     speedup = row.speedup or Ratio(1.0, 1.0, 1.0)
     colour = _COLOURS[row.loop]
     low, high = speedup.low or speedup.estimate, speedup.high or speedup.estimate
@@ -145,8 +154,10 @@ def _mark(row: Advice, y: float) -> Iterator[str]:
     yield f'<circle cx="{_x(speedup.estimate):.1f}" cy="{y:.0f}" r="4" fill="{colour}"/>'
 
 
-def release_lines(history: SpeedHistory) -> Iterator[str]:
+def release_lines(history: "SpeedHistory") -> Iterator[str]:
     """Yield the releases in which one of the models became slower or faster."""
+    from mjbench.report.speed_history import listed_changes
+
     series = [each for each in history.models if each.name in SERIES]
     changes: dict[str, dict[str, Listed]] = {}
     for listed in listed_changes(history, series):
@@ -167,7 +178,7 @@ def release_lines(history: SpeedHistory) -> Iterator[str]:
     yield from markdown.table_lines(["release", *SERIES], rows)
 
 
-def _change(listed: Listed | None, measured: MeasuredRelease) -> str:
+def _change(listed: "Listed | None", measured: "MeasuredRelease") -> str:
     over_newest = f"({math.exp(measured.ratio.log_ratio):.2f})"
     if listed is None:
         return over_newest

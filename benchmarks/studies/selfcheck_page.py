@@ -11,8 +11,6 @@ from benchmarks.studies.page_part import PagePart
 from mjbench.pages import markdown
 from mjbench.paired.outcomes import Arm, Verdict
 from mjbench.paired.selfcheck_records import TrialRecord
-from mjbench.report.kinds import RECORD_TYPES
-from mjbench.store import runs
 
 RUNS = Path(__file__).resolve().parents[2] / "results" / "runs"
 PART = PagePart("method/errors.md", "selfchecks", "benchmarks.studies.selfcheck_page")
@@ -22,6 +20,10 @@ _VERDICTS = (Verdict.SLOWER, Verdict.FASTER, Verdict.SAME, Verdict.INCONCLUSIVE)
 
 def committed_trials() -> list[TrialRecord]:
     """Return the trials of all committed selfchecks."""
+    # late: asv imports this module where few packages are
+    from mjbench.report.kinds import RECORD_TYPES
+    from mjbench.store import runs
+
     files = sorted(RUNS.glob("reference-*.jsonl"))
     return [t for file in files for t in runs.load(file, RECORD_TYPES).of_type(TrialRecord)]
 
