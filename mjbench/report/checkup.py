@@ -257,7 +257,8 @@ def _notes(
         if part.status == Status.UNAVAILABLE:
             yield f"Not done: mjbench {part.part}: {part.detail}"
     for record in run.of_type(TuneRecord):
-        yield from (conclusion.text for conclusion in tuning.slow_effects(record))
+        yield from checkup_items.far_settings(record)
+    yield from dict.fromkeys(slow for item in listed_items for slow in item.slow_effects)
     yield from _not_tried(run, parts)
 
 

@@ -24,11 +24,15 @@ from mjbench.report.results import ModelResults, derive_all
 from mjbench.simulation import package_timer
 from mjbench.simulation.starts import Starts
 from mjbench.store.runs import Run
+from mjbench.tuning import knobs
 from mjbench.tuning.records import Attempt, Effect, Recommendation, TuneRecord
 from mjbench.tuning.settings import Setting, label
 
 # Lines of a program, and remedies, that are listed at most.
 _MOST_OF_PROGRAM = 6
+# Settings that err by more, as a share of the motion, are not listed: what they gain is no longer
+# of the same motion, and who only wants to save time would not expect it.
+_MOST_ERROR = 0.05
 
 
 class ResultChange(StrEnum):
@@ -84,6 +88,7 @@ class CheckupItem:
       error: as a share of the motion; None unless results have one.
       command: that looks closer.
       snippet: code that does it; empty where `action` says all.
+      slow_effects: what it prevents that runs of a second are too short to show, in sentences.
     """
 
     action: str
@@ -96,6 +101,7 @@ class CheckupItem:
     group: GainGroup | None = None
     command: str
     snippet: str = ""
+    slow_effects: Sequence[str] = ()
 
     @property
     def times(self) -> float:
@@ -255,17 +261,50 @@ def _whose(row: Advice, loops: set[Loop]) -> str:
     return f", for {count}" if Loop.OPEN in loops else f", for {count} in RL"
 
 
+def far_settings(record: TuneRecord) -> Iterator[str]:
+    """Yield the settings that are the fastest, but err too much to be listed."""
+    far = [each for each in record.front if not _is_close(each)]
+    fastest = min(far, key=_time, default=None)
+    if fastest is None or any(_time(each) <= _time(fastest) for each in _offered(record)):
+        return
+    size = f"{tuning_notes.percent(fastest.error.share)} of the motion" if fastest.error else ""
+    yield (
+        f"Not listed: {label(fastest.settings)}: {formats.factor(1 / _time(fastest))}"
+        f" {GainUnit.SIMULATED_SECOND}, but with an error of {size or 'unknown size'}"
+    )
+
+
+def _time(recommendation: Recommendation) -> float:
+    """Return the time that settings take, as a multiple of the present time."""
+    return recommendation.ratio.estimate
+
+
+def _is_close(recommendation: Recommendation) -> bool:
+    """Return whether settings err little enough to be listed."""
+    error = recommendation.error
+    is_small = error is not None and error.share <= _MOST_ERROR
+    return recommendation.effect != Effect.APPROXIMATE or is_small
+
+
+def _offered(record: TuneRecord) -> list[Recommendation]:
+    """Return what `tune` recommends, and the fastest settings that change something."""
+    offered = [each for each in tuning.advised(record) if _is_close(each)]
+    if any(each.effect == Effect.APPROXIMATE for each in offered):
+        return offered
+    changing = [
+        each for each in record.front if each.effect == Effect.APPROXIMATE and _is_close(each)
+    ]
+    return [*offered, *sorted(changing, key=_time)[:1]]
+
+
 def _of_settings(record: TuneRecord, target: str) -> Iterator[CheckupItem]:
-    """Yield what `tune` recommends, and the fastest settings that change something."""
+    """Yield settings that err little, and those that give up something else."""
     command = f"mjbench tune {target}"
-    recommended = tuning.advised(record)
-    others = [each for each in record.front if each.effect == Effect.APPROXIMATE]
-    if others and not any(each.effect == Effect.APPROXIMATE for each in recommended):
-        recommended = [*recommended, min(others, key=lambda each: each.ratio.estimate)]
-    for each in recommended:
+    for each in _offered(record):
         yield _of_recommendation(each, command)
     for attempt in tuning.faster_alone(record):
-        if attempt.gives_up:
+        accuracy = attempt.accuracy
+        if attempt.gives_up and (accuracy is None or accuracy.distance.share <= _MOST_ERROR):
             yield _of_loss(attempt, command)
 
 
@@ -284,6 +323,7 @@ def _of_recommendation(each: Recommendation, command: str) -> CheckupItem:
         group=GainGroup.SETTINGS,
         command=command,
         snippet=_applied(each.settings),
+        slow_effects=_slow_effects(each.settings),
     )
 
 
@@ -299,7 +339,16 @@ def _of_loss(attempt: Attempt, command: str) -> CheckupItem:
         group=GainGroup.SETTINGS,
         command=command,
         snippet=_applied(attempt.settings),
+        slow_effects=_slow_effects(attempt.settings) if setting.loses else (),
     )
+
+
+def _slow_effects(settings: Sequence[Setting]) -> list[str]:
+    return [
+        f"Not shown by runs this short: with {each.label}, {slow}"
+        for each in settings
+        if (slow := knobs.find(each.knob).slow)
+    ]
 
 
 def _applied(settings: Sequence[Setting]) -> str:

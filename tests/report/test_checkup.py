@@ -79,6 +79,33 @@ def test_what_keeps_results_comes_before_what_changes_them_and_larger_gains_firs
     assert listed[3].error == 0.03
 
 
+def test_settings_that_err_much_are_a_note_and_not_listed() -> None:
+    far = recommended(Effect.APPROXIMATE, 0.1, 0.6, TIMESTEP)
+    section = checkup.list_section(run(tuned(FREE, LONGER, far), part(CheckupPart.SETTINGS)))
+    errors = [item.error for item in checkup.items(run(part(CheckupPart.SETTINGS), tuned(far)))]
+    assert errors == []
+    assert [row[4] for row in section.tables[0].rows] == [
+        "settings: engine clock off, jacobian=sparse",
+        "settings: timestep=0.004",
+    ]
+    assert (
+        "Not listed: timestep=0.004: 10.00 times as fast, but with an error of 60 % of the motion"
+    ) in section.notes
+    assert not [
+        note
+        for note in checkup.list_section(run(*PATHS, tuned(FREE, LONGER))).notes
+        if note.startswith("Not listed")
+    ]
+
+
+def test_effects_too_slow_for_short_runs_are_notes_of_what_is_listed() -> None:
+    slip = Setting("noslip_iterations", "noslip_iterations=0")
+    changing = recommended(Effect.APPROXIMATE, 0.2, 0.03, slip)
+    notes = checkup.list_section(run(part(CheckupPart.SETTINGS), tuned(FREE, changing))).notes
+    slow = "with noslip_iterations=0, what is held or stacked may slip over many seconds"
+    assert any(f"Not shown by runs this short: {slow}" in note for note in notes)
+
+
 def test_figures_are_those_of_the_commands_that_look_closer() -> None:
     measured = run(*PATHS, tuned(FREE))
     (open_loop, closed_loop) = advice.advise(derive_all(measured.records)[0])
