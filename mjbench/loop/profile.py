@@ -38,6 +38,9 @@ from mjbench.status import Status
 BLOCK_S, LEAST_ROUNDS, MOST_ROUNDS, BUDGET_S = 0.004, 15, 200, 2.0
 # Seconds for the sensors of a stage, where only stages are asked for.
 BRIEF_S = 0.05
+# What Python adds to a step is the difference of two medians: below this share of a step, it is not
+# told from what disturbs the machine.
+_LEAST_PYTHON = 0.01
 # Frames for each second of simulated time, where physics, Python and rendering are compared.
 FRAMES_PER_S = 60
 
@@ -73,8 +76,13 @@ class ProfiledSteps:
 
     @property
     def python_ns(self) -> float:
-        """What the Python loop adds to a step."""
+        """What the Python loop adds to a step; negative where that is within the noise."""
         return self.loop_ns - self.engine_ns
+
+    @property
+    def is_all_engine(self) -> bool:
+        """Whether what Python adds to a step is below what was resolved."""
+        return self.python_ns < _LEAST_PYTHON * self.loop_ns
 
 
 @dataclass(frozen=True)
@@ -89,7 +97,9 @@ class ProfileRow:
       status: `ok`, `input` or `failed`.
       detail: why it failed, in one line; empty when ok.
       frames: what rendering a frame costs, by backend.
-      simulated_second: seconds for each second of simulated time, by what takes them.
+      python_ns: what the Python loop adds to a step; negative where that is within the noise.
+      simulated_second: seconds for each second of simulated time, by what takes them; 0 for Python
+        where that is within the noise.
     """
 
     record_type: ClassVar[str] = "profile"
@@ -130,7 +140,7 @@ def row(model: str, steps: ProfiledSteps, frames: Sequence[FrameTime]) -> Profil
     nstep = 1 / steps.timestep
     simulated_second = {
         "physics": steps.engine_ns * 1e-9 * nstep,
-        "Python": steps.python_ns * 1e-9 * nstep,
+        "Python": 0.0 if steps.is_all_engine else steps.python_ns * 1e-9 * nstep,
         **{
             f"rendering ({frame.backend})": frame.seconds * FRAMES_PER_S
             for frame in frames

@@ -402,23 +402,31 @@ def _of_program(row: ProgramRow, target: str) -> Iterator[CheckupItem]:
 
 
 def _of_remedy(remedy: Remedy, command: str) -> CheckupItem:
-    gain = remedy.gain or 0.0
-    low, high = (
-        (None, None)
-        if remedy.gain_error is None
-        else (gain - 2 * remedy.gain_error, gain + 2 * remedy.gain_error)
-    )
     keeps = remedy.effect in ("", "nothing")
     return CheckupItem(
         action=_placed(remedy),
-        gain=Ratio(gain, low, high) if gain > 0 else None,
+        gain=share_saved(remedy),
         unit=GainUnit.LOOP_SHARE,
-        is_bound=remedy.basis == Basis.BOUND,
+        is_bound=remedy.basis == Basis.BOUND and remedy.confirmed is None,
         change=ResultChange.NONE if keeps else ResultChange.STATED,
         change_detail="" if keeps else remedy.effect,
         group=GainGroup.LOOP,
         command=command,
     )
+
+
+def share_saved(remedy: Remedy) -> Ratio | None:
+    """Return the share of the loop's time that a remedy saves; None where that is not known."""
+    if (confirmed := remedy.confirmed) is not None:
+        gain = Ratio(confirmed.gain, confirmed.low, confirmed.high)
+    elif remedy.gain is None:
+        return None
+    elif (error := remedy.gain_error) is None:
+        gain = Ratio(remedy.gain, None, None)
+    else:
+        gain = Ratio(remedy.gain, remedy.gain - 2 * error, remedy.gain + 2 * error)
+    low, high = (None if end is None else min(1.0, max(0.0, end)) for end in (gain.low, gain.high))
+    return Ratio(min(1.0, gain.estimate), low, high) if gain.estimate > 0 else None
 
 
 def _placed(remedy: Remedy) -> str:

@@ -29,6 +29,18 @@ def test_a_release_that_installs_no_timer_prints_nothing_about_it() -> None:
     assert "Python package" not in text(step_profile(clock_ns=None))
 
 
+def test_where_python_is_within_the_noise_all_of_a_step_is_the_engine() -> None:
+    for engine_ns in (2030.0, 1990.0):
+        steps = ProfiledSteps(0.002, 2000.0, engine_ns, None, WORK, {"collision": 1.0}, {})
+        printed = text(loop_profile.row("m", steps, ()))
+        assert (
+            "takes 2 µs: all of it the engine; Python's part is below what was resolved" in printed
+        )
+        (line,) = [line for line in printed.splitlines() if line.startswith("Python")]
+        assert "below what was resolved" in line
+        assert "-" not in line
+
+
 def test_a_profile_has_a_bar_for_each_stage_that_takes_time() -> None:
     stages = {"collision": 0.6, "velocity": 0.4, "sleep": 0.0}
     steps = ProfiledSteps(0.002, 2000.0, 1500.0, 400.0, WORK, stages, {})
