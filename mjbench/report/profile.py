@@ -93,7 +93,7 @@ def _stages(steps: ProfiledSteps) -> DataTable:
 
 def _sensors(steps: ProfiledSteps) -> DataTable:
     return DataTable.of(
-        "Sensors by type, each alone",
+        "Sensors by type",
         steps.sensors,
         (Column("sensors"), lambda cost: cost.type),
         (Column("number"), lambda cost: cost.count),
