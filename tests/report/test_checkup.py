@@ -20,12 +20,12 @@ from mjbench.pages.reports import NamedRun
 from mjbench.program.activities import Activity
 from mjbench.program.remedy import Confirmed, Remedy, RemedyKind
 from mjbench.report import advice, checkup, checkup_items, tuning
-from mjbench.report.checkup_items import GainUnit, ResultChange
+from mjbench.report.checkup_item import GainUnit, ResultChange
 from mjbench.report.content import Tone
 from mjbench.report.results import derive_all
 from mjbench.status import Status
 from mjbench.store.runs import SCHEMA, Record, Run, RunHeader
-from mjbench.tuning.records import Accuracy, Attempt, Effect, Recommendation, TuneRecord
+from mjbench.tuning.records import Accuracy, Attempt, Effect, Recommendation, TuneRecord, Withdrawal
 from mjbench.tuning.settings import Edit, LoopChange, Part, Setting
 
 CLOCK = Setting("engine clock", "engine clock off", loop=LoopChange(is_clock_off=True))
@@ -74,7 +74,7 @@ def test_what_keeps_results_comes_before_what_changes_them_and_larger_gains_firs
     ]
     assert [item.change_text for item in listed] == [
         "nothing",
-        "nothing",
+        "nothing in the runs seen; jacobian: nothing but rounding",
         "nothing",
         "an error of 3 % of the motion",
     ]
@@ -177,6 +177,14 @@ def test_what_was_measured_together_is_the_conclusion() -> None:
     ) in section.notes
 
 
+def test_a_combination_that_gains_less_than_one_change_alone_is_a_note() -> None:
+    verdict = replace(FASTER, ratio=Ratio(0.5, 0.49, 0.51))
+    section = checkup.list_section(run(*PATHS, tuned(FREE), combined(verdict)))
+    assert section.conclusions[0].text.startswith(f"{TARGET}: step by mujoco.rollout")
+    assert any("2.00 times the plain loop" in note for note in section.notes)
+    assert not any("mjbench ab" in note for note in section.notes)
+
+
 def test_a_combination_that_is_not_faster_or_does_other_work_is_no_advice() -> None:
     for verdict in (SAME, replace(FASTER, changed_work=True)):
         section = checkup.list_section(run(*PATHS, combined(verdict)))
@@ -200,6 +208,18 @@ def test_where_there_was_no_time_it_says_that_nothing_is_certain() -> None:
     (conclusion,) = checkup.list_section(run(*records)).conclusions
     assert conclusion.text.startswith(f"{TARGET}: no gain is certain yet: ")
     assert conclusion.text.endswith("with the same results (3 were not tried)")
+
+
+def test_a_setting_that_is_not_decided_leaves_no_certainty() -> None:
+    seems_faster = replace(SLOW, time_ratio=0.9)
+    undecided = [
+        tuned(attempts=[seems_faster]),
+        tuned(attempts=[replace(seems_faster, ratio=Ratio(0.9, 0.8, 1.01))]),
+        tuned(attempts=[SLOW], withdrawn=[Withdrawal((JACOBIAN,), "not certainly faster")]),
+    ]
+    for record in undecided:
+        (conclusion,) = checkup.list_section(run(*of_paths((ROLLOUT, 0.5)), record)).conclusions
+        assert conclusion.text.startswith(f"{TARGET}: no gain is certain yet: ")
 
 
 def test_a_part_that_failed_is_said() -> None:
