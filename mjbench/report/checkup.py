@@ -274,8 +274,14 @@ def _notes(
         if part.status == Status.UNAVAILABLE:
             yield f"Not done: mjbench {part.part}: {part.detail}"
     for record in run.of_type(TuneRecord):
-        yield from checkup_items.far_settings(record)
+        yield from checkup_items.far_settings(record, checkup_items.quoted(parts[0].target))
     yield from dict.fromkeys(slow for item in listed_items for slow in item.slow_effects)
+    is_open = not _is_certain(run) and all(item.gain is None for item in listed_items)
+    if is_open and parts[0].kind == TargetKind.MODEL and run.of_type(ProfileRow):
+        commands = ["compare", *("tune" for _ in run.of_type(TuneRecord))]
+        target = checkup_items.quoted(parts[0].target)
+        lines = ", ".join(f"mjbench {command} {target}" for command in commands)
+        yield f"To decide what is not certain, in more time: {lines}"
     yield from _not_tried(run, parts)
 
 

@@ -90,11 +90,16 @@ def _wrong_of_model(run: Run, target: str) -> Iterator[CheckupItem]:
             )
         lines += starts.warning_lines(model.warnings)
     for window in (each.window for each in started):
-        lines += starts.limited_lines(window) if window else []
+        lines += map(_limit_raised, starts.limited_lines(window) if window else [])
     for line in dict.fromkeys(lines):
         yield CheckupItem(
             action=line, change=ResultChange.CORRECTED, command=f"mjbench compare {target}"
         )
+
+
+def _limit_raised(line: str) -> str:
+    """Return a line about the solver's limit of iterations with what to do about it."""
+    return f"{line}; raise iterations in <option> until they do not"
 
 
 def _of_paths(
@@ -140,7 +145,7 @@ def _whose(row: Advice, loops: set[Loop]) -> str:
     return f", for {count}" if Loop.OPEN in loops else f", for {count} in RL"
 
 
-def far_settings(record: TuneRecord) -> Iterator[str]:
+def far_settings(record: TuneRecord, target: str) -> Iterator[str]:
     """Yield the settings that are the fastest, but err too much to be listed."""
     far = [each for each in record.front if not _is_close(each)]
     fastest = min(far, key=_time, default=None)
@@ -149,7 +154,8 @@ def far_settings(record: TuneRecord) -> Iterator[str]:
     size = f"{tuning_notes.percent(fastest.error.share)} of the motion" if fastest.error else ""
     yield (
         f"Not listed: {label(fastest.settings)}: {formats.factor(1 / _time(fastest))}"
-        f" {GainUnit.SIMULATED_SECOND}, but with an error of {size or 'unknown size'}"
+        f" {GainUnit.SIMULATED_SECOND}, but with an error of {size or 'unknown size'}:"
+        f" mjbench tune {target}"
     )
 
 

@@ -91,7 +91,8 @@ def test_settings_that_err_much_are_a_note_and_not_listed() -> None:
         "settings: timestep=0.004",
     ]
     assert (
-        "Not listed: timestep=0.004: 10.00 times as fast, but with an error of 60 % of the motion"
+        "Not listed: timestep=0.004: 10.00 times as fast, but with an error of 60 % of the motion:"
+        " mjbench tune 'my robot.xml'"
     ) in section.notes
     assert not [
         note
@@ -204,8 +205,13 @@ def test_nothing_to_gain_is_an_answer_with_its_reasons() -> None:
 
 
 def test_where_there_was_no_time_it_says_that_nothing_is_certain() -> None:
-    records = [*of_paths((ROLLOUT, 0.5)), tuned(attempts=[SLOW], untried=3)]
-    (conclusion,) = checkup.list_section(run(*records)).conclusions
+    records = [*of_paths((ROLLOUT, 0.5)), step_profile(), tuned(attempts=[SLOW], untried=3)]
+    section = checkup.list_section(run(*records))
+    (conclusion,) = section.conclusions
+    assert (
+        "To decide what is not certain, in more time: mjbench compare 'my robot.xml', mjbench tune"
+        " 'my robot.xml'"
+    ) in section.notes
     assert conclusion.text.startswith(f"{TARGET}: no gain is certain yet: ")
     assert conclusion.text.endswith("with the same results (3 were not tried)")
 
