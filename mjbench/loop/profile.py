@@ -26,7 +26,7 @@ from mjbench.loop.habits import Habit, compile_loop
 from mjbench.loop.loop_starts import LoopStarts
 from mjbench.loop.rendering import FrameTime
 from mjbench.loop.step_parts import SensorCost, StepPart
-from mjbench.measuring import timing
+from mjbench.measuring import stats, timing
 from mjbench.simulation import compat, models, package_timer, work
 from mjbench.simulation.engine_clock import has_clock
 from mjbench.simulation.models import ModelSource
@@ -38,9 +38,6 @@ from mjbench.status import Status
 BLOCK_S, LEAST_ROUNDS, MOST_ROUNDS, BUDGET_S = 0.004, 15, 200, 2.0
 # Seconds for the sensors of a stage, where only stages are asked for.
 BRIEF_S = 0.05
-# What Python adds to a step is the difference of two medians: below this share of a step, it is not
-# told from what disturbs the machine.
-_LEAST_PYTHON = 0.01
 # Frames for each second of simulated time, where physics, Python and rendering are compared.
 FRAMES_PER_S = 60
 
@@ -57,7 +54,8 @@ class ProfiledSteps:
         install none.
       work: contacts, constraints and solver iterations per step.
       stages: share of a step by stage; they sum up to 1.
-      sensors: what sensors cost of a step, by type and stage, each timed alone.
+      sensors: what sensors cost of a step, by type and stage.
+      is_python_resolved: whether the loop certainly takes longer than one call, round by round.
       warnings: of MuJoCo that these steps raised, by name; the simulation did not diverge.
       starts: where start states came from; None in older files, for keyframe 0.
       run_nstep: steps from each start, which hold its controls; None in older files.
@@ -73,6 +71,7 @@ class ProfiledSteps:
     starts: Starts | None = None
     run_nstep: int | None = None
     sensors: Sequence[SensorCost] = ()
+    is_python_resolved: bool = True
 
     @property
     def python_ns(self) -> float:
@@ -82,7 +81,7 @@ class ProfiledSteps:
     @property
     def is_all_engine(self) -> bool:
         """Whether what Python adds to a step is below what was resolved."""
-        return self.python_ns < _LEAST_PYTHON * self.loop_ns
+        return not self.is_python_resolved or self.python_ns <= 0
 
 
 @dataclass(frozen=True)
@@ -117,6 +116,7 @@ class ProfileRow:
     starts: Starts | None = None
     run_nstep: int | None = None
     sensors: Sequence[SensorCost] = ()
+    is_python_resolved: bool = True
     frames: Sequence[FrameTime] | None = None
     simulated_second: Mapping[str, float] | None = None
 
@@ -206,10 +206,12 @@ def step(source: ModelSource, plan: StartPlan, channel: Channel) -> ProfiledStep
     sensors = step_parts.sensor_costs(model, block.new_start(), step_s)
     parts = step_parts.parts(model, block.new_start(), step_s, sensors)
     clock_off = [habits.CLOCK_OFF] if has_clock(model) else []
-    loop_ns, engine_ns, *clockless_ns = _step_ns(
+    of_loop, of_one_call, *of_others = _step_ns(
         model, block, habits.BARE, habits.ONE_CALL, *clock_off
     )
-    clock_ns = loop_ns - clockless_ns[0] if clockless_ns else None
+    loop_ns, engine_ns = statistics.median(of_loop), statistics.median(of_one_call)
+    clock_ns = loop_ns - statistics.median(of_others[0]) if of_others else None
+    least_ratio = stats.speedup(of_loop, of_one_call).low
     if clock_ns is not None:
         share = max(0.0, clock_ns) / engine_ns
         parts.append(StepPart(package_timer.NAME, engine_stages.OTHER, share))
@@ -224,11 +226,12 @@ def step(source: ModelSource, plan: StartPlan, channel: Channel) -> ProfiledStep
         starts=starts.starts,
         run_nstep=block.nstep,
         sensors=sensors,
+        is_python_resolved=least_ratio is not None and least_ratio > 1,
     )
 
 
-def _step_ns(model: mujoco.MjModel, block: Block, *of_habits: Habit) -> list[float]:
-    """Return the ns of a step in the loop of each habit, timed in turns: medians over rounds."""
+def _step_ns(model: mujoco.MjModel, block: Block, *of_habits: Habit) -> list[list[float]]:
+    """Return the ns of a step in the loop of each habit, in each round, timed in turns."""
     contenders = []
     for habit in of_habits:
         run = block.of_loop(habit, model)
@@ -236,7 +239,7 @@ def _step_ns(model: mujoco.MjModel, block: Block, *of_habits: Habit) -> list[flo
         contenders.append(timing.Contender(run))
     rounds = timing.rounds(contenders, BUDGET_S, LEAST_ROUNDS, MOST_ROUNDS)
     nstep = block.nrun * block.nstep
-    return [1e9 * statistics.median(seconds) / nstep for seconds in zip(*rounds, strict=True)]
+    return [[1e9 * each / nstep for each in seconds] for seconds in zip(*rounds, strict=True)]
 
 
 def stages(model: mujoco.MjModel, block: Block) -> dict[str, float]:

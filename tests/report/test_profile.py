@@ -1,5 +1,7 @@
 """What `mjbench profile` prints."""
 
+from dataclasses import replace
+
 from drawn_charts import drawn
 from example_records import WORK
 from step_profiles import step_profile
@@ -30,8 +32,9 @@ def test_a_release_that_installs_no_timer_prints_nothing_about_it() -> None:
 
 
 def test_where_python_is_within_the_noise_all_of_a_step_is_the_engine() -> None:
-    for engine_ns in (2030.0, 1990.0):
-        steps = ProfiledSteps(0.002, 2000.0, engine_ns, None, WORK, {"collision": 1.0}, {})
+    stages = {"collision": 1.0}
+    slower = ProfiledSteps(0.002, 2000.0, 2030.0, None, WORK, stages, {})
+    for steps in (slower, replace(slower, engine_ns=1900.0, is_python_resolved=False)):
         printed = text(loop_profile.row("m", steps, ()))
         assert (
             "takes 2 µs: all of it the engine; Python's part is below what was resolved" in printed
