@@ -204,7 +204,8 @@ def _why_nothing(run: Run) -> str:
     reasons = []
     for row in run.of_type(ProfileRow):
         if row.steps is not None:
-            share = formats.whole_percent(min(1.0, row.steps.engine_ns / row.steps.loop_ns))
+            whole = 1.0 if row.steps.is_all_engine else row.steps.engine_ns / row.steps.loop_ns
+            share = formats.whole_percent(whole)
             reasons.append(f"{share} of a step is the engine ({_stages(row.steps)})")
     reasons += map(_why_no_path, derive_all(run.records))
     reasons += map(_why_no_setting, run.of_type(TuneRecord))

@@ -57,7 +57,8 @@ class CheckupItem:
       action: what to do, and where, in a line.
       gain: None for a wrong result, and where the gain was not measured.
       is_bound: whether it is at most that: what comes instead takes time, too.
-      change_detail: what else is given up, in a few words; empty for nothing.
+      change_detail: what else is given up, or may change in runs other than those seen, in a few
+        words; empty for nothing.
       error: as a share of the motion; None unless results have one.
       command: that looks closer.
       snippet: code that does it; empty where `action` says all.

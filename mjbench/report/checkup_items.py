@@ -119,7 +119,13 @@ def _of_paths(
             command=command,
             snippet=row.snippet,
         )
-    settings = [s for record in searches for each in record.front for s in each.settings]
+    settings = [
+        setting
+        for record in searches
+        for each in _offered(record)
+        if each.effect != Effect.APPROXIMATE
+        for setting in each.settings
+    ]
     clock = advice.advise_clock(model_results)
     if clock is not None and not any(setting.loop.is_clock_off for setting in settings):
         yield CheckupItem(

@@ -125,6 +125,8 @@ def test_the_timer_is_one_item_unless_settings_turn_it_off() -> None:
     turned_off = [item for item in checkup.items(run(*PATHS)) if "timer" in item.action]
     assert [item.gain_text for item in turned_off] == ["1.30"]
     assert not [item for item in checkup.items(run(*PATHS, tuned(FREE))) if "timer" in item.action]
+    changing = recommended(Effect.APPROXIMATE, 0.2, 0.03, CLOCK, TIMESTEP)
+    assert [item for item in checkup.items(run(*PATHS, tuned(changing))) if "timer" in item.action]
 
 
 def test_the_share_that_a_program_saves_lies_within_the_whole_and_is_the_confirmed_one() -> None:
