@@ -27,6 +27,8 @@ from mjbench.tuning.records import (
     Recommendation,
     TunedProgram,
     TuneRecord,
+    fresh_ratio,
+    saves_time,
 )
 from mjbench.tuning.reference import Present
 from mjbench.tuning.settings import (
@@ -342,11 +344,22 @@ def _results(each: Recommendation, record: TuneRecord) -> str:
 
 
 def faster_alone(record: TuneRecord) -> list[Attempt]:
-    """Return the settings that alone are certainly faster in fresh processes, the fastest first."""
-    faster = [
+    """Return the settings that alone are certainly faster in fresh processes, the fastest first.
+
+    Those that failed, or that further starts did not confirm, are not among them. Each is judged so
+    strictly that all are right together, however many were timed.
+    """
+    alone = [
         (each.ratio.estimate, each)
         for each in record.attempts
-        if len(each.settings) == 1 and each.ratio and each.ratio.high and each.ratio.high < 1
+        if len(each.settings) == 1 and each.ratio and each.launches and each.status == Status.OK
+    ]
+    withdrawn = {label(each.settings) for each in record.withdrawn}
+    faster = [
+        (estimate, each)
+        for estimate, each in alone
+        if label(each.settings) not in withdrawn
+        and saves_time(fresh_ratio(each.launches, count=len(alone)))
     ]
     return [each for _, each in sorted(faster, key=lambda pair: pair[0])]
 

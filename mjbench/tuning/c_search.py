@@ -153,7 +153,9 @@ class CSearch(Search[CMeasurements]):
 
     def _may_be(self, attempt: Attempt) -> bool:
         """Return whether settings do to the motion what they may."""
-        if attempt.time_ratio is None or not self._may_change_so_much(attempt):
+        if attempt.status != Status.OK or attempt.time_ratio is None:
+            return False
+        if not self._may_change_so_much(attempt):
             return False
         if effect_of(attempt) != Effect.APPROXIMATE and self._plan.max_error is None:
             return True
@@ -378,7 +380,7 @@ def _together_known(attempts: Sequence[Attempt]) -> Attempt:
 def _with_accuracy(attempt: Attempt, seen: Attempt) -> Attempt:
     """Return an attempt with what a launch says of states and stages, or how it failed."""
     if seen.status != Status.OK:
-        return replace(attempt, status=seen.status, detail=seen.detail)
+        return Attempt(attempt.settings, seen.status, seen.detail)
     return replace(attempt, accuracy=seen.accuracy, stages=seen.stages)
 
 
@@ -386,6 +388,6 @@ def _with_figures(attempt: Attempt, launched: Sequence[Attempt]) -> Attempt:
     """Return an attempt with the ratio of launches that did not choose it."""
     known = _together_known(launched)
     if known.status != Status.OK:
-        return replace(attempt, status=known.status, detail=known.detail)
+        return Attempt(attempt.settings, known.status, known.detail)
     ratio = fresh_ratio(known.launches)
     return replace(attempt, time_ratio=ratio.estimate, ratio=ratio, launches=known.launches)

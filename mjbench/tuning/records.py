@@ -268,13 +268,16 @@ def allowed_error(max_error: float | None, present_error: float, least: float = 
     return max_error or max((1 + SAME_ERROR) * present_error, least)
 
 
-def fresh_ratio(samples: Sequence[LaunchRow]) -> Ratio:
+def fresh_ratio(samples: Sequence[LaunchRow], count: int = 1) -> Ratio:
     """Return the ratio of times over fresh processes, with Student's interval of their mean.
 
     How many there are must not depend on what they say. Disturbed ones are left out.
+
+    Args:
+      count: ratios whose intervals all hold together with CONFIDENCE (Bonferroni).
     """
     logs = [log_ratio(row) for row in samples]
-    return Ratio.of_log(*anytime.student_interval(logs, CONFIDENCE))
+    return Ratio.of_log(*anytime.student_interval(logs, 1 - (1 - CONFIDENCE) / count))
 
 
 def saves_time(ratio: Ratio) -> bool:

@@ -5,14 +5,14 @@ import random
 from dataclasses import replace
 
 import pytest
-from tuning_values import NOTHING, PRESENT_ERROR, apart, present
+from tuning_values import NOTHING, PRESENT_ERROR, apart, blocks, present
 
 from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired.records import LaunchRow
+from mjbench.report import tuning
 from mjbench.status import Status
 from mjbench.tuning import fronts
-from mjbench.tuning.c_search import SCREENS, CSearch
+from mjbench.tuning.c_search import RUNG_NRUN, SCREENS, CSearch
 from mjbench.tuning.knobs import KNOBS
 from mjbench.tuning.measurements import PresentRuns, Survey
 from mjbench.tuning.records import Accuracy, Attempt, Effect, TuneRecord, log_ratio
@@ -91,13 +91,6 @@ class Planted:
             samples = blocks(noise * math.prod(each[1] for each in of_each))
             attempt = replace(attempt, time_ratio=math.exp(log_ratio(samples)), samples=samples)
         return attempt
-
-
-def blocks(ratio):
-    """Return a launch in which settings take `ratio` of the time of the present ones."""
-    present_ns, candidate_ns = 1_000_000, round(1_000_000 * ratio)
-    quad = [present_ns, candidate_ns, candidate_ns, present_ns]
-    return LaunchRow(None, None, ["ABBA"] * 2, [quad] * 2)
 
 
 def searched(planted, **plan):
@@ -192,6 +185,24 @@ def test_a_setting_that_crashes_is_one_row_and_the_rest_goes_on():
     assert labels(record.best()) == ["jacobian=dense"]
     (failed,) = [row for row in record.attempts if row.status != Status.OK]
     assert failed.detail == "killed by SIGSEGV"
+
+
+@pytest.mark.parametrize("failing_nrun", [None, 0])
+def test_a_setting_that_crashes_later_is_no_candidate_any_more(failing_nrun):
+    class CrashesLater(Planted):
+        def attempt(self, settings, request):
+            is_known = any(nrun == RUNG_NRUN for _, _, nrun in self.asked)
+            attempt = super().attempt(settings, request)
+            if is_known and request.nrun == failing_nrun:
+                return Attempt(settings, Status.CRASHED, "killed by SIGSEGV")
+            return attempt
+
+    record = searched(CrashesLater(jacobian_dense=(FREE, 0.5, 0.0)))
+    (failed,) = record.attempts
+    assert failed.status == Status.CRASHED
+    assert failed.accuracy is failed.ratio is failed.time_ratio is None
+    assert not record.front and not record.withdrawn
+    assert tuning.faster_alone(record) == []
 
 
 def test_no_gain_is_no_recommendation():
