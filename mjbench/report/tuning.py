@@ -30,7 +30,7 @@ from mjbench.tuning.records import (
     fresh_ratio,
     saves_time,
 )
-from mjbench.tuning.reference import Present
+from mjbench.tuning.reference import SAME_SHARE, Present
 from mjbench.tuning.settings import (
     Edit,
     LoopChange,
@@ -200,6 +200,7 @@ class _FrontRow:
     program: TunedProgram | None
     is_recommended: bool = False
     effect: Effect | None = None
+    sensor_share: float = 0.0
 
 
 def _front_rows(record: TuneRecord) -> Iterator[_FrontRow]:
@@ -212,7 +213,13 @@ def _front_rows(record: TuneRecord) -> Iterator[_FrontRow]:
     for each in record.front:
         is_recommended = batch is not None or each in listed
         yield _FrontRow(
-            each.settings, each.error, each.ratio, each.program, is_recommended, each.effect
+            each.settings,
+            each.error,
+            each.ratio,
+            each.program,
+            is_recommended,
+            each.effect,
+            each.accuracy.sensor_share if each.accuracy else 0.0,
         )
     for attempt in tried(record) if batch else ():
         if attempt.time_ratio:
@@ -228,8 +235,8 @@ def _front_table(record: TuneRecord) -> DataTable:
         _front_rows(record),
         (Column("advised"), lambda row: "yes" if row.is_recommended else None),
         (
-            Column("results", leaves=3),
-            lambda row: _RESULTS[row.effect] if row.effect and is_in_c else None,
+            Column("results", wraps=True, leaves=3),
+            lambda row: _result(row.effect, row.sensor_share) if row.effect and is_in_c else None,
         ),
         (
             Column(f"time of a {'simulated second' if is_in_c else 'batched step'}", four_digits),
@@ -260,7 +267,7 @@ def _alone_table(record: TuneRecord, attempts: Sequence[Attempt]) -> DataTable:
         (Column("setting alone"), lambda row: row[1].label),
         (
             Column("results"),
-            lambda row: _RESULTS[a.effect] if (a := row[0].accuracy) else row[0].detail,
+            lambda row: _result(a.effect, a.sensor_share) if (a := row[0].accuracy) else None,
         ),
         (
             Column("time of a simulated second", formats.digits(4)),
@@ -292,7 +299,8 @@ def conclusion(record: TuneRecord) -> str:
         return f"{model}: {record.status}: {record.detail}"
     listed = advised(record)
     if not listed:
-        return f"{model}: no settings are certainly faster{_within(record)}"
+        unknown = "; errors could not be measured" if record.no_reference else ""
+        return f"{model}: no settings are certainly faster{_within(record)}{unknown}"
     return f"{model}: {'; '.join(_part(each, record) for each in listed)}"
 
 
@@ -335,12 +343,24 @@ def _results(each: Recommendation, record: TuneRecord) -> str:
     if each.effect == Effect.FREE:
         return " with the same results"
     if each.effect == Effect.EQUIVALENT:
-        return " within the solver's tolerance"
+        sensors = _sensors(each.accuracy.sensor_share if each.accuracy else 0.0)
+        return f" within the solver's tolerance{f' ({sensors})' if sensors else ''}"
     if record.present is None:  # MJX and Warp
         return _within(record)
     assert each.error and record.present.error, "the reference tells it from equivalent ones"
     is_same = each.error.share <= (1 + SAME_ERROR) * record.present.error.share
     return _within_error(record, None if record.max_error is None and is_same else each.error.share)
+
+
+def _result(effect: Effect, sensor_share: float) -> str:
+    """Return what settings do to the results, for a cell of a table."""
+    sensors = _sensors(sensor_share) if effect == Effect.EQUIVALENT else ""
+    return f"{_RESULTS[effect]}; {sensors}" if sensors else _RESULTS[effect]
+
+
+def _sensors(share: float) -> str:
+    """Return by how much sensor data differ; empty where it is no more than states may."""
+    return f"sensor data differ by up to {percent(share)}" if share > SAME_SHARE else ""
 
 
 def faster_alone(record: TuneRecord) -> list[Attempt]:

@@ -17,6 +17,11 @@ _MOST_FAILED = 12
 def notes(record: TuneRecord) -> list[str]:
     """Return what the figures rest on, and what was not recommended, a line each."""
     lines, starts = _basis(record)
+    if record.no_reference:
+        lines.append(
+            "There is no reference from which to measure errors, so settings that change the motion"
+            f" are not recommended: {record.no_reference}"
+        )
     lines += starts_lines(starts)
     lines += [
         f"Withdrawn by the second look: {label(each.settings)}: {each.reason}"
@@ -28,6 +33,8 @@ def notes(record: TuneRecord) -> list[str]:
         lines.append(f"{len(failed) - _MOST_FAILED} more failed")
     if record.untried:
         lines.append(f"There was no time for {record.untried} settings: give a longer --budget")
+    if count := record.untried_combinations:
+        lines.append(f"There was no time for {count} combinations of settings")
     lines += [
         f"Geom {mesh.geom} collides as the mesh {mesh.mesh}, which fills"
         f" {100 * mesh.share:.0f} % of a {mesh.primitive}"

@@ -67,6 +67,7 @@ def test_what_changes_least_comes_first_and_what_is_not_allowed_is_no_advice():
         ({"only": Effect.EQUIVALENT}, "faster within the solver's tolerance"),
         ({"max_error": 0.01}, "faster with an error of at most 1 % of the motion"),
         ({}, "faster without a larger error"),
+        ({"no_reference": "crashed"}, "without a larger error; errors could not be measured"),
         ({"status": Status.INTERRUPTED}, "interrupted before"),
         ({"status": Status.FAILED, "detail": "no memory"}, "robot: failed: no memory"),
     ],
@@ -182,3 +183,16 @@ def test_what_failed_or_was_withdrawn_is_not_faster_alone():
     assert tuning.faster_alone(record(attempts=[failed])) == []
     withdrawn = [Withdrawal(clear.settings, "not certainly faster from new starts")]
     assert tuning.faster_alone(record(attempts=[clear], withdrawn=withdrawn)) == []
+
+
+def test_sensor_data_that_differ_by_more_than_states_are_said():
+    equivalent = recommended(Effect.EQUIVALENT, 0.5, 0.02, JACOBIAN)
+    sensors = replace(equivalent, accuracy=replace(equivalent.accuracy, sensor_share=0.004))
+    text = "within the solver's tolerance (sensor data differ by up to 0.4 %): jacobian=sparse"
+    assert text in tuning.conclusion(record(sensors))
+    (section,) = tuning.sections([record(sensors)])
+    cell = "within tolerance (equivalent); sensor data differ by up to 0.4 %"
+    assert cell in section.tables[0].rows[1]
+    rounding = replace(equivalent, accuracy=replace(equivalent.accuracy, sensor_share=1e-6))
+    for each in (equivalent, rounding):
+        assert "sensor data" not in tuning.conclusion(record(each))
