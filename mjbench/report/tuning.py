@@ -366,8 +366,9 @@ def _sensors(share: float) -> str:
 def faster_alone(record: TuneRecord) -> list[Attempt]:
     """Return the settings that alone are certainly faster in fresh processes, the fastest first.
 
-    Those that failed, or that further starts did not confirm, are not among them. Each is judged so
-    strictly that all are right together, however many were timed.
+    Those that failed, or that further starts did not confirm, are not among them. Those that these
+    confirmed are; others are judged so strictly that all are right together, however many were
+    timed.
     """
     alone = [
         (each.ratio.estimate, each)
@@ -375,11 +376,15 @@ def faster_alone(record: TuneRecord) -> list[Attempt]:
         if len(each.settings) == 1 and each.ratio and each.launches and each.status == Status.OK
     ]
     withdrawn = {label(each.settings) for each in record.withdrawn}
+    confirmed = {label(each.settings) for each in record.front}
     faster = [
         (estimate, each)
         for estimate, each in alone
         if label(each.settings) not in withdrawn
-        and saves_time(fresh_ratio(each.launches, count=len(alone)))
+        and (
+            label(each.settings) in confirmed
+            or saves_time(fresh_ratio(each.launches, count=len(alone)))
+        )
     ]
     return [each for _, each in sorted(faster, key=lambda pair: pair[0])]
 

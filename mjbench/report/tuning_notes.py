@@ -8,7 +8,7 @@ from mjbench.tuning.distance import Distance
 from mjbench.tuning.records import Batch, BatchFacts, TuneRecord
 from mjbench.tuning.reference import REFINEMENT, Present
 from mjbench.tuning.settings import label
-from mjbench.units import plain
+from mjbench.units import count_of, plain
 
 # Settings that failed that are named.
 _MOST_FAILED = 12
@@ -32,9 +32,11 @@ def notes(record: TuneRecord) -> list[str]:
     if len(failed) > _MOST_FAILED:
         lines.append(f"{len(failed) - _MOST_FAILED} more failed")
     if record.untried:
-        lines.append(f"There was no time for {record.untried} settings: give a longer --budget")
-    if count := record.untried_combinations:
-        lines.append(f"There was no time for {count} combinations of settings")
+        untried = count_of(record.untried, "setting")
+        lines.append(f"There was no time for {untried}: give a longer --budget")
+    if record.untried_combinations:
+        untried = count_of(record.untried_combinations, "combination")
+        lines.append(f"There was no time for {untried} of settings")
     lines += [
         f"Geom {mesh.geom} collides as the mesh {mesh.mesh}, which fills"
         f" {100 * mesh.share:.0f} % of a {mesh.primitive}"

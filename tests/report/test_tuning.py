@@ -174,7 +174,10 @@ def test_what_is_faster_alone_is_certain_among_all_that_were_timed():
     assert unsure.ratio.high < 1 and small.ratio.high < 1
     assert tuning.faster_alone(record(attempts=[unsure])) == [unsure]
     of_many = [timed_alone(f"iterations={i}", [1.0, 1.01, 1.0, 0.99]) for i in range(17)]
-    assert tuning.faster_alone(record(attempts=[unsure, small, clear, *of_many])) == [clear]
+    attempts = [unsure, small, clear, *of_many]
+    assert tuning.faster_alone(record(attempts=attempts)) == [clear]
+    confirmed = recommended(Effect.FREE, 0.97, 0.0, *unsure.settings)
+    assert tuning.faster_alone(record(confirmed, attempts=attempts)) == [clear, unsure]
 
 
 def test_what_failed_or_was_withdrawn_is_not_faster_alone():
