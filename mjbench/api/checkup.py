@@ -35,7 +35,7 @@ from mjbench.program import launch
 from mjbench.program.records import ProgramRow
 from mjbench.report import checkup as report
 from mjbench.report.checkup import CheckupDocument
-from mjbench.report.checkup_items import CheckupItem
+from mjbench.report.checkup_item import CheckupItem
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
 from mjbench.status import Status
@@ -74,7 +74,8 @@ class _Times:
 
 _FULL = _Times(end=TOTAL_S, paths=14.0, together=5.0, steps=25.0, program=40.0, rounds=8.0)
 _QUICK = _Times(end=QUICK_S, paths=QUICK_S, together=0.0, steps=6.0, program=9.0, rounds=3.0)
-# Seconds that measuring something as a whole takes beside its time limit: it starts processes.
+# Seconds that a race, and measuring something as a whole, take beside their time limit: processes
+# start, and end.
 _STARTING_S = 4.0
 # Seconds that tuning, and measuring something as a whole, need at least.
 _LEAST_TUNING_S, _LEAST_TOGETHER_S = 5.0, 2.0
@@ -285,7 +286,7 @@ def _compared(
 ) -> tuple[CheckedPart, list[Record]]:
     """Return the records of a race of the usual paths in C."""
     plan, records = parts.plan, list[Record]()
-    budget_s = max(1.0, min(plan.times.paths, parts.left_s()))
+    budget_s = max(1.0, min(plan.times.paths, parts.left_s() - _STARTING_S))
     comparison = ComparisonPlan((), starts=plan.starts, budget_s=budget_s, limit_s=plan.limit_s)
     threads = [machine.usable_cores()] if plan.is_quick else None
     plans = selection.plans(comparison, _PATHS, threads, option_words=_OPTIONS)

@@ -26,7 +26,7 @@ from mjbench.loop.habits import Habit, compile_loop
 from mjbench.loop.loop_starts import LoopStarts
 from mjbench.loop.rendering import FrameTime
 from mjbench.loop.step_parts import SensorCost, StepPart
-from mjbench.measuring import timing
+from mjbench.measuring import stats, timing
 from mjbench.simulation import compat, models, package_timer, work
 from mjbench.simulation.engine_clock import has_clock
 from mjbench.simulation.models import ModelSource
@@ -54,7 +54,8 @@ class ProfiledSteps:
         install none.
       work: contacts, constraints and solver iterations per step.
       stages: share of a step by stage; they sum up to 1.
-      sensors: what sensors cost of a step, by type and stage, each timed alone.
+      sensors: what sensors cost of a step, by type and stage.
+      is_python_resolved: whether the loop certainly takes longer than one call, round by round.
       warnings: of MuJoCo that these steps raised, by name; the simulation did not diverge.
       starts: where start states came from; None in older files, for keyframe 0.
       run_nstep: steps from each start, which hold its controls; None in older files.
@@ -70,11 +71,17 @@ class ProfiledSteps:
     starts: Starts | None = None
     run_nstep: int | None = None
     sensors: Sequence[SensorCost] = ()
+    is_python_resolved: bool = True
 
     @property
     def python_ns(self) -> float:
-        """What the Python loop adds to a step."""
+        """What the Python loop adds to a step; negative where that is within the noise."""
         return self.loop_ns - self.engine_ns
+
+    @property
+    def is_all_engine(self) -> bool:
+        """Whether what Python adds to a step is below what was resolved."""
+        return not self.is_python_resolved or self.python_ns <= 0
 
 
 @dataclass(frozen=True)
@@ -89,7 +96,9 @@ class ProfileRow:
       status: `ok`, `input` or `failed`.
       detail: why it failed, in one line; empty when ok.
       frames: what rendering a frame costs, by backend.
-      simulated_second: seconds for each second of simulated time, by what takes them.
+      python_ns: what the Python loop adds to a step; negative where that is within the noise.
+      simulated_second: seconds for each second of simulated time, by what takes them; 0 for Python
+        where that is within the noise.
     """
 
     record_type: ClassVar[str] = "profile"
@@ -107,6 +116,7 @@ class ProfileRow:
     starts: Starts | None = None
     run_nstep: int | None = None
     sensors: Sequence[SensorCost] = ()
+    is_python_resolved: bool = True
     frames: Sequence[FrameTime] | None = None
     simulated_second: Mapping[str, float] | None = None
 
@@ -130,7 +140,7 @@ def row(model: str, steps: ProfiledSteps, frames: Sequence[FrameTime]) -> Profil
     nstep = 1 / steps.timestep
     simulated_second = {
         "physics": steps.engine_ns * 1e-9 * nstep,
-        "Python": steps.python_ns * 1e-9 * nstep,
+        "Python": 0.0 if steps.is_all_engine else steps.python_ns * 1e-9 * nstep,
         **{
             f"rendering ({frame.backend})": frame.seconds * FRAMES_PER_S
             for frame in frames
@@ -196,10 +206,12 @@ def step(source: ModelSource, plan: StartPlan, channel: Channel) -> ProfiledStep
     sensors = step_parts.sensor_costs(model, block.new_start(), step_s)
     parts = step_parts.parts(model, block.new_start(), step_s, sensors)
     clock_off = [habits.CLOCK_OFF] if has_clock(model) else []
-    loop_ns, engine_ns, *clockless_ns = _step_ns(
+    of_loop, of_one_call, *of_others = _step_ns(
         model, block, habits.BARE, habits.ONE_CALL, *clock_off
     )
-    clock_ns = loop_ns - clockless_ns[0] if clockless_ns else None
+    loop_ns, engine_ns = statistics.median(of_loop), statistics.median(of_one_call)
+    clock_ns = loop_ns - statistics.median(of_others[0]) if of_others else None
+    least_ratio = stats.speedup(of_loop, of_one_call).low
     if clock_ns is not None:
         share = max(0.0, clock_ns) / engine_ns
         parts.append(StepPart(package_timer.NAME, engine_stages.OTHER, share))
@@ -214,11 +226,12 @@ def step(source: ModelSource, plan: StartPlan, channel: Channel) -> ProfiledStep
         starts=starts.starts,
         run_nstep=block.nstep,
         sensors=sensors,
+        is_python_resolved=least_ratio is not None and least_ratio > 1,
     )
 
 
-def _step_ns(model: mujoco.MjModel, block: Block, *of_habits: Habit) -> list[float]:
-    """Return the ns of a step in the loop of each habit, timed in turns: medians over rounds."""
+def _step_ns(model: mujoco.MjModel, block: Block, *of_habits: Habit) -> list[list[float]]:
+    """Return the ns of a step in the loop of each habit, in each round, timed in turns."""
     contenders = []
     for habit in of_habits:
         run = block.of_loop(habit, model)
@@ -226,7 +239,7 @@ def _step_ns(model: mujoco.MjModel, block: Block, *of_habits: Habit) -> list[flo
         contenders.append(timing.Contender(run))
     rounds = timing.rounds(contenders, BUDGET_S, LEAST_ROUNDS, MOST_ROUNDS)
     nstep = block.nrun * block.nstep
-    return [1e9 * statistics.median(seconds) / nstep for seconds in zip(*rounds, strict=True)]
+    return [[1e9 * each / nstep for each in seconds] for seconds in zip(*rounds, strict=True)]
 
 
 def stages(model: mujoco.MjModel, block: Block) -> dict[str, float]:

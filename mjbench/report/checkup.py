@@ -10,21 +10,18 @@ from mjbench.checkups.targets import TargetKind
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.host.machine import Machine
 from mjbench.loop.profile import ProfiledSteps, ProfileRow
+from mjbench.measuring.ratio import Ratio
 from mjbench.program.records import ProgramRow
 from mjbench.report import advice, checkup_items, environment, formats, profile, program, tuning
-from mjbench.report.checkup_items import (
-    CheckupItem,
-    GainGroup,
-    ResultChange,
-    combination_gain,
-)
+from mjbench.report.checkup_item import CheckupItem, GainGroup, GainUnit, ResultChange
+from mjbench.report.checkup_items import combination_gain
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Snippet, Tone
 from mjbench.report.results import ModelResults, derive_all
 from mjbench.report.starts import starts_lines
 from mjbench.simulation import package_timer
 from mjbench.status import Status
 from mjbench.store.runs import SCHEMA, Run
-from mjbench.tuning.records import TuneRecord
+from mjbench.tuning.records import MIN_EFFECT, Attempt, Effect, TuneRecord
 from mjbench.tuning.settings import label
 from mjbench.units import count_of, listed
 
@@ -112,12 +109,11 @@ def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> It
     for part in failed:
         yield Conclusion(f"{name}: {_failure(part)}", Tone.BAD)
     gains = [item for item in listed_items if item.gain is not None]
-    combined = _combined(run)
-    if combined:
+    if combined := _combined(run, least=_best_alone(listed_items)):
         yield Conclusion(f"{name}: {combined}", Tone.GOOD)
     elif gains:
         first = gains[0]
-        is_same = first.change == ResultChange.NONE
+        is_same = first.change == ResultChange.NONE and not first.change_detail
         changes = "" if is_same else f"; changes in results: {first.change_text}"
         tone = Tone.GOOD if first.change.keeps else Tone.UNSURE
         yield Conclusion(f"{name}: {first.action}: {_gain(first)}{changes}", tone)
@@ -145,11 +141,19 @@ def _gain(item: CheckupItem) -> str:
     return f"{item.gain_text} {item.unit}{interval}"
 
 
-def _combined(run: Run) -> str:
-    """Return what all that changes nothing gains together; empty where that is not certain."""
+def _best_alone(listed_items: Sequence[CheckupItem]) -> float:
+    """Return how many times the plain loop the best way of stepping alone is; 1 without any."""
+    return max((each.times for each in listed_items if each.unit == GainUnit.PLAIN_LOOP), default=1)
+
+
+def _combined(run: Run, least: float = 1.0) -> str:
+    """Return what all that changes nothing gains together; empty unless that is at least `least`.
+
+    It is empty, too, where it is not certain.
+    """
     for part in run.of_type(CheckedPart):
         gain = combination_gain(part.verdict) if part.verdict is not None else None
-        if gain is not None and part.combination is not None:
+        if gain is not None and gain.estimate >= least and part.combination is not None:
             return (
                 f"{formats.factor(gain.estimate)} times the plain loop{formats.in_brackets(gain)}"
                 f" with the same results, measured together: {_described(part.combination)}"
@@ -179,7 +183,20 @@ def _is_certain(run: Run) -> bool:
     rows = [row for results in derive_all(run.records) for row in advice.advise(results)]
     searches = run.of_type(TuneRecord)
     is_decided = bool(rows) and all(row.is_certain for row in rows)
-    return is_decided and bool(searches) and not any(each.untried for each in searches)
+    return is_decided and bool(searches) and all(map(_is_decided, searches))
+
+
+def _is_decided(record: TuneRecord) -> bool:
+    """Return whether no setting that keeps results may still be faster."""
+    return not (record.untried or record.withdrawn or any(map(_may_gain, record.attempts)))
+
+
+def _may_gain(attempt: Attempt) -> bool:
+    """Return whether a setting that keeps results seems faster, but not certainly."""
+    if attempt.accuracy is not None and attempt.accuracy.effect == Effect.APPROXIMATE:
+        return False
+    ratio = attempt.ratio or (Ratio(attempt.time_ratio, None, None) if attempt.time_ratio else None)
+    return ratio is not None and ratio.estimate <= 1 - MIN_EFFECT and ratio.covers(1.0)
 
 
 def _why_nothing(run: Run) -> str:
@@ -253,11 +270,18 @@ def _notes(
         yield f"Look closer at {listed(of_command)}: {command}"
     for part in parts:
         if part.combination is not None and part.verdict is not None:
-            yield from _combination_lines(part, part.combination)
+            yield from _combination_lines(part, part.combination, _best_alone(listed_items))
         if part.status == Status.UNAVAILABLE:
             yield f"Not done: mjbench {part.part}: {part.detail}"
     for record in run.of_type(TuneRecord):
-        yield from (conclusion.text for conclusion in tuning.slow_effects(record))
+        yield from checkup_items.far_settings(record, checkup_items.quoted(parts[0].target))
+    yield from dict.fromkeys(slow for item in listed_items for slow in item.slow_effects)
+    is_open = not _is_certain(run) and all(item.gain is None for item in listed_items)
+    if is_open and parts[0].kind == TargetKind.MODEL and run.of_type(ProfileRow):
+        commands = ["compare", *("tune" for _ in run.of_type(TuneRecord))]
+        target = checkup_items.quoted(parts[0].target)
+        lines = ", ".join(f"mjbench {command} {target}" for command in commands)
+        yield f"To decide what is not certain, in more time: {lines}"
     yield from _not_tried(run, parts)
 
 
@@ -274,12 +298,20 @@ def _overlaps(listed_items: Sequence[CheckupItem]) -> Iterator[str]:
         yield "Gains overlap: they neither add up nor multiply"
 
 
-def _combination_lines(part: CheckedPart, combination: Combination) -> Iterator[str]:
+def _combination_lines(
+    part: CheckedPart, combination: Combination, best_alone: float
+) -> Iterator[str]:
     """Yield how to measure a combination again, or why it is not advised."""
     assert part.verdict is not None, "it was measured"
-    target = checkup_items.quoted(part.target)
-    if combination_gain(part.verdict) is None:
+    target, gain = checkup_items.quoted(part.target), combination_gain(part.verdict)
+    if gain is None:
         yield f"Together, {_described(combination)} is not certainly faster than the plain loop"
+        return
+    if gain.estimate < best_alone:
+        yield (
+            f"Together, {_described(combination)} is {formats.factor(gain.estimate)} times the"
+            f" plain loop{formats.in_brackets(gain)}: no more than the best of them alone"
+        )
         return
     if combination.settings:
         yield f"Write the settings to a copy: mjbench tune {target} --only free --write tuned.xml"

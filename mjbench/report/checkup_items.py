@@ -2,8 +2,7 @@
 
 import shlex
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import replace
 
 from mjbench.checkups.records import CheckedPart, Combination
 from mjbench.environment.records import EnvironmentRecord, PhysicsPath
@@ -18,136 +17,22 @@ from mjbench.program.records import ProgramRow
 from mjbench.program.remedy import Basis, Remedy
 from mjbench.report import advice, environment, formats, program, starts, tuning, tuning_notes
 from mjbench.report.advice import Advice
+from mjbench.report.checkup_item import CheckupItem, GainGroup, GainUnit, ResultChange
 from mjbench.report.content import Snippet
 from mjbench.report.lint import finding_place
 from mjbench.report.results import ModelResults, derive_all
 from mjbench.simulation import package_timer
 from mjbench.simulation.starts import Starts
 from mjbench.store.runs import Run
+from mjbench.tuning import knobs
 from mjbench.tuning.records import Attempt, Effect, Recommendation, TuneRecord
-from mjbench.tuning.settings import Setting, label
+from mjbench.tuning.settings import NO_CHANGE, Setting, label
 
 # Lines of a program, and remedies, that are listed at most.
 _MOST_OF_PROGRAM = 6
-
-
-class ResultChange(StrEnum):
-    """What an item does to results."""
-
-    CORRECTED = "corrected"
-    """They are wrong today."""
-    NONE = "none"
-    """Nothing, to the last bit."""
-    TOLERANCE = "tolerance"
-    """No more than the solver's tolerance does."""
-    STATED = "stated"
-    """What `change_detail` says."""
-    ERROR = "error"
-    """An error, of which `error` has the size."""
-
-    @property
-    def keeps(self) -> bool:
-        """Whether results are as good as before."""
-        return self in (ResultChange.NONE, ResultChange.TOLERANCE)
-
-
-class GainUnit(StrEnum):
-    """What a gain is a multiple of; that of a loop is the share of its time that is saved."""
-
-    PLAIN_LOOP = "times the plain loop"
-    SIMULATED_SECOND = "times as fast"
-    LOOP_SHARE = "of the loop's time saved"
-    ENV_STEP = "times env.step"
-    ONE_ENVIRONMENT = "times one environment"
-
-
-class GainGroup(StrEnum):
-    """Items of one group do the same work in another way: of them, use one."""
-
-    PATHS = "ways of stepping"
-    TIMER = "timer"
-    SETTINGS = "settings"
-    LOOP = "loop"
-    PHYSICS = "physics alone"
-    VECTORS = "several environments"
-
-
-@dataclass(frozen=True, kw_only=True)
-class CheckupItem:
-    """One thing to do.
-
-    Attributes:
-      action: what to do, and where, in a line.
-      gain: None for a wrong result, and where the gain was not measured.
-      is_bound: whether it is at most that: what comes instead takes time, too.
-      change_detail: what else is given up, in a few words; empty for nothing.
-      error: as a share of the motion; None unless results have one.
-      command: that looks closer.
-      snippet: code that does it; empty where `action` says all.
-    """
-
-    action: str
-    gain: Ratio | None = None
-    unit: GainUnit | None = None
-    is_bound: bool = False
-    change: ResultChange
-    change_detail: str = ""
-    error: float | None = None
-    group: GainGroup | None = None
-    command: str
-    snippet: str = ""
-
-    @property
-    def times(self) -> float:
-        """How many times as fast, by estimate; 1 where that is not known."""
-        if self.gain is None:
-            return 1.0
-        if self.unit == GainUnit.LOOP_SHARE:
-            return 1 / max(1e-9, 1 - self.gain.estimate)
-        return self.gain.estimate
-
-    @property
-    def rank(self) -> tuple[int, float]:
-        """Where it stands: wrong results first, then what keeps results, then the rest."""
-        if self.change == ResultChange.CORRECTED:
-            return 0, 0.0
-        if self.gain is None:
-            return 3, 0.0
-        if self.group == GainGroup.LOOP:  # `run` has ranked them
-            return 1, 0.0
-        return (1 if self.change.keeps else 2), -self.times
-
-    @property
-    def gain_text(self) -> str:
-        """The gain, as a sentence or a cell has it; empty where it is not known."""
-        if self.gain is None:
-            return ""
-        at_most = "≤ " if self.is_bound else ""
-        if self.unit == GainUnit.LOOP_SHARE:
-            return f"{at_most}{formats.whole_percent(self.gain.estimate)}"
-        return f"{at_most}{formats.factor(self.gain.estimate)}"
-
-    @property
-    def ends_text(self) -> str:
-        """The ends of its interval; empty where they are not known."""
-        form = formats.whole_percent if self.unit == GainUnit.LOOP_SHARE else formats.factor
-        return formats.ends(self.gain, form)
-
-    @property
-    def change_text(self) -> str:
-        """What it changes in results."""
-        match self.change:
-            case ResultChange.CORRECTED:
-                return "corrects them"
-            case ResultChange.NONE:
-                return "nothing"
-            case ResultChange.TOLERANCE:
-                return "within the solver's tolerance"
-            case ResultChange.ERROR:
-                if self.error is None:
-                    return "an error of unknown size"
-                return f"an error of {tuning_notes.percent(self.error)} of the motion"
-        return self.change_detail
+# Settings that err by more, as a share of the motion, are not listed: what they gain is no longer
+# of the same motion, and who only wants to save time would not expect it.
+_MOST_ERROR = 0.05
 
 
 def items(run: Run) -> list[CheckupItem]:
@@ -205,11 +90,16 @@ def _wrong_of_model(run: Run, target: str) -> Iterator[CheckupItem]:
             )
         lines += starts.warning_lines(model.warnings)
     for window in (each.window for each in started):
-        lines += starts.limited_lines(window) if window else []
+        lines += map(_limit_raised, starts.limited_lines(window) if window else [])
     for line in dict.fromkeys(lines):
         yield CheckupItem(
             action=line, change=ResultChange.CORRECTED, command=f"mjbench compare {target}"
         )
+
+
+def _limit_raised(line: str) -> str:
+    """Return a line about the solver's limit of iterations with what to do about it."""
+    return f"{line}; raise iterations in <option> until they do not"
 
 
 def _of_paths(
@@ -255,17 +145,51 @@ def _whose(row: Advice, loops: set[Loop]) -> str:
     return f", for {count}" if Loop.OPEN in loops else f", for {count} in RL"
 
 
+def far_settings(record: TuneRecord, target: str) -> Iterator[str]:
+    """Yield the settings that are the fastest, but err too much to be listed."""
+    far = [each for each in record.front if not _is_close(each)]
+    fastest = min(far, key=_time, default=None)
+    if fastest is None or any(_time(each) <= _time(fastest) for each in _offered(record)):
+        return
+    size = f"{tuning_notes.percent(fastest.error.share)} of the motion" if fastest.error else ""
+    yield (
+        f"Not listed: {label(fastest.settings)}: {formats.factor(1 / _time(fastest))}"
+        f" {GainUnit.SIMULATED_SECOND}, but with an error of {size or 'unknown size'}:"
+        f" mjbench tune {target}"
+    )
+
+
+def _time(recommendation: Recommendation) -> float:
+    """Return the time that settings take, as a multiple of the present time."""
+    return recommendation.ratio.estimate
+
+
+def _is_close(recommendation: Recommendation) -> bool:
+    """Return whether settings err little enough to be listed."""
+    error = recommendation.error
+    is_small = error is not None and error.share <= _MOST_ERROR
+    return recommendation.effect != Effect.APPROXIMATE or is_small
+
+
+def _offered(record: TuneRecord) -> list[Recommendation]:
+    """Return what `tune` recommends, and the fastest settings that change something."""
+    offered = [each for each in tuning.advised(record) if _is_close(each)]
+    if any(each.effect == Effect.APPROXIMATE for each in offered):
+        return offered
+    changing = [
+        each for each in record.front if each.effect == Effect.APPROXIMATE and _is_close(each)
+    ]
+    return [*offered, *sorted(changing, key=_time)[:1]]
+
+
 def _of_settings(record: TuneRecord, target: str) -> Iterator[CheckupItem]:
-    """Yield what `tune` recommends, and the fastest settings that change something."""
+    """Yield settings that err little, and those that give up something else."""
     command = f"mjbench tune {target}"
-    recommended = tuning.advised(record)
-    others = [each for each in record.front if each.effect == Effect.APPROXIMATE]
-    if others and not any(each.effect == Effect.APPROXIMATE for each in recommended):
-        recommended = [*recommended, min(others, key=lambda each: each.ratio.estimate)]
-    for each in recommended:
+    for each in _offered(record):
         yield _of_recommendation(each, command)
     for attempt in tuning.faster_alone(record):
-        if attempt.gives_up:
+        accuracy = attempt.accuracy
+        if attempt.gives_up and (accuracy is None or accuracy.distance.share <= _MOST_ERROR):
             yield _of_loss(attempt, command)
 
 
@@ -280,10 +204,21 @@ def _of_recommendation(each: Recommendation, command: str) -> CheckupItem:
         gain=_inverse(each.ratio),
         unit=GainUnit.SIMULATED_SECOND,
         change=changes[each.effect],
+        change_detail=_in_other_runs(each.settings) if each.effect == Effect.FREE else "",
         error=each.error.share if each.error and each.effect == Effect.APPROXIMATE else None,
         group=GainGroup.SETTINGS,
         command=command,
         snippet=_applied(each.settings),
+        slow_effects=_slow_effects(each.settings),
+    )
+
+
+def _in_other_runs(settings: Sequence[Setting]) -> str:
+    """Return what settings that changed nothing may change in states that were not seen."""
+    edited = [knobs.find(each.knob) for each in settings if each.loop == NO_CHANGE]
+    return "; ".join(
+        f"{knob.name}: {knob.changes[:1].lower()}{knob.changes[1:].removesuffix('.')}"
+        for knob in {knob.name: knob for knob in edited}.values()
     )
 
 
@@ -299,7 +234,16 @@ def _of_loss(attempt: Attempt, command: str) -> CheckupItem:
         group=GainGroup.SETTINGS,
         command=command,
         snippet=_applied(attempt.settings),
+        slow_effects=_slow_effects(attempt.settings) if setting.loses else (),
     )
+
+
+def _slow_effects(settings: Sequence[Setting]) -> list[str]:
+    return [
+        f"Not shown by runs this short: with {each.label}, {slow}"
+        for each in settings
+        if (slow := knobs.find(each.knob).slow)
+    ]
 
 
 def _applied(settings: Sequence[Setting]) -> str:
@@ -353,23 +297,31 @@ def _of_program(row: ProgramRow, target: str) -> Iterator[CheckupItem]:
 
 
 def _of_remedy(remedy: Remedy, command: str) -> CheckupItem:
-    gain = remedy.gain or 0.0
-    low, high = (
-        (None, None)
-        if remedy.gain_error is None
-        else (gain - 2 * remedy.gain_error, gain + 2 * remedy.gain_error)
-    )
     keeps = remedy.effect in ("", "nothing")
     return CheckupItem(
         action=_placed(remedy),
-        gain=Ratio(gain, low, high) if gain > 0 else None,
+        gain=share_saved(remedy),
         unit=GainUnit.LOOP_SHARE,
-        is_bound=remedy.basis == Basis.BOUND,
+        is_bound=remedy.basis == Basis.BOUND and remedy.confirmed is None,
         change=ResultChange.NONE if keeps else ResultChange.STATED,
         change_detail="" if keeps else remedy.effect,
         group=GainGroup.LOOP,
         command=command,
     )
+
+
+def share_saved(remedy: Remedy) -> Ratio | None:
+    """Return the share of the loop's time that a remedy saves; None where that is not known."""
+    if (confirmed := remedy.confirmed) is not None:
+        gain = Ratio(confirmed.gain, confirmed.low, confirmed.high)
+    elif remedy.gain is None:
+        return None
+    elif (error := remedy.gain_error) is None:
+        gain = Ratio(remedy.gain, None, None)
+    else:
+        gain = Ratio(remedy.gain, remedy.gain - 2 * error, remedy.gain + 2 * error)
+    low, high = (None if end is None else min(1.0, max(0.0, end)) for end in (gain.low, gain.high))
+    return Ratio(min(1.0, gain.estimate), low, high) if gain.estimate > 0 else None
 
 
 def _placed(remedy: Remedy) -> str:

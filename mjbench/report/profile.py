@@ -13,6 +13,7 @@ from mjbench.units import duration, plain
 
 # From this share of a step on, what is left is explained.
 _NOTABLE_OTHER = 0.05
+_UNRESOLVED = "below what was resolved"
 
 
 def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
@@ -42,11 +43,13 @@ def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
 
 def conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
     """Yield how long a step takes, and what the timer of MuJoCo's Python package takes of it."""
-    yield Conclusion(
-        f"{model}: a step of a Python loop takes {duration(steps.loop_ns)}: engine"
-        f" {duration(steps.engine_ns)} ({100 * steps.engine_ns / steps.loop_ns:.0f} %), Python"
-        f" {duration(steps.python_ns)}"
+    parts = (
+        f"all of it the engine; Python's part is {_UNRESOLVED}"
+        if steps.is_all_engine
+        else f"engine {duration(steps.engine_ns)} ({100 * steps.engine_ns / steps.loop_ns:.0f} %),"
+        f" Python {duration(steps.python_ns)}"
     )
+    yield Conclusion(f"{model}: a step of a Python loop takes {duration(steps.loop_ns)}: {parts}")
     if steps.clock_ns and steps.clock_ns >= package_timer.MIN_GAIN * steps.loop_ns:
         yield Conclusion(
             f"{model}: {package_timer.NAME} takes"
@@ -90,7 +93,7 @@ def _stages(steps: ProfiledSteps) -> DataTable:
 
 def _sensors(steps: ProfiledSteps) -> DataTable:
     return DataTable.of(
-        "Sensors by type, each alone",
+        "Sensors by type",
         steps.sensors,
         (Column("sensors"), lambda cost: cost.type),
         (Column("number"), lambda cost: cost.count),
@@ -128,12 +131,16 @@ def _simulated_second(parts: Mapping[str, float]) -> DataTable:
         f"A second of simulated time, with {FRAMES_PER_S} frames",
         parts.items(),
         (Column("part"), lambda row: row[0]),
-        (Column("takes", duration), lambda row: 1e9 * row[1]),
+        (Column("takes", _resolved), lambda row: 1e9 * row[1]),
         (
             Column("", is_bar=True),
-            lambda row: formats.bar(row[1] / longest) or formats.bar(0.02),
+            lambda row: formats.bar(max(0.0, row[1]) / longest) or formats.bar(0.02),
         ),
     )
+
+
+def _resolved(ns: float) -> str:
+    return duration(ns) if ns > 0 else _UNRESOLVED
 
 
 def _figure(model: str, stages: DataTable) -> Figure:

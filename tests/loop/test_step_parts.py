@@ -62,6 +62,33 @@ def test_sensors_cost_what_their_function_takes_with_them(
     np.testing.assert_array_equal(model.sensor_needstage, before)
 
 
+def test_what_types_share_is_counted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    xml = XML.replace("</sensor>", '<accelerometer site="s"/></sensor>')
+    model = mujoco.MjModel.from_xml_string(xml)
+    timed_by(monkeypatch, lambda model: 4e-6 if np.any(model.sensor_needstage) else 1e-6)
+    costs = step_parts.sensor_costs(model, workload.reset_to_start, step_s=1e-5)
+    of_acceleration = [each for each in costs if each.stage == SensorStage.ACCELERATION]
+    assert {each.type: round(each.share, 9) for each in of_acceleration} == {
+        "touch": 0.15,
+        "accelerometer": 0.15,
+    }
+
+
+def test_each_call_computes_again_what_sensors_share() -> None:
+    model = mujoco.MjModel.from_xml_string(XML)
+    data = mujoco.MjData(model)
+    if not hasattr(data, "flg_subtreevel"):
+        pytest.skip("this release has no flags")
+    data.flg_subtreevel = data.flg_rnepost = 1
+    seen = []
+
+    def function(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        seen.append((int(data.flg_subtreevel), int(data.flg_rnepost)))
+
+    step_parts._afresh(function)(model, data)
+    assert seen == [(0, 0)]
+
+
 def test_without_sensors_or_with_sensors_disabled_there_is_no_cost(model: mujoco.MjModel) -> None:
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
     assert step_parts.sensor_costs(model, workload.reset_to_start, 1e-5) == []

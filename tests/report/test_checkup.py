@@ -17,13 +17,15 @@ from mjbench.loop.lint import Finding
 from mjbench.measuring.ratio import Ratio
 from mjbench.pages import reports, terminal
 from mjbench.pages.reports import NamedRun
-from mjbench.report import advice, checkup, tuning
-from mjbench.report.checkup_items import GainUnit, ResultChange
+from mjbench.program.activities import Activity
+from mjbench.program.remedy import Confirmed, Remedy, RemedyKind
+from mjbench.report import advice, checkup, checkup_items, tuning
+from mjbench.report.checkup_item import GainUnit, ResultChange
 from mjbench.report.content import Tone
 from mjbench.report.results import derive_all
 from mjbench.status import Status
 from mjbench.store.runs import SCHEMA, Record, Run, RunHeader
-from mjbench.tuning.records import Accuracy, Attempt, Effect, Recommendation, TuneRecord
+from mjbench.tuning.records import Accuracy, Attempt, Effect, Recommendation, TuneRecord, Withdrawal
 from mjbench.tuning.settings import Edit, LoopChange, Part, Setting
 
 CLOCK = Setting("engine clock", "engine clock off", loop=LoopChange(is_clock_off=True))
@@ -72,11 +74,39 @@ def test_what_keeps_results_comes_before_what_changes_them_and_larger_gains_firs
     ]
     assert [item.change_text for item in listed] == [
         "nothing",
-        "nothing",
+        "nothing in the runs seen; jacobian: nothing but rounding",
         "nothing",
         "an error of 3 % of the motion",
     ]
     assert listed[3].error == 0.03
+
+
+def test_settings_that_err_much_are_a_note_and_not_listed() -> None:
+    far = recommended(Effect.APPROXIMATE, 0.1, 0.6, TIMESTEP)
+    section = checkup.list_section(run(tuned(FREE, LONGER, far), part(CheckupPart.SETTINGS)))
+    errors = [item.error for item in checkup.items(run(part(CheckupPart.SETTINGS), tuned(far)))]
+    assert errors == []
+    assert [row[4] for row in section.tables[0].rows] == [
+        "settings: engine clock off, jacobian=sparse",
+        "settings: timestep=0.004",
+    ]
+    assert (
+        "Not listed: timestep=0.004: 10.00 times as fast, but with an error of 60 % of the motion:"
+        " mjbench tune 'my robot.xml'"
+    ) in section.notes
+    assert not [
+        note
+        for note in checkup.list_section(run(*PATHS, tuned(FREE, LONGER))).notes
+        if note.startswith("Not listed")
+    ]
+
+
+def test_effects_too_slow_for_short_runs_are_notes_of_what_is_listed() -> None:
+    slip = Setting("noslip_iterations", "noslip_iterations=0")
+    changing = recommended(Effect.APPROXIMATE, 0.2, 0.03, slip)
+    notes = checkup.list_section(run(part(CheckupPart.SETTINGS), tuned(FREE, changing))).notes
+    slow = "with noslip_iterations=0, what is held or stacked may slip over many seconds"
+    assert any(f"Not shown by runs this short: {slow}" in note for note in notes)
 
 
 def test_figures_are_those_of_the_commands_that_look_closer() -> None:
@@ -95,6 +125,13 @@ def test_the_timer_is_one_item_unless_settings_turn_it_off() -> None:
     turned_off = [item for item in checkup.items(run(*PATHS)) if "timer" in item.action]
     assert [item.gain_text for item in turned_off] == ["1.30"]
     assert not [item for item in checkup.items(run(*PATHS, tuned(FREE))) if "timer" in item.action]
+
+
+def test_the_share_that_a_program_saves_lies_within_the_whole_and_is_the_confirmed_one() -> None:
+    line = Remedy(RemedyKind.COLLECTION, Activity.COLLECTION, None, "text", 0.8, 0.2)
+    tried = replace(line, confirmed=Confirmed(0.3, 0.2, 0.4, 8))
+    assert checkup_items.share_saved(line) == Ratio(0.8, 0.4, 1.0)
+    assert checkup_items.share_saved(tried) == Ratio(0.3, 0.2, 0.4)
 
 
 def test_wrong_results_stand_first() -> None:
@@ -143,6 +180,14 @@ def test_what_was_measured_together_is_the_conclusion() -> None:
     ) in section.notes
 
 
+def test_a_combination_that_gains_less_than_one_change_alone_is_a_note() -> None:
+    verdict = replace(FASTER, ratio=Ratio(0.5, 0.49, 0.51))
+    section = checkup.list_section(run(*PATHS, tuned(FREE), combined(verdict)))
+    assert section.conclusions[0].text.startswith(f"{TARGET}: step by mujoco.rollout")
+    assert any("2.00 times the plain loop" in note for note in section.notes)
+    assert not any("mjbench ab" in note for note in section.notes)
+
+
 def test_a_combination_that_is_not_faster_or_does_other_work_is_no_advice() -> None:
     for verdict in (SAME, replace(FASTER, changed_work=True)):
         section = checkup.list_section(run(*PATHS, combined(verdict)))
@@ -162,10 +207,27 @@ def test_nothing_to_gain_is_an_answer_with_its_reasons() -> None:
 
 
 def test_where_there_was_no_time_it_says_that_nothing_is_certain() -> None:
-    records = [*of_paths((ROLLOUT, 0.5)), tuned(attempts=[SLOW], untried=3)]
-    (conclusion,) = checkup.list_section(run(*records)).conclusions
+    records = [*of_paths((ROLLOUT, 0.5)), step_profile(), tuned(attempts=[SLOW], untried=3)]
+    section = checkup.list_section(run(*records))
+    (conclusion,) = section.conclusions
+    assert (
+        "To decide what is not certain, in more time: mjbench compare 'my robot.xml', mjbench tune"
+        " 'my robot.xml'"
+    ) in section.notes
     assert conclusion.text.startswith(f"{TARGET}: no gain is certain yet: ")
     assert conclusion.text.endswith("with the same results (3 were not tried)")
+
+
+def test_a_setting_that_is_not_decided_leaves_no_certainty() -> None:
+    seems_faster = replace(SLOW, time_ratio=0.9)
+    undecided = [
+        tuned(attempts=[seems_faster]),
+        tuned(attempts=[replace(seems_faster, ratio=Ratio(0.9, 0.8, 1.01))]),
+        tuned(attempts=[SLOW], withdrawn=[Withdrawal((JACOBIAN,), "not certainly faster")]),
+    ]
+    for record in undecided:
+        (conclusion,) = checkup.list_section(run(*of_paths((ROLLOUT, 0.5)), record)).conclusions
+        assert conclusion.text.startswith(f"{TARGET}: no gain is certain yet: ")
 
 
 def test_a_part_that_failed_is_said() -> None:

@@ -1,5 +1,7 @@
 """What `mjbench profile` prints."""
 
+from dataclasses import replace
+
 from drawn_charts import drawn
 from example_records import WORK
 from step_profiles import step_profile
@@ -27,6 +29,19 @@ def test_step_stages_and_rendering_are_printed() -> None:
 
 def test_a_release_that_installs_no_timer_prints_nothing_about_it() -> None:
     assert "Python package" not in text(step_profile(clock_ns=None))
+
+
+def test_where_python_is_within_the_noise_all_of_a_step_is_the_engine() -> None:
+    stages = {"collision": 1.0}
+    slower = ProfiledSteps(0.002, 2000.0, 2030.0, None, WORK, stages, {})
+    for steps in (slower, replace(slower, engine_ns=1900.0, is_python_resolved=False)):
+        printed = text(loop_profile.row("m", steps, ()))
+        assert (
+            "takes 2 µs: all of it the engine; Python's part is below what was resolved" in printed
+        )
+        (line,) = [line for line in printed.splitlines() if line.startswith("Python")]
+        assert "below what was resolved" in line
+        assert "-" not in line
 
 
 def test_a_profile_has_a_bar_for_each_stage_that_takes_time() -> None:
