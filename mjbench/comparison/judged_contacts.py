@@ -24,6 +24,9 @@ CLOSE_EFFECT, CLOSE_QUANTILE = 0.1, 0.9
 # The same of contacts that are C's own, but for some that are missing: a choice of other points
 # would be seen.
 LACKING_EFFECT = 0.01
+# In float32, the largest effect of contacts that agree grows with what rounding does in C, up to
+# this.
+MAX_ROUNDING_EFFECT = 0.5 * LACKING_EFFECT
 # Contacts this near to each other, relative to the size of the model's parts, are the same.
 _SAME_PLACE = 1e-4
 # A contact this near to where it begins to count, relative to the size of coordinates, may count in

@@ -87,11 +87,10 @@ class ConstraintProblem:
         self._state, self._control = state, control
         self._restart(self._model, state)
         mujoco.mj_forward(self._model, self._data)
-        found = [copy.copy(each) for each in self._data.contact[: self._data.ncon]]
-        self.contacts = Contacts.of_c([found])
-        for each in found:
+        for each in self._data.contact[: self._data.ncon]:
             if min(each.geom) >= 0:
-                self._examples.setdefault(_pair(each), each)
+                self._examples.setdefault(_pair(each), copy.copy(each))
+        self.contacts = self._found()
         self.own = self._solution()
         self._prepare_norm()
 
@@ -121,17 +120,15 @@ class ConstraintProblem:
         """
         return self.solve_at(self._state, contacts)
 
-    def solve_at(self, state: np.ndarray, contacts: Contacts | None) -> Solution:
-        """Return C's solution at another state, which errors are not measured at.
+    def solve_found_at(self, state: np.ndarray) -> tuple[Contacts, Solution]:
+        """Return the contacts that C finds at another state, and its solution."""
+        self._restart(self._model, state)
+        mujoco.mj_forward(self._model, self._data)
+        return self._found(), self._solution()
 
-        Args:
-          contacts: None for those that C finds there.
-        """
+    def solve_at(self, state: np.ndarray, contacts: Contacts) -> Solution:
+        """Return C's solution at another state, which errors are not measured at."""
         data = self._data
-        if contacts is None:
-            self._restart(self._model, state)
-            mujoco.mj_forward(self._model, data)
-            return self._solution()
         self._restart(self._contactless, state)
         mujoco.mj_fwdPosition(self._contactless, data)
         for contact in self._as_c(contacts):
@@ -174,6 +171,9 @@ class ConstraintProblem:
     def _restart(self, model: mujoco.MjModel, state: np.ndarray) -> None:
         compat.restart(model, self._data, state)
         self._data.ctrl[:] = self._control
+
+    def _found(self) -> Contacts:
+        return Contacts.of_c([self._data.contact[: self._data.ncon]])
 
     def _solution(self) -> Solution:
         return Solution(np.array(self._data.qacc), np.array(self._data.qfrc_constraint))

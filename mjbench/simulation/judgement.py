@@ -4,7 +4,7 @@ Each part has a right answer of its own: smooth dynamics and the solution of a c
 are the same for every engine; contacts of some pairs of geoms are not, and are named.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -166,7 +166,7 @@ class Judgement:
         contact_states: int = 0,
     ) -> "Judgement":
         """Return what parts come to together."""
-        answer = max((part.answer for part in parts), key=_SEVERITY.index)
+        answer = worst(part.answer for part in parts)
         deciding = [part for part in parts if part.answer == answer != Answer.YES]
         return cls(
             precision=precision,
@@ -200,6 +200,18 @@ class Judgement:
 
 # The worst answer last.
 _SEVERITY = (Answer.YES, Answer.CLOSE, Answer.NOT_JUDGED, Answer.NO)
+# Larger numbers stand for NaN or infinity (see `agreement.max_relative_error`).
+_LARGEST_FINITE = 1e300
+
+
+def worst(answers: Iterable[Answer]) -> Answer:
+    """Return the worst of some answers; `yes` where there are none."""
+    return max(answers, key=_SEVERITY.index, default=Answer.YES)
+
+
+def finite_or_none(value: float) -> float | None:
+    """Return a number as a `Measure` holds it."""
+    return float(value) if abs(value) <= _LARGEST_FINITE else None
 
 
 def _percent(share: float) -> str:
