@@ -105,12 +105,25 @@ class ConstraintProblem:
 
         Contacts of a flex do not say which of its parts touch, so that they have none.
         """
-        return all(tuple(pair) in self._examples for pair in contacts.geom.tolist())
+        return bool(self.are_examples(contacts).all())
+
+    def are_examples(self, contacts: Contacts) -> np.ndarray:
+        """Return (ncon,) the same of each contact."""
+        pairs = contacts.geom.tolist()
+        return np.array([tuple(pair) in self._examples for pair in pairs], dtype=bool)
 
     def margins(self, contacts: Contacts) -> np.ndarray:
-        """Return (ncon,) distances in m below which contacts of these pairs count in C."""
-        pairs = (tuple(pair) for pair in contacts.geom.tolist())
-        return np.array([self._examples[pair].includemargin for pair in pairs])
+        """Return (ncon,) distances in m below which contacts of these geoms count in C."""
+        return np.array([self._margin(*pair) for pair in contacts.geom.tolist()])
+
+    def _margin(self, one: int, other: int) -> float:
+        if (one, other) in self._examples:
+            return float(self._examples[one, other].includemargin)
+        model, pair = self.model, [one, other]
+        for i in range(model.npair):
+            if sorted((model.pair_geom1[i], model.pair_geom2[i])) == pair:
+                return float(model.pair_margin[i] - model.pair_gap[i])
+        return float(model.geom_margin[pair].max() - model.geom_gap[pair].max())
 
     def solve(self, contacts: Contacts) -> Solution:
         """Return C's solution of the present state with other contacts, of one simulation.
