@@ -81,8 +81,8 @@ def build(source: Path, target: Path) -> None:
 def run(command: str, *arguments: str) -> str:
     """Run a command of pip that takes wheels alone; return why it failed, or nothing.
 
-    pip ends with all that it started, such as a compiler, before this function does; on Linux it dies
-    with this process, so that it cannot write on while another one installs.
+    pip ends with all that it started, such as a compiler. On Linux it also dies with this process,
+    so that it cannot write on while another one installs.
     """
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     with tempfile.TemporaryFile() as errors:
