@@ -64,11 +64,12 @@ class RevisionComparison:
         lacking = self.repository.lacking(self.baseline, self.candidate)
         if not lacking:
             return []
+        names = ["HEAD" if r.is_worktree else r.name for r in (self.baseline, self.candidate)]
         commits = "1 commit" if lacking == 1 else f"{lacking:,} commits"
         return [
             f"{self.baseline.name} has {commits} that {self.candidate.name} lacks, and what"
             " they change counts, too; to leave it out, name what `git merge-base"
-            f" {self.baseline.name} {self.candidate.name}` prints"
+            f" {' '.join(names)}` prints"
         ]
 
 

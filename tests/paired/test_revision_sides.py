@@ -126,6 +126,9 @@ def test_commits_that_the_candidate_lacks_are_noted(repository: Repository) -> N
     assert RevisionComparison(repository, old, new, [], repository.top).notes == []
     (note,) = RevisionComparison(repository, new, old, [], repository.top).notes
     assert note.startswith("HEAD has 1 commit that v1 lacks")
+    worktree = repository.parse(WORKTREE)
+    (note,) = RevisionComparison(repository, worktree, old, [], repository.top).notes
+    assert "`git merge-base HEAD v1`" in note
 
 
 @pytest.mark.parametrize(
