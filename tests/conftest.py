@@ -32,6 +32,7 @@ BENCHMARKS = TESTS / "benchmarks/test_classes.py"
 
 def pytest_configure(config: pytest.Config) -> None:
     """Time nothing unless asked to, and take signals; `pytest` runs every benchmark once."""
+    os.environ.pop("COLUMNS", None)  # pytest-xdist sets it; tests that need a width set it
     if not (config.getoption("benchmark_only") or config.getoption("benchmark_enable")):
         config.option.benchmark_disable = True
     if config.getoption("benchmark_only"):

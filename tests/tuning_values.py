@@ -3,6 +3,7 @@
 import json
 
 from mjbench.host import machine
+from mjbench.paired.records import LaunchRow
 from mjbench.simulation.starts import Starts, Window
 from mjbench.store import run_file, runs
 from mjbench.tuning.distance import Distance, Units
@@ -57,6 +58,13 @@ ENGINE_TUNE = {
 def apart(share):
     """Return a distance of positions and velocities, in metres as large as its share."""
     return Distance(share, Units(share, None), Units(share, None))
+
+
+def blocks(ratio):
+    """Return a launch in which settings take `ratio` of the time of the present ones."""
+    present_ns, candidate_ns = 1_000_000, round(1_000_000 * ratio)
+    quad = [present_ns, candidate_ns, candidate_ns, present_ns]
+    return LaunchRow(None, None, ["ABBA"] * 2, [quad] * 2)
 
 
 def present(error=PRESENT_ERROR, is_comparable=True, solver_limited=0.0):

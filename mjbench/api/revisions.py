@@ -9,7 +9,7 @@ from mjbench.paired.function_pair import FunctionTargets
 from mjbench.paired.judgement import Judgement
 from mjbench.paired.records import VerdictRecord, finished
 from mjbench.paired.revision_sides import RevisionComparison
-from mjbench.paired.verdict import VerdictPlan, completed_share
+from mjbench.paired.verdict import VerdictPlan, completed_share, sides_key
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.status import Status
 from mjbench.store.runs import Record
@@ -22,12 +22,11 @@ def revision_verdicts(comparison: RevisionComparison, plan: VerdictPlan) -> Meas
     revisions = comparison.baseline, comparison.candidate
 
     def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
-        done = [(record.model, record.sides) for record in finished(earlier)]
+        done = {sides_key(record.sides) for record in finished(earlier)}
         with WorkerPool() as pool:
             all_targets = revision_sides.check_out(pool, comparison, observer.begin)
             for number, targets in enumerate(all_targets):
-                baseline, candidate = targets
-                if (candidate.function, (baseline.row(), candidate.row())) in done:
+                if sides_key([target.row() for target in targets]) in done:
                     continue
                 record = _decide(pool, targets, plan, observer, number / len(all_targets))
                 yield Item([record])

@@ -45,8 +45,8 @@ def ab(
 
     Or each is rev=REVISION, a branch, tag or commit of the git repository here, or rev=WORKTREE,
     what is not committed included. Then name functions of your code: FILE.py::FUNCTION or
-    MODULE:FUNCTION. Each is called without arguments, after `setup()` of its module, if there is
-    one. A FILE is the CANDIDATE's on both sides.
+    MODULE:FUNCTION. With them, rev= may be left out. Each is called without arguments, after
+    `setup()` of its module, if there is one. A FILE is the CANDIDATE's on both sides.
 
     \b
     Examples:
@@ -54,9 +54,9 @@ def ab(
       mjbench ab model=a.xml model=b.xml
       mjbench ab model=humanoid,solver=newton solver=cg
       mjbench ab rev=main rev=HEAD bench.py::step
-      mjbench ab rev=HEAD rev=WORKTREE my_package.physics:step --fail-on slower
+      mjbench ab HEAD WORKTREE my_package.physics:step --fail-on slower
     """
-    if any(side.startswith(_REVISION) for side in (baseline, candidate)):
+    if any(side.startswith(_REVISION) for side in _as_revisions((baseline, candidate), functions)):
         from mjbench.api.revisions import revision_verdicts
 
         comparison = revision_comparison(baseline, candidate, functions, plan)
@@ -66,6 +66,13 @@ def ab(
     else:
         measurement = _of_targets(baseline, candidate, plan)
     measure_verdicts(measurement, plan.confidence, fail_on, output)
+
+
+def _as_revisions(sides: Sequence[str], functions: Sequence[str]) -> list[str]:
+    """Return sides with `rev=` where it was left out, as it may be before a function."""
+    if not any(":" in function for function in functions):
+        return list(sides)
+    return [f"{_REVISION}{side}" if side and "=" not in side else side for side in sides]
 
 
 def _of_targets(baseline: str, candidate: str, plan: "VerdictPlan") -> "Measurement":
@@ -91,7 +98,7 @@ def revision_comparison(
     from mjbench.paired.run_sizes import Sizes
     from mjbench.releases.revisions import Repository
 
-    sides = baseline, candidate
+    sides = _as_revisions((baseline, candidate), functions)
     if not all(side.startswith(_REVISION) for side in sides):
         raise InputError("a revision is compared with a revision: give rev=… twice")
     if not functions:

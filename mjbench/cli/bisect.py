@@ -25,8 +25,8 @@ def bisect(
 
     The ends are compared first. Commits between them are measured where that tells most; then the
     commit that is probably the first to differ is compared with the one before it. A FUNCTION is
-    named as for `mjbench ab rev=…`; a file is NEW's in all commits. Of merges, first parents are
-    followed.
+    named as for `mjbench ab rev=…`, and rev= may be left out; a file is
+    NEW's in all commits. Of merges, first parents are followed.
 
     \b
     Examples:

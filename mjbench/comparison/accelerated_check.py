@@ -31,6 +31,7 @@ from mjbench.simulation.judgement import (
     Part,
     PartName,
     Precision,
+    finite_or_none,
 )
 from mjbench.simulation.trajectory import COMPARED, MAX_SINGLE_STEPS, SingleSteps
 from mjbench.simulation.workload import Workload
@@ -42,8 +43,6 @@ FOLLOWED = 32
 JUDGED_STATES = 64
 # Largest difference of an unconstrained run in float64.
 UNCONSTRAINED_RUN_LIMIT = 1e-10
-# A larger error stands for NaN or infinity (see `agreement.max_relative_error`).
-FINITE_LIMIT = 1e300
 
 Fields = Mapping[str, np.ndarray]
 
@@ -174,12 +173,14 @@ class _Check:
         outcome = take_single_steps(self._programs.timed, singles, repeats=True)
         errors = _StepErrors.of(model, singles, outcome)
         if errors.unconstrained is not None:
-            measures.append(Measure("an unconstrained step", errors.unconstrained, limit))
+            measures.append(
+                Measure("an unconstrained step", finite_or_none(errors.unconstrained), limit)
+            )
         if errors.repeated is not None:
             measures.append(
                 Measure(
                     "a step beside the same one in another simulation",
-                    errors.repeated,
+                    finite_or_none(errors.repeated),
                     SOLUTION_LIMIT[self._precision],
                 )
             )
@@ -237,8 +238,8 @@ class _Check:
         measures.append(
             Measure(
                 f"difference after {workload.nstep} steps (beside it, C with float32 states)",
-                _finite(error.max()),
-                in_c=float(shadow.max()),
+                finite_or_none(error.max()),
+                in_c=finite_or_none(shadow.max()),
             )
         )
         return Part.of(PartName.RUN, *measures)
@@ -265,7 +266,7 @@ class _Check:
         if self._is_float32:  # over few steps the shadow, which rounds only states, shows little
             rounding = max(step_error, float(np.finfo(np.float32).eps))
             limit = SHADOW_FACTOR * max(float(shadow.max()), rounding)
-        return Measure(f"{nstep} unconstrained steps", _finite(reached.max()), limit)
+        return Measure(f"{nstep} unconstrained steps", finite_or_none(reached.max()), limit)
 
     def _single_steps(self, max_count: int) -> SingleSteps:
         return trajectory.single_steps(
@@ -342,10 +343,6 @@ class _StepErrors:
         )
 
 
-def _finite(value: float) -> float | None:
-    return float(value) if value <= FINITE_LIMIT else None
-
-
 def timed_end_problem(workload: Workload, compiled: Compiled, checked: CheckedRun) -> str:
     """Return how the last timed block ended elsewhere than the checked run; empty if it did not.
 
@@ -380,7 +377,7 @@ def _end_problem(
     """Return how the last block ended elsewhere than expected; empty if it did not."""
     reached = workloads.fields(workload.model, compiled.final_states().values)
     errors = agreement.max_relative_error(reached, expected, COMPARED)
-    lost = int((errors > FINITE_LIMIT).sum())
+    lost = sum(finite_or_none(error) is None for error in errors)
     if lost:
         return f"in timed blocks {lost} simulations do not end in finite numbers"
     error, allowed = float(errors.max()), 0.0

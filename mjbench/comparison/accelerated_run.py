@@ -245,8 +245,12 @@ def _reason_not_to_run(
     request: AcceleratedRequest,
 ) -> str | None:
     """Return why the path cannot run the workload, or is not worth trying unasked; else None."""
-    reason = path.cannot_run(workload, request.variant.options)
-    if reason or request.is_named or path.device_kind() != CPU:
+    reason = path.unavailable() or path.cannot_return(workload.returns)
+    if reason:
+        return reason
+    device_kind = path.device_kind()  # before `unsuited`: it says where there is no device
+    reason = path.unsuited(workload, request.variant.options)
+    if reason or request.is_named or device_kind != CPU:
         return reason
     if work.describe(workload.model).integrator == "rk4":
         return RK4_REASON

@@ -8,22 +8,25 @@ import numpy as np
 
 from mjbench.simulation.constraint_problem import ConstraintProblem
 from mjbench.simulation.contacts import Contacts
-from mjbench.simulation.judgement import Answer, PairContacts, Precision
+from mjbench.simulation.judgement import Answer, PairContacts, Precision, finite_or_none
 
 # Types of geoms whose contacts have a closed form with one answer; of all others, engines choose
 # points of a surface where bodies touch, each in its own way.
 ONE_ANSWER = frozenset(
     {("plane", "sphere"), ("plane", "capsule"), ("sphere", "sphere"), ("sphere", "capsule")}
 )
-# In nine of ten states, they change accelerations by less than this: an engine's formula may divide
-# by a length that it keeps from zero.
+# In each state, they change accelerations by less than this: an engine's formula may divide by a
+# length that it keeps from zero.
 ONE_ANSWER_EFFECT = 1e-3
 # In nine of ten states, contacts that an engine chooses in its own way change accelerations by less
 # than this.
 CLOSE_EFFECT, CLOSE_QUANTILE = 0.1, 0.9
-# The same of contacts that are C's own, but for some that are missing: a choice of other points
-# would be seen.
+# In each state whose contacts are C's own, but for some that are missing, accelerations change by
+# less than this: a choice of other points would be seen.
 LACKING_EFFECT = 0.01
+# In float32, the largest effect of contacts that agree grows with what rounding does in C, up to
+# this.
+MAX_ROUNDING_EFFECT = 0.5 * LACKING_EFFECT
 # Contacts this near to each other, relative to the size of the model's parts, are the same.
 _SAME_PLACE = 1e-4
 # A contact this near to where it begins to count, relative to the size of coordinates, may count in
@@ -38,12 +41,25 @@ Types = tuple[str, str]
 
 @dataclass
 class _PairStates:
-    """What was seen of two types of geoms, an entry a state."""
+    """What was seen of two types of geoms.
+
+    Attributes:
+      counts: of the engine and of C, an entry a state.
+      effects: of the states where C can be given the contacts.
+      lacking_effects: those of them in which the engine's contacts are C's own, but fewer.
+      apart: an entry a contact.
+      beside_flex: states in which C cannot be given contacts because a flex touches, too.
+      unmet: states in which geoms touch that touch in no judged state of C.
+      has_deep_unmet: whether one of these contacts is more than a contact that begins to touch.
+    """
 
     counts: list[tuple[int, int]] = field(default_factory=list)
-    effects: list[float | None] = field(default_factory=list)
-    lacking: list[bool] = field(default_factory=list)
+    effects: list[float] = field(default_factory=list)
+    lacking_effects: list[float] = field(default_factory=list)
     apart: list[tuple[float, float, float]] = field(default_factory=list)
+    beside_flex: int = 0
+    unmet: int = 0
+    has_deep_unmet: bool = False
 
 
 class ContactJudge:
@@ -82,12 +98,19 @@ class ContactJudge:
         is_own = len(apart) == len(own.simulation) and all(
             place < _SAME_PLACE * self._size for _, place, _ in apart
         )
-        states.lacking.append(has_fewer and is_own)
-        effect = None
-        if problem.has_examples(own):
-            both = Contacts.together(rest, own)
+        both = Contacts.together(rest, own)
+        if _has_flex(both):
+            states.beside_flex += 1
+        elif not problem.has_examples(both):
+            states.unmet += 1
+            room = problem.margins(own) - own.distance
+            is_unmet = ~problem.are_examples(own)
+            states.has_deep_unmet |= bool((room[is_unmet] > _SAME_PLACE * self._size).any())
+        else:
             effect = problem.acceleration_error(problem.solve(both).qacc, problem.own)
-        states.effects.append(effect)
+            states.effects.append(effect)
+            if has_fewer and is_own:
+                states.lacking_effects.append(effect)
 
     def pairs(self, limit: float) -> tuple[PairContacts, ...]:
         """Return what was seen of each pair of types.
@@ -116,11 +139,15 @@ class ContactJudge:
             return False
         more = max(own, in_c, key=lambda each: len(each.simulation))
         surplus = abs(len(own.simulation) - len(in_c.simulation))
-        if not problem.has_examples(more):
+        if _has_flex(more):
             return False
         room = np.sort(problem.margins(more) - more.distance)[:surplus]
         size = self._size + float(np.abs(more.position).max(initial=0.0))
         return bool((room < _BORDER[self._precision] * size).all())
+
+
+def _has_flex(contacts: Contacts) -> bool:
+    return bool((contacts.geom < 0).any())
 
 
 def _where(types: Sequence[Types], pair: Types) -> np.ndarray:
@@ -148,20 +175,12 @@ def _apart(own: Contacts, in_c: Contacts) -> list[tuple[float, float, float]]:
 def _pair(types: Types, states: _PairStates, limit: float) -> PairContacts:
     counts = np.array(states.counts)
     other = int((counts[:, 0] != counts[:, 1]).sum())
-    known = [each for each in states.effects if each is not None]
-    has_all = len(known) == len(states.effects)
-    effect = float(np.quantile(known, CLOSE_QUANTILE, method="higher")) if has_all else None
-    largest = max(known) if has_all else None
+    effect = largest = None
+    if states.effects:
+        effect = float(np.quantile(states.effects, CLOSE_QUANTILE, method="higher"))
+        largest = max(states.effects)
     apart = np.array(states.apart).reshape(-1, 3)
     farthest = [float(each) for each in apart.max(axis=0)] if len(apart) else [None] * 3
-    allowed = LACKING_EFFECT if np.mean(states.lacking) > 1 - CLOSE_QUANTILE else CLOSE_EFFECT
-    if types in ONE_ANSWER:
-        allowed = ONE_ANSWER_EFFECT
-    answer = Answer.NOT_JUDGED if _FLEX in types else Answer.NO
-    if largest is not None and largest <= limit:
-        answer = Answer.YES
-    elif effect is not None and effect <= allowed:
-        answer = Answer.CLOSE
     return PairContacts(
         types=types,
         states=len(counts),
@@ -171,7 +190,28 @@ def _pair(types: Types, states: _PairStates, limit: float) -> PairContacts:
         distance_m=farthest[0],
         position_m=farthest[1],
         normal_degrees=farthest[2],
-        effect=effect,
-        largest_effect=largest,
-        answer=answer,
+        effect=None if effect is None else finite_or_none(effect),
+        largest_effect=None if largest is None else finite_or_none(largest),
+        beside_flex=states.beside_flex,
+        unmet=states.unmet,
+        answer=_answer(types, states, limit),
     )
+
+
+def _answer(types: Types, states: _PairStates, limit: float) -> Answer:
+    """Return whether contacts agree: `close` is the best answer where some effects are unknown."""
+    if states.has_deep_unmet or _is_fault(types, states, limit):
+        return Answer.NO
+    unknown = len(states.counts) - len(states.effects)
+    if states.beside_flex or unknown > (1 - CLOSE_QUANTILE) * len(states.counts):
+        return Answer.NOT_JUDGED
+    return Answer.YES if not unknown and max(states.effects) <= limit else Answer.CLOSE
+
+
+def _is_fault(types: Types, states: _PairStates, limit: float) -> bool:
+    if not states.effects:
+        return False
+    if types in ONE_ANSWER:
+        return max(states.effects) > max(limit, ONE_ANSWER_EFFECT)
+    usual = np.quantile(states.effects, CLOSE_QUANTILE, method="higher")
+    return bool(usual > CLOSE_EFFECT or max(states.lacking_effects, default=0) > LACKING_EFFECT)

@@ -8,7 +8,7 @@ import numpy as np
 
 from mjbench.paths.accelerated import Advance, start_fields
 from mjbench.simulation import compat, trajectory
-from mjbench.simulation.judgement import Measure, Precision
+from mjbench.simulation.judgement import Measure, Precision, finite_or_none
 from mjbench.simulation.run_figures import RunFigures, run_figures
 from mjbench.simulation.trajectory import Trajectory
 from mjbench.simulation.workload import Workload
@@ -118,7 +118,9 @@ def _as_shadow(
     """Compare a figure state by state; the shadow's mean difference says how far it may be."""
     size = float(np.sqrt(np.mean(in_c**2)))
     allowed = SHADOW_FACTOR * float(np.abs(in_shadow - in_c).mean()) + _ROUNDING[precision] * size
-    return Measure(f"{name}: mean difference", _finite(np.abs(reached - in_c).mean()), allowed)
+    return Measure(
+        f"{name}: mean difference", finite_or_none(np.abs(reached - in_c).mean()), allowed
+    )
 
 
 def _as_spread(
@@ -129,9 +131,5 @@ def _as_spread(
     allowed = float(in_c.mean(axis=0).std()) + CLOSE_SHARE * size
     allowed += SHADOW_FACTOR * float(np.abs(in_shadow - in_c).mean())
     return Measure(
-        f"{name}: difference of means", _finite(abs(reached.mean() - in_c.mean())), allowed
+        f"{name}: difference of means", finite_or_none(abs(reached.mean() - in_c.mean())), allowed
     )
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

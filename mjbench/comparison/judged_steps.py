@@ -4,13 +4,14 @@ All functions take arrays that an engine returned, so that they need none.
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
-from mjbench.comparison.judged_contacts import ContactJudge
+from mjbench.comparison.judged_contacts import MAX_ROUNDING_EFFECT, ContactJudge
 from mjbench.paths.accelerated import StepOutcome
 from mjbench.simulation import agreement, compat, trajectory
 from mjbench.simulation import workload as workloads
@@ -27,6 +28,8 @@ from mjbench.simulation.judgement import (
     Part,
     PartName,
     Precision,
+    finite_or_none,
+    worst,
 )
 from mjbench.simulation.trajectory import COMPARED, SingleSteps
 
@@ -36,7 +39,8 @@ SMOOTH_LIMIT = {Precision.FLOAT64: 1e-12, Precision.FLOAT32: 1e-4}
 # Largest error of a solution, relative to what constraints do.
 SOLUTION_LIMIT = {Precision.FLOAT64: 1e-6, Precision.FLOAT32: 1e-4}
 # In float32, an error may also be this many times that of C where its states and contacts are moved
-# by rounding: an engine rounds all that it computes.
+# by rounding: an engine rounds all that it computes. It is at most `MAX_ROUNDING_EFFECT`, but in a
+# state where rounding alone does more.
 ROUNDING_FACTOR = 10.0
 # With the user's own settings, an engine may end this many times as far from the solution as C, or
 # this far.
@@ -56,7 +60,7 @@ def judge_smooth(
     in_c = trajectory.take_steps(without_constraints(model), singles.state, singles.control)
     expected = workloads.fields(model, in_c.after)
     error = float(agreement.max_relative_error(reached, expected, COMPARED).max())
-    return Measure("a step without constraints", error, SMOOTH_LIMIT[precision])
+    return Measure("a step without constraints", finite_or_none(error), SMOOTH_LIMIT[precision])
 
 
 @dataclass(frozen=True)
@@ -81,9 +85,9 @@ class _Errors:
     force: list[float] = dataclasses.field(default_factory=list)
     at_settings: list[float] = dataclasses.field(default_factory=list)
     in_c_at_settings: list[float] = dataclasses.field(default_factory=list)
-    rounding: list[float] = dataclasses.field(default_factory=lambda: [0.0])
-    force_rounding: list[float] = dataclasses.field(default_factory=lambda: [0.0])
-    contact_rounding: list[float] = dataclasses.field(default_factory=lambda: [0.0])
+    rounding: list[float] = dataclasses.field(default_factory=list)
+    force_rounding: list[float] = dataclasses.field(default_factory=list)
+    contact_rounding: list[float] = dataclasses.field(default_factory=list)
 
 
 def judge_constraints(
@@ -131,15 +135,17 @@ def judge_constraints(
             errors.in_c_at_settings.append(problem.acceleration_error(user.qacc, problem.own))
         if rounding is not None:
             rounding.add(problem, state, contacts, solution, errors)
-    pairs = judge.pairs(_limit(precision, errors.contact_rounding))
+        else:
+            errors.rounding.append(0.0)
+            errors.force_rounding.append(0.0)
+    pairs = judge.pairs(_shared_limit(precision, errors.contact_rounding))
     return JudgedConstraints(
         _contact_part(pairs), _solution_part(errors, precision), pairs, contact_states
     )
 
 
 def _contact_part(pairs: tuple[PairContacts, ...]) -> Part:
-    worst = [Answer.NO, Answer.NOT_JUDGED, Answer.CLOSE, Answer.YES]
-    answer = min((pair.answer for pair in pairs), key=worst.index, default=Answer.YES)
+    answer = worst(pair.answer for pair in pairs)
     deciding = (str(pair) for pair in pairs if pair.answer == answer != Answer.YES)
     return Part(PartName.CONTACTS, answer, reason="; ".join(deciding))
 
@@ -149,36 +155,48 @@ def _solution_part(errors: _Errors, precision: Precision) -> Part:
     if not errors.acceleration:
         reason = "in no state do only such geoms touch as touch in C, and no flex"
         return Part(name, Answer.NOT_JUDGED, reason=reason)
-    limit = _limit(precision, errors.rounding)
+    limits = _limits(precision, errors.rounding)
+    force_rounding = np.maximum(errors.rounding, errors.force_rounding)
     measures = [
-        Measure("accelerations of the solution", _largest(errors.acceleration), limit),
-        Measure(
+        _worst("accelerations of the solution", errors.acceleration, limits),
+        _worst(
             "forces beside those that follow from its accelerations",
-            _largest(errors.force),
-            _limit(precision, [*errors.rounding, *errors.force_rounding]),
+            errors.force,
+            _limits(precision, force_rounding),
         ),
     ]
     if errors.at_settings:
-        in_c = _largest(errors.in_c_at_settings) or 0.0
-        allowed = max(limit, SETTINGS_LIMIT, SETTINGS_FACTOR * in_c)
+        in_c = np.array(errors.in_c_at_settings)
+        allowed = np.maximum(np.maximum(limits, SETTINGS_LIMIT), SETTINGS_FACTOR * in_c)
         measures.append(
-            Measure(
-                "distance from the solution at your settings",
-                _largest(errors.at_settings),
-                allowed,
-                in_c,
-            )
+            _worst("distance from the solution at your settings", errors.at_settings, allowed, in_c)
         )
-    return Part.of(name, *measures)
+    part = Part.of(name, *measures)
+    least = float(force_rounding.min())
+    if part.answer == Answer.YES and ROUNDING_FACTOR * least > MAX_ROUNDING_EFFECT:
+        reason = f"rounding to float32 alone changes the solution of every state, by {least:.1g}"
+        return dataclasses.replace(part, answer=Answer.NOT_JUDGED, reason=reason)
+    return part
 
 
-def _limit(precision: Precision, rounding: list[float]) -> float:
-    return max(SOLUTION_LIMIT[precision], ROUNDING_FACTOR * max(rounding))
+def _shared_limit(precision: Precision, rounding: ArrayLike) -> float:
+    """Return the limit that all states have, from what rounding does in each."""
+    largest = float(np.max(rounding, initial=0.0))
+    return max(SOLUTION_LIMIT[precision], min(ROUNDING_FACTOR * largest, MAX_ROUNDING_EFFECT))
 
 
-def _largest(values: list[float]) -> float | None:
-    largest = max(values)
-    return largest if np.isfinite(largest) else None
+def _limits(precision: Precision, rounding: ArrayLike) -> np.ndarray:
+    """Return the limit of each state: more than that of all where rounding alone does more."""
+    return np.maximum(_shared_limit(precision, rounding), ROUNDING_FACTOR * np.asarray(rounding))
+
+
+def _worst(
+    name: str, errors: Sequence[float], limits: np.ndarray, in_c: np.ndarray | None = None
+) -> Measure:
+    """Return the error of the state where it is nearest to its limit, or farthest beyond."""
+    i = int(np.argmax(np.asarray(errors) / limits))
+    own = None if in_c is None else finite_or_none(in_c[i])
+    return Measure(name, finite_or_none(errors[i]), finite_or_none(limits[i]), own)
 
 
 class _Rounding:
@@ -215,8 +233,10 @@ class _Rounding:
         qacc = solution.qacc + self._draws(np.abs(solution.qacc).max(initial=0.0), solution.qacc)
         force = problem.forces_at(contacts, qacc)
         errors.force_rounding.append(problem.force_error(force, solution))
-        found = problem.solve_at(moved, None)
-        errors.contact_rounding.append(problem.acceleration_error(found.qacc, own))
+        touching, found = problem.solve_found_at(moved)
+        if np.array_equal(np.sort(touching.geom, axis=0), np.sort(problem.contacts.geom, axis=0)):
+            # elsewhere one begins to touch, and whether it counts is chance
+            errors.contact_rounding.append(problem.acceleration_error(found.qacc, own))
 
     def _draws(self, size: np.ndarray | float, like: np.ndarray) -> np.ndarray:
         half = 0.5 * np.finfo(np.float32).eps
@@ -233,8 +253,8 @@ def judge_warm_start(
       warm: those of the same steps that start elsewhere.
       again: those of a repetition of `cold`; a GPU adds in any order.
     """
-    noise = 0.0 if is_deterministic else ROUNDING_FACTOR * float(np.abs(again - cold).max())
-    difference = float(np.abs(warm - cold).max(initial=0.0))
-    value = difference if np.isfinite(difference) else None
+    repeated = float(np.abs(again - cold).max(initial=0.0))
+    noise = 0.0 if is_deterministic else ROUNDING_FACTOR * repeated
+    difference = np.abs(warm - cold).max(initial=0.0)
     name = "accelerations depend on a warm start that the model turns off, by"
-    return Part.of(PartName.WARM_START, Measure(name, value, noise))
+    return Part.of(PartName.WARM_START, Measure(name, finite_or_none(difference), noise))

@@ -185,10 +185,12 @@ def _call(row: VerdictRow) -> str:
 def _command(run: Run, rows: Sequence[VerdictRow]) -> str:
     """Return the command that does it again, with commits in place of branches."""
     words = list(run.header.command_line) or [run.header.command]
-    for row in rows[:1]:
-        for position, side in enumerate(row.sides, 1):
-            if side.commit and len(words) > position and words[position].startswith("rev="):
-                words[position] = f"rev={side.commit[:_SHORT]}"
+    positions = iter(range(1, len(words)))
+    for side in rows[0].sides if rows else ():
+        names = (side.revision, side.commit)
+        named = (p for p in positions if words[p].removeprefix("rev=") in names)
+        if (position := next(named, None)) is not None and side.commit:
+            words[position] = f"rev={side.commit[:_SHORT]}"
     return shlex.join(["mjbench", *words])
 
 

@@ -16,12 +16,32 @@ from mjbench.paired.outcomes import ResultsOutcome
 # A smaller difference is rounding, as a share of the largest magnitude: the order of additions
 # changed. For numbers of 64 bits, and for shorter ones.
 ROUNDING, SHORT_ROUNDING = 1e-9, 1e-5
+# A magnitude that is smaller counts as this one: what cancels to zero leaves rounding.
+_LEAST_MAGNITUDE = 1e-6
 # Larger arrays are compared by a digest, bit by bit.
 _MOST_BYTES = 1 << 24
+_UNKNOWN = "other bits, in an array that is too large to tell rounding from change"
 # Containers within containers, at most.
 _DEPTH = 20
 # Of MjData, what a step leaves.
 _DATA_FIELDS = ("time", "qpos", "qvel", "act", "qacc", "ctrl", "sensordata", "xpos")
+
+
+@dataclass(frozen=True)
+class LargeArray:
+    """An array that is too large to be sent."""
+
+    dtype: str
+    shape: tuple[int, ...]
+    digest: str
+
+    def differs_from(self, other: "LargeArray") -> bool:
+        """Return whether the arrays are certainly others: whole numbers are not rounded."""
+        is_exact = np.dtype(self.dtype).kind in "biu" and self.dtype == other.dtype
+        return is_exact and self.digest != other.digest
+
+
+_Value = np.ndarray | LargeArray | str
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +54,7 @@ class Leaf:
     """
 
     place: str
-    value: np.ndarray | str
+    value: _Value
 
 
 @dataclass(frozen=True)
@@ -85,14 +105,14 @@ def _is_vector(values: Sequence[Any]) -> bool:
     return bool(values) and all(isinstance(value, int | float) for value in values)
 
 
-def _array(value: Any) -> np.ndarray | str:
+def _array(value: Any) -> np.ndarray | LargeArray:
     array = np.array(value)  # a copy: a later call may write to the same memory
     if array.dtype.kind not in "biufc":
         raise TypeError(f"{type(value).__name__} is no number, text, array or container of them")
     if array.nbytes <= _MOST_BYTES:
         return array
     digest = hashlib.blake2b(np.ascontiguousarray(array).tobytes(), digest_size=16).hexdigest()
-    return f"{array.dtype} {array.shape} {digest}"
+    return LargeArray(array.dtype.str, array.shape, digest)
 
 
 def compare(
@@ -101,16 +121,21 @@ def compare(
     """Return how the results of the first calls of both compare, call by call."""
     if not any(baseline) and not any(candidate):
         return ResultsCheck(ResultsOutcome.NONE, "the function returns nothing")
-    largest = 0.0
+    largest, unknown = 0.0, ""
     for number, (old, new) in enumerate(zip(baseline, candidate, strict=True), 1):
         if [leaf.place for leaf in old] != [leaf.place for leaf in new]:
             return _different(number, "its parts are others")
         for old_leaf, new_leaf in zip(old, new, strict=True):
+            place = f"{old_leaf.place.lstrip('.')}: " if old_leaf.place else ""
             difference, text = _difference(old_leaf.value, new_leaf.value)
             if text:
-                place = f"{old_leaf.place.lstrip('.')}: " if old_leaf.place else ""
                 return _different(number, f"{place}{text}")
-            largest = max(largest, difference)
+            if difference is None:
+                unknown = unknown or f"call {number} returns {place}{_UNKNOWN}"
+            else:
+                largest = max(largest, difference)
+    if unknown:
+        return ResultsCheck(ResultsOutcome.NONE, unknown)
     if largest:
         return ResultsCheck(ResultsOutcome.ROUNDING, f"they differ by {largest:.0e} at most")
     return ResultsCheck(ResultsOutcome.SAME)
@@ -120,12 +145,21 @@ def _different(number: int, text: str) -> ResultsCheck:
     return ResultsCheck(ResultsOutcome.DIFFERENT, f"call {number} returns {text}")
 
 
-def _difference(old: np.ndarray | str, new: np.ndarray | str) -> tuple[float, str]:
-    """Return by what share two values differ, and how where that is more than rounding."""
+def _difference(old: _Value, new: _Value) -> tuple[float | None, str]:
+    """Return by what share two values differ, and how where that is more than rounding.
+
+    The share is None where it is not known.
+    """
     if isinstance(old, str) or isinstance(new, str):
         return 0.0, "" if isinstance(new, str) and old == new else _change(old, new)
     if old.shape != new.shape:
         return 0.0, f"shape {new.shape} instead of {old.shape}"
+    if isinstance(old, LargeArray) and isinstance(new, LargeArray):
+        if old == new:
+            return 0.0, ""
+        return None, "other whole numbers" if old.differs_from(new) else ""
+    if isinstance(old, LargeArray) or isinstance(new, LargeArray):
+        return None, ""
     if np.array_equal(old, new, equal_nan=old.dtype.kind in "fc" and new.dtype.kind in "fc"):
         return 0.0, ""
     exact = old.dtype.kind in "biu" and new.dtype.kind in "biu"
@@ -134,7 +168,7 @@ def _difference(old: np.ndarray | str, new: np.ndarray | str) -> tuple[float, st
     other = ~is_number & ~((first == second) | (np.isnan(first) & np.isnan(second)))
     distances = np.where(is_number, np.abs(first - second), 0.0)
     scale = float(np.abs(np.where(is_number, first, 0.0)).max(initial=0.0))
-    share = float(distances.max(initial=0.0)) / scale if scale else np.inf
+    share = float(distances.max(initial=0.0)) / max(scale, _LEAST_MAGNITUDE)
     short = min(old.dtype.itemsize, new.dtype.itemsize) < 8
     if not exact and not other.any() and share <= (SHORT_ROUNDING if short else ROUNDING):
         return share, ""
@@ -143,7 +177,7 @@ def _difference(old: np.ndarray | str, new: np.ndarray | str) -> tuple[float, st
     return share, f"{at}{new[index]} instead of {old[index]}"
 
 
-def _change(old: np.ndarray | str, new: np.ndarray | str) -> str:
+def _change(old: _Value, new: _Value) -> str:
     old_text, new_text = (
         value if isinstance(value, str) else f"an array of shape {value.shape}"
         for value in (old, new)

@@ -2,7 +2,7 @@
 
 Before anything is timed, the code must be that of the revisions, and results must be the same. A
 control is measured beside the verdict: the baseline against itself, in as many launches as a
-verdict needs at least.
+verdict needs at least. Where the baseline differs from itself, nothing is decided.
 """
 
 import time
@@ -232,7 +232,8 @@ class _Decision:
         ended = self._launch((baseline, baseline), calls, rule, limit)
         self._control = ended.launches
         if ended.is_enough:
-            limit = TimeLimit(limit_s - ended.seconds, MIN_LAUNCHES, self._clock)
+            left_s, count = limit_s - ended.seconds, 2 * MIN_LAUNCHES  # a budget is for both
+            limit = TimeLimit(left_s, count, self._clock, _FixedRule.purpose)
             rule = _FunctionRule(limit, self._plan, self._on_launch, self._clock)
             ended = self._launch(self._targets, calls, rule, limit)
             self._launches = ended.launches
@@ -265,6 +266,9 @@ class _Decision:
             row = _with_results(row, self._observed)
         if self._launches:
             row = _with_judgement(row, judge_launches(self._launches, self._plan))
+        if row.verdict is not None and row.control is not None and not row.control.covers:
+            detail = row.detail or "the baseline differs from itself"
+            row = replace(row, verdict=Verdict.INCONCLUSIVE, detail=detail)
         return replace(record_of(row, self._launches), control_samples=self._control)
 
 

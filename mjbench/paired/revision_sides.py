@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mjbench.errors import InputError, shown
 from mjbench.paired.function_pair import FunctionTarget, FunctionTargets
-from mjbench.paired.timed_function import CodeOrigin, FunctionSource
+from mjbench.paired.timed_function import MEASURING, CodeOrigin, FunctionSource
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs, revision_builds, source_layout
 from mjbench.releases.installs import ReleaseSpec
@@ -64,11 +64,12 @@ class RevisionComparison:
         lacking = self.repository.lacking(self.baseline, self.candidate)
         if not lacking:
             return []
+        names = ["HEAD" if r.is_worktree else r.name for r in (self.baseline, self.candidate)]
         commits = "1 commit" if lacking == 1 else f"{lacking:,} commits"
         return [
             f"{self.baseline.name} has {commits} that {self.candidate.name} lacks, and what"
             " they change counts, too; to leave it out, name what `git merge-base"
-            f" {self.baseline.name} {self.candidate.name}` prints"
+            f" {' '.join(names)}` prints"
         ]
 
 
@@ -136,7 +137,8 @@ def check_out(
       on_phase: called with a line where a phase begins.
 
     Raises:
-      InputError: a file that is named exists in neither the candidate nor the checkout.
+      InputError: a file that is named exists in neither the candidate nor the checkout; or they
+        are revisions of mjbench.
       BuildError: a revision cannot be built.
       MachineError: a revision cannot be written.
     """
@@ -147,6 +149,11 @@ def check_out(
     for name, revision in zip("ab", (comparison.baseline, comparison.candidate), strict=True):
         tree = comparison.repository.check_out(revision, root / name, work / name)
         sides.append(_Side(revision, root / name, tree, installed))
+    packages = frozenset().union(*(own_packages(side.folder) for side in sides))
+    if "mjbench" in packages:
+        raise InputError(
+            "mjbench cannot compare revisions of itself: processes that time functions import it"
+        )
     if reason := build_reason(sides[0].folder, sides[1].folder):
         on_phase(f"building both revisions: {reason}")
         sides = [
@@ -155,8 +162,17 @@ def check_out(
         ]
     elif changed := changed_locks(sides[0].folder, sides[1].folder):
         on_phase(f"both revisions run with what is installed here; other {listed(changed)}")
-    packages = frozenset().union(*(source_layout.package_names(side.folder) for side in sides))
     return [_targets(comparison, function, sides, packages) for function in comparison.functions]
+
+
+def own_packages(tree: Path) -> frozenset[str]:
+    """Return the names of packages and modules of a source tree that a process must import there.
+
+    Packages that processes import to measure are the tree's own only where they lie directly in a
+    source folder, not where they are copies of other projects.
+    """
+    copies = {name for name in MEASURING if not source_layout.has_module(tree, name)}
+    return source_layout.package_names(tree) - sys.stdlib_module_names - copies
 
 
 def build_reason(baseline: Path, candidate: Path) -> str:
@@ -202,7 +218,7 @@ def _targets(
                 are_first=not side.is_built,
                 cwd=str(_cwd(side.folder, comparison.cwd.relative_to(top))),
             ),
-            CodeOrigin(packages - sys.stdlib_module_names, side.code_folders, str(top)),
+            CodeOrigin(packages, side.code_folders, str(top)),
             side.release,
         )
         for side in sides

@@ -26,6 +26,8 @@ from mjbench.paired.worker import Worker, activity
 RESULTS = 3
 # The parameter by which a test asks for the fixture of pytest-benchmark.
 _FIXTURE = "benchmark"
+# Packages that this process imports for itself, from its own environment.
+MEASURING = frozenset({"glfw", "mjbench", "mujoco", "numpy"})
 # The set-up of a module or of a class, which asv calls so, too.
 _SETUP = "setup"
 
@@ -222,10 +224,13 @@ def misplaced(
       environment: folders of this process's packages.
     """
     for name, files in modules.items():
+        package = name.partition(".")[0]
+        is_own = package in origin.packages
+        if package in MEASURING and not is_own:
+            continue
         for file in files:
             if _lies_in(file, origin.folders):
                 continue
-            is_own = name.partition(".")[0] in origin.packages
             is_elsewhere = _lies_in(file, [origin.checkout]) and not _lies_in(file, environment)
             if is_own or is_elsewhere:
                 return f"{name} from {file}"

@@ -243,7 +243,7 @@ def decide(
     )
 
 
-def _sides_key(sides: Sequence[TargetRow]) -> str:
+def sides_key(sides: Sequence[TargetRow]) -> str:
     """Return a text that names two targets, as they are or as a run file holds them."""
     return repr([asdict(side) for side in sides])
 
@@ -267,9 +267,9 @@ def decide_each(
       on_progress: called after each launch with what all launches say so far, and about which share
         of all pairs is done.
     """
-    done = {_sides_key(record.sides) for record in earlier}
+    done = {sides_key(record.sides) for record in earlier}
     for number, (baseline, candidate) in enumerate(pairs):
-        if _sides_key([baseline.row(), candidate.row()]) in done:
+        if sides_key([baseline.row(), candidate.row()]) in done:
             continue
         name = f"{candidate.model.name}, MuJoCo {candidate.release.version}"
 

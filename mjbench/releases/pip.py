@@ -9,6 +9,7 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
 from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
@@ -25,6 +26,8 @@ from mjbench.status import ExitCode
 # What pip says last where a wheel cannot be built, and the line that says why.
 _BUILD_FAILED = "ERROR: Failed to build"
 _OF_COMPILER = re.compile(r"\b(?:error|\w+Error): (?!subprocess-exited)")
+# The variable that stands for a version which a build would ask git for: there is no repository.
+_VERSION_OF_GIT = "SETUPTOOLS_SCM_PRETEND_VERSION"
 # How many other versions an error names.
 _NEAREST = 4
 
@@ -78,23 +81,29 @@ def build(source: Path, target: Path) -> None:
 def run(command: str, *arguments: str) -> str:
     """Run a command of pip that takes wheels alone; return why it failed, or nothing.
 
-    On Linux pip dies with this process, so that it cannot write on while another one installs.
+    pip ends with all that it started, such as a compiler. On Linux it also dies with this process,
+    so that it cannot write on while another one installs.
     """
-    done = subprocess.run(
-        [
-            *(sys.executable, "-m", "pip", command),
-            *("--quiet", "--disable-pip-version-check", "--no-input", "--only-binary=:all:"),
-            *arguments,
-        ],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        encoding="utf-8",
-        errors="replace",
-        check=False,
-        env={k: v for k, v in os.environ.items() if k != "PYTHONPATH"},
-        preexec_fn=child.die_with_parent,
-    )
-    return "" if done.returncode == 0 else _reason(done.stderr)
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    with tempfile.TemporaryFile() as errors:
+        process = child.Child(
+            [
+                *(sys.executable, "-m", "pip", command),
+                *("--quiet", "--disable-pip-version-check", "--no-input", "--only-binary=:all:"),
+                *arguments,
+            ],
+            env={_VERSION_OF_GIT: "0", **environment},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=errors,
+            preexec_fn=child.die_with_parent,
+        )
+        try:
+            process.wait()
+        finally:
+            exit_code = process.end()
+        errors.seek(0)
+        return "" if exit_code == 0 else _reason(errors.read().decode(errors="replace"))
 
 
 def _reason(stderr: str) -> str:

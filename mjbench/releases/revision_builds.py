@@ -10,7 +10,6 @@ import os
 import platform
 import shutil
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 from mjbench.errors import MachineError
@@ -33,7 +32,8 @@ def built(revision: Revision, source: Path, tree: str) -> ReleaseSpec:
     """
     version = installs.parse_release(installs.INSTALLED).version
     wheel = _wheel(revision, source, tree)
-    return replace(ReleaseSpec(revision.name, version), own_wheels=(wheel,))
+    # not the name alone: a branch may be called `installed`
+    return ReleaseSpec(f"rev={revision.name}", version, own_wheels=(wheel,))
 
 
 def _wheel(revision: Revision, source: Path, tree: str) -> Path:

@@ -4,7 +4,10 @@ The user's checkout is read and never written: neither its index, nor its branch
 worktrees, nor its objects. Files come out through an index and an object folder of our own.
 """
 
+import contextlib
+import hashlib
 import os
+import re
 import shutil
 import subprocess
 from collections.abc import Mapping, Sequence
@@ -21,6 +24,10 @@ WORKTREE = "WORKTREE"
 _REDIRECTING = ("GIT_DIR", "GIT_INDEX_FILE", "GIT_WORK_TREE", "GIT_OBJECT_DIRECTORY", "GIT_PREFIX")
 # Letters of a commit's hash that people read.
 _SHORT = 10
+# A full hash, as git prints it.
+_HASH = re.compile(r"[0-9a-f]{40,}")
+# How git begins the line that says what went wrong.
+_PROBLEMS = ("error:", "fatal:")
 # The mode of a submodule in the listing of a tree.
 _SUBMODULE = "160000"
 
@@ -85,12 +92,12 @@ class Repository:
         """
         if name == WORKTREE:
             return Revision(name)
-        try:
+        commit = ""
+        with contextlib.suppress(MachineError):
             commit = self._run("rev-parse", "--verify", "--end-of-options", f"{name}^{{commit}}")
-        except MachineError:
-            problem = f"{shown(name)} is no revision of {self.top}{self._hint(name)}"
-            raise InputError(problem) from None
         commit = commit.strip()
+        if not _HASH.fullmatch(commit):  # of `^HEAD`, git prints a hash with a `^`
+            raise InputError(f"{shown(name)} is no revision of {self.top}{self._hint(name)}")
         return Revision(commit[:_SHORT] if name == commit else name, commit)
 
     def lacking(self, baseline: Revision, candidate: Revision) -> int:
@@ -111,17 +118,18 @@ class Repository:
         if baseline.is_worktree or candidate.is_worktree:
             raise InputError(f"{WORKTREE} has no history: name commits")
         span = f"{baseline.commit}..{candidate.commit}"
-        lines = self._run("log", "--first-parent", "--reverse", "--format=%H %P%x00%s", span)
+        options = ("--first-parent", "--reverse", "--no-show-signature", "-z")
+        texts = iter(self._run("log", *options, "--format=%H %P%x00%s", span).split("\0")[:-1])
         commits = list[Commit]()
-        for line in lines.splitlines():
-            hashes, _, subject = line.partition("\0")
+        for hashes, subject in zip(texts, texts, strict=True):
             commit, *parents = hashes.split()
             if not commits and baseline.commit not in parents[:1]:
                 break
             commits.append(Commit(commit, subject))
         if not commits:
             same = " (they are the same commit)" if baseline.commit == candidate.commit else ""
-            raise InputError(f"{candidate} does not come after {baseline}, by first parents{same}")
+            problem = f"{candidate} does not come after {baseline}, by first parents{same}"
+            raise InputError(problem + ("" if same else self._shallow_hint()))
         return commits
 
     def text(self, revision: Revision, file: Path) -> bytes | None:
@@ -133,9 +141,9 @@ class Repository:
             return None
 
     def check_out(self, revision: Revision, folder: Path, work: Path) -> str:
-        """Write the files of a revision into a new folder; return the hash of their tree.
+        """Write the files of a revision into a new folder; return a hash of all of them.
 
-        Submodules that the checkout has are written, too.
+        Submodules that the checkout has are written, too. Without any, it is the hash of the tree.
 
         Args:
           work: a new folder for what git needs meanwhile.
@@ -148,14 +156,17 @@ class Repository:
             (work / "objects").mkdir(parents=True)
         variables = {"GIT_INDEX_FILE": str(work / "index")}
         if revision.is_worktree:
-            objects = self._git_path("objects")
+            with writing(work):
+                (work / "objects/info").mkdir()
+                alternates = f"{self._git_path('objects')}\n"
+                (work / "objects/info/alternates").write_text(alternates)
             variables["GIT_OBJECT_DIRECTORY"] = str(work / "objects")
-            variables["GIT_ALTERNATE_OBJECT_DIRECTORIES"] = str(objects)
             tree = self._worktree_tree(work / "index", variables)
         else:
             tree = self._run("rev-parse", f"{revision.commit}^{{tree}}").strip()
             self._run("read-tree", "--no-sparse-checkout", tree, variables=variables)
         self._run("checkout-index", "--all", f"--prefix={folder}/", variables=variables)
+        trees = [tree]
         for number, (path, commit) in enumerate(self._submodules(tree, variables)):
             if not (self.top / path / ".git").exists():
                 continue  # nor does the checkout have its files
@@ -163,17 +174,19 @@ class Repository:
                 revision if revision.is_worktree else Revision(f"{revision.name}:{path}", commit)
             )
             shutil.rmtree(folder / path, ignore_errors=True)
-            Repository(self.top / path).check_out(
-                revision if revision.is_worktree else inner, folder / path, work / str(number)
-            )
-        return tree
+            submodule = Repository(self.top / path)
+            trees += [path, submodule.check_out(inner, folder / path, work / str(number))]
+        if len(trees) == 1:
+            return tree
+        text = "\0".join(trees).encode("utf-8", "surrogateescape")
+        return hashlib.blake2b(text, digest_size=20).hexdigest()
 
     def _worktree_tree(self, index: Path, variables: Mapping[str, str]) -> str:
         """Return the tree of what lies in the checkout; its objects are written elsewhere."""
         own = self._git_path("index")
         with writing(index):
-            if own.exists():  # it knows which files have not changed
-                shutil.copyfile(own, index)
+            if own.exists():  # it knows which files have not changed before it was written itself
+                shutil.copy2(own, index)
         self._run("add", "--all", ".", variables=variables)
         return self._run("write-tree", variables=variables).strip()
 
@@ -196,9 +209,13 @@ class Repository:
         names = self._run("for-each-ref", format_, "refs/heads", "refs/tags", "refs/remotes")
         if meant := suggestion(name, [WORKTREE, "HEAD", *names.split()]):
             return meant
-        if self._run("rev-parse", "--is-shallow-repository").strip() == "true":
-            return ", a shallow clone: fetch it first (in actions/checkout: fetch-depth: 0)"
-        return ""
+        return self._shallow_hint()
+
+    def _shallow_hint(self) -> str:
+        """Return how a shallow clone gets its history, as the end of a sentence."""
+        if self._run("rev-parse", "--is-shallow-repository").strip() != "true":
+            return ""
+        return ", a shallow clone: fetch it first (in actions/checkout: fetch-depth: 0)"
 
     def _run(self, *arguments: str, variables: Mapping[str, str] | None = None) -> str:
         return _git(self.top, arguments, variables=variables)
@@ -221,10 +238,10 @@ def _git(
       MachineError: it fails otherwise, or there is no git.
     """
     environment = {k: v for k, v in os.environ.items() if k not in _REDIRECTING}
-    settings = ("-c", "core.fsmonitor=false", "-c", "core.hooksPath=/dev/null")
+    settings = ("core.fsmonitor=false", "core.hooksPath=/dev/null", "core.splitIndex=false")
     try:
         done = subprocess.run(
-            ["git", *settings, *arguments],
+            ["git", *(word for each in settings for word in ("-c", each)), *arguments],
             cwd=folder,
             stdin=subprocess.DEVNULL,
             capture_output=True,
@@ -239,7 +256,8 @@ def _git(
     if done.returncode == 0:
         return done.stdout
     lines = [line for line in done.stderr.splitlines() if line.strip()]
-    reason = one_line((lines or ["it failed without a message"])[-1])
+    said = [line for line in lines if line.startswith(_PROBLEMS)] or lines[-1:]
+    reason = one_line((said or ["it failed without a message"])[0])
     if problem and "dubious ownership" not in done.stderr:
         raise InputError(problem)
     raise MachineError(f"git {arguments[0]}: {reason}")

@@ -39,6 +39,12 @@ def package_names(tree: Path) -> frozenset[str]:
     return frozenset(_names(tree))
 
 
+def has_module(tree: Path, name: str) -> bool:
+    """Return whether a module or a package lies directly in a source folder of a tree."""
+    files = (f"{name}.py", f"{name}/__init__.py")
+    return any((folder / file).is_file() for folder in source_folders(tree) for file in files)
+
+
 def _names(tree: Path) -> Iterator[str]:
     for folder, subfolders, files in os.walk(tree):
         path = Path(folder)

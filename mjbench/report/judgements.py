@@ -62,6 +62,7 @@ def _contact_table(judged: Sequence[tuple[str, Judgement]]) -> DataTable:
         (Column("apart mm", _millimetres), lambda row: pair(row).position_m),
         (Column("normals °", _significant), lambda row: pair(row).normal_degrees),
         (Column("acceleration", _share), lambda row: pair(row).effect),
+        (Column("largest", _share), lambda row: pair(row).largest_effect),
         (Column("answer"), lambda row: pair(row).answer.value),
     )
 

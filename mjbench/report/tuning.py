@@ -27,8 +27,10 @@ from mjbench.tuning.records import (
     Recommendation,
     TunedProgram,
     TuneRecord,
+    fresh_ratio,
+    saves_time,
 )
-from mjbench.tuning.reference import Present
+from mjbench.tuning.reference import SAME_SHARE, Present
 from mjbench.tuning.settings import (
     Edit,
     LoopChange,
@@ -198,6 +200,7 @@ class _FrontRow:
     program: TunedProgram | None
     is_recommended: bool = False
     effect: Effect | None = None
+    sensor_share: float = 0.0
 
 
 def _front_rows(record: TuneRecord) -> Iterator[_FrontRow]:
@@ -210,7 +213,13 @@ def _front_rows(record: TuneRecord) -> Iterator[_FrontRow]:
     for each in record.front:
         is_recommended = batch is not None or each in listed
         yield _FrontRow(
-            each.settings, each.error, each.ratio, each.program, is_recommended, each.effect
+            each.settings,
+            each.error,
+            each.ratio,
+            each.program,
+            is_recommended,
+            each.effect,
+            each.accuracy.sensor_share if each.accuracy else 0.0,
         )
     for attempt in tried(record) if batch else ():
         if attempt.time_ratio:
@@ -226,8 +235,8 @@ def _front_table(record: TuneRecord) -> DataTable:
         _front_rows(record),
         (Column("advised"), lambda row: "yes" if row.is_recommended else None),
         (
-            Column("results", leaves=3),
-            lambda row: _RESULTS[row.effect] if row.effect and is_in_c else None,
+            Column("results", wraps=True, leaves=3),
+            lambda row: _result(row.effect, row.sensor_share) if row.effect and is_in_c else None,
         ),
         (
             Column(f"time of a {'simulated second' if is_in_c else 'batched step'}", four_digits),
@@ -258,7 +267,7 @@ def _alone_table(record: TuneRecord, attempts: Sequence[Attempt]) -> DataTable:
         (Column("setting alone"), lambda row: row[1].label),
         (
             Column("results"),
-            lambda row: _RESULTS[a.effect] if (a := row[0].accuracy) else row[0].detail,
+            lambda row: _result(a.effect, a.sensor_share) if (a := row[0].accuracy) else None,
         ),
         (
             Column("time of a simulated second", formats.digits(4)),
@@ -290,7 +299,8 @@ def conclusion(record: TuneRecord) -> str:
         return f"{model}: {record.status}: {record.detail}"
     listed = advised(record)
     if not listed:
-        return f"{model}: no settings are certainly faster{_within(record)}"
+        unknown = "; errors could not be measured" if record.no_reference else ""
+        return f"{model}: no settings are certainly faster{_within(record)}{unknown}"
     return f"{model}: {'; '.join(_part(each, record) for each in listed)}"
 
 
@@ -333,7 +343,8 @@ def _results(each: Recommendation, record: TuneRecord) -> str:
     if each.effect == Effect.FREE:
         return " with the same results"
     if each.effect == Effect.EQUIVALENT:
-        return " within the solver's tolerance"
+        sensors = _sensors(each.accuracy.sensor_share if each.accuracy else 0.0)
+        return f" within the solver's tolerance{f' ({sensors})' if sensors else ''}"
     if record.present is None:  # MJX and Warp
         return _within(record)
     assert each.error and record.present.error, "the reference tells it from equivalent ones"
@@ -341,12 +352,39 @@ def _results(each: Recommendation, record: TuneRecord) -> str:
     return _within_error(record, None if record.max_error is None and is_same else each.error.share)
 
 
+def _result(effect: Effect, sensor_share: float) -> str:
+    """Return what settings do to the results, for a cell of a table."""
+    sensors = _sensors(sensor_share) if effect == Effect.EQUIVALENT else ""
+    return f"{_RESULTS[effect]}; {sensors}" if sensors else _RESULTS[effect]
+
+
+def _sensors(share: float) -> str:
+    """Return by how much sensor data differ; empty where it is no more than states may."""
+    return f"sensor data differ by up to {percent(share)}" if share > SAME_SHARE else ""
+
+
 def faster_alone(record: TuneRecord) -> list[Attempt]:
-    """Return the settings that alone are certainly faster in fresh processes, the fastest first."""
-    faster = [
+    """Return the settings that alone are certainly faster in fresh processes, the fastest first.
+
+    Those that failed, or that further starts did not confirm, are not among them. Those that these
+    confirmed are; others are judged so strictly that all are right together, however many were
+    timed.
+    """
+    alone = [
         (each.ratio.estimate, each)
         for each in record.attempts
-        if len(each.settings) == 1 and each.ratio and each.ratio.high and each.ratio.high < 1
+        if len(each.settings) == 1 and each.ratio and each.launches and each.status == Status.OK
+    ]
+    withdrawn = {label(each.settings) for each in record.withdrawn}
+    confirmed = {label(each.settings) for each in record.front}
+    faster = [
+        (estimate, each)
+        for estimate, each in alone
+        if label(each.settings) not in withdrawn
+        and (
+            label(each.settings) in confirmed
+            or saves_time(fresh_ratio(each.launches, count=len(alone)))
+        )
     ]
     return [each for _, each in sorted(faster, key=lambda pair: pair[0])]
 

@@ -8,7 +8,7 @@ from mjbench.tuning.distance import Distance
 from mjbench.tuning.records import Batch, BatchFacts, TuneRecord
 from mjbench.tuning.reference import REFINEMENT, Present
 from mjbench.tuning.settings import label
-from mjbench.units import plain
+from mjbench.units import count_of, plain
 
 # Settings that failed that are named.
 _MOST_FAILED = 12
@@ -17,6 +17,11 @@ _MOST_FAILED = 12
 def notes(record: TuneRecord) -> list[str]:
     """Return what the figures rest on, and what was not recommended, a line each."""
     lines, starts = _basis(record)
+    if record.no_reference:
+        lines.append(
+            "There is no reference from which to measure errors, so settings that change the motion"
+            f" are not recommended: {record.no_reference}"
+        )
     lines += starts_lines(starts)
     lines += [
         f"Withdrawn by the second look: {label(each.settings)}: {each.reason}"
@@ -27,7 +32,11 @@ def notes(record: TuneRecord) -> list[str]:
     if len(failed) > _MOST_FAILED:
         lines.append(f"{len(failed) - _MOST_FAILED} more failed")
     if record.untried:
-        lines.append(f"There was no time for {record.untried} settings: give a longer --budget")
+        untried = count_of(record.untried, "setting")
+        lines.append(f"There was no time for {untried}: give a longer --budget")
+    if record.untried_combinations:
+        untried = count_of(record.untried_combinations, "combination")
+        lines.append(f"There was no time for {untried} of settings")
     lines += [
         f"Geom {mesh.geom} collides as the mesh {mesh.mesh}, which fills"
         f" {100 * mesh.share:.0f} % of a {mesh.primitive}"

@@ -87,11 +87,10 @@ class ConstraintProblem:
         self._state, self._control = state, control
         self._restart(self._model, state)
         mujoco.mj_forward(self._model, self._data)
-        found = [copy.copy(each) for each in self._data.contact[: self._data.ncon]]
-        self.contacts = Contacts.of_c([found])
-        for each in found:
+        for each in self._data.contact[: self._data.ncon]:
             if min(each.geom) >= 0:
-                self._examples.setdefault(_pair(each), each)
+                self._examples.setdefault(_pair(each), copy.copy(each))
+        self.contacts = self._found()
         self.own = self._solution()
         self._prepare_norm()
 
@@ -106,12 +105,25 @@ class ConstraintProblem:
 
         Contacts of a flex do not say which of its parts touch, so that they have none.
         """
-        return all(tuple(pair) in self._examples for pair in contacts.geom.tolist())
+        return bool(self.are_examples(contacts).all())
+
+    def are_examples(self, contacts: Contacts) -> np.ndarray:
+        """Return (ncon,) the same of each contact."""
+        pairs = contacts.geom.tolist()
+        return np.array([tuple(pair) in self._examples for pair in pairs], dtype=bool)
 
     def margins(self, contacts: Contacts) -> np.ndarray:
-        """Return (ncon,) distances in m below which contacts of these pairs count in C."""
-        pairs = (tuple(pair) for pair in contacts.geom.tolist())
-        return np.array([self._examples[pair].includemargin for pair in pairs])
+        """Return (ncon,) distances in m below which contacts of these geoms count in C."""
+        return np.array([self._margin(*pair) for pair in contacts.geom.tolist()])
+
+    def _margin(self, one: int, other: int) -> float:
+        if (one, other) in self._examples:
+            return float(self._examples[one, other].includemargin)
+        model, pair = self.model, [one, other]
+        for i in range(model.npair):
+            if sorted((model.pair_geom1[i], model.pair_geom2[i])) == pair:
+                return float(model.pair_margin[i] - model.pair_gap[i])
+        return float(model.geom_margin[pair].max() - model.geom_gap[pair].max())
 
     def solve(self, contacts: Contacts) -> Solution:
         """Return C's solution of the present state with other contacts, of one simulation.
@@ -121,17 +133,15 @@ class ConstraintProblem:
         """
         return self.solve_at(self._state, contacts)
 
-    def solve_at(self, state: np.ndarray, contacts: Contacts | None) -> Solution:
-        """Return C's solution at another state, which errors are not measured at.
+    def solve_found_at(self, state: np.ndarray) -> tuple[Contacts, Solution]:
+        """Return the contacts that C finds at another state, and its solution."""
+        self._restart(self._model, state)
+        mujoco.mj_forward(self._model, self._data)
+        return self._found(), self._solution()
 
-        Args:
-          contacts: None for those that C finds there.
-        """
+    def solve_at(self, state: np.ndarray, contacts: Contacts) -> Solution:
+        """Return C's solution at another state, which errors are not measured at."""
         data = self._data
-        if contacts is None:
-            self._restart(self._model, state)
-            mujoco.mj_forward(self._model, data)
-            return self._solution()
         self._restart(self._contactless, state)
         mujoco.mj_fwdPosition(self._contactless, data)
         for contact in self._as_c(contacts):
@@ -174,6 +184,9 @@ class ConstraintProblem:
     def _restart(self, model: mujoco.MjModel, state: np.ndarray) -> None:
         compat.restart(model, self._data, state)
         self._data.ctrl[:] = self._control
+
+    def _found(self) -> Contacts:
+        return Contacts.of_c([self._data.contact[: self._data.ncon]])
 
     def _solution(self) -> Solution:
         return Solution(np.array(self._data.qacc), np.array(self._data.qfrc_constraint))

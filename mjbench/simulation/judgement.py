@@ -4,11 +4,11 @@ Each part has a right answer of its own: smooth dynamics and the solution of a c
 are the same for every engine; contacts of some pairs of geoms are not, and are named.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from mjbench.units import plain
+from mjbench.units import count_of, plain
 
 
 class Precision(StrEnum):
@@ -102,9 +102,13 @@ class PairContacts:
       position_m: farthest that a contact is from C's nearest one.
       normal_degrees: largest angle between normals.
       effect: by how much accelerations change in C where it has the engine's contacts instead of
-        its own: relative to what constraints add to them; nine in ten states have less.
-      largest_effect: the same of the state where it is largest; None where C never has the pair.
-      answer: `close` where they differ; `not judged` of a flex, whose contacts C cannot be given.
+        its own: relative to what constraints add to them; nine in ten states have less. None where
+        that is known of no state.
+      largest_effect: the same of the state where it is largest.
+      beside_flex: states of which it is unknown because a flex touches, whose contacts C cannot be
+        given.
+      unmet: states of which it is unknown because geoms touch that touch in no judged state of C.
+      answer: `close` where they differ.
     """
 
     types: tuple[str, str]
@@ -118,6 +122,8 @@ class PairContacts:
     effect: float | None
     largest_effect: float | None
     answer: Answer
+    beside_flex: int = 0
+    unmet: int = 0
 
     def __str__(self) -> str:
         """Return how they differ, in a phrase."""
@@ -129,11 +135,19 @@ class PairContacts:
             )
         elif self.position_m is not None:
             text += f": as many contacts, up to {1000 * self.position_m:.2g} mm elsewhere"
-        if self.answer == Answer.NOT_JUDGED:
-            return f"{text}, which C cannot be given"
-        if self.effect is None:
-            return f"{text}, a pair that never touches in C"
-        return f"{text}, which changes accelerations by {_percent(self.effect)}"
+        if self.effect is not None:
+            text += f", which changes accelerations by {_percent(self.effect)}"
+            if self.largest_effect is None:
+                text += ", in one state not finite"
+            elif _percent(self.largest_effect) != _percent(self.effect):
+                text += f", in one state by {_percent(self.largest_effect)}"
+        if self.beside_flex:
+            text += (
+                f", in {count_of(self.beside_flex, 'state')} beside a flex, which C cannot be given"
+            )
+        if self.unmet:
+            text += f", in {count_of(self.unmet, 'state')} of geoms that never touch in C"
+        return text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,7 +180,7 @@ class Judgement:
         contact_states: int = 0,
     ) -> "Judgement":
         """Return what parts come to together."""
-        answer = max((part.answer for part in parts), key=_SEVERITY.index)
+        answer = worst(part.answer for part in parts)
         deciding = [part for part in parts if part.answer == answer != Answer.YES]
         return cls(
             precision=precision,
@@ -200,6 +214,18 @@ class Judgement:
 
 # The worst answer last.
 _SEVERITY = (Answer.YES, Answer.CLOSE, Answer.NOT_JUDGED, Answer.NO)
+# Larger numbers stand for NaN or infinity (see `agreement.max_relative_error`).
+_LARGEST_FINITE = 1e300
+
+
+def worst(answers: Iterable[Answer]) -> Answer:
+    """Return the worst of some answers; `yes` where there are none."""
+    return max(answers, key=_SEVERITY.index, default=Answer.YES)
+
+
+def finite_or_none(value: float) -> float | None:
+    """Return a number as a `Measure` holds it."""
+    return float(value) if abs(value) <= _LARGEST_FINITE else None
 
 
 def _percent(share: float) -> str:

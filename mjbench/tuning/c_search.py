@@ -14,10 +14,10 @@
 import math
 import random
 import statistics
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
-from mjbench.errors import MachineError
+from mjbench.errors import InputError, MachineError
 from mjbench.paired import launches
 from mjbench.status import Status
 from mjbench.tuning import fronts, knobs
@@ -36,6 +36,7 @@ from mjbench.tuning.reference import Present
 from mjbench.tuning.search import LEAST_GAIN, Search, too_far
 from mjbench.tuning.setting_launch import LaunchRequest
 from mjbench.tuning.settings import Setting, label
+from mjbench.units import plain
 
 # A setting that costs more than this share, by its first launch, is not in the second one.
 MOST_LOSS = 0.05
@@ -63,6 +64,7 @@ class CSearch(Search[CMeasurements]):
     """A search for settings of C."""
 
     _settings: Sequence[Setting] = ()
+    _reference_s: float = 0.0
 
     def _measure_present(self) -> None:
         plan = self._plan
@@ -72,6 +74,7 @@ class CSearch(Search[CMeasurements]):
         self._advance(0, "the present settings", 0.5)
         runs = self._measure.present(plan.trials(0))
         self._set(meshes=survey.meshes, present=runs.present, stages=runs.stages)
+        self._reference_s = runs.reference_s
         wanted = [each for each in survey.settings if each.knob not in plan.skip]
         self._settings = sorted(wanted, key=lambda each: -knobs.likely_gain(each, runs.stages))
         self._rng = random.Random(plan.seed)
@@ -90,6 +93,27 @@ class CSearch(Search[CMeasurements]):
 
     def _leave_untried(self, count: int) -> None:
         self._set(untried=self._record.untried + count)
+
+    def _needs_error(self, attempt: Attempt) -> bool:
+        """Return whether settings are recommended only with a known error."""
+        effect = effect_of(attempt)
+        has_limit = self._plan.max_error is not None
+        return effect == Effect.APPROXIMATE or (effect == Effect.EQUIVALENT and has_limit)
+
+    def _reference(self, horizon_ncontrol: int | None = None) -> Present | None:
+        """Run the reference; None where it fails or there is no time, which the record says."""
+        left_s = self._end_s(1.0) - self._clock()
+        if self._reference_s > left_s:
+            self._set(
+                no_reference=f"it takes about {plain(self._reference_s, 2)} s, and"
+                f" {plain(left_s, 2)} s were left"
+            )
+            return None
+        try:
+            return self._measure.reference(horizon_ncontrol)
+        except (InputError, MachineError) as error:
+            self._set(no_reference=self._detail_of(error))
+            return None
 
     # -- each setting alone -------------------------------------------------------------------
 
@@ -130,11 +154,11 @@ class CSearch(Search[CMeasurements]):
     def _judged(self, faster: Sequence[Attempt]) -> list[Attempt]:
         """Run settings from all starts; return those that do what they may.
 
-        The reference is run only where one of them changes the motion.
+        The reference is run only where one of them needs an error.
         """
-        if any(effect_of(each) == Effect.APPROXIMATE for each in faster):
+        if any(self._needs_error(each) for each in faster):
             self._advance(1, "the reference", 0.7)
-            self._set(present=self._measure.reference())
+            self._set(present=self._reference() or self._present)
         self._advance(1, f"the error of {len(faster)} settings", 0.8)
         settings = [each.settings for each in faster]
         seen = self._measure.launch(
@@ -143,8 +167,11 @@ class CSearch(Search[CMeasurements]):
         judged = [_with_accuracy(*pair) for pair in zip(faster, seen, strict=False)]
         for attempt in judged:
             self._note(attempt)
-        known = [*judged, *faster[len(judged) :]]  # there was no time for the others
-        return sorted((each for each in known if self._may_be(each)), key=fronts.rank_of)
+        late = faster[len(judged) :]  # there was no time to run them from all starts
+        allowed = [each for each in late if self._may_be(each)]
+        self._leave_untried(len(late) - len(allowed))
+        allowed += [each for each in judged if self._may_be(each)]
+        return sorted(allowed, key=fronts.rank_of)
 
     def _may_change_so_much(self, attempt: Attempt) -> bool:
         """Return whether settings change no more than the user allows, whatever their error is."""
@@ -153,11 +180,11 @@ class CSearch(Search[CMeasurements]):
 
     def _may_be(self, attempt: Attempt) -> bool:
         """Return whether settings do to the motion what they may."""
-        if attempt.time_ratio is None or not self._may_change_so_much(attempt):
+        if attempt.status != Status.OK or attempt.time_ratio is None:
             return False
-        if effect_of(attempt) != Effect.APPROXIMATE and self._plan.max_error is None:
-            return True
-        if effect_of(attempt) == Effect.FREE:
+        if not self._may_change_so_much(attempt):
+            return False
+        if not self._needs_error(attempt):
             return True
         if attempt.error is None or not self._present.is_comparable:
             return False
@@ -177,6 +204,7 @@ class CSearch(Search[CMeasurements]):
                 each.settings for group in (exact, others) for each in fronts.better_half(group)
             ]
             nrun *= 2
+        self._leave_combinations(len(chosen) - LAST_RUNG)
         together = self._tried(chosen[:LAST_RUNG], None)
         for attempt in together:
             self._note(attempt)
@@ -187,8 +215,11 @@ class CSearch(Search[CMeasurements]):
         self._advance(2, f"{len(chosen)} combinations", 0.0)
         request = self._request(chosen, self._timed_s, nrun, TOGETHER_END)
         tried = self._measure.launch(request) if chosen else []
-        self._leave_untried(len(chosen) - len(tried))
+        self._leave_combinations(len(chosen) - len(tried))
         return [each for each in tried if self._may_be(each)]
+
+    def _leave_combinations(self, count: int) -> None:
+        self._set(untried_combinations=self._record.untried_combinations + max(0, count))
 
     # -- second look --------------------------------------------------------------------------
 
@@ -202,6 +233,9 @@ class CSearch(Search[CMeasurements]):
         if not front:
             return
         error = self._present_again(attempts)
+        if self._record.no_reference:
+            attempts = self._without_errors(attempts, front)
+            front = fronts.pareto_front(attempts, self._plan.max_error, first_error)
         confirmed: list[tuple[Attempt, Attempt]] = []
         looked: set[str] = set()
         while new := [each for each in front if label(each.settings) not in looked]:
@@ -218,7 +252,7 @@ class CSearch(Search[CMeasurements]):
     def _present_again(self, attempts: Sequence[Attempt]) -> float:
         """Run the present settings from new starts; return the error that is tolerated there.
 
-        The reference is run again where settings change the motion.
+        The reference is run again where settings need an error.
         """
         first = self._present
         self._advance(3, "present settings from new starts", 0.0)
@@ -226,11 +260,21 @@ class CSearch(Search[CMeasurements]):
         present = self._measure.present(self._plan.trials(1, *lengths)).present
         if first.error is None:
             self._set(present=present)
-        elif any(effect_of(each) == Effect.APPROXIMATE for each in attempts):
-            present = self._measure.reference(first.horizon_ncontrol)
-            assert present.error is not None, "it is what the reference tells"
-            self._set(present=replace(present, error=first.error.larger(present.error)))
+        elif any(self._needs_error(each) for each in attempts):
+            present = self._reference(first.horizon_ncontrol) or present
+            if present.error is not None:
+                self._set(present=replace(present, error=first.error.larger(present.error)))
         return present.tolerated_error
+
+    def _without_errors(
+        self, attempts: Sequence[Attempt], front: Sequence[Attempt]
+    ) -> list[Attempt]:
+        """Return the attempts that need no error; withdraw others of a front."""
+        for each in front:
+            if self._needs_error(each):
+                reason = f"no reference from new starts: {self._record.no_reference}"
+                self._withdraw(each.settings, reason)
+        return [each for each in attempts if not self._needs_error(each)]
 
     def _confirmed(
         self, new: Sequence[Attempt], first_error: float, error: float
@@ -241,9 +285,11 @@ class CSearch(Search[CMeasurements]):
           first_error: that is tolerated in the search.
           error: that is tolerated from the new starts.
         """
-        seconds = self._measure.launch(LaunchRequest([each.settings for each in new], nrun=None))
+        seconds = self._measure.launch(self._request([each.settings for each in new], nrun=None))
+        for late in new[len(seconds) :]:
+            self._withdraw(late.settings, "no time to run them from new starts")
         confirmed = []
-        for first, second in zip(new, seconds, strict=True):
+        for first, second in zip(new, seconds, strict=False):
             was_allowed = is_allowed(first, self._plan.max_error, first_error)
             if reason := self._why_not(first, second, was_allowed, error):
                 self._withdraw(first.settings, reason)
@@ -257,8 +303,21 @@ class CSearch(Search[CMeasurements]):
             return
         self._advance(3, f"the time of {len(confirmed)} settings", 0.6)
         settings = [first.settings for first, _ in confirmed]
-        launches = self._launched(settings, LEAST_LAUNCHES, MOST_FINAL_LAUNCHES, 1.0)
-        for (first, second), of_setting in zip(confirmed, launches, strict=True):
+        rule = self._rule(len(settings), LEAST_LAUNCHES, MOST_FINAL_LAUNCHES, 1.0, _is_wanted)
+        try:
+            self._launch(settings, rule)
+        finally:  # Ctrl-C, or a crash, leaves what has enough launches
+            self._decide(confirmed, rule, first_error)
+
+    def _decide(
+        self, confirmed: Sequence[tuple[Attempt, Attempt]], rule: SettingRule, first_error: float
+    ) -> None:
+        """Recommend the settings that are certainly faster by their launches; withdraw others."""
+        for position, (first, second) in enumerate(confirmed):
+            of_setting = rule.attempts.get(position, [])
+            has_failed = bool(of_setting) and of_setting[-1].status != Status.OK
+            if len(of_setting) < LEAST_LAUNCHES and not has_failed:
+                continue
             again = _with_figures(second, of_setting)
             if again.ratio is None or not saves_time(again.ratio):
                 self._withdraw(
@@ -284,6 +343,8 @@ class CSearch(Search[CMeasurements]):
         limit = self._plan.max_error
         if was_allowed and not is_allowed(second, limit, present_error):
             return f"an {too_far(error_of(second), allowed_error(limit, present_error))}"
+        if not was_allowed and error_of(second) > MOST_ERROR:
+            return f"an {too_far(error_of(second), MOST_ERROR)}"
         return ""
 
     # -- launches -----------------------------------------------------------------------------
@@ -324,9 +385,25 @@ class CSearch(Search[CMeasurements]):
         """
         if not settings:
             return []
-        end_s = self._end_s(end)
         stays = _is_wanted if cut is None else _is_hopeful
-        rule = SettingRule(len(settings), least, most, end_s, self._clock, stays)
+        rule = self._rule(len(settings), least, most, end, stays)
+        self._launch(settings, rule, cut)
+        return [rule.attempts[position] for position in sorted(rule.attempts)]
+
+    def _rule(
+        self,
+        count: int,
+        least: int,
+        most: int,
+        end: float,
+        stays: Callable[[Sequence[Attempt]], bool],
+    ) -> SettingRule:
+        return SettingRule(count, least, most, self._end_s(end), self._clock, stays)
+
+    def _launch(
+        self, settings: Sequence[tuple[Setting, ...]], rule: SettingRule, cut: float | None = None
+    ) -> None:
+        """Launch settings as a rule says; it has their attempts, however this ends."""
 
         def left_s() -> float:
             return math.inf if cut is None else self._end_s(cut) - self._clock()
@@ -337,7 +414,6 @@ class CSearch(Search[CMeasurements]):
                 raise KeyboardInterrupt
             if ending is not None and ending.status != Status.OK:
                 raise MachineError(ending.detail)
-        return [rule.attempts[position] for position in sorted(rule.attempts)]
 
     def _end_s(self, share: float) -> float:
         """Return when a part ends, by the clock: at a share of the budget, but not at once."""
@@ -378,7 +454,7 @@ def _together_known(attempts: Sequence[Attempt]) -> Attempt:
 def _with_accuracy(attempt: Attempt, seen: Attempt) -> Attempt:
     """Return an attempt with what a launch says of states and stages, or how it failed."""
     if seen.status != Status.OK:
-        return replace(attempt, status=seen.status, detail=seen.detail)
+        return Attempt(attempt.settings, seen.status, seen.detail)
     return replace(attempt, accuracy=seen.accuracy, stages=seen.stages)
 
 
@@ -386,6 +462,6 @@ def _with_figures(attempt: Attempt, launched: Sequence[Attempt]) -> Attempt:
     """Return an attempt with the ratio of launches that did not choose it."""
     known = _together_known(launched)
     if known.status != Status.OK:
-        return replace(attempt, status=known.status, detail=known.detail)
+        return Attempt(attempt.settings, known.status, known.detail)
     ratio = fresh_ratio(known.launches)
     return replace(attempt, time_ratio=ratio.estimate, ratio=ratio, launches=known.launches)

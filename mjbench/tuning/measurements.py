@@ -49,10 +49,16 @@ class Survey:
 
 @dataclass(frozen=True)
 class PresentRuns:
-    """What the present settings do, without a reference, and the share of a step by stage."""
+    """What the present settings do, without a reference.
+
+    Attributes:
+      stages: share of a step by stage.
+      reference_s: seconds that the reference takes at least, by its number of steps.
+    """
 
     present: Present
     stages: Mapping[str, float]
+    reference_s: float
 
 
 class CMeasurements:
@@ -251,7 +257,8 @@ def run_present(
     baseline = reference.present_runs(model, plan)
     files.baseline.write_bytes(pickle.dumps(baseline))
     models.save(model, files.model)
-    return PresentRuns(baseline.facts, stage_shares(model, baseline.trials))
+    stages = stage_shares(model, baseline.trials)
+    return PresentRuns(baseline.facts, stages, reference.seconds(model, baseline.trials))
 
 
 def run_reference(

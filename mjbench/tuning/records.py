@@ -57,6 +57,8 @@ class Accuracy:
       physics: of the states along the runs; None without a reference.
       run_errors: of each run from the reference, as a share of the motion.
       changed_sensors: how many sensors have other data although the motion is the same.
+      sensor_share: by how much the data of the other sensors differ then at most, as a share of the
+        largest magnitude of each.
     """
 
     effect: Effect
@@ -65,6 +67,7 @@ class Accuracy:
     physics: Physics | None
     run_errors: Sequence[float]
     changed_sensors: NonNegativeInt = 0
+    sensor_share: NonNegativeFloat = 0.0
 
 
 @dataclass(frozen=True)
@@ -200,7 +203,10 @@ class TuneRecord:
       present: what the present settings do in C, on the starts of the second look; its error is the
         larger of both looks.
       batch: what MJX and Warp are measured by; None for C.
-      untried: settings for which there was no time.
+      no_reference: why settings that need an error were left out: the reference failed, or there
+        was no time for it; empty where it was run, or not needed.
+      untried: settings for which there was no time, alone.
+      untried_combinations: for which there was no time.
       front: recommendations, the smallest effect first and the slowest first within it; of MJX and
         Warp, the fastest first.
       meshes: that collide, and that nearly fill a primitive.
@@ -218,7 +224,9 @@ class TuneRecord:
     present: Present | None = None
     batch: Batch | None = None
     attempts: Sequence[Attempt] = ()
+    no_reference: str = ""
     untried: NonNegativeInt = 0
+    untried_combinations: NonNegativeInt = 0
     front: Sequence[Recommendation] = ()
     withdrawn: Sequence[Withdrawal] = ()
     meshes: Sequence[MeshNote] = ()
@@ -268,13 +276,16 @@ def allowed_error(max_error: float | None, present_error: float, least: float = 
     return max_error or max((1 + SAME_ERROR) * present_error, least)
 
 
-def fresh_ratio(samples: Sequence[LaunchRow]) -> Ratio:
+def fresh_ratio(samples: Sequence[LaunchRow], count: int = 1) -> Ratio:
     """Return the ratio of times over fresh processes, with Student's interval of their mean.
 
     How many there are must not depend on what they say. Disturbed ones are left out.
+
+    Args:
+      count: ratios whose intervals all hold together with CONFIDENCE (Bonferroni).
     """
     logs = [log_ratio(row) for row in samples]
-    return Ratio.of_log(*anytime.student_interval(logs, CONFIDENCE))
+    return Ratio.of_log(*anytime.student_interval(logs, 1 - (1 - CONFIDENCE) / count))
 
 
 def saves_time(ratio: Ratio) -> bool:

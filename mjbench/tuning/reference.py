@@ -19,7 +19,8 @@ import mujoco
 import numpy as np
 
 from mjbench.errors import InputError
-from mjbench.simulation import compat, model_options, sampling, starts, workload
+from mjbench.host import machine
+from mjbench.simulation import compat, model_options, sampling, starts, work, workload
 from mjbench.simulation.starts import StartPlan, Starts
 from mjbench.tuning import distance, trajectories
 from mjbench.tuning.distance import Distance, Motion
@@ -258,6 +259,14 @@ def with_reference(
         reference_physics=physics(model, trials.initial_state, reference.points),
     )
     return replace(runs, motion=scale, reference=within, facts=facts)
+
+
+def seconds(model: mujoco.MjModel, trials: Trials) -> float:
+    """Return about how long `with_reference` takes at least: its steps, as long as present ones."""
+    nstep = trials.ncontrol * trajectories.steps_per_control(model, trials.control_s)
+    total = trials.nrun * nstep * (REFINEMENT + 1)  # with a converged solver at both timesteps
+    step_s = work.step_s(model, trials.initial_state[0])
+    return total * step_s / min(trials.nrun, machine.usable_cores())
 
 
 def _healthy(how: str, *runs: Trajectories) -> np.ndarray:

@@ -98,9 +98,7 @@ class Search(abc.ABC, Generic[Measurements]):
         try:
             self.run()
         except MjbenchError as error:
-            failure = failure_of(error)
-            detail = failure.detail.removeprefix(f"{self._record.model}: ")
-            return self.record(failure.status, detail)
+            return self.record(failure_of(error).status, self._detail_of(error))
         except KeyboardInterrupt:
             return self.record(Status.INTERRUPTED)
         return self.record()
@@ -114,6 +112,10 @@ class Search(abc.ABC, Generic[Measurements]):
     def record(self, status: Status = Status.OK, detail: str = "") -> TuneRecord:
         """Return what was measured so far."""
         return replace(self._record, status=status, detail=detail, seconds=self._spent_s())
+
+    def _detail_of(self, error: MjbenchError) -> str:
+        """Return what went wrong, without the name of the model."""
+        return failure_of(error).detail.removeprefix(f"{self._record.model}: ")
 
     @abc.abstractmethod
     def _measure_present(self) -> None:
@@ -151,13 +153,17 @@ class Search(abc.ABC, Generic[Measurements]):
         """Recommend settings that both looks confirm."""
         both = [each.error for each in (first, second) if each.error is not None]
         effects = [each.accuracy.effect for each in (first, second) if each.accuracy]
+        accuracy = second.accuracy
+        if accuracy is not None and first.accuracy is not None:
+            sensor_share = max(accuracy.sensor_share, first.accuracy.sensor_share)
+            accuracy = replace(accuracy, sensor_share=sensor_share)
         recommendation = Recommendation(
             first.settings,
             ratio,
             functools.reduce(Distance.larger, both) if len(both) == 2 else None,
             samples,
             max(effects, key=lambda effect: effect.rank, default=Effect.APPROXIMATE),
-            second.accuracy,
+            accuracy,
             second.program,
             is_allowed,
         )

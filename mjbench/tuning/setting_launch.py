@@ -33,7 +33,7 @@ from mjbench.tuning.physics import physics
 from mjbench.tuning.records import Accuracy, Attempt, Effect, log_ratio
 from mjbench.tuning.reference import LEAST_NCONTROL, SAME_SHARE, Baseline
 from mjbench.tuning.settings import NO_CHANGE, LoopChange, Setting, edits_of, label, loop_change
-from mjbench.tuning.trajectories import Trajectories, Trials
+from mjbench.tuning.trajectories import SensorChange, Trajectories, Trials
 
 Settings = tuple[Setting, ...]
 # Seconds of a block; controls of each of its runs, and runs at least, unless one takes longer.
@@ -185,22 +185,23 @@ def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Acc
     """Return what settings do to the motion, and to sensor data where that stays the same."""
     ncontrol, scale = baseline.facts.horizon_ncontrol, baseline.motion
     within, present = runs.first(ncontrol), baseline.present.first(ncontrol)
-    effect, changed = _effect(model, baseline, runs), 0
+    effect, sensors = _effect(model, baseline, runs), SensorChange(0, 0.0)
     if effect != Effect.APPROXIMATE and not runs.has_sensors_of(baseline.present):
         effect = Effect.EQUIVALENT
-        changed = trajectories.changed_sensors(model, runs, baseline.present)
+        sensors = trajectories.sensor_change(model, runs, baseline.present)
     error, along, run_errors = None, None, list[float]()
     if baseline.reference is not None:
         error = distance.distance(model, scale, within, baseline.reference)
         along = physics(model, baseline.trials.initial_state, runs.points)
         run_errors = distance.shares(model, scale, within, baseline.reference).tolist()
     return Accuracy(
-        Effect.APPROXIMATE if changed else effect,
+        Effect.APPROXIMATE if sensors.changed else effect,
         error,
         distance.distance(model, scale, within, present),
         along,
         run_errors,
-        changed,
+        sensors.changed,
+        sensors.share,
     )
 
 

@@ -100,18 +100,34 @@ class Trajectories:
         return np.array_equal(_bits(self.sensordata), _bits(other.sensordata))
 
 
-def changed_sensors(model: mujoco.MjModel, runs: Trajectories, others: Trajectories) -> int:
-    """Return how many sensors' data differ from those of other runs by more than SENSOR_SHARE."""
-    width = others.sensordata.shape[2]
-    if not width:
-        return 0
+@dataclass(frozen=True)
+class SensorChange:
+    """How sensor data differ from those of other runs.
+
+    Attributes:
+      changed: sensors that differ by more than SENSOR_SHARE of their largest magnitude.
+      share: by how much the others differ at most, as a share of theirs.
+    """
+
+    changed: int
+    share: float
+
+
+def sensor_change(model: mujoco.MjModel, runs: Trajectories, others: Trajectories) -> SensorChange:
+    """Return how sensor data differ from those of other runs."""
+    if not others.sensordata.shape[2]:
+        return SensorChange(0, 0.0)
     largest = np.abs(others.sensordata).max(axis=(0, 1))
     apart = np.abs(runs.sensordata - others.sensordata).max(axis=(0, 1))
-    return sum(
-        float(apart[at : at + dim].max(initial=0.0))
-        > SENSOR_SHARE * float(largest[at : at + dim].max(initial=0.0))
-        for at, dim in zip(model.sensor_adr, model.sensor_dim, strict=True)
-    )
+    changed, largest_share = 0, 0.0
+    for at, dim in zip(model.sensor_adr, model.sensor_dim, strict=True):
+        of_sensor = float(apart[at : at + dim].max(initial=0.0))
+        magnitude = float(largest[at : at + dim].max(initial=0.0))
+        if of_sensor > SENSOR_SHARE * magnitude:
+            changed += 1
+        elif magnitude:
+            largest_share = max(largest_share, of_sensor / magnitude)
+    return SensorChange(changed, largest_share)
 
 
 def points(ncontrol: int) -> list[int]:

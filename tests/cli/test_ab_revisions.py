@@ -86,6 +86,8 @@ def test_functions_are_compared_and_become_a_comment(
     ("arguments", "code", "message"),
     [
         (("rev=old", "rev=nwe", "bench.py::step"), 2, "nwe is no revision"),
+        (("old", "nwe", "bench.py::step"), 2, "nwe is no revision"),
+        (("old", "path=rollout", "bench.py::step"), 2, "a revision is compared with a revision"),
         (("rev=old", "rev=new"), 2, "name a function of your code"),
         (("rev=old", "path=rollout"), 2, "a revision is compared with a revision"),
         (("path=rollout", "", "bench.py::step"), 2, "functions are compared in revisions"),
@@ -111,7 +113,7 @@ def test_what_cannot_be_compared_has_an_exit_code_and_a_line(
 
 
 def test_the_same_files_are_said_to_be_the_same(checkout: Path, tmp_path: Path) -> None:
-    done = ab(checkout, "rev=new", "rev=HEAD", "physics:added", "--results", str(tmp_path))
+    done = ab(checkout, "new", "HEAD", "physics:added", "--results", str(tmp_path))
     assert done.returncode == 0
     assert "same: both revisions have the same files, so nothing was timed" in done.stdout
 

@@ -1,5 +1,8 @@
 """Other contacts than C's: which are close, and which are a fault."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -13,6 +16,7 @@ from mjbench.simulation.judgement import Answer, PairContacts, Precision
 BOX = "<geom type='box' size='0.1 0.1 0.1'/>"
 BALL = "<geom size='0.1'/>"
 LIMIT = 1e-6
+NO_CONTACTS = Contacts.of([], [], [], [], [])
 
 
 def resting(geom: str, height: float) -> ConstraintProblem:
@@ -29,21 +33,20 @@ def resting(geom: str, height: float) -> ConstraintProblem:
 
 
 def judged(problem: ConstraintProblem, contacts: Contacts) -> PairContacts:
-    model = problem.model
-    judge = ContactJudge(model, Precision.FLOAT64)
-    judge.add(problem, contacts)
+    return judged_states(problem, [contacts])
+
+
+def judged_states(problem: ConstraintProblem, states: Sequence[Contacts]) -> PairContacts:
+    """Judge what an engine finds each time that it takes the same state."""
+    judge = ContactJudge(problem.model, Precision.FLOAT64)
+    for contacts in states:
+        judge.add(problem, contacts)
     (pair,) = judge.pairs(LIMIT)
     return pair
 
 
 def moved(contacts: Contacts, by_m: float) -> Contacts:
-    return Contacts(
-        contacts.simulation,
-        contacts.geom,
-        contacts.distance,
-        contacts.position + by_m * np.array([1.0, 0.0, 0.0]),
-        contacts.frame,
-    )
+    return replace(contacts, position=contacts.position + by_m * np.array([1.0, 0.0, 0.0]))
 
 
 def test_the_contacts_of_c_agree() -> None:
@@ -86,8 +89,47 @@ def test_a_contact_that_just_begins_to_touch_is_left_out() -> None:
     assert judge.pairs(LIMIT) == ()
 
 
+def test_a_ball_that_loses_its_plane_in_two_of_thirty_states_is_a_fault() -> None:
+    problem = resting(BALL, 0.0995)
+    pair = judged_states(problem, [problem.contacts] * 28 + [NO_CONTACTS] * 2)
+    assert (pair.answer, pair.effect, pair.other_counts) == (Answer.NO, 0.0, 2)
+    assert "in one state by 1e+02 %" in str(pair)
+
+
+def test_a_box_that_lacks_a_point_in_two_of_thirty_states_is_a_fault() -> None:
+    problem = resting(BOX, 0.0995)
+    lacking = problem.contacts.select(np.arange(3))
+    assert judged_states(problem, [problem.contacts] * 28 + [lacking] * 2).answer == Answer.NO
+
+
 def test_a_pair_that_never_touches_in_c_is_a_fault() -> None:
     problem, touching = resting(BOX, 0.5), resting(BOX, 0.0995)
     pair = judged(problem, touching.contacts)
     assert (pair.answer, pair.effect) == (Answer.NO, None)
-    assert "a pair that never touches in C" in str(pair)
+    assert "in 1 state of geoms that never touch in C" in str(pair)
+
+
+def test_a_touch_of_geoms_that_never_touch_in_c_is_no_fault_where_it_is_hardly_one() -> None:
+    problem = resting(f"{BOX}<geom type='box' size='0.1 0.1 0.1' pos='0 0 1'/>", 0.0995)
+    corner = problem.contacts.select(np.array([0]))
+    other = np.array([[corner.geom[0, 0], 2]])
+
+    def with_touch(depth_m: float) -> Contacts:
+        touch = replace(corner, geom=other, distance=np.array([-depth_m]))
+        return Contacts.together(problem.contacts, touch)
+
+    states = [problem.contacts] * 29
+    pair = judged_states(problem, [*states, with_touch(1e-6)])
+    assert (pair.answer, pair.unmet, pair.effect) == (Answer.CLOSE, 1, 0.0)
+    assert judged_states(problem, [*states, with_touch(1e-3)]).answer == Answer.NO
+    assert judged_states(problem, [with_touch(1e-6)] * 9).answer == Answer.NOT_JUDGED
+
+
+def test_contacts_beside_a_flex_are_not_judged() -> None:
+    problem = resting(BOX, 0.0995)
+    flex = replace(problem.contacts.select(np.array([0])), geom=np.array([[-1, 0]]))
+    problem.contacts = Contacts.together(problem.contacts, flex)
+    judge = ContactJudge(problem.model, Precision.FLOAT64)
+    judge.add(problem, problem.contacts)
+    assert {pair.answer for pair in judge.pairs(LIMIT)} == {Answer.NOT_JUDGED}
+    assert all("beside a flex, which C cannot be given" in str(p) for p in judge.pairs(1))

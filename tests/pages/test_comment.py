@@ -81,10 +81,17 @@ def test_the_sides_and_the_control_stand_above_the_rows() -> None:
     assert text[3].startswith("control, the baseline against itself: +0.20 %")
 
 
-def test_the_command_that_reproduces_it_names_commits() -> None:
-    words = ["ab", "rev=main", "rev=HEAD", "bench.py::step"]
-    text = lines([of_function(SLOWER, "bench.py::step")], words)
-    assert "Reproduce: `mjbench ab rev=aaaaaaaaaa rev=bbbbbbbbbb bench.py::step`" in text
+@pytest.mark.parametrize(
+    ("words", "command"),
+    [
+        ("ab rev=main rev=HEAD b.py::f", "ab rev=aaaaaaaaaa rev=bbbbbbbbbb b.py::f"),
+        ("ab -q rev=main rev=HEAD b.py::f", "ab -q rev=aaaaaaaaaa rev=bbbbbbbbbb b.py::f"),
+        (f"ab rev={'a' * 40} HEAD b.py::f", "ab rev=aaaaaaaaaa rev=bbbbbbbbbb b.py::f"),
+    ],
+)
+def test_the_command_that_reproduces_it_names_commits(words: str, command: str) -> None:
+    text = lines([of_function(SLOWER, "b.py::f")], words.split())
+    assert f"Reproduce: `mjbench {command}`" in text
 
 
 def test_releases_are_named_as_such() -> None:

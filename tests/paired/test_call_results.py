@@ -45,6 +45,7 @@ def test_equal_results_are_the_same(result: Any) -> None:
         ("a", "b", "call 1 returns 'b' instead of 'a'"),
         (np.zeros(2), np.zeros(3), "shape (3,) instead of (2,)"),
         (np.array([0.0, 1.0]), np.array([0.0, 1.1]), "[1] 1.1 instead of 1.0"),
+        (np.zeros(2), np.array([0.0, 1e-9]), "[1] 1e-09 instead of 0.0"),
         (np.array([0.0, 1.0]), np.array([np.nan, 1.0]), "[0] nan instead of 0.0"),
         ({"a": 1}, {"b": 1}, "its parts are others"),
         ([1.0, "x"], [1.0, "y"], "[1]: 'y' instead of 'x'"),
@@ -65,7 +66,12 @@ def test_the_call_that_differs_is_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new"), [(1.0, 1.0 + 1e-12), (np.float32(1.0), np.float32(1.0 + 1e-6))]
+    ("old", "new"),
+    [
+        (1.0, 1.0 + 1e-12),
+        (np.float32(1.0), np.float32(1.0 + 1e-6)),
+        (np.zeros(3), np.array([0.0, 1e-18, 0.0])),
+    ],
 )
 def test_rounding_is_no_other_result(old: Any, new: Any) -> None:
     result = check([old], [new])
@@ -77,7 +83,27 @@ def test_large_arrays_are_compared_bit_by_bit(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(call_results, "_MOST_BYTES", 8)
     values = np.arange(4.0)
     assert check([values], [values.copy()]).outcome == ResultsOutcome.SAME
-    assert check([values], [values + 1e-15]).outcome == ResultsOutcome.DIFFERENT
+    unknown = check([values], [values + 1e-15])
+    assert unknown.outcome == ResultsOutcome.NONE
+    assert "call 1 returns other bits, in an array that is too large to tell" in unknown.detail
+    assert check([values], [values.astype(np.float32)]).outcome == ResultsOutcome.NONE
+
+
+def test_large_arrays_of_other_shapes_or_whole_numbers_differ(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(call_results, "_MOST_BYTES", 8)
+    whole = np.arange(4)
+    for old, new in ((np.zeros(4), np.zeros(5)), (whole, whole + 1)):
+        assert check([old], [new]).outcome == ResultsOutcome.DIFFERENT
+
+
+def test_another_part_that_differs_outweighs_a_large_array(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(call_results, "_MOST_BYTES", 8)
+    values = np.arange(4.0)
+    result = check([[values, "a"]], [[values + 1e-15, "b"]])
+    assert result.outcome == ResultsOutcome.DIFFERENT
+    assert "[1]: 'b' instead of 'a'" in result.detail
 
 
 def test_the_state_of_data_is_compared() -> None:

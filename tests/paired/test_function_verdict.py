@@ -1,5 +1,6 @@
 """Verdicts on functions of the user's code; nothing is started, and launches are invented."""
 
+import math
 import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from mjbench.errors import InputError, MachineError, UnavailableError
-from mjbench.paired import function_verdict
+from mjbench.paired import family, function_verdict
 from mjbench.paired.call_results import Leaf
 from mjbench.paired.function_pair import CallPlan, FunctionTarget
 from mjbench.paired.function_verdict import OtherCodeError
@@ -48,13 +49,15 @@ class Invented:
       observed: of each side, one after the other; the last one again and again.
       log_ratio: of launches of both sides.
       control: of the baseline with itself.
-      end_s: seconds that a launch takes.
+      launch_s: seconds that a launch takes.
+      control_s: that one of the control takes, where it takes less.
     """
 
     observed: dict[str, list[Observed]]
     log_ratio: float = 0.0
     control: float = 0.0
     launch_s: float = 0.5
+    control_s: float = math.inf
 
 
 Decided = Callable[[Invented], VerdictRecord]
@@ -77,6 +80,9 @@ def decided(monkeypatch: pytest.MonkeyPatch) -> Decided:
         class Pair(Targets[LaunchRow]):
             def __init__(self, pool: Any, targets: Any, plan: CallPlan, limit: TimeLimit):
                 is_control = targets[0] is targets[1]
+                self._launch_s = min(
+                    invented.launch_s, invented.control_s if is_control else math.inf
+                )
                 self._limit = limit
                 self._mean = invented.control if is_control else invented.log_ratio
 
@@ -84,7 +90,7 @@ def decided(monkeypatch: pytest.MonkeyPatch) -> Decided:
                 self._limit.start()
 
             def launch(self, positions: Sequence[int]) -> LaunchRow:
-                clock[0] += invented.launch_s
+                clock[0] += self._launch_s
                 ratio = np.exp(rng.gauss(self._mean, 0.002))
                 ns = [1_000_000, int(1_000_000 * ratio), int(1_000_000 * ratio), 1_000_000]
                 return LaunchRow(0, None, ["ABBA"], [ns])
@@ -124,10 +130,13 @@ def test_the_control_stands_beside_the_verdict(decided: Decided) -> None:
     assert record.control.launches == len(record.control_samples) == 8
 
 
-def test_a_control_that_shows_a_difference_says_so(decided: Decided) -> None:
+def test_a_control_that_shows_a_difference_leaves_all_undecided(decided: Decided) -> None:
     record = decided(Invented(sides(FACTS, FACTS), 0.05, control=0.03))
     assert record.control is not None
     assert not record.control.covers
+    assert record.verdict == Verdict.INCONCLUSIVE
+    assert record.detail == "the baseline differs from itself"
+    assert family.decide([record], 0.99).slower == []
 
 
 def test_other_results_get_no_verdict_on_speed(decided: Decided) -> None:
@@ -201,6 +210,14 @@ def test_a_launch_that_exceeds_the_limit_ends_as_inconclusive(decided: Decided) 
         record.detail
     )
     assert record.launches == 0
+
+
+def test_a_budget_is_for_the_control_as_well(decided: Decided) -> None:
+    record = decided(Invented(sides(FACTS, FACTS), launch_s=20.0, control_s=1.0))
+    assert record.control is not None
+    assert "a verdict with its control needs at least 16 launches: give --budget 400s" in (
+        record.detail
+    )
 
 
 def test_revisions_with_the_same_files_are_the_same() -> None:

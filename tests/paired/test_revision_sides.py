@@ -108,11 +108,27 @@ def test_a_file_that_exists_nowhere_is_reported(pool: WorkerPool, repository: Re
         targets(pool, repository, ("v1", "HEAD"), "none.py::step")
 
 
+def test_copies_of_packages_that_measure_are_not_the_trees_own(tmp_path: Path) -> None:
+    for package in ("third_party/numpy", "third_party/other", "src/mujoco"):
+        (tmp_path / package).mkdir(parents=True)
+        (tmp_path / package / "__init__.py").touch()
+    assert revision_sides.own_packages(tmp_path) == {"mujoco", "other"}
+
+
+def test_revisions_of_mjbench_are_refused(pool: WorkerPool, repository: Repository) -> None:
+    (repository.top / "mjbench.py").touch()
+    with pytest.raises(InputError, match="mjbench cannot compare revisions of itself"):
+        targets(pool, repository, ("HEAD", WORKTREE), "own:step")
+
+
 def test_commits_that_the_candidate_lacks_are_noted(repository: Repository) -> None:
     old, new = map(repository.parse, ("v1", "HEAD"))
     assert RevisionComparison(repository, old, new, [], repository.top).notes == []
     (note,) = RevisionComparison(repository, new, old, [], repository.top).notes
     assert note.startswith("HEAD has 1 commit that v1 lacks")
+    worktree = repository.parse(WORKTREE)
+    (note,) = RevisionComparison(repository, worktree, old, [], repository.top).notes
+    assert "`git merge-base HEAD v1`" in note
 
 
 @pytest.mark.parametrize(

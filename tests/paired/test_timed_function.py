@@ -117,6 +117,7 @@ ORIGIN = CodeOrigin(frozenset({"own"}), ("/cache/a",), "/checkout")
             "own._fast from /checkout/build/own/_fast.so",
         ),
         ("other", "/checkout/src/other.py", "other from /checkout/src/other.py"),
+        ("mjbench.paired", "/checkout/tools/mjbench/paired.py", ""),  # it measures
         ("numpy", "/checkout/.venv/lib/numpy/__init__.py", ""),
         ("json", "/usr/lib/json.py", ""),
     ],

@@ -152,6 +152,22 @@ def test_pip_dies_with_the_process_that_runs_it(tmp_path: Path) -> None:
         assert os.read(reading, 100) == b""  # nobody has the pipe open for writing
 
 
+def test_what_pip_started_ends_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    script(tmp_path / "python", f"sleep 60 &\necho $! >{tmp_path}/compiler\nexit 0\n")
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+    pip.build(Path("source"), Path("target"))
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "compiler").read_text()), 0)
+
+
+def test_a_version_that_comes_from_git_is_0(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script(tmp_path / "python", 'test "$SETUPTOOLS_SCM_PRETEND_VERSION" = 0')
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+    assert pip.run("wheel") == ""
+
+
 @pytest.mark.parametrize(
     ("lines", "expected"),
     [

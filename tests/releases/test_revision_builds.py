@@ -36,7 +36,6 @@ def test_a_tree_is_built_once(sources: list[str]) -> None:
     assert first == second
     assert sources == ["source"]
     assert [wheel.name for wheel in first.own_wheels] == ["own-1.0-py3-none-any.whl"]
-    assert first.name == "main"
     (name,) = installs.install_names()
     installs.remove(name)
     assert not first.own_wheels[0].exists()
@@ -46,6 +45,12 @@ def test_builds_of_other_trees_are_other_installs(sources: list[str]) -> None:
     first = revision_builds.built(MAIN, Path("one"), TREE)
     second = revision_builds.built(MAIN, Path("two"), "c" * 40)
     assert first.key != second.key
+
+
+def test_a_branch_called_installed_is_built_as_any_other(sources: list[str]) -> None:
+    branch = Revision("installed", "a" * 40)
+    release = revision_builds.built(branch, Path("source"), TREE)
+    assert release.key == revision_builds.built(MAIN, Path("source"), TREE).key
 
 
 def failing(problem: str) -> Callable[..., str]:

@@ -7,7 +7,7 @@ import example_environment_records
 from example_races import BATCH_STEP, ROLLOUT, compared, raced
 from set_files import MACHINE
 from step_profiles import step_profile
-from tuning_values import NOTHING, apart, present
+from tuning_values import NOTHING, apart, blocks, present
 from verdict_records import FASTER, SAME
 
 from mjbench.checkups.records import CheckedPart, CheckupPart, Combination
@@ -148,7 +148,9 @@ def test_wrong_results_stand_first() -> None:
 
 
 def test_what_is_given_up_is_said() -> None:
-    alone = Attempt((SENSOR,), Status.OK, time_ratio=0.1, ratio=Ratio(0.1, 0.09, 0.11))
+    launches = [blocks(ratio) for ratio in (0.09, 0.1, 0.1, 0.11)]
+    ratio = Ratio(0.1, 0.09, 0.11)
+    alone = Attempt((SENSOR,), Status.OK, time_ratio=0.1, ratio=ratio, launches=launches)
     (item,) = checkup.items(run(part(CheckupPart.SETTINGS), tuned(attempts=[alone])))
     assert (item.gain_text, item.change_text) == ("10.00", "gives up sensor data")
 

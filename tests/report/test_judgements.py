@@ -62,7 +62,7 @@ def test_each_part_shows_the_measure_that_is_nearest_to_its_limit() -> None:
     assert parts.texts[0][3] == "a step without constraints 1e-07 (limit 0.0001)"
     assert parts.texts[2][3] == "forces of the solution 1e-05 (limit 0.0001, C 1e-09)"
     assert contacts.texts == [
-        ["mjx", "plane–sphere", "8", "4.0", "4.0", "0.000001", "0", "0.0001 %", "yes"]
+        ["mjx", "plane–sphere", "8", "4.0", "4.0", "0.000001", "0", "0.0001 %", "0.001 %", "yes"]
     ]
 
 

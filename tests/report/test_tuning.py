@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from tuning_values import NOTHING, apart, present
+from tuning_values import NOTHING, apart, blocks, present
 
 from mjbench.measuring.ratio import Ratio
 from mjbench.pages import terminal
@@ -15,6 +15,8 @@ from mjbench.tuning.records import (
     Effect,
     Recommendation,
     TuneRecord,
+    Withdrawal,
+    fresh_ratio,
 )
 from mjbench.tuning.settings import Edit, LoopChange, Part, Setting
 
@@ -65,6 +67,7 @@ def test_what_changes_least_comes_first_and_what_is_not_allowed_is_no_advice():
         ({"only": Effect.EQUIVALENT}, "faster within the solver's tolerance"),
         ({"max_error": 0.01}, "faster with an error of at most 1 % of the motion"),
         ({}, "faster without a larger error"),
+        ({"no_reference": "crashed"}, "without a larger error; errors could not be measured"),
         ({"status": Status.INTERRUPTED}, "interrupted before"),
         ({"status": Status.FAILED, "detail": "no memory"}, "robot: failed: no memory"),
     ],
@@ -155,3 +158,44 @@ def test_without_a_reference_no_error_is_shown():
 def test_a_row_of_the_flat_table_has_an_error_as_a_share():
     (row,) = tuning.rows(record(FREE))
     assert (row.settings, row.error) == ("engine clock off, jacobian=sparse", 0.02)
+
+
+def timed_alone(label, ratios):
+    rows = [blocks(ratio) for ratio in ratios]
+    ratio = fresh_ratio(rows)
+    setting = Setting(label.partition("=")[0], label)
+    return Attempt((setting,), Status.OK, time_ratio=ratio.estimate, ratio=ratio, launches=rows)
+
+
+def test_what_is_faster_alone_is_certain_among_all_that_were_timed():
+    clear = timed_alone("jacobian=sparse", [0.5, 0.51, 0.5, 0.49])
+    unsure = timed_alone("solver=CG", [0.97, 0.985, 0.96, 0.985])
+    small = timed_alone("island=disable", [0.998, 0.9981, 0.998, 0.9979])
+    assert unsure.ratio.high < 1 and small.ratio.high < 1
+    assert tuning.faster_alone(record(attempts=[unsure])) == [unsure]
+    of_many = [timed_alone(f"iterations={i}", [1.0, 1.01, 1.0, 0.99]) for i in range(17)]
+    attempts = [unsure, small, clear, *of_many]
+    assert tuning.faster_alone(record(attempts=attempts)) == [clear]
+    confirmed = recommended(Effect.FREE, 0.97, 0.0, *unsure.settings)
+    assert tuning.faster_alone(record(confirmed, attempts=attempts)) == [clear, unsure]
+
+
+def test_what_failed_or_was_withdrawn_is_not_faster_alone():
+    clear = timed_alone("jacobian=sparse", [0.5, 0.51, 0.5, 0.49])
+    failed = replace(clear, status=Status.CRASHED)
+    assert tuning.faster_alone(record(attempts=[failed])) == []
+    withdrawn = [Withdrawal(clear.settings, "not certainly faster from new starts")]
+    assert tuning.faster_alone(record(attempts=[clear], withdrawn=withdrawn)) == []
+
+
+def test_sensor_data_that_differ_by_more_than_states_are_said():
+    equivalent = recommended(Effect.EQUIVALENT, 0.5, 0.02, JACOBIAN)
+    sensors = replace(equivalent, accuracy=replace(equivalent.accuracy, sensor_share=0.004))
+    text = "within the solver's tolerance (sensor data differ by up to 0.4 %): jacobian=sparse"
+    assert text in tuning.conclusion(record(sensors))
+    (section,) = tuning.sections([record(sensors)])
+    cell = "within tolerance (equivalent); sensor data differ by up to 0.4 %"
+    assert cell in section.tables[0].rows[1]
+    rounding = replace(equivalent, accuracy=replace(equivalent.accuracy, sensor_share=1e-6))
+    for each in (equivalent, rounding):
+        assert "sensor data" not in tuning.conclusion(record(each))

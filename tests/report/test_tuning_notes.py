@@ -20,14 +20,17 @@ def test_notes_say_what_figures_rest_on_and_what_was_left_out():
         present=PRESENT,
         withdrawn=[Withdrawal((TIMESTEP,), "diverges in 3 of 64 runs")],
         attempts=[Attempt((JACOBIAN,), Status.CRASHED, "killed by SIGSEGV")],
+        no_reference="crashed",
         untried=4,
+        untried_combinations=7,
         meshes=[MeshNote("arm", "arm_mesh", Primitive.BOX, 0.97)],
     )
     notes = "\n".join(tuning_notes.notes(of_all))
     assert "over 0.5 s of 64 runs" in notes
     assert "Withdrawn by the second look: timestep=0.004: diverges in 3 of 64 runs" in notes
     assert "Failed: jacobian=sparse: killed by SIGSEGV" in notes
-    assert "no time for 4" in notes
+    assert "no time for 4 settings" in notes and "no time for 7 combinations" in notes
+    assert "settings that change the motion are not recommended: crashed" in notes
     assert "fills 97 % of a box" in notes
     parted = replace(of_all, present=replace(PRESENT, is_comparable=False))
     assert "part too soon" in "\n".join(tuning_notes.notes(parted))

@@ -5,14 +5,14 @@ import random
 from dataclasses import replace
 
 import pytest
-from tuning_values import NOTHING, PRESENT_ERROR, apart, present
+from tuning_values import NOTHING, PRESENT_ERROR, apart, blocks, present
 
 from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired.records import LaunchRow
+from mjbench.report import tuning, tuning_notes
 from mjbench.status import Status
 from mjbench.tuning import fronts
-from mjbench.tuning.c_search import SCREENS, CSearch
+from mjbench.tuning.c_search import RUNG_NRUN, SCREENS, CSearch
 from mjbench.tuning.knobs import KNOBS
 from mjbench.tuning.measurements import PresentRuns, Survey
 from mjbench.tuning.records import Accuracy, Attempt, Effect, TuneRecord, log_ratio
@@ -39,6 +39,8 @@ class Planted:
         self.limited = 0.0
         self.changed_sensors = {}
         self.references = 0
+        self.failing_references = ()
+        self.reference_s = 0.0
         self.seed = None
         self.now_s = 0.0
         self.settings = [setting(label) for label in self.effects]
@@ -48,10 +50,12 @@ class Planted:
 
     def present(self, plan):
         self.seed, self.has_reference = plan.seed, False
-        return PresentRuns(replace(self._facts(), error=None), {})
+        return PresentRuns(replace(self._facts(), error=None), {}, self.reference_s)
 
     def reference(self, horizon_ncontrol=None):
         self.references += 1
+        if self.seed in self.failing_references:
+            raise MachineError("robot: crashed")
         self.has_reference = True
         return self._facts()
 
@@ -91,13 +95,6 @@ class Planted:
             samples = blocks(noise * math.prod(each[1] for each in of_each))
             attempt = replace(attempt, time_ratio=math.exp(log_ratio(samples)), samples=samples)
         return attempt
-
-
-def blocks(ratio):
-    """Return a launch in which settings take `ratio` of the time of the present ones."""
-    present_ns, candidate_ns = 1_000_000, round(1_000_000 * ratio)
-    quad = [present_ns, candidate_ns, candidate_ns, present_ns]
-    return LaunchRow(None, None, ["ABBA"] * 2, [quad] * 2)
 
 
 def searched(planted, **plan):
@@ -194,6 +191,24 @@ def test_a_setting_that_crashes_is_one_row_and_the_rest_goes_on():
     assert failed.detail == "killed by SIGSEGV"
 
 
+@pytest.mark.parametrize("failing_nrun", [None, 0])
+def test_a_setting_that_crashes_later_is_no_candidate_any_more(failing_nrun):
+    class CrashesLater(Planted):
+        def attempt(self, settings, request):
+            is_known = any(nrun == RUNG_NRUN for _, _, nrun in self.asked)
+            attempt = super().attempt(settings, request)
+            if is_known and request.nrun == failing_nrun:
+                return Attempt(settings, Status.CRASHED, "killed by SIGSEGV")
+            return attempt
+
+    record = searched(CrashesLater(jacobian_dense=(FREE, 0.5, 0.0)))
+    (failed,) = record.attempts
+    assert failed.status == Status.CRASHED
+    assert failed.accuracy is failed.ratio is failed.time_ratio is None
+    assert not record.front and not record.withdrawn
+    assert tuning.faster_alone(record) == []
+
+
 def test_no_gain_is_no_recommendation():
     record = searched(Planted(jacobian_dense=(FREE, 0.998, 0.0), solver_PGS=(FREE, 1.4, 0.0)))
     assert not record.front and not record.withdrawn and record.best() is None
@@ -256,13 +271,127 @@ def test_where_the_solver_does_not_converge_its_error_excuses_no_other():
     assert labels(searched(planted, max_error=0.03).best()) == ["timestep=2"]
 
 
-def test_the_reference_that_diverges_ends_the_search():
-    class Diverges(Planted):
-        def reference(self, horizon_ncontrol=None):
-            raise MachineError("robot: crashed")
+def test_without_a_reference_settings_that_need_no_error_are_recommended():
+    planted = Planted(
+        jacobian_dense=(FREE, 0.9, 0.0),
+        solver_CG=(EQUIVALENT, 0.8, 0.0),
+        timestep_2=(APPROXIMATE, 0.5, 0.0),
+    )
+    planted.failing_references = (0,)
+    record = searched(planted)
+    assert (record.status, record.no_reference) == (Status.OK, "crashed")
+    assert [labels(each) for each in record.front] == [
+        ["jacobian=dense"],
+        ["jacobian=dense", "solver=CG"],
+    ]
+    limited = searched(planted, max_error=0.1)
+    assert [labels(each) for each in limited.front] == [["jacobian=dense"]]
+    assert "no reference from which to measure" in "\n".join(tuning_notes.notes(record))
 
-    record = searched(Diverges(timestep_2=(APPROXIMATE, 0.5, 0.0)))
-    assert (record.status, record.detail, record.front) == (Status.FAILED, "crashed", ())
+
+def test_without_a_reference_from_new_starts_what_needs_an_error_is_withdrawn():
+    planted = Planted(jacobian_dense=(FREE, 0.9, 0.0), timestep_2=(APPROXIMATE, 0.5, 0.0))
+    planted.failing_references = (1,)
+    record = searched(planted)
+    assert record.status == Status.OK
+    assert [labels(each) for each in record.front] == [["jacobian=dense"]]
+    assert record.withdrawn
+    for each in record.withdrawn:
+        assert each.reason == "no reference from new starts: crashed"
+
+
+def test_a_reference_for_which_there_is_no_time_is_not_begun():
+    planted = Planted(jacobian_dense=(FREE, 0.9, 0.0), timestep_2=(APPROXIMATE, 0.5, 0.0))
+    planted.reference_s = 2000.0
+    record = searched(planted)
+    assert planted.references == 0
+    assert record.no_reference.startswith("it takes about 2000 s, and 99")
+    assert [labels(each) for each in record.front] == [["jacobian=dense"]]
+
+
+def test_an_error_limit_of_the_user_has_the_reference_run_for_equivalent_settings():
+    planted = Planted(solver_CG=(EQUIVALENT, 0.5, 0.01))
+    (found,) = searched(planted, max_error=0.05).front
+    assert planted.references == 2  # of each look
+    assert found.error.share == pytest.approx(0.03)
+    planted.fresh = {"solver=CG": (EQUIVALENT, 0.5, 0.1)}
+    record = searched(planted, max_error=0.05)
+    assert not record.front and "an error of 12 %" in record.withdrawn[0].reason
+
+
+def test_a_setting_that_errs_by_more_than_half_of_the_motion_from_new_starts_is_withdrawn():
+    planted = Planted(timestep_2=(APPROXIMATE, 0.5, 0.3))
+    (beyond,) = searched(planted).front
+    assert not beyond.is_allowed
+    planted.fresh = {"timestep=2": (APPROXIMATE, 0.5, 0.6)}
+    record = searched(planted)
+    assert not record.front and "where 50 % is allowed" in record.withdrawn[0].reason
+
+
+class Slow(Planted):
+    """Measurements whose launches of full runs, from some starts, have time for one setting."""
+
+    def __init__(self, seed, **effects):
+        super().__init__(**effects)
+        self.slow_seed = seed
+
+    def launch(self, request):
+        if request.nrun is None and self.seed == self.slow_seed:
+            assert math.isfinite(request.stop_after_s)
+            request = replace(request, stop_after_s=0.0)
+        return super().launch(request)
+
+
+def test_a_setting_whose_error_there_was_no_time_for_is_untried():
+    slow = Slow(0, jacobian_x=(FREE, 0.9, 0.0), timestep_2=(APPROXIMATE, 0.5, 0.0))
+    record = searched(slow)
+    assert (record.untried, record.untried_combinations) == (1, 0)
+    assert [labels(each) for each in record.front] == [["jacobian=x"]]
+
+
+def test_combinations_for_which_there_was_no_time_are_counted_apart():
+    names = [knob.name for knob in KNOBS if "_" not in knob.name][:6]
+    effects = {f"{name}_x": (APPROXIMATE, 0.9 - 0.01 * i, 0.0) for i, name in enumerate(names)}
+
+    class HasTimeForOne(Planted):
+        def launch(self, request):
+            if self.seed == 0 and any(len(each) > 1 for each in request.settings):
+                request = replace(request, stop_after_s=0.0)
+            return super().launch(request)
+
+    record = searched(HasTimeForOne(**effects))
+    assert record.untried == 0
+    assert record.untried_combinations > 0
+    text = "\n".join(tuning_notes.notes(record))
+    assert f"no time for {record.untried_combinations} combinations" in text
+
+
+def test_settings_for_which_there_is_no_time_from_new_starts_are_withdrawn():
+    slow = Slow(1, jacobian_x=(FREE, 0.9, 0.0), timestep_2=(APPROXIMATE, 0.5, 0.0))
+    record = searched(slow)
+    assert labels(record.front[0]) == ["jacobian=x"]
+    (late,) = record.withdrawn
+    assert labels(late) == ["jacobian=x", "timestep=2"]
+    assert late.reason == "no time to run them from new starts"
+
+
+@pytest.mark.parametrize("after", [4, 1])
+@pytest.mark.parametrize("failure", [KeyboardInterrupt, MachineError])
+def test_what_has_enough_launches_is_recommended_although_the_last_ones_fail(after, failure):
+    class Fails(Planted):
+        nlaunch = 0
+
+        def launch(self, request):
+            if self.seed == 1 and request.timed_s:
+                self.nlaunch += 1
+                if self.nlaunch > after:
+                    raise failure("crashed")
+            return super().launch(request)
+
+    record = searched(Fails(jacobian_dense=(FREE, 0.9, 0.0)))
+    assert record.status in (Status.INTERRUPTED, Status.FAILED)
+    assert [labels(each) for each in record.front] == ([["jacobian=dense"]] if after == 4 else [])
+    assert not record.withdrawn
 
 
 def test_ctrl_c_keeps_what_was_tried():

@@ -1,5 +1,7 @@
 """Runs are those of a plain loop, whatever the timestep, and end where they diverge."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ import pytest
 from mjbench.errors import InputError
 from mjbench.simulation import models, workload
 from mjbench.tuning import trajectories
-from mjbench.tuning.trajectories import Trials
+from mjbench.tuning.trajectories import SensorChange, Trials
 
 HOLD = 8
 
@@ -85,3 +87,23 @@ def test_runs_that_diverge_are_marked():
 def test_points_end_with_the_run():
     assert trajectories.points(62) == [16, 31, 46, 62]
     assert trajectories.points(1) == [1, 1, 1, 1]
+
+
+def test_sensors_differ_by_shares_of_their_largest_values():
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body><joint name="joint"/><geom size="0.1"/><site name="at"/></body>
+        </worldbody>
+        <sensor><jointpos joint="joint"/><framepos objtype="site" objname="at"/>
+        <jointvel joint="joint"/></sensor></mujoco>"""
+    )
+    shape = (2, trajectories.NPOINT, model.nsensordata)
+    runs = trajectories.run(model, trials_of(model, nbatch=2))
+    runs.sensordata[:] = np.broadcast_to([2.0, 0.0, 1.0, 4.0, 0.0], shape)
+    others = replace(runs, sensordata=runs.sensordata.copy())
+    assert trajectories.sensor_change(model, runs, others) == SensorChange(0, 0.0)
+    runs.sensordata[1, 2] = [2.01, 0.0, 1.0, 4.008, 0.0]
+    change = trajectories.sensor_change(model, runs, others)
+    assert change.changed == 0 and change.share == pytest.approx(0.005)
+    runs.sensordata[0, 0] = [3.0, 0.0, 1.0, 4.008, 1e-9]  # the last one was always 0
+    change = trajectories.sensor_change(model, runs, others)
+    assert change.changed == 2 and change.share == pytest.approx(0.002)
