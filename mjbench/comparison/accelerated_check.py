@@ -5,7 +5,7 @@ the judgement of each part (`mjbench.simulation.judgement`).
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import mujoco
@@ -15,6 +15,7 @@ from mjbench.comparison.judged_run import SHADOW_FACTOR, figure_measures, run_po
 from mjbench.comparison.judged_steps import (
     SMOOTH_LIMIT,
     SOLUTION_LIMIT,
+    Budget,
     JudgedConstraints,
     judge_constraints,
     judge_smooth,
@@ -104,10 +105,19 @@ def probe_workload(model: mujoco.MjModel, workload: Workload) -> Workload:
     return Workload(model, states, control, 1, workload.seed)
 
 
-def check_run(workload: Workload, programs: Programs, precision: Precision) -> CheckedRun:
-    """Judge compiled programs beside the reference run."""
+def check_run(
+    workload: Workload,
+    programs: Programs,
+    precision: Precision,
+    on_state: Callable[[], None] = lambda: None,
+) -> CheckedRun:
+    """Judge compiled programs beside the reference run.
+
+    Args:
+      on_state: called before each state in which the constraint problem is solved.
+    """
     check = _Check(workload, programs, precision)
-    constraints = check.constraints()
+    constraints = check.constraints(on_state)
     parts = [check.inputs(), check.smooth(), constraints.contacts, constraints.constraints]
     if workload.model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_WARMSTART):
         parts.append(check.warm_start())
@@ -116,7 +126,7 @@ def check_run(workload: Workload, programs: Programs, precision: Precision) -> C
         precision,
         parts,
         constraints.pairs,
-        len(check.judged.state),
+        constraints.states or len(check.judged.state),
         constraints.contact_states,
     )
     _, final_shadow = check.errors(workload.nstep, check.final_fields)
@@ -190,7 +200,7 @@ class _Check:
         measures.append(Measure("share of steps that change no state", errors.still_share, 0.5))
         return Part.of(PartName.SMOOTH, *measures)
 
-    def constraints(self) -> JudgedConstraints:
+    def constraints(self, on_state: Callable[[], None]) -> JudgedConstraints:
         """Judge contacts and the constraint problem."""
         return judge_constraints(
             self._workload.model,
@@ -198,6 +208,7 @@ class _Check:
             take_single_steps(self._programs.converged, self.judged),
             take_single_steps(self._programs.timed, self.judged),
             self._precision,
+            Budget(on_state=on_state),
         )
 
     def warm_start(self) -> Part:

@@ -15,6 +15,7 @@ import numpy as np
 
 from mjbench import paths
 from mjbench.comparison.accelerated_check import (
+    CheckedRun,
     Program,
     Programs,
     check_run,
@@ -165,6 +166,10 @@ class _Case:
             self.compiled.is_deterministic,
         )
 
+    def allow_silence(self) -> None:
+        """Let the parent wait for the limit once more."""
+        self.channel.allow_silence(self.request.limit_s)
+
     def _compiled(self, model: mujoco.MjModel, name: str) -> Program:
         """Compile a changed model, for single steps."""
         variant, peaks = self.request.variant, reference_peaks(self.workload, self.resources)
@@ -178,7 +183,7 @@ class _Case:
             fields: Mapping[str, np.ndarray], control: np.ndarray, nstep: int
         ) -> StepOutcome:
             # each call has the limit to itself, so that a program that hangs is killed soon
-            self.channel.allow_silence(self.request.limit_s)
+            self.allow_silence()
             return compiled.advance(fields, control, nstep)
 
         return Program(advance, workload)
@@ -186,18 +191,23 @@ class _Case:
 
 def _judged_and_timed(case: _Case, record: MeasurementRecord) -> MeasurementRecord:
     """Judge the compiled path; where it agrees, time it and compare the timed blocks' end."""
-    variant, precision = case.request.variant, case.path.precision
     try:
         programs = case.programs()
-        case.channel.doing(f"judging {variant.path} on {record.model}")
-        checked = check_run(case.workload, programs, precision)
+        case.channel.doing(f"judging {case.request.variant.path} on {record.model}")
+        checked = check_run(case.workload, programs, case.path.precision, case.allow_silence)
+        record = _judged(record, checked.judgement)
+        if not record.agrees:
+            return record
+        case.channel.send(record)
+        return _timed(case, record, checked)
     except OverflowedError as error:
         part = Part(PartName.BUFFERS, Answer.NO, reason=str(error))
-        return _judged(record, Judgement.of(precision, [part]))
-    record = _judged(record, checked.judgement)
-    if not record.agrees:
-        return record
-    case.channel.send(record)
+        return _judged(record, Judgement.of(case.path.precision, [part]))
+
+
+def _timed(case: _Case, record: MeasurementRecord, checked: CheckedRun) -> MeasurementRecord:
+    """Time a path that agrees, and compare the timed blocks' end with the checked run."""
+    variant = case.request.variant
     case.channel.doing(f"timing {variant}")
     case.channel.allow_silence(2 * case.request.limit_s)
     for samples_s in _steady_s(case.compiled):

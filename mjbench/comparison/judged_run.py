@@ -21,9 +21,13 @@ MAX_SIMULATIONS = 16
 SHADOW_FACTOR = 10.0
 # Differences below these shares of a figure's size are rounding.
 _ROUNDING = {Precision.FLOAT64: 1e-8, Precision.FLOAT32: 1e-4}
-# Where contacts differ, figures may differ by this share of their size, besides by as much as
-# those of C's simulations differ from each other.
+# The shadow has parted from C where a figure differs by more than this share of its size.
+TOGETHER_SHARE = 0.01
+# Before that, an engine's may differ by no more than this share of its size; after that, and where
+# contacts differ, means by this share, besides three standard errors.
 CLOSE_SHARE = 0.1
+# Means may differ by no more than this share, however much C's simulations differ.
+LARGEST_SHARE = 0.9
 
 _NAMES = {
     "penetration_m": "penetration, m",
@@ -84,22 +88,28 @@ def figure_measures(
     """Compare what a run comes to with C's, and with its float32 shadow's, from the same start.
 
     Args:
-      has_same_contacts: whether the engine finds C's contacts. Then figures are held, state by
-        state, to the shadow's; otherwise their means to the spread of C's simulations.
+      has_same_contacts: whether the engine finds C's contacts. Then figures are held to C's point
+        by point before the shadow parts from C. After that, and otherwise, their means are held to
+        the spread of C's simulations.
     """
     rows = trajectory.spread_indices(len(reference.simulation), MAX_SIMULATIONS)
-    reached, in_c, in_shadow = (
+    states_in_c = reference.states[rows][:, points.step].swapaxes(0, 1)
+    reached, in_c, rounded, in_shadow = (
         _figures(model, states)
         for states in (
             points.states[:, rows],
-            reference.states[rows][:, points.step].swapaxes(0, 1),
+            states_in_c,
+            trajectory.as_float32(states_in_c),
             shadow.states[rows][:, points.step].swapaxes(0, 1),
         )
     )
-    judge, measures = _as_shadow if has_same_contacts else _as_spread, []
-    for figure in fields(RunFigures):
-        own, expected, rounded = (getattr(each, figure.name) for each in (reached, in_c, in_shadow))
-        measures.append(judge(_NAMES[figure.name], own, expected, rounded, precision))
+    measures = []
+    for each in fields(RunFigures):
+        own, expected, once, always = (
+            getattr(f, each.name) for f in (reached, in_c, rounded, in_shadow)
+        )
+        figure = Figure(_NAMES[each.name], own, expected, once, always, precision)
+        measures += figure.measures(has_same_contacts)
     return measures
 
 
@@ -112,24 +122,69 @@ def _figures(model: mujoco.MjModel, states: np.ndarray) -> RunFigures:
     )
 
 
-def _as_shadow(
-    name: str, reached: np.ndarray, in_c: np.ndarray, in_shadow: np.ndarray, precision: Precision
-) -> Measure:
-    """Compare a figure state by state; the shadow's mean difference says how far it may be."""
-    size = float(np.sqrt(np.mean(in_c**2)))
-    allowed = SHADOW_FACTOR * float(np.abs(in_shadow - in_c).mean()) + _ROUNDING[precision] * size
-    return Measure(
-        f"{name}: mean difference", finite_or_none(np.abs(reached - in_c).mean()), allowed
-    )
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """A figure at points of a run: arrays are (npoint, nsim).
 
+    Attributes:
+      reached: of the engine.
+      rounded: of C's states, rounded to float32 once.
+      in_shadow: of a run in which they are rounded before each step.
+    """
 
-def _as_spread(
-    name: str, reached: np.ndarray, in_c: np.ndarray, in_shadow: np.ndarray, precision: Precision
-) -> Measure:
-    """Compare a figure's mean with C's; those of C's simulations say how far it may be."""
-    size = float(in_c.std() if name == _NAMES["energy_j"] else np.sqrt(np.mean(in_c**2)))
-    allowed = float(in_c.mean(axis=0).std()) + CLOSE_SHARE * size
-    allowed += SHADOW_FACTOR * float(np.abs(in_shadow - in_c).mean())
-    return Measure(
-        f"{name}: difference of means", finite_or_none(abs(reached.mean() - in_c.mean())), allowed
-    )
+    name: str
+    reached: np.ndarray
+    in_c: np.ndarray
+    rounded: np.ndarray
+    in_shadow: np.ndarray
+    precision: Precision
+
+    def measures(self, has_same_contacts: bool) -> list[Measure]:
+        """Return what is compared; see `figure_measures`."""
+        together = self._together() if has_same_contacts else np.zeros(self.in_c.shape, dtype=bool)
+        measures = [self._before_parting(together)] if together.any() else []
+        return measures if together.all() else [*measures, self._means()]
+
+    def _together(self) -> np.ndarray:
+        """Return where the shadow has not parted from C, and does not at the next point either."""
+        parted = np.abs(self.in_shadow - self.in_c) > TOGETHER_SHARE * self._size + self._rounding
+        parted = np.logical_or.accumulate(parted, axis=0)
+        return np.asarray(~np.vstack([parted[1:], parted[-1:]]))
+
+    def _before_parting(self, together: np.ndarray) -> Measure:
+        differs = np.abs(self.in_shadow - self.in_c).mean()
+        allowed = min(SHADOW_FACTOR * float(differs), CLOSE_SHARE * self._size) + self._rounding
+        difference = np.abs(self.reached - self.in_c)[together].mean()
+        return Measure(f"{self.name}: mean difference", finite_or_none(difference), allowed)
+
+    def _means(self) -> Measure:
+        """Compare means; shown alone where C's simulations differ too much to say what is wrong."""
+        of_simulations = self.in_c.mean(axis=0)
+        count, size = len(of_simulations), self._size
+        spread = float(of_simulations.std(ddof=1)) if count > 1 else np.inf
+        # three standard errors of the difference of two means
+        allowed = 3 * np.sqrt(2 / count) * spread + CLOSE_SHARE * size + self._rounding
+        if not self._is_energy:
+            allowed = min(allowed, LARGEST_SHARE * size + self._rounding)
+        is_known = spread <= max(size, self._rounding)
+        difference = abs(self.reached.mean() - self.in_c.mean())
+        name = f"{self.name}: difference of means"
+        limit = float(allowed) if is_known else None
+        return Measure(name, finite_or_none(difference), limit)
+
+    @property
+    def _is_energy(self) -> bool:
+        return self.name == _NAMES["energy_j"]
+
+    @property
+    def _size(self) -> float:
+        """The mean, or the standard deviation of an energy, whose zero is arbitrary."""
+        return float(self.in_c.std() if self._is_energy else self.in_c.mean())
+
+    @property
+    def _rounding(self) -> float:
+        """Differences that rounding makes: of the figure, and of the states that it is of."""
+        share = _ROUNDING[self.precision]
+        of_states = SHADOW_FACTOR * float(np.abs(self.rounded - self.in_c).mean())
+        of_states *= share / _ROUNDING[Precision.FLOAT32]
+        return share * float(np.sqrt(np.mean(self.in_c**2))) + of_states

@@ -4,7 +4,8 @@ All functions take arrays that an engine returned, so that they need none.
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -45,6 +46,8 @@ ROUNDING_FACTOR = 10.0
 # With the user's own settings, an engine may end this many times as far from the solution as C, or
 # this far.
 SETTINGS_FACTOR, SETTINGS_LIMIT = 10.0, 1e-3
+# Seconds after which no further state is judged; two passes have as many each.
+JUDGING_S = 15.0
 
 Fields = Mapping[str, np.ndarray]
 
@@ -68,13 +71,38 @@ class JudgedConstraints:
     """What became of contacts, and of the problem that follows from them.
 
     Attributes:
-      contact_states: states in which C has contacts.
+      states: those that were judged within the time for it.
+      contact_states: those of them in which C has contacts.
     """
 
     contacts: Part
     constraints: Part
     pairs: tuple[PairContacts, ...]
+    states: int
     contact_states: int
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How long states are judged: no further one is begun after that.
+
+    Attributes:
+      on_state: called before each state.
+      clock: returns seconds.
+    """
+
+    limit_s: float = JUDGING_S
+    on_state: Callable[[], None] = lambda: None
+    clock: Callable[[], float] = time.monotonic
+
+    def within(self, rows: Iterable[int]) -> Iterator[int]:
+        """Yield rows until the time is up; at least one."""
+        end = self.clock() + self.limit_s
+        for i, row in enumerate(rows):
+            if i and self.clock() > end:
+                return
+            self.on_state()
+            yield row
 
 
 @dataclass
@@ -96,26 +124,36 @@ def judge_constraints(
     converged: StepOutcome,
     timed: StepOutcome,
     precision: Precision,
+    budget: Budget | None = None,
 ) -> JudgedConstraints:
     """Compare contacts, and the solutions of the problems that follow from them, with C's.
 
     Args:
       converged: the same steps by a solver that goes on to the solution.
       timed: the same steps with the user's own settings.
+      budget: for each of two passes over the states, of which the first solves C's own problems.
     """
     if converged.contacts is None:
         reason = "the engine does not report its contacts"
         unknown = Part(PartName.CONTACTS, Answer.NOT_JUDGED, reason=reason)
         return JudgedConstraints(
-            unknown, dataclasses.replace(unknown, name=PartName.CONSTRAINTS), (), 0
+            unknown, dataclasses.replace(unknown, name=PartName.CONSTRAINTS), (), 0, 0
         )
     problem, errors = ConstraintProblem(model), _Errors()
     judge, contact_states = ContactJudge(model, precision), 0
     rounding = _Rounding(model) if precision == Precision.FLOAT32 else None
-    for state, control in zip(singles.state, singles.control, strict=True):
-        problem.load(state, control)  # meets the pairs of geoms that touch in any state
-    for i, (state, control) in enumerate(zip(singles.state, singles.control, strict=True)):
-        problem.load(state, control)
+    budget = budget or Budget()
+    # in random order, so that those within the budget are of the whole run
+    rows = np.random.default_rng(0).permutation(len(singles.state)).tolist()
+    loaded = []
+    for i in budget.within(rows):
+        problem.load(singles.state[i], singles.control[i])  # meets the geoms that touch
+        loaded.append(i)
+    states = 0
+    for i in budget.within(loaded):
+        states += 1
+        state = singles.state[i]
+        problem.load(state, singles.control[i])
         contacts = converged.contacts.select(converged.contacts.simulation == i)
         contact_states += len(problem.contacts.simulation) > 0
         judge.add(problem, contacts)
@@ -140,7 +178,7 @@ def judge_constraints(
             errors.force_rounding.append(0.0)
     pairs = judge.pairs(_shared_limit(precision, errors.contact_rounding))
     return JudgedConstraints(
-        _contact_part(pairs), _solution_part(errors, precision), pairs, contact_states
+        _contact_part(pairs), _solution_part(errors, precision), pairs, states, contact_states
     )
 
 

@@ -178,12 +178,15 @@ class MeasurementRecord:
         check = value.get("check")
         if not isinstance(check, dict) or value.get("judgement"):
             return value
-        judged = Judgement(
-            precision=check.get("precision", Precision.FLOAT32),
-            answer=Answer.NOT_JUDGED,
-            reason=_OTHER_RULES,
-        )
-        return {**value, "judgement": asdict(judged)}
+        is_free = check.get("contact_steps") == 0 and bool(check.get("unconstrained_steps"))
+        answer, reason = Answer.NOT_JUDGED, _OTHER_RULES
+        if value.get("status") == Status.DISAGREES:
+            answer, reason = Answer.NO, value.get("detail", "")
+        elif value.get("agrees") and is_free:  # contacts alone were not judged
+            answer, reason = Answer.YES, ""
+        precision = check.get("precision", Precision.FLOAT32)
+        judged = Judgement(precision=precision, answer=answer, reason=reason)
+        return {**value, "agrees": judged.agrees, "judgement": asdict(judged)}
 
 
 class OfModel(Protocol):

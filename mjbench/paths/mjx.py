@@ -78,6 +78,12 @@ class Mjx(AcceleratedPath):
             reason = one_line(error) or type(error).__name__
             raise MachineError(f"JAX finds no device: {reason}") from error
 
+    def unsuited(self, workload: Workload, options: Options) -> str | None:
+        """Reject also noslip iterations, which MJX ignores."""
+        if self.impl == "jax" and workload.model.opt.noslip_iterations > 0:
+            return "MJX does not take this model: it ignores noslip_iterations"
+        return super().unsuited(workload, options)
+
     def needs_fixed_nstep(self) -> bool:
         """Return whether a loop whose length is an argument waits for the host before each step."""
         return self.device_kind() != CPU

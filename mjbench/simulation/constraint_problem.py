@@ -46,6 +46,7 @@ def converging(model: mujoco.MjModel) -> mujoco.MjModel:
     changed.opt.tolerance = 0.0
     changed.opt.iterations = CONVERGED_ITERATIONS
     changed.opt.ls_iterations = CONVERGED_LS_ITERATIONS
+    changed.opt.noslip_iterations = 0  # they end elsewhere than at the solution
     if changed.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
         changed.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
     return changed
@@ -72,7 +73,6 @@ class ConstraintProblem:
 
     def __init__(self, model: mujoco.MjModel):
         self._model = converging(model)
-        self._model.opt.noslip_iterations = 0
         if hasattr(mujoco.mjtDisableBit, "mjDSBL_ISLAND"):  # islands have one solution together
             self._model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
         self._contactless = copy.copy(self._model)

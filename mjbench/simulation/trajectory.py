@@ -96,8 +96,8 @@ def single_steps(
 ) -> SingleSteps:
     """Take single steps in C from states of a run, evenly spread over it.
 
-    In every second of them the inputs that other engines have, too, get non-trivial values (see
-    `inputs`): an engine that drops one takes another step.
+    In a random half of them the inputs that other engines have, too, get non-trivial values
+    (see `inputs`): an engine that drops one takes another step.
 
     Args:
       rounded: round states and controls to float32 first, as an engine in float32 does.
@@ -109,7 +109,10 @@ def single_steps(
     state = trajectory.states[row, step]
     control = workload.control[trajectory.simulation[row], step // workload.hold]
     if inputs_to_set:
-        state[1::2] = set_inputs(workload.model, state[1::2], workload.seed, inputs_to_set)
+        # every second one would be of the second half of the run alone, if each run has two
+        drawn = np.random.default_rng([workload.seed, 9]).permutation(len(state))
+        rows = np.sort(drawn[: len(state) // 2])
+        state[rows] = set_inputs(workload.model, state[rows], workload.seed, inputs_to_set)
     if rounded:
         state, control = as_float32(state), as_float32(control)
     return take_steps(workload.model, np.ascontiguousarray(state), control)

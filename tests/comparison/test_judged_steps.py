@@ -1,13 +1,19 @@
 """Single steps where bodies touch: what rounding to float32 excuses, and what it does not."""
 
 import dataclasses
+import itertools
 
 import mujoco
 import numpy as np
 from pretender import Pretender32, make_workload
 
 from mjbench.comparison.accelerated_check import Program, probe_workload, take_single_steps
-from mjbench.comparison.judged_steps import JudgedConstraints, judge_constraints
+from mjbench.comparison.judged_steps import (
+    Budget,
+    JudgedConstraints,
+    judge_constraints,
+    judge_warm_start,
+)
 from mjbench.paths.accelerated import StepOutcome
 from mjbench.simulation import compat, trajectory
 from mjbench.simulation.constraint_problem import converging
@@ -62,3 +68,25 @@ def test_forces_off_by_two_hundredths_are_a_fault_in_float32() -> None:
     assert judged(workload, singles, outcome).constraints.answer == Answer.YES
     wrong = dataclasses.replace(outcome, qfrc_constraint=1.02 * outcome.qfrc_constraint)
     assert judged(workload, singles, wrong).constraints.answer == Answer.NO
+
+
+def test_no_state_is_begun_after_the_time_for_it_and_those_judged_are_counted() -> None:
+    workload = make_workload("cube_table", nstep=40)
+    singles, outcome = converged_steps(workload)
+    begun: list[int] = []
+
+    def judged_within(limit_s: float) -> int:
+        seconds = itertools.count()  # a second passes whenever the clock is read
+        budget = Budget(limit_s, lambda: begun.append(1), lambda: float(next(seconds)))
+        model, precision = workload.model, Precision.FLOAT32
+        return judge_constraints(model, singles, outcome, outcome, precision, budget).states
+
+    assert judged_within(9.0) == 10
+    assert len(begun) == 20
+    assert judged_within(0.0) == 1
+    assert judged_within(1000.0) == len(singles.state)
+
+
+def test_a_model_without_degrees_of_freedom_depends_on_no_warm_start() -> None:
+    none = np.zeros((4, 0))
+    assert judge_warm_start(none, none, none, is_deterministic=False).answer == Answer.YES

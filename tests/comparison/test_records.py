@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import pytest
 from example_records import JUDGED
 
 from mjbench.comparison.records import RECORD_TYPES, MeasurementRecord
@@ -36,14 +37,33 @@ def test_a_record_comes_back_as_it_was(tmp_path: Path) -> None:
     assert run.of_type(MeasurementRecord) == [RECORD]
 
 
-def test_a_path_that_an_earlier_version_checked_is_not_judged(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("stored_before", "check", "answer", "reason"),
+    [
+        ({"agrees": True}, {"contact_steps": 3}, Answer.NOT_JUDGED, "earlier version"),
+        ({"agrees": True}, {"contact_steps": 0}, Answer.YES, ""),
+        (
+            {"agrees": False, "status": "disagrees", "detail": "it ends elsewhere"},
+            {"contact_steps": 0},
+            Answer.NO,
+            "it ends elsewhere",
+        ),
+    ],
+)
+def test_what_an_earlier_version_checked_is_judged_as_far_as_its_rules_went(
+    stored_before: dict[str, object],
+    check: dict[str, object],
+    answer: Answer,
+    reason: str,
+    tmp_path: Path,
+) -> None:
     path = stored(tmp_path)
     header, line = path.read_text().splitlines()
-    record = json.loads(line)
+    record = {**json.loads(line), **stored_before}
     del record["judgement"]
-    record["check"] = {"precision": "float32", "received": True, "unconstrained_steps": 0}
+    record["check"] = {"precision": "float32", "unconstrained_steps": 9, **check}
     path.write_text(f"{header}\n{json.dumps(record)}\n")
     (read,) = runs.load(path, RECORD_TYPES).of_type(MeasurementRecord)
     assert read.judgement is not None
-    assert read.judgement.answer == Answer.NOT_JUDGED
-    assert "earlier version" in read.judgement.reason
+    assert (read.judgement.answer, read.agrees) == (answer, read.judgement.agrees)
+    assert reason in read.judgement.reason

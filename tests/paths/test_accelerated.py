@@ -79,6 +79,12 @@ def test_warp_is_not_timed_where_trees_sleep(tmp_path: Path) -> None:
     assert "sleep" in str(path.unsuited(make_workload(str(tmp_path / "asleep.xml")), {}))
 
 
+def test_mjx_is_not_timed_where_noslip_iterations_act() -> None:
+    workload = make_workload("cube_table")
+    workload.model.opt.noslip_iterations = 3
+    assert "noslip" in str(paths.find("mjx").unsuited(workload, {}))
+
+
 def test_a_buffer_of_warp_that_was_too_small_is_reported() -> None:
     overflow = pytest.importorskip("mujoco_warp").OverflowType
     check_overflow(np.array([0, overflow.ITERATIONS, overflow.LS_ITERATIONS]))

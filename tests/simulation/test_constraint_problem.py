@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mjbench.simulation import models, trajectory, workload
-from mjbench.simulation.constraint_problem import ConstraintProblem
+from mjbench.simulation.constraint_problem import ConstraintProblem, converging
 from mjbench.simulation.contacts import Contacts
 
 
@@ -58,3 +58,9 @@ def test_geoms_that_never_touch_in_c_have_no_example() -> None:
     )
     assert problem.has_examples(contacts)
     assert not problem.has_examples(other)
+
+
+def test_a_solver_that_goes_on_to_the_solution_is_not_moved_from_it_by_noslip_iterations() -> None:
+    model = models.load(models.resolve("cube_table"))
+    model.opt.noslip_iterations = 3
+    assert converging(model).opt.noslip_iterations == 0
