@@ -159,3 +159,32 @@ def test_a_path_that_does_not_compile_is_refused(tmp_path: Path) -> None:
         variant = Variant("rollout", {})
         request = AcceleratedRequest(models.resolve(MODEL), variant, tmp_path / "none")
         accelerated_run.run(request, lambda record: None)
+
+
+def test_a_buffer_that_overflows_in_timed_blocks_is_a_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "overflows.py").write_text(
+        "import dataclasses\n"
+        "from pretender import Pretender\n"
+        "from mjbench.paths.warp_buffers import OverflowedError\n"
+        "def overflow():\n"
+        "    raise OverflowedError('naconmax is too small')\n"
+        "class Overflows(Pretender):\n"
+        "    name = 'overflows:Overflows'\n"
+        "    def compile(self, workload, options, peaks):\n"
+        "        compiled = super().compile(workload, options, peaks)\n"
+        "        return dataclasses.replace(compiled, final_states=overflow)\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1]))
+    workload, file = make_workload(), tmp_path / "workload.pickle"
+    save_workload(workload, observe(workload).peaks, file)
+    variant = Variant("overflows:Overflows", {})
+    request = AcceleratedRequest(models.resolve(MODEL), variant, file)
+    records: list[MeasurementRecord] = []
+    ended = accelerated_run.run(request, records.append, str(tmp_path))
+    assert ended.status == Status.OK, ended.detail
+    assert (records[-1].status, records[-1].agrees) == (Status.DISAGREES, False)
+    assert "naconmax is too small" in records[-1].detail
+    assert not records[-1].samples_s
