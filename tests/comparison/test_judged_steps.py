@@ -1,10 +1,12 @@
 """Single steps where bodies touch: what rounding to float32 excuses, and what it does not."""
 
+import copy
 import dataclasses
 import itertools
 
 import mujoco
 import numpy as np
+import pytest
 from pretender import Pretender32, make_workload
 
 from mjbench.comparison.accelerated_check import Program, probe_workload, take_single_steps
@@ -90,3 +92,20 @@ def test_no_state_is_begun_after_the_time_for_it_and_those_judged_are_counted() 
 def test_a_model_without_degrees_of_freedom_depends_on_no_warm_start() -> None:
     none = np.zeros((4, 0))
     assert judge_warm_start(none, none, none, is_deterministic=False).answer == Answer.YES
+
+
+@pytest.mark.parametrize("error", [0.0, 0.01])
+def test_a_state_in_which_c_is_far_from_the_solution_excuses_no_other(error: float) -> None:
+    workload = make_workload("humanoid", nstep=40)
+    model = copy.copy(workload.model)
+    model.opt.iterations = 1
+    workload = dataclasses.replace(workload, model=model)
+    singles, converged = converged_steps(workload)
+    user = Pretender32().compile(workload, {}, Peaks(0, 0))
+    timed = take_single_steps(Program(user.advance, workload), singles)
+    is_free = singles.constraints == 0
+    assert 0 < is_free.sum() < len(is_free)
+    qacc = timed.qacc * np.where(is_free, 1.0 + error, 1.0)[:, None]
+    timed = dataclasses.replace(timed, qacc=qacc)
+    part = judge_constraints(model, singles, converged, timed, Precision.FLOAT32).constraints
+    assert part.answer == (Answer.NO if error else Answer.YES), part.reason
