@@ -17,6 +17,7 @@ from mjbench.errors import InputError, MachineError, MjbenchError, describe, one
 from mjbench.host import platforms
 from mjbench.status import ExitCode
 
+_HELP_NAMES = ["-h", "--help"]
 # Where a context keeps the words of the command line.
 _COMMAND_LINE = "mjbench.command_line"
 # Handlers of encoding errors that fail on some characters.
@@ -43,6 +44,11 @@ class Cli(click.Group):
         except SystemExit as ending:
             _flush_output(is_failure=ending.code == ExitCode.ENVIRONMENT)
             raise
+
+    def add_command(self, cmd: click.Command, name: str | None = None) -> None:
+        """Add a command, whose help has both names also where it runs without this group."""
+        cmd.context_settings.setdefault("help_option_names", _HELP_NAMES)
+        super().add_command(cmd, name)
 
     def make_context(
         self,
@@ -212,7 +218,7 @@ def _flush_output(is_failure: bool = False) -> None:
 
 @click.group(
     cls=Cli,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": _HELP_NAMES},
     subcommand_metavar="TARGET | COMMAND [ARGS]...",
 )
 @click.version_option(mjbench.__version__, message="mjbench %(version)s")

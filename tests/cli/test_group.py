@@ -78,3 +78,8 @@ def test_a_rendering_library_that_cannot_be_loaded_is_named(
     line = group.describe_unforeseen(raised.value)
     assert line.startswith("MuJoCo cannot load the rendering library of MUJOCO_GL=osmesa (")
     assert line.endswith("install it, or unset MUJOCO_GL")
+
+
+def test_a_command_without_its_group_has_the_same_help() -> None:
+    context = group.cli.commands["doctor"].make_context("doctor", [])
+    assert context.help_option_names == ["-h", "--help"]
