@@ -43,7 +43,7 @@ def test_a_command_that_takes_arguments_shows_an_example(name: str) -> None:
 def test_an_example_is_parsed_by_its_command(line: str) -> None:
     words = shlex.split(line)[1:]
     command: click.Command = cli
-    context = click.Context(cli)
+    context = click.Context(cli, **cli.context_settings)
     while isinstance(command, click.Group):
         _, found, words = command.resolve_command(context, words)
         assert found is not None
@@ -54,6 +54,6 @@ def test_an_example_is_parsed_by_its_command(line: str) -> None:
         if isinstance(command, click.Group) and words[0].startswith("-"):
             break
     try:
-        command.make_context(command.name, words)
+        command.make_context(command.name, words, parent=context)
     except click.exceptions.Exit as ended:  # it has answered, as `lint --explain` does
         assert ended.exit_code == 0
