@@ -37,7 +37,7 @@ from mjbench.tuning.distance import SHARE
 from mjbench.tuning.measurements import CMeasurements
 from mjbench.tuning.records import Accuracy, Effect, Recommendation, TuneRecord
 from mjbench.tuning.search import SearchPlan
-from mjbench.tuning.setting_launch import LaunchRequest
+from mjbench.tuning.setting_launch import SettingLaunchRequest
 from mjbench.tuning.settings import label
 from mjbench.tuning.tune import tune
 
@@ -164,7 +164,9 @@ def checked(
         measurements.present(plan.trials(2 + look, *lengths))
         if record.present.error is not None:
             measurements.reference(record.present.horizon_ncontrol)
-        for number, attempt in enumerate(measurements.launch(LaunchRequest(settings, nrun=None))):
+        for number, attempt in enumerate(
+            measurements.launch(SettingLaunchRequest(settings, nrun=None))
+        ):
             promises[number] = _after(promises[number], attempt.accuracy)
     return promises
 

@@ -4,11 +4,11 @@ from typing import Any
 
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.simulation.judgement import (
-    Answer,
-    Judgement,
+    EngineAnswer,
+    EngineJudgement,
+    JudgedPart,
     Measure,
     PairContacts,
-    Part,
     PartName,
     Precision,
 )
@@ -27,12 +27,14 @@ FACTS = ModelFacts(
     solver="newton",
     cone="pyramidal",
 )
-JUDGED = Judgement.of(
+JUDGED = EngineJudgement.of(
     Precision.FLOAT32,
     [
-        Part.of(PartName.SMOOTH, Measure("a step without constraints", 1e-7, 1e-4)),
-        Part(PartName.CONTACTS, Answer.YES),
-        Part.of(PartName.CONSTRAINTS, Measure("forces of the solution", 1e-5, 1e-4, in_c=1e-9)),
+        JudgedPart.of(PartName.SMOOTH, Measure("a step without constraints", 1e-7, 1e-4)),
+        JudgedPart(PartName.CONTACTS, EngineAnswer.YES),
+        JudgedPart.of(
+            PartName.CONSTRAINTS, Measure("forces of the solution", 1e-5, 1e-4, in_c=1e-9)
+        ),
     ],
     [
         PairContacts(
@@ -46,7 +48,7 @@ JUDGED = Judgement.of(
             normal_degrees=0.0,
             effect=1e-6,
             largest_effect=1e-5,
-            answer=Answer.YES,
+            answer=EngineAnswer.YES,
         )
     ],
     states=9,

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from benchmarks.studies.judgement_tally import JudgedModel, JudgementTally
 from mjbench.pages import markdown
-from mjbench.simulation.judgement import Answer
+from mjbench.simulation.judgement import EngineAnswer
 from mjbench.status import Status
 
 _HEAD = (
@@ -46,7 +46,7 @@ def _lines(tally: JudgementTally) -> Iterator[str]:
 def _conclusion(tally: JudgementTally) -> str:
     counts = [
         f"{count} {answer.value}"
-        for answer in Answer
+        for answer in EngineAnswer
         if (count := sum(_answer(row) == answer.value for row in tally.rows))
     ]
     refused = sum(row.status == Status.UNAVAILABLE for row in tally.rows)

@@ -9,7 +9,7 @@ from mjbench.comparison.records import MeasurementRecord
 from mjbench.host.isolate import Channel
 from mjbench.paths.accelerated import save_workload
 from mjbench.simulation import models, work, workload
-from mjbench.simulation.judgement import Judgement
+from mjbench.simulation.judgement import EngineJudgement
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 
@@ -28,7 +28,7 @@ class JudgedModel:
     path: str
     status: Status
     detail: str
-    judgement: Judgement | None
+    judgement: EngineJudgement | None
     trace_s: float | None
     compile_s: float | None
     versions: Mapping[str, str] | None

@@ -165,9 +165,9 @@ def release_lines(history: "SpeedHistory") -> Iterator[str]:
     of_release = {each.name: {m.release: m for m in each.measured} for each in series}
     rows = []
     for release in history.releases():
-        found = changes.get(release, {})
-        if any(abs(each.point.change) >= LEAST for each in found.values()):
-            cells = (_change(found.get(name), of_release[name][release]) for name in SERIES)
+        of_models = changes.get(release, {})
+        if any(abs(each.point.change) >= LEAST for each in of_models.values()):
+            cells = (_change(of_models.get(name), of_release[name][release]) for name in SERIES)
             rows.append([release, *cells])
     yield (
         f"Releases in which a step of one of three models changed by {100 * LEAST:g} % or more;"

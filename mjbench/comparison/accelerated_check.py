@@ -26,10 +26,10 @@ from mjbench.simulation import agreement, compat, trajectory
 from mjbench.simulation import workload as workloads
 from mjbench.simulation.contacts import Contacts
 from mjbench.simulation.judgement import (
-    Answer,
-    Judgement,
+    EngineAnswer,
+    EngineJudgement,
+    JudgedPart,
     Measure,
-    Part,
     PartName,
     Precision,
     finite_or_none,
@@ -49,7 +49,7 @@ Fields = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class Program:
+class SteppingProgram:
     """A compiled program, and the workload whose sizes it was compiled for."""
 
     advance: Advance
@@ -67,9 +67,9 @@ class Programs:
       is_deterministic: see `Compiled`.
     """
 
-    timed: Program
-    smooth: Program
-    converged: Program
+    timed: SteppingProgram
+    smooth: SteppingProgram
+    converged: SteppingProgram
     is_deterministic: bool
 
 
@@ -85,7 +85,7 @@ class CheckedRun:
         simulations; `final_shadow_median` is the median.
     """
 
-    judgement: Judgement
+    judgement: EngineJudgement
     final_fields: Fields
     unconstrained_nstep: int
     final_shadow: float
@@ -121,8 +121,8 @@ def check_run(
     parts = [check.inputs(), check.smooth(), constraints.contacts, constraints.constraints]
     if workload.model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_WARMSTART):
         parts.append(check.warm_start())
-    parts.append(check.run(constraints.contacts.answer == Answer.YES))
-    judgement = Judgement.of(
+    parts.append(check.run(constraints.contacts.answer == EngineAnswer.YES))
+    judgement = EngineJudgement.of(
         precision,
         parts,
         constraints.pairs,
@@ -159,7 +159,7 @@ class _Check:
         self.judged = self._single_steps(len(programs.smooth.workload.initial_state))
         self.final_fields = self._timed(self._starts, workload.control, workload.nstep).fields
 
-    def inputs(self) -> Part:
+    def inputs(self) -> JudgedPart:
         """Judge whether the engine has exactly the start states, the first and the last control."""
         control = self._workload.control
         first_ctrl = self._timed(self._starts, control, 1).fields["ctrl"]
@@ -170,11 +170,11 @@ class _Check:
         ]
         pairs += [(first_ctrl, control[:, 0]), (self.final_fields["ctrl"], control[:, -1])]
         others = sum(not np.array_equal(got, self._held(want)) for got, want in pairs)
-        return Part.of(
+        return JudgedPart.of(
             PartName.INPUTS, Measure("arrays other than the start states and controls", others, 0)
         )
 
-    def smooth(self) -> Part:
+    def smooth(self) -> JudgedPart:
         """Judge steps on which no constraint acts, and the run as long as none does."""
         model, limit = self._workload.model, SMOOTH_LIMIT[self._precision]
         reached = take_single_steps(self._programs.smooth, self.judged).fields
@@ -198,7 +198,7 @@ class _Check:
         if nstep:
             measures.append(self._unconstrained_run(nstep, errors.unconstrained or 0.0))
         measures.append(Measure("share of steps that change no state", errors.still_share, 0.5))
-        return Part.of(PartName.SMOOTH, *measures)
+        return JudgedPart.of(PartName.SMOOTH, *measures)
 
     def constraints(self, on_state: Callable[[], None]) -> JudgedConstraints:
         """Judge contacts and the constraint problem."""
@@ -211,7 +211,7 @@ class _Check:
             Budget(on_state=on_state),
         )
 
-    def warm_start(self) -> Part:
+    def warm_start(self) -> JudgedPart:
         """Judge whether the engine ignores warm starts, as the model demands."""
         steps, place = self.judged, compat.state_columns(self._workload.model)["qacc_warmstart"]
 
@@ -229,7 +229,7 @@ class _Check:
             self._programs.is_deterministic,
         )
 
-    def run(self, has_same_contacts: bool) -> Part:
+    def run(self, has_same_contacts: bool) -> JudgedPart:
         """Judge the run to its end."""
         workload = self._workload
         compared = [self.final_fields[name] for name in COMPARED if name in self.final_fields]
@@ -253,7 +253,7 @@ class _Check:
                 in_c=finite_or_none(shadow.max()),
             )
         )
-        return Part.of(PartName.RUN, *measures)
+        return JudgedPart.of(PartName.RUN, *measures)
 
     def errors(self, nstep: int, fields: Fields) -> tuple[np.ndarray, np.ndarray]:
         """Return (nsim,) how far simulations are from the reference run after `nstep` steps.
@@ -289,7 +289,9 @@ class _Check:
         return trajectory.as_float32(values) if self._is_float32 else values
 
 
-def take_single_steps(program: Program, singles: SingleSteps, repeats: bool = False) -> StepOutcome:
+def take_single_steps(
+    program: SteppingProgram, singles: SingleSteps, repeats: bool = False
+) -> StepOutcome:
     """Take single steps by a compiled program, as many at a time as it has simulations.
 
     Args:

@@ -16,8 +16,8 @@ import numpy as np
 from mjbench import paths
 from mjbench.comparison.accelerated_check import (
     CheckedRun,
-    Program,
     Programs,
+    SteppingProgram,
     check_run,
     probe_workload,
     reordered_end_problem,
@@ -41,7 +41,7 @@ from mjbench.paths.accelerated import (
 from mjbench.paths.warp_buffers import OverflowedError
 from mjbench.simulation import models, work
 from mjbench.simulation.constraint_problem import converging, without_constraints
-from mjbench.simulation.judgement import Answer, Judgement, Part, PartName
+from mjbench.simulation.judgement import EngineAnswer, EngineJudgement, JudgedPart, PartName
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
@@ -170,7 +170,7 @@ class _Case:
         """Let the parent wait for the limit once more."""
         self.channel.allow_silence(self.request.limit_s)
 
-    def _compiled(self, model: mujoco.MjModel, name: str) -> Program:
+    def _compiled(self, model: mujoco.MjModel, name: str) -> SteppingProgram:
         """Compile a changed model, for single steps."""
         variant, peaks = self.request.variant, reference_peaks(self.workload, self.resources)
         self.channel.doing(f"compiling {variant.path} for {name}")
@@ -178,7 +178,7 @@ class _Case:
         steps = probe_workload(model, self.workload)
         return self._program(steps, self.path.compile(steps, variant.options, peaks))
 
-    def _program(self, workload: Workload, compiled: Compiled) -> Program:
+    def _program(self, workload: Workload, compiled: Compiled) -> SteppingProgram:
         def advance(
             fields: Mapping[str, np.ndarray], control: np.ndarray, nstep: int
         ) -> StepOutcome:
@@ -186,7 +186,7 @@ class _Case:
             self.allow_silence()
             return compiled.advance(fields, control, nstep)
 
-        return Program(advance, workload)
+        return SteppingProgram(advance, workload)
 
 
 def _judged_and_timed(case: _Case, record: MeasurementRecord) -> MeasurementRecord:
@@ -201,8 +201,8 @@ def _judged_and_timed(case: _Case, record: MeasurementRecord) -> MeasurementReco
         case.channel.send(record)
         return _timed(case, record, checked)
     except OverflowedError as error:
-        part = Part(PartName.BUFFERS, Answer.NO, reason=str(error))
-        return _judged(record, Judgement.of(case.path.precision, [part]))
+        part = JudgedPart(PartName.BUFFERS, EngineAnswer.NO, reason=str(error))
+        return _judged(record, EngineJudgement.of(case.path.precision, [part]))
 
 
 def _timed(case: _Case, record: MeasurementRecord, checked: CheckedRun) -> MeasurementRecord:
@@ -222,9 +222,9 @@ def _timed(case: _Case, record: MeasurementRecord, checked: CheckedRun) -> Measu
     return _judged(record, checked.judgement.with_failed_run(problem))
 
 
-def _judged(record: MeasurementRecord, judged: Judgement) -> MeasurementRecord:
+def _judged(record: MeasurementRecord, judged: EngineJudgement) -> MeasurementRecord:
     """Return a record with its judgement, and what follows from that."""
-    is_wrong = judged.answer == Answer.NO
+    is_wrong = judged.answer == EngineAnswer.NO
     return dataclasses.replace(
         record,
         status=Status.DISAGREES if is_wrong else record.status,

@@ -8,7 +8,7 @@ import numpy as np
 
 from mjbench.simulation.constraint_problem import ConstraintProblem
 from mjbench.simulation.contacts import Contacts
-from mjbench.simulation.judgement import Answer, PairContacts, Precision, finite_or_none
+from mjbench.simulation.judgement import EngineAnswer, PairContacts, Precision, finite_or_none
 
 # Types of geoms whose contacts have a closed form with one answer; of all others, engines choose
 # points of a surface where bodies touch, each in its own way.
@@ -198,14 +198,14 @@ def _pair(types: Types, states: _PairStates, limit: float) -> PairContacts:
     )
 
 
-def _answer(types: Types, states: _PairStates, limit: float) -> Answer:
+def _answer(types: Types, states: _PairStates, limit: float) -> EngineAnswer:
     """Return whether contacts agree: `close` is the best answer where some effects are unknown."""
     if states.has_deep_unmet or _is_fault(types, states, limit):
-        return Answer.NO
+        return EngineAnswer.NO
     unknown = len(states.counts) - len(states.effects)
     if states.beside_flex or unknown > (1 - CLOSE_QUANTILE) * len(states.counts):
-        return Answer.NOT_JUDGED
-    return Answer.YES if not unknown and max(states.effects) <= limit else Answer.CLOSE
+        return EngineAnswer.NOT_JUDGED
+    return EngineAnswer.YES if not unknown and max(states.effects) <= limit else EngineAnswer.CLOSE
 
 
 def _is_fault(types: Types, states: _PairStates, limit: float) -> bool:

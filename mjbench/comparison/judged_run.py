@@ -108,7 +108,7 @@ def figure_measures(
         own, expected, once, always = (
             getattr(f, each.name) for f in (reached, in_c, rounded, in_shadow)
         )
-        figure = Figure(_NAMES[each.name], own, expected, once, always, precision)
+        figure = RunFigure(_NAMES[each.name], own, expected, once, always, precision)
         measures += figure.measures(has_same_contacts)
     return measures
 
@@ -123,7 +123,7 @@ def _figures(model: mujoco.MjModel, states: np.ndarray) -> RunFigures:
 
 
 @dataclass(frozen=True, eq=False)
-class Figure:
+class RunFigure:
     """A figure at points of a run: arrays are (npoint, nsim).
 
     Attributes:

@@ -23,10 +23,10 @@ from mjbench.simulation.constraint_problem import (
 )
 from mjbench.simulation.contacts import Contacts
 from mjbench.simulation.judgement import (
-    Answer,
+    EngineAnswer,
+    JudgedPart,
     Measure,
     PairContacts,
-    Part,
     PartName,
     Precision,
     finite_or_none,
@@ -75,8 +75,8 @@ class JudgedConstraints:
       contact_states: those of them in which C has contacts.
     """
 
-    contacts: Part
-    constraints: Part
+    contacts: JudgedPart
+    constraints: JudgedPart
     pairs: tuple[PairContacts, ...]
     states: int
     contact_states: int
@@ -135,7 +135,7 @@ def judge_constraints(
     """
     if converged.contacts is None:
         reason = "the engine does not report its contacts"
-        unknown = Part(PartName.CONTACTS, Answer.NOT_JUDGED, reason=reason)
+        unknown = JudgedPart(PartName.CONTACTS, EngineAnswer.NOT_JUDGED, reason=reason)
         return JudgedConstraints(
             unknown, dataclasses.replace(unknown, name=PartName.CONSTRAINTS), (), 0, 0
         )
@@ -182,17 +182,17 @@ def judge_constraints(
     )
 
 
-def _contact_part(pairs: tuple[PairContacts, ...]) -> Part:
+def _contact_part(pairs: tuple[PairContacts, ...]) -> JudgedPart:
     answer = worst(pair.answer for pair in pairs)
-    deciding = (str(pair) for pair in pairs if pair.answer == answer != Answer.YES)
-    return Part(PartName.CONTACTS, answer, reason="; ".join(deciding))
+    deciding = (str(pair) for pair in pairs if pair.answer == answer != EngineAnswer.YES)
+    return JudgedPart(PartName.CONTACTS, answer, reason="; ".join(deciding))
 
 
-def _solution_part(errors: _Errors, precision: Precision) -> Part:
+def _solution_part(errors: _Errors, precision: Precision) -> JudgedPart:
     name = PartName.CONSTRAINTS
     if not errors.acceleration:
         reason = "in no state do only such geoms touch as touch in C, and no flex"
-        return Part(name, Answer.NOT_JUDGED, reason=reason)
+        return JudgedPart(name, EngineAnswer.NOT_JUDGED, reason=reason)
     limits = _limits(precision, errors.rounding)
     force_rounding = np.maximum(errors.rounding, errors.force_rounding)
     measures = [
@@ -209,11 +209,11 @@ def _solution_part(errors: _Errors, precision: Precision) -> Part:
         measures.append(
             _worst("distance from the solution at your settings", errors.at_settings, allowed, in_c)
         )
-    part = Part.of(name, *measures)
+    part = JudgedPart.of(name, *measures)
     least = float(force_rounding.min())
-    if part.answer == Answer.YES and ROUNDING_FACTOR * least > MAX_ROUNDING_EFFECT:
+    if part.answer == EngineAnswer.YES and ROUNDING_FACTOR * least > MAX_ROUNDING_EFFECT:
         reason = f"rounding to float32 alone changes the solution of every state, by {least:.1g}"
-        return dataclasses.replace(part, answer=Answer.NOT_JUDGED, reason=reason)
+        return dataclasses.replace(part, answer=EngineAnswer.NOT_JUDGED, reason=reason)
     return part
 
 
@@ -271,10 +271,10 @@ class _Rounding:
         qacc = solution.qacc + self._draws(np.abs(solution.qacc).max(initial=0.0), solution.qacc)
         force = problem.forces_at(contacts, qacc)
         errors.force_rounding.append(problem.force_error(force, solution))
-        touching, found = problem.solve_found_at(moved)
+        touching, at_touching = problem.solve_touching_at(moved)
         if np.array_equal(np.sort(touching.geom, axis=0), np.sort(problem.contacts.geom, axis=0)):
             # elsewhere one begins to touch, and whether it counts is chance
-            errors.contact_rounding.append(problem.acceleration_error(found.qacc, own))
+            errors.contact_rounding.append(problem.acceleration_error(at_touching.qacc, own))
 
     def _draws(self, size: np.ndarray | float, like: np.ndarray) -> np.ndarray:
         half = 0.5 * np.finfo(np.float32).eps
@@ -283,7 +283,7 @@ class _Rounding:
 
 def judge_warm_start(
     cold: np.ndarray, warm: np.ndarray, again: np.ndarray, is_deterministic: bool
-) -> Part:
+) -> JudgedPart:
     """Judge whether a model that turns warm starts off ignores them.
 
     Args:
@@ -295,4 +295,4 @@ def judge_warm_start(
     noise = 0.0 if is_deterministic else ROUNDING_FACTOR * repeated
     difference = np.abs(warm - cold).max(initial=0.0)
     name = "accelerations depend on a warm start that the model turns off, by"
-    return Part.of(PartName.WARM_START, Measure(name, finite_or_none(difference), noise))
+    return JudgedPart.of(PartName.WARM_START, Measure(name, finite_or_none(difference), noise))

@@ -12,7 +12,7 @@ from mjbench import paths
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.comparison.plan import Variant
 from mjbench.paths.accelerated import AcceleratedPath
-from mjbench.simulation.judgement import Answer, Judgement, Precision
+from mjbench.simulation.judgement import EngineAnswer, EngineJudgement, Precision
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import ModelFacts, Work
 from mjbench.simulation.workload import Product
@@ -120,7 +120,7 @@ class MeasurementRecord:
     cached_compile_s: NonNegativeFloat | None = None
     memory_bytes: NonNegativeInt | None = None
     gpu_memory_bytes: NonNegativeInt | None = None
-    judgement: Judgement | None = None
+    judgement: EngineJudgement | None = None
     versions: Mapping[str, str] | None = None
     buffer_sizes: Mapping[str, PositiveInt] | None = None
     samples_s: Sequence[PositiveFloat] = field(default=())
@@ -179,13 +179,13 @@ class MeasurementRecord:
         if not isinstance(check, dict) or value.get("judgement"):
             return value
         is_free = check.get("contact_steps") == 0 and bool(check.get("unconstrained_steps"))
-        answer, reason = Answer.NOT_JUDGED, _OTHER_RULES
+        answer, reason = EngineAnswer.NOT_JUDGED, _OTHER_RULES
         if value.get("status") == Status.DISAGREES:
-            answer, reason = Answer.NO, value.get("detail", "")
+            answer, reason = EngineAnswer.NO, value.get("detail", "")
         elif value.get("agrees") and is_free:  # contacts alone were not judged
-            answer, reason = Answer.YES, ""
+            answer, reason = EngineAnswer.YES, ""
         precision = check.get("precision", Precision.FLOAT32)
-        judged = Judgement(precision=precision, answer=answer, reason=reason)
+        judged = EngineJudgement(precision=precision, answer=answer, reason=reason)
         return {**value, "agrees": judged.agrees, "judgement": asdict(judged)}
 
 

@@ -117,11 +117,11 @@ def parts(
         nothing = need_none, mujoco.mj_sensorVel  # what a call costs by itself
         calls = [(need_none, function) for _, _, _, function in functions]
         of_call_s, *of_parts_s = medians(model, start, [nothing, *calls], budget_s)
-    found = of_sensors(sensors)
+    timed = of_sensors(sensors)
     for (name, within, count, _), part_s in zip(functions, of_parts_s, strict=True):
         share = count * max(0.0, part_s - of_call_s) / step_s
-        found.append(StepPart(name, within, share))
-    return found
+        timed.append(StepPart(name, within, share))
+    return timed
 
 
 def of_sensors(sensors: Sequence[SensorCost]) -> list[StepPart]:

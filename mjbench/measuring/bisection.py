@@ -27,7 +27,7 @@ _TRIED = 5
 
 
 @dataclass(frozen=True)
-class Observation:
+class VersionRatio:
     """A log ratio of a version over the baseline.
 
     Attributes:
@@ -39,7 +39,7 @@ class Observation:
 
 
 @dataclass(frozen=True)
-class ChangePoint:
+class ChangePosterior:
     """What is known about the first slower version.
 
     Attributes:
@@ -51,7 +51,7 @@ class ChangePoint:
     count: int
     change: float
     deviation: float
-    observations: Sequence[Observation] = ()
+    observations: Sequence[VersionRatio] = ()
 
     @property
     def probabilities(self) -> np.ndarray:

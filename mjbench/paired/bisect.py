@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mjbench.errors import InputError, MachineError
-from mjbench.measuring.bisection import ChangePoint, Observation
+from mjbench.measuring.bisection import ChangePosterior, VersionRatio
 from mjbench.paired.bisect_records import BisectChange, BisectTrial, CommitRow
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord
@@ -53,8 +53,8 @@ class CommitMeasurer(ABC):
 
 
 @dataclass(frozen=True)
-class Search:
-    """What a search has found so far.
+class BisectResult:
+    """What a search came to.
 
     Attributes:
       ends: the verdict on the first and the last of all commits.
@@ -72,7 +72,7 @@ def search(
     commits: Sequence[CommitRow],
     min_effect: float,
     on_trial: Callable[[BisectTrial], None] = lambda trial: None,
-) -> Search:
+) -> BisectResult:
     """Return which commits changed the time of a function.
 
     Args:
@@ -83,7 +83,7 @@ def search(
 
 
 class _Searcher:
-    """One search, and what it found."""
+    """One search, and its results."""
 
     def __init__(
         self,
@@ -99,12 +99,12 @@ class _Searcher:
         self._changes: list[BisectChange] = []
         self._unconfirmed: list[CommitRow] = []
 
-    def run(self) -> Search:
+    def run(self) -> BisectResult:
         ends = self._measurer.decide(0, len(self._commits))
         if _is_change(ends):
             self._between(0, len(self._commits), ends)
         self._changes.sort(key=lambda change: change.commit.number)
-        return Search(ends, self._trials, self._changes, self._detail())
+        return BisectResult(ends, self._trials, self._changes, self._detail())
 
     def _detail(self) -> str:
         """Return which commits were likely, and do not differ from those before them."""
@@ -118,19 +118,19 @@ class _Searcher:
 
     def _between(self, first: int, last: int, ends: VerdictRecord) -> None:
         """Find the changes between two commits that differ."""
-        found = self._likeliest(first, last, ends)
-        if found is None:  # the last one measured lies between two changes
+        changed = self._likeliest(first, last, ends)
+        if changed is None:  # the last one measured lies between two changes
             middle = self._trials[-1].commit.number
             self._search_each((first, middle), (middle, last))
             return
-        before, verdict = (first, ends) if last - first == 1 else self._beside(first, found)
-        row = self._commits[found - 1]
+        before, verdict = (first, ends) if last - first == 1 else self._beside(first, changed)
+        row = self._commits[changed - 1]
         if not _is_change(verdict):
             self._unconfirmed.append(row)
             return
-        self._changes.append(BisectChange(row, verdict.row(), self._commits[before : found - 1]))
-        if (before, found) != (first, last) and self._leaves_more(ends, verdict):
-            self._search_each((first, before), (found, last))
+        self._changes.append(BisectChange(row, verdict.row(), self._commits[before : changed - 1]))
+        if (before, changed) != (first, last) and self._leaves_more(ends, verdict):
+            self._search_each((first, before), (changed, last))
 
     def _search_each(self, *sides: tuple[int, int]) -> None:
         """Search between commits, where they differ."""
@@ -139,17 +139,17 @@ class _Searcher:
             if ends is not None and _is_change(ends):
                 self._between(first, last, ends)
 
-    def _beside(self, first: int, found: int) -> tuple[int, VerdictRecord]:
+    def _beside(self, first: int, changed: int) -> tuple[int, VerdictRecord]:
         """Return the last commit before one that can be measured, and the verdict on the two."""
-        for before in range(found - 1, first, -1):
+        for before in range(changed - 1, first, -1):
             if before in self._unable:
                 continue
             with contextlib.suppress(MachineError):
-                verdict = self._measurer.decide(before, found)
+                verdict = self._measurer.decide(before, changed)
                 if verdict.verdict is not None:
                     return before, verdict
             self._unable.add(before)
-        return first, self._measurer.decide(first, found)
+        return first, self._measurer.decide(first, changed)
 
     def _likeliest(self, first: int, last: int, ends: VerdictRecord) -> int | None:
         """Measure commits between two until one is probably the first that differs; return it.
@@ -160,7 +160,7 @@ class _Searcher:
           None where the commit that was measured last is like neither end.
         """
         deviation = _deviation([launch.log_ratio for launch in ends.samples])
-        point = ChangePoint(last - first, _log_change(ends), deviation / math.sqrt(LAUNCHES))
+        point = ChangePosterior(last - first, _log_change(ends), deviation / math.sqrt(LAUNCHES))
         for _ in range(MOST_TRIALS):
             unable = {number - first for number in self._unable}
             version = None if point.certainty >= CERTAINTY else point.next_version(unable)
@@ -171,12 +171,12 @@ class _Searcher:
                 continue
             if point.is_between(log_ratio):
                 return None
-            observation = Observation(version, log_ratio)
+            observation = VersionRatio(version, log_ratio)
             point = replace(point, observations=[*point.observations, observation])
-        found = first + point.likeliest
-        while found < last and found in self._unable:
-            found += 1
-        return found
+        changed = first + point.likeliest
+        while changed < last and changed in self._unable:
+            changed += 1
+        return changed
 
     def _measure(self, first: int, number: int) -> float | None:
         """Return the log ratio of a commit; None where it cannot be measured."""

@@ -123,7 +123,7 @@ class _FunctionWork(PairWork):
         return ns[0], ns[1]
 
 
-class FunctionPair(LaunchedPair):
+class RevisionPair(LaunchedPair):
     """A function in a baseline and in a candidate."""
 
     def __init__(

@@ -15,9 +15,9 @@ from mjbench.measuring.ratio import Ratio
 from mjbench.paired.call_results import ResultsCheck, compare
 from mjbench.paired.function_pair import (
     CallPlan,
-    FunctionPair,
     FunctionTarget,
     FunctionTargets,
+    RevisionPair,
     observe,
 )
 from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, judge
@@ -243,7 +243,7 @@ class _Decision:
     def _launch(
         self, targets: FunctionTargets, calls: CallPlan, rule: LaunchRule, limit: TimeLimit
     ) -> Launched:
-        return rule.run_pair(FunctionPair(self._pool, targets, calls, limit))
+        return rule.run_pair(RevisionPair(self._pool, targets, calls, limit))
 
     def _record(self, ending: Failure, verdict: Verdict | None = None) -> VerdictRecord:
         """Return the verdict as a run file stores it; `verdict` is that without any launch."""
@@ -325,7 +325,7 @@ def launch_log_ratios(pool: WorkerPool, targets: FunctionTargets, count: int) ->
     if observed.results.outcome == ResultsOutcome.DIFFERENT:
         raise InputError(f"results differ: {observed.results.detail}")
     calls, limit = CallPlan.of((observed.baseline, observed.candidate)), TimeLimit()
-    launched = _FixedRule(limit, count).run_pair(FunctionPair(pool, targets, calls, limit))
+    launched = _FixedRule(limit, count).run_pair(RevisionPair(pool, targets, calls, limit))
     if launched.status == Status.INTERRUPTED:
         raise KeyboardInterrupt
     if launched.status != Status.OK:

@@ -80,16 +80,16 @@ def search(
         comparison = replace(comparison, functions=[replace(function, content=text)])
     rows = [CommitRow(n, each.commit, each.subject) for n, each in enumerate(commits, 1)]
     measurer = _RevisionMeasurer(comparison, commits, plan, on_phase)
-    found = bisect.search(measurer, rows, plan.min_effect, on_trial)
+    result = bisect.search(measurer, rows, plan.min_effect, on_trial)
     return BisectRecord(
         function=function.text,
         old=comparison.baseline.name,
         new=candidate.name,
         commits=len(commits),
-        status=found.ends.status,
-        detail=found.ends.detail or found.detail,
-        ends=found.ends.row(),
-        trials=found.trials,
-        changes=found.changes,
+        status=result.ends.status,
+        detail=result.ends.detail or result.detail,
+        ends=result.ends.row(),
+        trials=result.trials,
+        changes=result.changes,
         seconds=clock() - begin_s,
     )

@@ -54,8 +54,8 @@ def _names(tree: Path) -> Iterator[str]:
             yield path.name
         elif path in (tree, tree / "src"):
             yield from (name.removesuffix(".py") for name in files if name.endswith(".py"))
-        kept = [name for name in subfolders if name[0] != "." and name not in _SKIPPED]
-        subfolders[:] = [] if is_package or level >= _DEPTH else kept
+        searched = [name for name in subfolders if name[0] != "." and name not in _SKIPPED]
+        subfolders[:] = [] if is_package or level >= _DEPTH else searched
 
 
 def is_compiled(tree: Path) -> bool:

@@ -7,7 +7,13 @@ from mjbench.releases.release import version_key
 from mjbench.report import formats
 from mjbench.report.content import Column, DataTable
 from mjbench.report.results import PathResult
-from mjbench.simulation.judgement import Answer, Judgement, Measure, PairContacts, Part
+from mjbench.simulation.judgement import (
+    EngineAnswer,
+    EngineJudgement,
+    JudgedPart,
+    Measure,
+    PairContacts,
+)
 from mjbench.units import listed, plain
 
 
@@ -22,7 +28,7 @@ def judgement_tables(results: Sequence[PathResult]) -> list[DataTable]:
     return tables
 
 
-def _part_table(judged: Sequence[tuple[str, Judgement]]) -> DataTable:
+def _part_table(judged: Sequence[tuple[str, EngineJudgement]]) -> DataTable:
     return DataTable.of(
         "Judged parts",
         [(path, part) for path, judgement in judged for part in judgement.parts],
@@ -33,7 +39,7 @@ def _part_table(judged: Sequence[tuple[str, Judgement]]) -> DataTable:
     )
 
 
-def _decisive(part: Part) -> str:
+def _decisive(part: JudgedPart) -> str:
     """Return the measure that is nearest to its limit, or the reason of a part without any."""
     limited = [each for each in part.measures if each.limit is not None]
     return str(max(limited, key=_closeness)) if limited else part.reason
@@ -47,7 +53,7 @@ def _closeness(measure: Measure) -> float:
     return measure.value / measure.limit
 
 
-def _contact_table(judged: Sequence[tuple[str, Judgement]]) -> DataTable:
+def _contact_table(judged: Sequence[tuple[str, EngineJudgement]]) -> DataTable:
     def pair(row: tuple[str, PairContacts]) -> PairContacts:
         return row[1]
 
@@ -85,13 +91,13 @@ def judgement_conclusion(result: PathResult) -> str | None:
     What disagrees is said with the other paths that do.
     """
     judgement = result.judgement
-    if judgement is None or judgement.answer == Answer.NO:
+    if judgement is None or judgement.answer == EngineAnswer.NO:
         return None
     name = paths.title(result.path)
-    if judgement.answer == Answer.NOT_JUDGED:
+    if judgement.answer == EngineAnswer.NOT_JUDGED:
         return f"{name} is not judged: {judgement.reason}"
     same = "computes what C does"
-    if judgement.answer == Answer.CLOSE:
+    if judgement.answer == EngineAnswer.CLOSE:
         same = f"computes what C does but for {judgement.reason}"
     if result.speedup is None:
         return f"{name} {same}"

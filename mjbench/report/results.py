@@ -17,7 +17,7 @@ from mjbench.paired.path_comparison import race_of
 from mjbench.paired.race_record import Loop, RaceRecord
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import nthread
-from mjbench.simulation.judgement import Answer
+from mjbench.simulation.judgement import EngineAnswer
 from mjbench.simulation.starts import Starts
 from mjbench.status import Status
 from mjbench.store.json_form import in_json
@@ -73,12 +73,12 @@ class PathResult(MeasurementRecord):
     @property
     def is_judged(self) -> bool:
         """Whether what it computes could be compared with C."""
-        return self.judgement is None or self.judgement.answer != Answer.NOT_JUDGED
+        return self.judgement is None or self.judgement.answer != EngineAnswer.NOT_JUDGED
 
     @property
     def difference(self) -> str:
         """What differs from C where it is close; empty otherwise."""
-        is_close = self.judgement is not None and self.judgement.answer == Answer.CLOSE
+        is_close = self.judgement is not None and self.judgement.answer == EngineAnswer.CLOSE
         return self.judgement.reason if self.judgement is not None and is_close else ""
 
     @property

@@ -87,11 +87,11 @@ class Contacts:
         )
 
     @classmethod
-    def of_c(cls, found: Sequence[Sequence[mujoco.MjContact]]) -> "Contacts":
+    def of_c(cls, contacts_of_simulations: Sequence[Sequence[mujoco.MjContact]]) -> "Contacts":
         """Return the contacts of MjData, for each simulation those that counted."""
         rows = [
             (i, np.array(c.geom), c.dist, np.array(c.pos), np.array(c.frame))
-            for i, contacts in enumerate(found)
+            for i, contacts in enumerate(contacts_of_simulations)
             for c in contacts
         ]
         if not rows:

@@ -18,7 +18,7 @@ class Precision(StrEnum):
     FLOAT64 = "float64"
 
 
-class Answer(StrEnum):
+class EngineAnswer(StrEnum):
     """Whether an engine, or a part of what it does, computes what C does."""
 
     YES = "yes"
@@ -70,7 +70,7 @@ class Measure:
 
 
 @dataclass(frozen=True)
-class Part:
+class JudgedPart:
     """What became of one part.
 
     Attributes:
@@ -78,15 +78,17 @@ class Part:
     """
 
     name: PartName
-    answer: Answer
+    answer: EngineAnswer
     measures: tuple[Measure, ...] = ()
     reason: str = ""
 
     @classmethod
-    def of(cls, name: PartName, *measures: Measure) -> "Part":
+    def of(cls, name: PartName, *measures: Measure) -> "JudgedPart":
         """Return `yes`, or `NO` with those measures that are beyond their limits."""
         beyond = [str(each) for each in measures if not each.is_within]
-        return cls(name, Answer.NO if beyond else Answer.YES, measures, "; ".join(beyond))
+        return cls(
+            name, EngineAnswer.NO if beyond else EngineAnswer.YES, measures, "; ".join(beyond)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +123,7 @@ class PairContacts:
     normal_degrees: float | None
     effect: float | None
     largest_effect: float | None
-    answer: Answer
+    answer: EngineAnswer
     beside_flex: int = 0
     unmet: int = 0
 
@@ -151,7 +153,7 @@ class PairContacts:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Judgement:
+class EngineJudgement:
     """Whether an engine computes what C does, in the user's own states.
 
     Attributes:
@@ -163,9 +165,9 @@ class Judgement:
     """
 
     precision: Precision
-    answer: Answer
+    answer: EngineAnswer
     reason: str
-    parts: tuple[Part, ...] = ()
+    parts: tuple[JudgedPart, ...] = ()
     pairs: tuple[PairContacts, ...] = ()
     states: int = 0
     contact_states: int = 0
@@ -174,14 +176,14 @@ class Judgement:
     def of(
         cls,
         precision: Precision,
-        parts: Sequence[Part],
+        parts: Sequence[JudgedPart],
         pairs: Sequence[PairContacts] = (),
         states: int = 0,
         contact_states: int = 0,
-    ) -> "Judgement":
+    ) -> "EngineJudgement":
         """Return what parts come to together."""
         answer = worst(part.answer for part in parts)
-        deciding = [part for part in parts if part.answer == answer != Answer.YES]
+        deciding = [part for part in parts if part.answer == answer != EngineAnswer.YES]
         return cls(
             precision=precision,
             answer=answer,
@@ -195,7 +197,7 @@ class Judgement:
     @property
     def agrees(self) -> bool | None:
         """Whether it may be timed and advised; None where that is not known."""
-        return None if self.answer == Answer.NOT_JUDGED else self.answer != Answer.NO
+        return None if self.answer == EngineAnswer.NOT_JUDGED else self.answer != EngineAnswer.NO
 
     @property
     def summary(self) -> str:
@@ -203,24 +205,24 @@ class Judgement:
         states = f"{self.states} states, {self.contact_states} in contact"
         return f"{self.reason or 'all parts agree'} ({states})"
 
-    def with_failed_run(self, reason: str) -> "Judgement":
+    def with_failed_run(self, reason: str) -> "EngineJudgement":
         """Return the judgement of an engine whose timed blocks end elsewhere than its run."""
-        failed = Part(PartName.RUN, Answer.NO, reason=reason)
+        failed = JudgedPart(PartName.RUN, EngineAnswer.NO, reason=reason)
         parts = [part for part in self.parts if part.name != PartName.RUN]
-        return Judgement.of(
+        return EngineJudgement.of(
             self.precision, [*parts, failed], self.pairs, self.states, self.contact_states
         )
 
 
 # The worst answer last.
-_SEVERITY = (Answer.YES, Answer.CLOSE, Answer.NOT_JUDGED, Answer.NO)
+_SEVERITY = (EngineAnswer.YES, EngineAnswer.CLOSE, EngineAnswer.NOT_JUDGED, EngineAnswer.NO)
 # Larger numbers stand for NaN or infinity (see `agreement.max_relative_error`).
 _LARGEST_FINITE = 1e300
 
 
-def worst(answers: Iterable[Answer]) -> Answer:
+def worst(answers: Iterable[EngineAnswer]) -> EngineAnswer:
     """Return the worst of some answers; `yes` where there are none."""
-    return max(answers, key=_SEVERITY.index, default=Answer.YES)
+    return max(answers, key=_SEVERITY.index, default=EngineAnswer.YES)
 
 
 def finite_or_none(value: float) -> float | None:

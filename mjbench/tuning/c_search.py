@@ -34,7 +34,7 @@ from mjbench.tuning.records import (
 )
 from mjbench.tuning.reference import Present
 from mjbench.tuning.search import LEAST_GAIN, Search, too_far
-from mjbench.tuning.setting_launch import LaunchRequest
+from mjbench.tuning.setting_launch import SettingLaunchRequest
 from mjbench.tuning.settings import Setting, label
 from mjbench.units import plain
 
@@ -361,11 +361,11 @@ class CSearch(Search[CMeasurements]):
         nrun: int | None = 0,
         end: float = 1.0,
         has_stages: bool = False,
-    ) -> LaunchRequest:
+    ) -> SettingLaunchRequest:
         """Return what a launch is to do until a share of the budget is spent."""
         stop_after_s = self._end_s(end) - self._clock()
         seed = self._rng.randrange(2**31)
-        return LaunchRequest(settings, timed_s, nrun, seed, has_stages, stop_after_s)
+        return SettingLaunchRequest(settings, timed_s, nrun, seed, has_stages, stop_after_s)
 
     def _launched(
         self,

@@ -22,8 +22,8 @@ from mjbench.tuning.mesh_notes import MeshNote
 from mjbench.tuning.records import Attempt
 from mjbench.tuning.reference import HOLD, Baseline, Present, TrialPlan
 from mjbench.tuning.setting_launch import (
-    LaunchRequest,
-    ModelFiles,
+    SearchFiles,
+    SettingLaunchRequest,
     Settings,
     run_launch,
     stage_shares,
@@ -81,7 +81,7 @@ class CMeasurements:
         self._starts, self._hold = starts, hold
         self._limit_s, self._long_s = limit_s, max(RUNS_SILENCE_S, limit_s)
         model, baseline = pool.new_file(".mjb"), pool.new_file(".pickle")
-        self._files = ModelFiles(model, baseline, pool.new_folder())
+        self._files = SearchFiles(model, baseline, pool.new_folder())
 
     def survey(self, seed: int, computing_s: float = observed.MAX_COMPUTING_S) -> Survey:
         """Return what there is to try on the model, after so many seconds of computing."""
@@ -107,7 +107,7 @@ class CMeasurements:
             limit_s=self._long_s,
         )
 
-    def launch(self, request: LaunchRequest) -> list[Attempt]:
+    def launch(self, request: SettingLaunchRequest) -> list[Attempt]:
         """Try settings, one after the other, in a fresh process; return those that were begun.
 
         One that crashes, hangs or diverges has a status, no more; the others go on in another
@@ -143,7 +143,7 @@ class SettingTargets(Targets[SettingLaunch]):
 
     def __init__(
         self,
-        try_settings: Callable[[LaunchRequest], Sequence[Attempt]],
+        try_settings: Callable[[SettingLaunchRequest], Sequence[Attempt]],
         settings: Sequence[Settings],
         timed_s: float,
         left_s: Callable[[], float],
@@ -168,7 +168,7 @@ class SettingTargets(Targets[SettingLaunch]):
         if not self._is_first:
             self._rng.shuffle(order)
         self._is_first = False
-        request = LaunchRequest(
+        request = SettingLaunchRequest(
             [self._settings[i] for i in order],
             self._timed_s,
             seed=self._rng.randrange(2**31),
@@ -249,7 +249,7 @@ def look(
 
 
 def run_present(
-    source: ModelSource, plan: TrialPlan, files: ModelFiles, channel: Channel
+    source: ModelSource, plan: TrialPlan, files: SearchFiles, channel: Channel
 ) -> PresentRuns:
     """Run the present settings; write them, and the model, to files."""
     channel.doing(f"running {source.name} with its present settings")
@@ -262,7 +262,7 @@ def run_present(
 
 
 def run_reference(
-    source: ModelSource, files: ModelFiles, horizon_ncontrol: int | None, channel: Channel
+    source: ModelSource, files: SearchFiles, horizon_ncontrol: int | None, channel: Channel
 ) -> Present:
     """Add the reference to the file of the present runs."""
     channel.doing(f"running the reference of {source.name}")

@@ -43,7 +43,7 @@ LEAST_QUADS, MOST_QUADS = 1, 25
 
 
 @dataclass(frozen=True)
-class ModelFiles:
+class SearchFiles:
     """The files of a model under search.
 
     Attributes:
@@ -58,7 +58,7 @@ class ModelFiles:
 
 
 @dataclass(frozen=True)
-class LaunchRequest:
+class SettingLaunchRequest:
     """What a launch is to do.
 
     Attributes:
@@ -78,7 +78,7 @@ class LaunchRequest:
 
 
 def run_launch(
-    source: ModelSource, files: ModelFiles, request: LaunchRequest, channel: Channel
+    source: ModelSource, files: SearchFiles, request: SettingLaunchRequest, channel: Channel
 ) -> None:
     """Send an `Attempt` for each setting that is begun in time; runs in a child."""
     begin_s = time.perf_counter()
@@ -105,8 +105,8 @@ class _Launch:
     """A model, and what settings of it are compared with."""
 
     source: ModelSource
-    files: ModelFiles
-    request: LaunchRequest
+    files: SearchFiles
+    request: SettingLaunchRequest
     baseline: Baseline
     model: mujoco.MjModel
 

@@ -9,8 +9,8 @@ from pretender import Pretender, Pretender32, make_workload
 
 from mjbench.comparison.accelerated_check import (
     CheckedRun,
-    Program,
     Programs,
+    SteppingProgram,
     check_run,
     probe_workload,
     reordered_end_problem,
@@ -18,7 +18,7 @@ from mjbench.comparison.accelerated_check import (
 )
 from mjbench.paths.accelerated import Compiled
 from mjbench.simulation.constraint_problem import converging, without_constraints
-from mjbench.simulation.judgement import Answer, Judgement, PartName
+from mjbench.simulation.judgement import EngineAnswer, EngineJudgement, PartName
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload
 from mjbench.store.runs import to_json
@@ -29,8 +29,8 @@ def compiled_run(workload: Workload, wrong: str = "") -> Compiled:
 
 
 def checked_run(workload: Workload, path: Pretender) -> CheckedRun:
-    def program(steps: Workload) -> Program:
-        return Program(path.compile(steps, {}, Peaks(0, 0)).advance, steps)
+    def program(steps: Workload) -> SteppingProgram:
+        return SteppingProgram(path.compile(steps, {}, Peaks(0, 0)).advance, steps)
 
     smooth, converged = (
         program(probe_workload(model, workload))
@@ -40,12 +40,12 @@ def checked_run(workload: Workload, path: Pretender) -> CheckedRun:
     return check_run(workload, programs, path.precision)
 
 
-def judged(workload: Workload, wrong: str = "") -> Judgement:
+def judged(workload: Workload, wrong: str = "") -> EngineJudgement:
     return checked_run(workload, Pretender(wrong)).judgement
 
 
-def failed_parts(judgement: Judgement) -> set[PartName]:
-    return {part.name for part in judgement.parts if part.answer == Answer.NO}
+def failed_parts(judgement: EngineJudgement) -> set[PartName]:
+    return {part.name for part in judgement.parts if part.answer == EngineAnswer.NO}
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_a_wrong_engine_is_refused(wrong: str, part: PartName) -> None:
 
 @pytest.mark.parametrize("wrong", ["still", "nan", "start", "step"])
 def test_a_wrong_engine_is_refused_in_contact_too(wrong: str) -> None:
-    assert judged(make_workload("humanoid"), wrong).answer == Answer.NO
+    assert judged(make_workload("humanoid"), wrong).answer == EngineAnswer.NO
 
 
 # A fault of an engine, a model on which it shows, and the part that it makes fail.
@@ -87,7 +87,7 @@ def test_a_fault_where_bodies_touch_makes_its_part_fail(
     path: type[Pretender], wrong: str, model: str, part: PartName
 ) -> None:
     judgement = checked_run(make_workload(model, nstep=40), path(wrong)).judgement
-    assert judgement.answer == Answer.NO
+    assert judgement.answer == EngineAnswer.NO
     assert part in failed_parts(judgement), judgement.summary
 
 
@@ -107,7 +107,7 @@ def test_an_engine_that_starts_warm_where_the_model_forbids_it_is_refused(
 @pytest.mark.parametrize("model", ["cartpole", "humanoid", "gripper", "linkage"])
 def test_c_itself_agrees_in_float64_and_in_float32(path: type[Pretender], model: str) -> None:
     checked = checked_run(make_workload(model), path())
-    assert checked.judgement.answer == Answer.YES, checked.judgement.summary
+    assert checked.judgement.answer == EngineAnswer.YES, checked.judgement.summary
     assert checked.final_shadow > 0
     assert bool(checked.judgement.contact_states) == (model in ("humanoid", "gripper"))
     assert to_json(checked.judgement)["answer"] == "yes"

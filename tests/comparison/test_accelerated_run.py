@@ -16,7 +16,7 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths.accelerated import AcceleratedPath, save_workload
 from mjbench.report import results
 from mjbench.simulation import models
-from mjbench.simulation.judgement import Answer, PartName
+from mjbench.simulation.judgement import EngineAnswer, PartName
 from mjbench.simulation.work import observe
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
@@ -56,7 +56,7 @@ def test_the_cart_pole_keeps_to_the_tolerances(
     assert "mujoco-warp" in record.versions or "mujoco-mjx" in record.versions
     judgement = record.judgement
     assert judgement is not None
-    assert judgement.answer == Answer.YES
+    assert judgement.answer == EngineAnswer.YES
     assert {PartName.INPUTS, PartName.SMOOTH, PartName.RUN} <= {p.name for p in judgement.parts}
 
 

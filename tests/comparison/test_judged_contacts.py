@@ -11,7 +11,7 @@ from mjbench.comparison.judged_contacts import ContactJudge
 from mjbench.simulation import compat
 from mjbench.simulation.constraint_problem import ConstraintProblem
 from mjbench.simulation.contacts import Contacts
-from mjbench.simulation.judgement import Answer, PairContacts, Precision
+from mjbench.simulation.judgement import EngineAnswer, PairContacts, Precision
 
 BOX = "<geom type='box' size='0.1 0.1 0.1'/>"
 BALL = "<geom size='0.1'/>"
@@ -52,34 +52,34 @@ def moved(contacts: Contacts, by_m: float) -> Contacts:
 def test_the_contacts_of_c_agree() -> None:
     problem = resting(BOX, 0.0995)
     pair = judged(problem, problem.contacts)
-    assert (pair.types, pair.answer) == (("plane", "box"), Answer.YES)
+    assert (pair.types, pair.answer) == (("plane", "box"), EngineAnswer.YES)
     assert (pair.count, pair.other_counts, pair.position_m) == (4.0, 0, 0.0)
 
 
 def test_other_points_of_boxes_are_close_and_say_how_far_they_are() -> None:
     problem = resting(BOX, 0.0995)
     pair = judged(problem, moved(problem.contacts, 1e-4))
-    assert pair.answer == Answer.CLOSE
+    assert pair.answer == EngineAnswer.CLOSE
     assert pair.position_m == pytest.approx(1e-4)
     assert "up to 0.1 mm elsewhere" in str(pair)
 
 
 def test_points_of_boxes_that_change_accelerations_much_are_a_fault() -> None:
     problem = resting(BOX, 0.0995)
-    assert judged(problem, moved(problem.contacts, 0.2)).answer == Answer.NO
+    assert judged(problem, moved(problem.contacts, 0.2)).answer == EngineAnswer.NO
 
 
 def test_a_point_that_is_lacking_is_a_fault() -> None:
     problem = resting(BOX, 0.0995)
     pair = judged(problem, problem.contacts.select(np.arange(3)))
-    assert (pair.answer, pair.other_counts) == (Answer.NO, 1)
+    assert (pair.answer, pair.other_counts) == (EngineAnswer.NO, 1)
     assert "3 contacts instead of 4 (other numbers in 1 of 1 states)" in str(pair)
 
 
 def test_a_ball_on_a_plane_has_one_answer() -> None:
     problem = resting(BALL, 0.0995)
-    assert judged(problem, moved(problem.contacts, 1e-2)).answer == Answer.NO
-    assert judged(problem, moved(problem.contacts, 1e-7)).answer != Answer.NO
+    assert judged(problem, moved(problem.contacts, 1e-2)).answer == EngineAnswer.NO
+    assert judged(problem, moved(problem.contacts, 1e-7)).answer != EngineAnswer.NO
 
 
 def test_a_contact_that_just_begins_to_touch_is_left_out() -> None:
@@ -92,20 +92,20 @@ def test_a_contact_that_just_begins_to_touch_is_left_out() -> None:
 def test_a_ball_that_loses_its_plane_in_two_of_thirty_states_is_a_fault() -> None:
     problem = resting(BALL, 0.0995)
     pair = judged_states(problem, [problem.contacts] * 28 + [NO_CONTACTS] * 2)
-    assert (pair.answer, pair.effect, pair.other_counts) == (Answer.NO, 0.0, 2)
+    assert (pair.answer, pair.effect, pair.other_counts) == (EngineAnswer.NO, 0.0, 2)
     assert "in one state by 1e+02 %" in str(pair)
 
 
 def test_a_box_that_lacks_a_point_in_two_of_thirty_states_is_a_fault() -> None:
     problem = resting(BOX, 0.0995)
     lacking = problem.contacts.select(np.arange(3))
-    assert judged_states(problem, [problem.contacts] * 28 + [lacking] * 2).answer == Answer.NO
+    assert judged_states(problem, [problem.contacts] * 28 + [lacking] * 2).answer == EngineAnswer.NO
 
 
 def test_a_pair_that_never_touches_in_c_is_a_fault() -> None:
     problem, touching = resting(BOX, 0.5), resting(BOX, 0.0995)
     pair = judged(problem, touching.contacts)
-    assert (pair.answer, pair.effect) == (Answer.NO, None)
+    assert (pair.answer, pair.effect) == (EngineAnswer.NO, None)
     assert "in 1 state of geoms that never touch in C" in str(pair)
 
 
@@ -120,9 +120,9 @@ def test_a_touch_of_geoms_that_never_touch_in_c_is_no_fault_where_it_is_hardly_o
 
     states = [problem.contacts] * 29
     pair = judged_states(problem, [*states, with_touch(1e-6)])
-    assert (pair.answer, pair.unmet, pair.effect) == (Answer.CLOSE, 1, 0.0)
-    assert judged_states(problem, [*states, with_touch(1e-3)]).answer == Answer.NO
-    assert judged_states(problem, [with_touch(1e-6)] * 9).answer == Answer.NOT_JUDGED
+    assert (pair.answer, pair.unmet, pair.effect) == (EngineAnswer.CLOSE, 1, 0.0)
+    assert judged_states(problem, [*states, with_touch(1e-3)]).answer == EngineAnswer.NO
+    assert judged_states(problem, [with_touch(1e-6)] * 9).answer == EngineAnswer.NOT_JUDGED
 
 
 def test_contacts_beside_a_flex_are_not_judged() -> None:
@@ -131,5 +131,5 @@ def test_contacts_beside_a_flex_are_not_judged() -> None:
     problem.contacts = Contacts.together(problem.contacts, flex)
     judge = ContactJudge(problem.model, Precision.FLOAT64)
     judge.add(problem, problem.contacts)
-    assert {pair.answer for pair in judge.pairs(LIMIT)} == {Answer.NOT_JUDGED}
+    assert {pair.answer for pair in judge.pairs(LIMIT)} == {EngineAnswer.NOT_JUDGED}
     assert all("beside a flex, which C cannot be given" in str(p) for p in judge.pairs(1))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mjbench.comparison.judged_run import Figure
+from mjbench.comparison.judged_run import RunFigure
 from mjbench.simulation.judgement import Measure, Precision
 
 NPOINT, NSIM = 6, 16
@@ -18,7 +18,7 @@ def forces(seed: int) -> np.ndarray:
 def measures(
     reached: np.ndarray, shadow: np.ndarray, has_same_contacts: bool = True
 ) -> list[Measure]:
-    figure = Figure(FORCE_N, reached, forces(0), forces(0), shadow, Precision.FLOAT32)
+    figure = RunFigure(FORCE_N, reached, forces(0), forces(0), shadow, Precision.FLOAT32)
     return figure.measures(has_same_contacts)
 
 
@@ -57,12 +57,12 @@ def test_points_after_the_shadow_has_parted_do_not_widen_the_limit_before() -> N
 def test_simulations_that_differ_too_much_from_each_other_are_shown_alone() -> None:
     in_c = np.zeros((NPOINT, NSIM))
     in_c[:, 0] = 100.0
-    (measure,) = Figure(FORCE_N, 0 * in_c, in_c, in_c, in_c, Precision.FLOAT64).measures(False)
+    (measure,) = RunFigure(FORCE_N, 0 * in_c, in_c, in_c, in_c, Precision.FLOAT64).measures(False)
     assert measure.limit is None
 
 
 def test_a_figure_that_is_less_than_float32_resolves_is_no_fault() -> None:
     in_c, noise = 1e-10 * forces(0), 1e-8 * forces(1)
     for precision, reached in ((Precision.FLOAT32, 1e-8 * forces(2)), (Precision.FLOAT64, in_c)):
-        figure = Figure("violation", reached, in_c, noise, noise, precision)
+        figure = RunFigure("violation", reached, in_c, noise, noise, precision)
         assert all(each.is_within for each in figure.measures(True))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pretender import Pretender32, make_workload
 
-from mjbench.comparison.accelerated_check import Program, probe_workload, take_single_steps
+from mjbench.comparison.accelerated_check import SteppingProgram, probe_workload, take_single_steps
 from mjbench.comparison.judged_steps import (
     Budget,
     JudgedConstraints,
@@ -19,7 +19,7 @@ from mjbench.comparison.judged_steps import (
 from mjbench.paths.accelerated import StepOutcome
 from mjbench.simulation import compat, trajectory
 from mjbench.simulation.constraint_problem import converging
-from mjbench.simulation.judgement import Answer, Precision
+from mjbench.simulation.judgement import EngineAnswer, Precision
 from mjbench.simulation.trajectory import SingleSteps
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload
@@ -41,7 +41,7 @@ def converged_steps(workload: Workload) -> tuple[SingleSteps, StepOutcome]:
     singles = trajectory.single_steps(workload, run, 64, rounded=True)
     probe = probe_workload(converging(workload.model), workload)
     compiled = Pretender32().compile(probe, {}, Peaks(0, 0))
-    return singles, take_single_steps(Program(compiled.advance, probe), singles)
+    return singles, take_single_steps(SteppingProgram(compiled.advance, probe), singles)
 
 
 def judged(workload: Workload, singles: SingleSteps, outcome: StepOutcome) -> JudgedConstraints:
@@ -59,17 +59,17 @@ def without_last_contact(outcome: StepOutcome) -> StepOutcome:
 def test_a_lost_contact_is_a_fault_where_the_run_starts_at_an_exact_touch() -> None:
     workload = at_rest_pose("cube_table")
     singles, outcome = converged_steps(workload)
-    assert judged(workload, singles, outcome).contacts.answer == Answer.YES
+    assert judged(workload, singles, outcome).contacts.answer == EngineAnswer.YES
     lost = judged(workload, singles, without_last_contact(outcome))
-    assert lost.contacts.answer == Answer.NO
+    assert lost.contacts.answer == EngineAnswer.NO
 
 
 def test_forces_off_by_two_hundredths_are_a_fault_in_float32() -> None:
     workload = make_workload("gripper", nstep=40)
     singles, outcome = converged_steps(workload)
-    assert judged(workload, singles, outcome).constraints.answer == Answer.YES
+    assert judged(workload, singles, outcome).constraints.answer == EngineAnswer.YES
     wrong = dataclasses.replace(outcome, qfrc_constraint=1.02 * outcome.qfrc_constraint)
-    assert judged(workload, singles, wrong).constraints.answer == Answer.NO
+    assert judged(workload, singles, wrong).constraints.answer == EngineAnswer.NO
 
 
 def test_no_state_is_begun_after_the_time_for_it_and_those_judged_are_counted() -> None:
@@ -91,7 +91,7 @@ def test_no_state_is_begun_after_the_time_for_it_and_those_judged_are_counted() 
 
 def test_a_model_without_degrees_of_freedom_depends_on_no_warm_start() -> None:
     none = np.zeros((4, 0))
-    assert judge_warm_start(none, none, none, is_deterministic=False).answer == Answer.YES
+    assert judge_warm_start(none, none, none, is_deterministic=False).answer == EngineAnswer.YES
 
 
 @pytest.mark.parametrize("error", [0.0, 0.01])
@@ -102,10 +102,10 @@ def test_a_state_in_which_c_is_far_from_the_solution_excuses_no_other(error: flo
     workload = dataclasses.replace(workload, model=model)
     singles, converged = converged_steps(workload)
     user = Pretender32().compile(workload, {}, Peaks(0, 0))
-    timed = take_single_steps(Program(user.advance, workload), singles)
+    timed = take_single_steps(SteppingProgram(user.advance, workload), singles)
     is_free = singles.constraints == 0
     assert 0 < is_free.sum() < len(is_free)
     qacc = timed.qacc * np.where(is_free, 1.0 + error, 1.0)[:, None]
     timed = dataclasses.replace(timed, qacc=qacc)
     part = judge_constraints(model, singles, converged, timed, Precision.FLOAT32).constraints
-    assert part.answer == (Answer.NO if error else Answer.YES), part.reason
+    assert part.answer == (EngineAnswer.NO if error else EngineAnswer.YES), part.reason

@@ -8,7 +8,7 @@ from example_records import JUDGED
 
 from mjbench.comparison.records import RECORD_TYPES, MeasurementRecord
 from mjbench.host import machine
-from mjbench.simulation.judgement import Answer, Precision
+from mjbench.simulation.judgement import EngineAnswer, Precision
 from mjbench.status import Status
 from mjbench.store import run_file, runs
 
@@ -40,12 +40,12 @@ def test_a_record_comes_back_as_it_was(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("stored_before", "check", "answer", "reason"),
     [
-        ({"agrees": True}, {"contact_steps": 3}, Answer.NOT_JUDGED, "earlier version"),
-        ({"agrees": True}, {"contact_steps": 0}, Answer.YES, ""),
+        ({"agrees": True}, {"contact_steps": 3}, EngineAnswer.NOT_JUDGED, "earlier version"),
+        ({"agrees": True}, {"contact_steps": 0}, EngineAnswer.YES, ""),
         (
             {"agrees": False, "status": "disagrees", "detail": "it ends elsewhere"},
             {"contact_steps": 0},
-            Answer.NO,
+            EngineAnswer.NO,
             "it ends elsewhere",
         ),
     ],
@@ -53,7 +53,7 @@ def test_a_record_comes_back_as_it_was(tmp_path: Path) -> None:
 def test_what_an_earlier_version_checked_is_judged_as_far_as_its_rules_went(
     stored_before: dict[str, object],
     check: dict[str, object],
-    answer: Answer,
+    answer: EngineAnswer,
     reason: str,
     tmp_path: Path,
 ) -> None:

@@ -11,7 +11,7 @@ from verdict_records import FAILED, SAME
 from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import bisect
-from mjbench.paired.bisect import CommitMeasurer, Search
+from mjbench.paired.bisect import BisectResult, CommitMeasurer
 from mjbench.paired.bisect_records import CommitRow
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import LaunchRow, VerdictRecord
@@ -61,7 +61,7 @@ def launch(log_ratio: float) -> LaunchRow:
     return LaunchRow(0, None, ["ABBA"], [[1_000_000_000, slow, slow, 1_000_000_000]])
 
 
-def found(measurer: Invented, count: int) -> Search:
+def found(measurer: Invented, count: int) -> BisectResult:
     commits = [CommitRow(n, f"{n:040x}", f"commit {n}") for n in range(1, count + 1)]
     return bisect.search(measurer, commits, 0.01)
 

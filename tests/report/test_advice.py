@@ -23,7 +23,7 @@ from mjbench.report.advice import (
     thread_conclusion,
 )
 from mjbench.report.results import ModelResults, derive
-from mjbench.simulation.judgement import Answer, Precision
+from mjbench.simulation.judgement import EngineAnswer, Precision
 from mjbench.status import Status
 
 POOL = Variant("rollout", {"threads": 2, "pool": "new"})
@@ -219,7 +219,7 @@ def test_of_paths_that_compile_the_fastest_that_pays_is_advised() -> None:
 
 
 def test_the_advice_of_a_path_that_is_close_says_what_differs() -> None:
-    close = replace(JUDGED, answer=Answer.CLOSE, reason="contacts: box–box: 4 instead of 8")
+    close = replace(JUDGED, answer=EngineAnswer.CLOSE, reason="contacts: box–box: 4 instead of 8")
     record = replace(compiled(4.0), judgement=close)
     advice = advise(derived(raced([(THREADS, 0.8)]), more=[record], total_steps=50_000_000))[0]
     assert (advice.path, advice.difference) == ("mjx", "contacts: box–box: 4 instead of 8")
@@ -227,7 +227,7 @@ def test_the_advice_of_a_path_that_is_close_says_what_differs() -> None:
 
 
 def test_a_path_that_was_not_judged_is_not_advised() -> None:
-    record = replace(compiled(4.0), judgement=replace(JUDGED, answer=Answer.NOT_JUDGED))
+    record = replace(compiled(4.0), judgement=replace(JUDGED, answer=EngineAnswer.NOT_JUDGED))
     advice = advise(derived(raced([(THREADS, 0.8)]), more=[record], total_steps=50_000_000))[0]
     assert advice.path == "python_loop"
 

@@ -15,7 +15,7 @@ from mjbench.report.crossovers import (
     work_crossovers,
 )
 from mjbench.report.results import PathResult
-from mjbench.simulation.judgement import Answer, Precision
+from mjbench.simulation.judgement import EngineAnswer, Precision
 from mjbench.status import Status
 
 
@@ -54,7 +54,7 @@ def test_the_crossover_is_the_size_from_which_on_a_path_stays_ahead(
 
 
 def test_paths_that_were_not_judged_have_no_crossover(rows: list[PathResult]) -> None:
-    unjudged = replace(JUDGED, answer=Answer.NOT_JUDGED)
+    unjudged = replace(JUDGED, answer=EngineAnswer.NOT_JUDGED)
     assert crossovers([replace(r, judgement=unjudged if r.precision else None) for r in rows]) == []
 
 

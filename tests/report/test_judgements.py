@@ -9,12 +9,12 @@ from mjbench.report.comparison import model_section
 from mjbench.report.content import Section
 from mjbench.report.judgements import judgement_conclusion, judgement_tables, version_lines
 from mjbench.report.results import ModelResults, PathResult, derive
-from mjbench.simulation.judgement import Answer, Precision
+from mjbench.simulation.judgement import EngineAnswer, Precision
 
 VERSIONS = {"mujoco": "4.0.0", "mujoco-mjx": "3.17.0", "mujoco-warp": "4.0.0"}
 
 
-def compared(answer: Answer = Answer.YES, reason: str = "") -> ModelResults:
+def compared(answer: EngineAnswer = EngineAnswer.YES, reason: str = "") -> ModelResults:
     """Return the results of the plain loop, and of MJX at half its speed."""
     mjx = measurement(
         path="mjx",
@@ -32,20 +32,24 @@ def mjx_of(results: ModelResults) -> PathResult:
     return next(result for result in results.results if result.path == "mjx")
 
 
-def section(answer: Answer = Answer.YES, reason: str = "") -> Section:
+def section(answer: EngineAnswer = EngineAnswer.YES, reason: str = "") -> Section:
     return model_section([compared(answer, reason)])
 
 
 @pytest.mark.parametrize(
     ("answer", "reason", "begin"),
     [
-        (Answer.YES, "", "MJX in float32 computes what C does"),
-        (Answer.CLOSE, "contacts: box–box", "MJX in float32 computes what C does but for contacts"),
-        (Answer.NOT_JUDGED, "why", "MJX in float32 is not judged: why"),
+        (EngineAnswer.YES, "", "MJX in float32 computes what C does"),
+        (
+            EngineAnswer.CLOSE,
+            "contacts: box–box",
+            "MJX in float32 computes what C does but for contacts",
+        ),
+        (EngineAnswer.NOT_JUDGED, "why", "MJX in float32 is not judged: why"),
     ],
 )
 def test_the_conclusion_says_whether_it_computes_what_c_does(
-    answer: Answer, reason: str, begin: str
+    answer: EngineAnswer, reason: str, begin: str
 ) -> None:
     text = judgement_conclusion(mjx_of(compared(answer, reason)))
     assert text is not None
@@ -54,7 +58,7 @@ def test_the_conclusion_says_whether_it_computes_what_c_does(
 
 
 def test_what_disagrees_is_said_once_elsewhere() -> None:
-    assert judgement_conclusion(mjx_of(compared(Answer.NO, "run: it ends elsewhere"))) is None
+    assert judgement_conclusion(mjx_of(compared(EngineAnswer.NO, "run: it ends elsewhere"))) is None
 
 
 def test_each_part_shows_the_measure_that_is_nearest_to_its_limit() -> None:

@@ -3,36 +3,36 @@
 import pytest
 
 from mjbench.simulation.judgement import (
-    Answer,
-    Judgement,
+    EngineAnswer,
+    EngineJudgement,
+    JudgedPart,
     Measure,
     PairContacts,
-    Part,
     PartName,
     Precision,
 )
 
-SMOOTH = Part.of(PartName.SMOOTH, Measure("a step", 1e-15, 1e-12))
-CLOSE = Part(PartName.CONTACTS, Answer.CLOSE, reason="box–box")
-FAILED = Part.of(PartName.CONSTRAINTS, Measure("forces", 0.01, 1e-6))
-UNKNOWN = Part(PartName.CONTACTS, Answer.NOT_JUDGED, reason="none reported")
+SMOOTH = JudgedPart.of(PartName.SMOOTH, Measure("a step", 1e-15, 1e-12))
+CLOSE = JudgedPart(PartName.CONTACTS, EngineAnswer.CLOSE, reason="box–box")
+FAILED = JudgedPart.of(PartName.CONSTRAINTS, Measure("forces", 0.01, 1e-6))
+UNKNOWN = JudgedPart(PartName.CONTACTS, EngineAnswer.NOT_JUDGED, reason="none reported")
 
 
-def judged(*parts: Part) -> Judgement:
-    return Judgement.of(Precision.FLOAT64, parts)
+def judged(*parts: JudgedPart) -> EngineJudgement:
+    return EngineJudgement.of(Precision.FLOAT64, parts)
 
 
 @pytest.mark.parametrize(
     ("parts", "answer", "agrees"),
     [
-        ((SMOOTH,), Answer.YES, True),
-        ((SMOOTH, CLOSE), Answer.CLOSE, True),
-        ((SMOOTH, CLOSE, UNKNOWN), Answer.NOT_JUDGED, None),
-        ((SMOOTH, CLOSE, UNKNOWN, FAILED), Answer.NO, False),
+        ((SMOOTH,), EngineAnswer.YES, True),
+        ((SMOOTH, CLOSE), EngineAnswer.CLOSE, True),
+        ((SMOOTH, CLOSE, UNKNOWN), EngineAnswer.NOT_JUDGED, None),
+        ((SMOOTH, CLOSE, UNKNOWN, FAILED), EngineAnswer.NO, False),
     ],
 )
 def test_the_worst_part_decides(
-    parts: tuple[Part, ...], answer: Answer, agrees: bool | None
+    parts: tuple[JudgedPart, ...], answer: EngineAnswer, agrees: bool | None
 ) -> None:
     judgement = judged(*parts)
     assert (judgement.answer, judgement.agrees) == (answer, agrees)
@@ -55,8 +55,8 @@ def test_what_is_not_finite_is_beyond_every_limit(
 
 
 def test_timed_blocks_that_end_elsewhere_make_the_run_fail() -> None:
-    failed = judged(SMOOTH, Part(PartName.RUN, Answer.YES)).with_failed_run("elsewhere")
-    assert (failed.answer, failed.reason) == (Answer.NO, "run: elsewhere")
+    failed = judged(SMOOTH, JudgedPart(PartName.RUN, EngineAnswer.YES)).with_failed_run("elsewhere")
+    assert (failed.answer, failed.reason) == (EngineAnswer.NO, "run: elsewhere")
     assert [part.name for part in failed.parts] == [PartName.SMOOTH, PartName.RUN]
 
 
@@ -72,7 +72,7 @@ def test_a_pair_says_how_its_contacts_differ() -> None:
         normal_degrees=0.0,
         effect=0.03,
         largest_effect=0.2,
-        answer=Answer.CLOSE,
+        answer=EngineAnswer.CLOSE,
     )
     assert str(pair) == (
         "box–box: 4 contacts instead of 8 (other numbers in 12 of 60 states),"

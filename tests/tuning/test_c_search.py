@@ -17,7 +17,7 @@ from mjbench.tuning.knobs import KNOBS
 from mjbench.tuning.measurements import PresentRuns, Survey
 from mjbench.tuning.records import Accuracy, Attempt, Effect, TuneRecord, log_ratio
 from mjbench.tuning.search import SearchPlan
-from mjbench.tuning.setting_launch import LaunchRequest
+from mjbench.tuning.setting_launch import SettingLaunchRequest
 from mjbench.tuning.settings import LoopChange, Setting
 
 
@@ -498,6 +498,6 @@ def test_half_of_the_combinations_go_on_from_the_front():
         d_1=(APPROXIMATE, 0.95, 0.3),
     )
     planted.seed, planted.has_reference = 0, True
-    request = LaunchRequest([(setting(label),) for label in planted.effects], 0.1, None)
+    request = SettingLaunchRequest([(setting(label),) for label in planted.effects], 0.1, None)
     done = planted.launch(request)
     assert [each.settings[0].label for each in fronts.better_half(done)] == ["a=1", "c=1"]

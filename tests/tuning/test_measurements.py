@@ -18,7 +18,7 @@ from mjbench.tuning import measurements, reference, setting_launch, trajectories
 from mjbench.tuning.measurements import CMeasurements, SettingRule
 from mjbench.tuning.records import Attempt, Effect
 from mjbench.tuning.reference import TrialPlan
-from mjbench.tuning.setting_launch import LaunchRequest
+from mjbench.tuning.setting_launch import SettingLaunchRequest
 from mjbench.tuning.settings import Edit, LoopChange, Part, Setting, option
 
 
@@ -37,7 +37,7 @@ def cartpole():
 
 
 def tried(measurements, *settings, nrun=None, timed_s=0.0, **keywords):
-    (attempt,) = measurements.launch(LaunchRequest([settings], timed_s, nrun, **keywords))
+    (attempt,) = measurements.launch(SettingLaunchRequest([settings], timed_s, nrun, **keywords))
     return attempt
 
 
@@ -107,7 +107,7 @@ def test_settings_that_hang_are_ended(cartpole, monkeypatch):
     monkeypatch.setattr(measurements, "run_launch", isolated_tasks.hang_at_a_timestep)
     monkeypatch.setattr(cartpole, "_limit_s", 3.0)
     settings = [(option("timestep", timestep),) for timestep in ("0.004", "0.008", "0.016")]
-    first, second, third = cartpole.launch(LaunchRequest(settings))
+    first, second, third = cartpole.launch(SettingLaunchRequest(settings))
     assert (first.status, second.status) == (Status.OK, Status.TIMEOUT)
     assert "no answer" in second.detail
     assert (third.settings, third.status) == (settings[2], Status.OK)

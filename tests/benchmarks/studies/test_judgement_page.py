@@ -10,10 +10,10 @@ from benchmarks import judgements
 from benchmarks.studies import judgement_page, tally_file
 from benchmarks.studies.judgement_tally import JudgedModel, JudgementTally, load
 from mjbench.errors import InputError
-from mjbench.simulation.judgement import Answer
+from mjbench.simulation.judgement import EngineAnswer
 from mjbench.status import Status
 
-CLOSE = replace(JUDGED, answer=Answer.CLOSE, reason="contacts: box–box")
+CLOSE = replace(JUDGED, answer=EngineAnswer.CLOSE, reason="contacts: box–box")
 REFUSED = measurement(path="mjx", status=Status.UNAVAILABLE, detail="MJX does not take this model")
 
 
