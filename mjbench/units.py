@@ -36,3 +36,8 @@ def listed(names: Sequence[str]) -> str:
 def percent_change(ratio: float) -> str:
     """Return the change that a ratio stands for, in percent, with its sign."""
     return f"{100 * (ratio - 1):+.2f}"
+
+
+def short_commit(commit: str) -> str:
+    """Return the first letters of a commit's hash."""
+    return commit[:10]

@@ -9,7 +9,7 @@ from mjbench.paired.bisect_records import BisectTrial
 from mjbench.paired.revision_sides import RevisionComparison
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.store.runs import Record
-from mjbench.units import percent_change
+from mjbench.units import percent_change, short_commit
 
 # Commits that are measured in a search, about, for its progress.
 _USUAL_TRIALS = 8
@@ -28,7 +28,7 @@ def bisection(comparison: RevisionComparison, plan: VerdictPlan) -> Measurement:
             change = "cannot be measured"
             if trial.ratio is not None:
                 change = f"{percent_change(trial.ratio)} %"
-            text = f"{trial.commit.commit[:10]} {change}"
+            text = f"{short_commit(trial.commit.commit)} {change}"
             observer(text, len(trials) / (len(trials) + _USUAL_TRIALS))
 
         yield Item([revision_bisect.search(comparison, plan, observer.begin, on_trial)])

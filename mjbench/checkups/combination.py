@@ -5,7 +5,7 @@ from pathlib import Path
 
 from mjbench import paths
 from mjbench.checkups.records import Combination
-from mjbench.comparison.plan import WITHOUT_TIMER, Variant
+from mjbench.comparison.plan import Variant
 from mjbench.errors import MachineError
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
@@ -17,29 +17,21 @@ from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs
-from mjbench.simulation import models, package_timer
+from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 from mjbench.tuning import variants
-from mjbench.tuning.records import Effect, Recommendation, TuneRecord
+from mjbench.tuning.records import CONFIDENCE, MIN_EFFECT, Effect, Recommendation, TuneRecord
 from mjbench.tuning.settings import NO_CHANGE, Edit, edits_of
 
 # Options of paths whose processes have a timer of their own.
 _OF_PROCESSES = {"processes", "actors"}
-# Smallest gain that counts, and the confidence of its interval.
-MIN_EFFECT, CONFIDENCE = 0.01, 0.95
 
 
 def free(record: TuneRecord | None) -> Recommendation | None:
     """Return the settings that changed no state; None without any."""
     front = record.front if record is not None else ()
     return next((each for each in front if each.effect == Effect.FREE), None)
-
-
-def timer_pays(race: RaceRecord | None) -> bool:
-    """Return whether turning the timer off certainly gains something that is worth a line."""
-    gain = race.speedup(WITHOUT_TIMER) if race is not None else None
-    return gain is not None and gain.is_above(1.0) and gain.estimate >= 1 + package_timer.MIN_GAIN
 
 
 def combined(race: RaceRecord | None, tuned: TuneRecord | None) -> Combination:
@@ -52,7 +44,8 @@ def combined(race: RaceRecord | None, tuned: TuneRecord | None) -> Combination:
         variant = race.variants[race.advised(race.standings[Loop.OPEN])]
     recommended = free(tuned)
     settings = recommended.settings if recommended else ()
-    turns_off = timer_pays(race) or any(each.loop.is_clock_off for each in settings)
+    pays = race is not None and race.timer_gain is not None
+    turns_off = pays or any(each.loop.is_clock_off for each in settings)
     has_timer = not turns_off or not _OF_PROCESSES.isdisjoint(variant.options)
     return Combination(variant, [s for s in settings if s.loop == NO_CHANGE], has_timer)
 

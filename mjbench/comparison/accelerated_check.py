@@ -5,7 +5,7 @@ the judgement of each part (`mjbench.simulation.judgement`).
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
@@ -35,6 +35,7 @@ from mjbench.simulation.judgement import (
     finite_or_none,
 )
 from mjbench.simulation.trajectory import COMPARED, MAX_SINGLE_STEPS, SingleSteps
+from mjbench.simulation.work_check import Fields
 from mjbench.simulation.workload import Workload
 
 # Simulations followed step by step, spread over the batch. Single steps from their states are taken
@@ -44,8 +45,6 @@ FOLLOWED = 32
 JUDGED_STATES = 64
 # Largest difference of an unconstrained run in float64.
 UNCONSTRAINED_RUN_LIMIT = 1e-10
-
-Fields = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)

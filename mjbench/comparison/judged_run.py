@@ -1,6 +1,5 @@
 """Does a run in contact do what C's does? Judged by figures that runs share after they part."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 import mujoco
@@ -11,6 +10,7 @@ from mjbench.simulation import compat, trajectory
 from mjbench.simulation.judgement import Measure, Precision, finite_or_none
 from mjbench.simulation.run_figures import RunFigures, run_figures
 from mjbench.simulation.trajectory import Trajectory
+from mjbench.simulation.work_check import Fields
 from mjbench.simulation.workload import Workload
 
 # Points of a run at which its figures are compared, at most.
@@ -35,8 +35,6 @@ _NAMES = {
     "force_n": "contact forces, N",
     "energy_j": "energy, J",
 }
-
-Fields = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ All functions take arrays that an engine returned, so that they need none.
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -33,6 +33,7 @@ from mjbench.simulation.judgement import (
     worst,
 )
 from mjbench.simulation.trajectory import COMPARED, SingleSteps
+from mjbench.simulation.work_check import Fields
 
 # Largest error of one step of smooth dynamics, relative to the largest entry of a field where that
 # exceeds 1.
@@ -48,8 +49,6 @@ ROUNDING_FACTOR = 10.0
 SETTINGS_FACTOR, SETTINGS_LIMIT = 10.0, 1e-3
 # Seconds after which no further state is judged; two passes have as many each.
 JUDGING_S = 15.0
-
-Fields = Mapping[str, np.ndarray]
 
 
 def judge_smooth(

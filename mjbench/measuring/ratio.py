@@ -22,6 +22,12 @@ class Ratio:
         ends = math.exp(estimate - half_width), math.exp(estimate + half_width)
         return cls(math.exp(estimate), *ends)
 
+    @property
+    def inverse(self) -> "Ratio":
+        """The ratio the other way round: of speeds, where this one is of times."""
+        low, high = (None if end is None else 1 / end for end in (self.high, self.low))
+        return Ratio(1 / self.estimate, low, high)
+
     def covers(self, value: float) -> bool:
         """Return whether a value lies within; a missing end is no bound."""
         return (self.low is None or self.low <= value) and (self.high is None or value <= self.high)

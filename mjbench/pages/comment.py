@@ -19,12 +19,10 @@ from mjbench.report import formats, verdicts
 from mjbench.report.content import Column, DataTable
 from mjbench.status import Status
 from mjbench.store.runs import Run
-from mjbench.units import duration
+from mjbench.units import duration, short_commit
 
 # Characters of a comment, at most: GitHub refuses longer ones.
 _MOST_CHARACTERS = 60_000
-# Letters of a commit's hash that people read.
-_SHORT = 10
 
 
 class _Outcome(Enum):
@@ -142,7 +140,7 @@ def _side(row: VerdictRow, number: int) -> str:
         return f"MuJoCo {escaped(name)}"
     if side.commit.startswith(name):
         return code(name)
-    return f"{escaped(name)} {code(side.commit[:_SHORT])}".strip()
+    return f"{escaped(name)} {code(short_commit(side.commit))}".strip()
 
 
 def _table(judged: Sequence[_Judged]) -> Iterator[str]:
@@ -190,7 +188,7 @@ def _command(run: Run, rows: Sequence[VerdictRow]) -> str:
         names = (side.revision, side.commit)
         named = (p for p in positions if words[p].removeprefix("rev=") in names)
         if (position := next(named, None)) is not None and side.commit:
-            words[position] = f"rev={side.commit[:_SHORT]}"
+            words[position] = f"rev={short_commit(side.commit)}"
     return shlex.join(["mjbench", *words])
 
 

@@ -19,7 +19,7 @@ from mjbench.measuring.bisection import ChangePosterior, VersionRatio
 from mjbench.paired.bisect_records import BisectChange, BisectTrial, CommitRow
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord
-from mjbench.units import listed
+from mjbench.units import listed, short_commit
 
 # The probability at which a commit is compared with the one before it.
 CERTAINTY = 0.99
@@ -110,7 +110,7 @@ class _Searcher:
         """Return which commits were likely, and do not differ from those before them."""
         if not self._unconfirmed:
             return ""
-        names = listed([row.commit[:10] for row in self._unconfirmed])
+        names = listed([short_commit(row.commit) for row in self._unconfirmed])
         return (
             f"likely, but not confirmed: {names}; there the change may be spread over several"
             " commits, each too small to be seen alone"

@@ -15,10 +15,11 @@ from typing import ClassVar
 import numpy as np
 
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
-from mjbench.comparison.plan import Variant
+from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.measuring import anytime
 from mjbench.measuring.ratio import Ratio
 from mjbench.paths.parallelism import nthread
+from mjbench.simulation import package_timer
 from mjbench.status import Status
 
 # A path may be this much slower than the fastest and still be as good: the race does not go on to
@@ -235,6 +236,14 @@ class RaceRecord:
         """
         position = self._position(variant)
         return None if position is None else self.speedups[position]
+
+    @property
+    def timer_gain(self) -> Ratio | None:
+        """What turning MuJoCo's timer off gains, where that is certain and worth a line."""
+        gain = self.speedup(WITHOUT_TIMER)
+        if gain is None or not gain.is_above(1.0) or gain.estimate < 1 + package_timer.MIN_GAIN:
+            return None
+        return gain
 
     def ratio(self, faster: Variant, slower: Variant) -> Ratio | None:
         """Return how many times faster one variant is than another; None where none timed both."""

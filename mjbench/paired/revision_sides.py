@@ -12,7 +12,7 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs, revision_builds, source_layout
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.revisions import Repository, Revision
-from mjbench.units import listed
+from mjbench.units import count_of, listed
 
 # What a function of the user's code can be, for messages.
 FORMS = "FILE.py::FUNCTION or MODULE:FUNCTION"
@@ -65,7 +65,7 @@ class RevisionComparison:
         if not lacking:
             return []
         names = ["HEAD" if r.is_worktree else r.name for r in (self.baseline, self.candidate)]
-        commits = "1 commit" if lacking == 1 else f"{lacking:,} commits"
+        commits = count_of(lacking, "commit")
         return [
             f"{self.baseline.name} has {commits} that {self.candidate.name} lacks, and what"
             " they change counts, too; to leave it out, name what `git merge-base"

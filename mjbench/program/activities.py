@@ -62,6 +62,10 @@ class Activity(enum.StrEnum):
     """What is no call that is timed, where too few samples say what else it is."""
 
 
+# Of lines that wait for others.
+WAITING = (Activity.PROCESSES, Activity.THREADS)
+
+
 @dataclass(frozen=True)
 class Place:
     """A line of Python.

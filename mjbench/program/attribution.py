@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from mjbench.program import activities, timed_loops
-from mjbench.program.activities import Activity, Place, is_own
+from mjbench.program.activities import WAITING, Activity, Place, is_own
 from mjbench.program.calls import CallTime
 from mjbench.program.loop_time import (
     FEW_SAMPLES,
@@ -23,7 +23,6 @@ from mjbench.program.source_loops import SourceLoop, outermost_loop
 LEAST_LOOP_SHARE = 0.05
 # Share of a line's samples that may show a step that it does not make; of a few, one sample may.
 _MOST_TORN_SHARE, _FEW_TORN_SHARE = 0.05, 0.25
-_WAITS = (Activity.PROCESSES, Activity.THREADS)
 # Average gaps between timed calls that may lie beyond the first and the last by chance: more do in
 # 4 % of the cases, if the gaps are exponentially distributed. Times that samples must see calls.
 _MOST_CHANCE_GAPS, _LEAST_RUNS = 5, 10
@@ -148,7 +147,7 @@ def _stepping(times: Sequence[LoopTime], pids: Collection[int]) -> list[LoopTime
         for time in times
         if not time.has_physics
         and elsewhere
-        and not {*_WAITS, Activity.STARTING}.isdisjoint(time.activities)
+        and not {*WAITING, Activity.STARTING}.isdisjoint(time.activities)
         and time.in_main
         and not _waits_for_ends(time)
     ]
@@ -160,7 +159,7 @@ def _waits_for_ends(time: LoopTime) -> bool:
     """Return whether a loop waits for processes or threads to end, whose own loops then count."""
 
     def waiting(line: LineTime) -> float:
-        return sum(line.activities.get(each, 0.0) for each in _WAITS)
+        return sum(line.activities.get(each, 0.0) for each in WAITING)
 
     longest = max(time.lines, key=waiting, default=None)
     return longest is not None and waiting(longest) > 0 and ".join(" in longest.place.text

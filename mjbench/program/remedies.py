@@ -14,7 +14,7 @@ from mjbench.loop import lint
 from mjbench.loop.lint import Finding
 from mjbench.loop.lint_rules import ALLOCATIONS, NEW_ARRAY
 from mjbench.program import call_remedies
-from mjbench.program.activities import STANDARD_LIBRARY, Activity, Place
+from mjbench.program.activities import STANDARD_LIBRARY, WAITING, Activity, Place
 from mjbench.program.calls import Incident
 from mjbench.program.hook import call_clock
 from mjbench.program.loop_time import FEW_SAMPLES, LineTime, LoopTime
@@ -58,7 +58,6 @@ _READS_VIEWS = re.compile(
 _CALLED, _CREATE = re.compile(r"(\w+)\("), {*ALLOCATIONS, "append", "asarray", "copy"}
 # Activities that are changed line by line; each of the others is one thing to change.
 _OF_LINES = {Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY, Activity.ALLOCATION}
-_WAITS = (Activity.PROCESSES, Activity.THREADS)
 # Of calls whose line does little else.
 _WITH_THEIR_LINE = (Activity.COPYING, Activity.STARTING)
 
@@ -140,7 +139,7 @@ def _savings(
     for activity in whole:
         if not loop.is_timed(activity) or not any(r.activity == activity for r in of_calls):
             remedy = _of_activity(loop, activity)
-            if activity in _WAITS and remedy.gain is not None:
+            if activity in WAITING and remedy.gain is not None:
                 gain = min(remedy.gain, 1 - others_busy_s / loop.seconds)
                 remedy = replace(remedy, gain=gain, share=remedy.gain)
             yield remedy

@@ -16,14 +16,13 @@ from pathlib import Path
 
 from mjbench.errors import InputError, MachineError, one_line, shown, suggestion, writing
 from mjbench.host import child
+from mjbench.units import short_commit
 
 # Names what lies in the user's checkout now: changes that are not committed and files that are not
 # tracked included, ignored files not.
 WORKTREE = "WORKTREE"
 # Variables by which a hook or a script points git elsewhere.
 _REDIRECTING = ("GIT_DIR", "GIT_INDEX_FILE", "GIT_WORK_TREE", "GIT_OBJECT_DIRECTORY", "GIT_PREFIX")
-# Letters of a commit's hash that people read.
-_SHORT = 10
 # A full hash, as git prints it.
 _HASH = re.compile(r"[0-9a-f]{40,}")
 # How git begins the line that says what went wrong.
@@ -51,7 +50,7 @@ class Revision:
 
     def __str__(self) -> str:
         is_named = self.commit and not self.commit.startswith(self.name)
-        return f"{self.name} ({self.commit[:_SHORT]})" if is_named else self.name
+        return f"{self.name} ({short_commit(self.commit)})" if is_named else self.name
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ class Commit:
     @property
     def revision(self) -> Revision:
         """The revision that it is."""
-        return Revision(self.commit[:_SHORT], self.commit)
+        return Revision(short_commit(self.commit), self.commit)
 
 
 class Repository:
@@ -98,7 +97,7 @@ class Repository:
         commit = commit.strip()
         if not _HASH.fullmatch(commit):  # of `^HEAD`, git prints a hash with a `^`
             raise InputError(f"{shown(name)} is no revision of {self.top}{self._hint(name)}")
-        return Revision(commit[:_SHORT] if name == commit else name, commit)
+        return Revision(short_commit(commit) if name == commit else name, commit)
 
     def lacking(self, baseline: Revision, candidate: Revision) -> int:
         """Return how many commits of the baseline are not in the candidate's history."""

@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import Any
 
 from mjbench import paths
-from mjbench.comparison.plan import WITHOUT_TIMER, Variant, describe_options
+from mjbench.comparison.plan import Variant, describe_options
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import MARGIN, Loop, RaceRecord, Standing
 from mjbench.paths import BASE
@@ -150,9 +150,8 @@ def advise(model_results: ModelResults) -> list[Advice]:
 
 def advise_clock(model_results: ModelResults) -> ClockAdvice | None:
     """Return what turning MuJoCo's timer off gains, where that is certain and worth a line."""
-    race = model_results.race
-    gain = race.speedup(WITHOUT_TIMER) if race is not None else None
-    if gain is None or not gain.is_above(1.0) or gain.estimate < 1 + package_timer.MIN_GAIN:
+    gain = model_results.race.timer_gain if model_results.race is not None else None
+    if gain is None:
         return None
     return ClockAdvice(model_results.model.model, model_results.model.nbatch, gain)
 

@@ -7,10 +7,7 @@ from mjbench.paired.outcomes import Verdict
 from mjbench.report import formats, verdicts
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.status import Status
-from mjbench.units import count_of
-
-# Letters of a commit's hash that people read.
-_SHORT = 10
+from mjbench.units import count_of, short_commit
 
 
 def sections(records: Sequence[BisectRecord]) -> list[Section]:
@@ -51,12 +48,12 @@ def _describe_change(change: BisectChange) -> str:
     text = f"{_name(commit)}: {verdicts.describe_change(change.verdict)}"
     if not change.skipped:
         return text
-    names = ", ".join(row.commit[:_SHORT] for row in change.skipped)
+    names = ", ".join(short_commit(row.commit) for row in change.skipped)
     return f"{text}; or one of {names}, which could not be measured"
 
 
 def _name(commit: CommitRow) -> str:
-    return f"{commit.commit[:_SHORT]} “{commit.subject}”"
+    return f"{short_commit(commit.commit)} “{commit.subject}”"
 
 
 def _tone(verdict: Verdict | None) -> Tone:
@@ -70,7 +67,7 @@ def _table(trials: Sequence[BisectTrial]) -> DataTable:
         "Commits that were measured",
         sorted(trials, key=lambda trial: trial.commit.number),
         (Column("number", formats.count), lambda trial: trial.commit.number),
-        (Column("commit"), lambda trial: trial.commit.commit[:_SHORT]),
+        (Column("commit"), lambda trial: short_commit(trial.commit.commit)),
         (Column("change", formats.change), lambda trial: trial.ratio),
         (Column("launches", formats.count), lambda trial: trial.launches),
         (Column("subject", wraps=True), lambda trial: trial.detail or trial.commit.subject),

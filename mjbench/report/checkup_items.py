@@ -207,7 +207,7 @@ def _of_recommendation(each: Recommendation, command: str) -> CheckupItem:
     }
     return CheckupItem(
         action=f"settings: {label(each.settings)}",
-        gain=_inverse(each.ratio),
+        gain=each.ratio.inverse,
         unit=GainUnit.SIMULATED_SECOND,
         change=changes[each.effect],
         change_detail=_in_other_runs(each.settings) if each.effect == Effect.FREE else "",
@@ -215,7 +215,7 @@ def _of_recommendation(each: Recommendation, command: str) -> CheckupItem:
         group=GainGroup.SETTINGS,
         command=command,
         snippet=_applied(each.settings),
-        slow_effects=_slow_effects(each.settings),
+        slow_effects=tuning.slow_lines(each.settings),
     )
 
 
@@ -233,23 +233,15 @@ def _of_loss(attempt: Attempt, command: str) -> CheckupItem:
     setting = attempt.settings[0]
     return CheckupItem(
         action=f"settings: {setting.label}",
-        gain=_inverse(attempt.ratio),
+        gain=attempt.ratio.inverse,
         unit=GainUnit.SIMULATED_SECOND,
         change=ResultChange.STATED,
         change_detail=f"gives up {setting.loses}" if setting.loses else tuning.changes(attempt),
         group=GainGroup.SETTINGS,
         command=command,
         snippet=_applied(attempt.settings),
-        slow_effects=_slow_effects(attempt.settings) if setting.loses else (),
+        slow_effects=tuning.slow_lines(attempt.settings) if setting.loses else (),
     )
-
-
-def _slow_effects(settings: Sequence[Setting]) -> list[str]:
-    return [
-        f"Not shown by runs this short: with {each.label}, {slow}"
-        for each in settings
-        if (slow := knobs.find(each.knob).slow)
-    ]
 
 
 def _applied(settings: Sequence[Setting]) -> str:
@@ -264,7 +256,7 @@ def combination_gain(verdict: VerdictRow) -> Ratio | None:
     """
     if verdict.ratio is None or verdict.changed_work:
         return None
-    gain = _inverse(verdict.ratio)
+    gain = verdict.ratio.inverse
     return gain if gain.is_above(1.0) else None
 
 
@@ -275,12 +267,6 @@ def combination_command(combination: Combination, target: str) -> str:
     settings += [] if combination.has_timer else ["timer=off"]
     model = "tuned.xml" if combination.settings else target
     return f"mjbench ab model={target} model={model},{','.join(settings)}"
-
-
-def _inverse(ratio: Ratio) -> Ratio:
-    """Return a ratio of times as one of speeds."""
-    low, high = (None if end is None else 1 / end for end in (ratio.high, ratio.low))
-    return Ratio(1 / ratio.estimate, low, high)
 
 
 # -- a program -------------------------------------------------------------------------------------

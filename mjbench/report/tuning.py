@@ -131,11 +131,18 @@ def _unconverged(present: Present) -> list[Conclusion]:
 
 def slow_effects(record: TuneRecord) -> Iterator[Conclusion]:
     """Yield what recommended settings prevent that is slower than the runs show."""
-    advice = {one.label: one for each in advised(record) for one in each.settings}
-    for setting in advice.values() if record.batch is None else ():
-        if slow := knobs.find(setting.knob).slow:
-            text = f"Not shown by runs this short: with {setting.label}, {slow}"
-            yield Conclusion(text, Tone.UNSURE)
+    settings = [one for each in advised(record) for one in each.settings]
+    for text in dict.fromkeys(slow_lines(settings)) if record.batch is None else ():
+        yield Conclusion(text, Tone.UNSURE)
+
+
+def slow_lines(settings: Sequence[Setting]) -> list[str]:
+    """Return what settings prevent that is slower than the runs show, in sentences."""
+    return [
+        f"Not shown by runs this short: with {each.label}, {slow}"
+        for each in settings
+        if (slow := knobs.find(each.knob).slow)
+    ]
 
 
 def _is_measured(record: TuneRecord) -> bool:

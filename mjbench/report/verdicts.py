@@ -365,8 +365,8 @@ def _timesteps(timesteps: Pair[float]) -> str:
 def _describe_ratio(verdict: Verdict, ratio: Ratio) -> str:
     if ratio.low is not None and ratio.high is not None:
         if verdict == Verdict.FASTER and ratio.estimate <= 1 / _LARGE:
-            low, high = _times(1 / ratio.high), _times(1 / ratio.low)
-            return f"faster, {_times(1 / ratio.estimate)} times as fast (interval {low} to {high})"
+            interval = formats.ends(ratio.inverse, _times, " to ")
+            return f"faster, {_times(1 / ratio.estimate)} times as fast (interval {interval})"
         if verdict == Verdict.SLOWER and ratio.estimate >= _LARGE:
             interval = formats.ends(ratio, _times, " to ")
             return f"slower, takes {_times(ratio.estimate)} times as long (interval {interval})"

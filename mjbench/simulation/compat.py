@@ -307,6 +307,14 @@ def flag_enabled(model: mujoco.MjModel, name: str) -> bool | None:
     return None if enables is None else bool(int(model.opt.enableflags) & int(enables))
 
 
+def disable_flag(model: mujoco.MjModel, name: str) -> None:
+    """Disable a flag of `<option><flag>`, called as in MJCF, where this release has it."""
+    if (disables := getattr(mujoco.mjtDisableBit, f"mjDSBL_{name.upper()}", None)) is not None:
+        model.opt.disableflags |= int(disables)
+    if (enables := getattr(mujoco.mjtEnableBit, f"mjENBL_{name.upper()}", None)) is not None:
+        model.opt.enableflags &= ~int(enables)
+
+
 def has_geom_distance() -> bool:
     """Return whether the engine computes the distance of two geoms."""
     return hasattr(mujoco, "mj_geomDistance")

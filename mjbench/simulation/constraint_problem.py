@@ -73,8 +73,7 @@ class ConstraintProblem:
 
     def __init__(self, model: mujoco.MjModel):
         self._model = converging(model)
-        if hasattr(mujoco.mjtDisableBit, "mjDSBL_ISLAND"):  # islands have one solution together
-            self._model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
+        compat.disable_flag(self._model, "island")  # islands have one solution together
         self._contactless = copy.copy(self._model)
         self._contactless.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self.model = model

@@ -35,10 +35,9 @@ from mjbench.tuning import distance, knob_values, reference, trajectories
 from mjbench.tuning.distance import Distance, Motion
 from mjbench.tuning.records import Attempt, BatchFacts, TunedProgram, log_ratio
 from mjbench.tuning.reference import LEAST_NCONTROL, TrialPlan
-from mjbench.tuning.settings import Setting, buffer_sizes_of, edits_of, label
+from mjbench.tuning.settings import Settings, buffer_sizes_of, edits_of, label
 from mjbench.tuning.trajectories import Trajectories, Trials
 
-Settings = tuple[Setting, ...]
 # Controls of a timed block.
 BLOCK_NCONTROL = 4
 # Seconds of timing that a setting gets, and quads at least and at most.

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from mjbench.measuring import stats
-from mjbench.tuning.accelerated_attempts import EngineMeasurements, Settings
+from mjbench.tuning.accelerated_attempts import EngineMeasurements
 from mjbench.tuning.fronts import error_of, time_ratio_of
 from mjbench.tuning.records import (
     CONFIDENCE,
@@ -27,7 +27,7 @@ from mjbench.tuning.records import (
     saves_time,
 )
 from mjbench.tuning.search import LEAST_GAIN, Search, too_far
-from mjbench.tuning.settings import Setting, label
+from mjbench.tuning.settings import Setting, Settings, label
 
 # Shares of the budget after which no setting is tried alone, and none together.
 ALONE_SHARE, TOGETHER_SHARE = 0.5, 0.65

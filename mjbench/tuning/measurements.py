@@ -24,11 +24,10 @@ from mjbench.tuning.reference import HOLD, Baseline, Present, TrialPlan
 from mjbench.tuning.setting_launch import (
     SearchFiles,
     SettingLaunchRequest,
-    Settings,
     run_launch,
     stage_shares,
 )
-from mjbench.tuning.settings import Setting
+from mjbench.tuning.settings import Setting, Settings
 
 # Seconds of silence after which a child is killed.
 SILENCE_S = 120.0

@@ -32,10 +32,9 @@ from mjbench.tuning import distance, trajectories, variants
 from mjbench.tuning.physics import physics
 from mjbench.tuning.records import Accuracy, Attempt, Effect, log_ratio
 from mjbench.tuning.reference import LEAST_NCONTROL, SAME_SHARE, Baseline
-from mjbench.tuning.settings import NO_CHANGE, LoopChange, Setting, edits_of, label, loop_change
+from mjbench.tuning.settings import NO_CHANGE, LoopChange, Settings, edits_of, label, loop_change
 from mjbench.tuning.trajectories import SensorChange, Trajectories, Trials
 
-Settings = tuple[Setting, ...]
 # Seconds of a block; controls of each of its runs, and runs at least, unless one takes longer.
 BLOCK_S, BLOCK_NCONTROL, LEAST_NRUN = 0.002, 2, 2
 # Quads of blocks that a setting gets in a launch, at least and at most.

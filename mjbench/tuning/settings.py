@@ -88,6 +88,9 @@ class Setting:
     buffer_sizes: Mapping[str, int] = field(default_factory=dict)
 
 
+Settings = tuple[Setting, ...]
+
+
 def option(name: str, value: str, evidence: str = "", saves: float = 0.0) -> Setting:
     """Return the setting of an attribute of `<option>`."""
     edit = Edit(Part.OPTION, name, value)

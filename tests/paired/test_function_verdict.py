@@ -96,7 +96,7 @@ def decided(monkeypatch: pytest.MonkeyPatch) -> Decided:
                 return LaunchRow(0, None, ["ABBA"], [ns])
 
         monkeypatch.setattr(function_verdict, "observe", observe)
-        monkeypatch.setattr(function_verdict, "FunctionPair", Pair)
+        monkeypatch.setattr(function_verdict, "RevisionPair", Pair)
         pool: Any = None
         targets = BASELINE, CANDIDATE
         return function_verdict.decide(pool, targets, VerdictPlan(), clock=lambda: clock[0])
