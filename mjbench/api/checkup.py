@@ -41,7 +41,7 @@ from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
 from mjbench.status import Status
 from mjbench.store.runs import Record
 from mjbench.tuning.records import TuneRecord
-from mjbench.tuning.search import SearchPlan
+from mjbench.tuning.search_base import SearchPlan
 from mjbench.tuning.tune import tune
 
 if TYPE_CHECKING:

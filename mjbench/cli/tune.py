@@ -125,7 +125,7 @@ def tune(
     from mjbench.report.kinds import TUNE
     from mjbench.tuning import knobs, variants
     from mjbench.tuning.records import Effect
-    from mjbench.tuning.search import PARTS, SearchPlan
+    from mjbench.tuning.search_base import PARTS, SearchPlan
     from mjbench.tuning.tune import tune as tune_model
 
     _check_engine(engine, nbatch, only, skip)

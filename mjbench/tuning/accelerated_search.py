@@ -26,7 +26,7 @@ from mjbench.tuning.records import (
     log_ratio,
     saves_time,
 )
-from mjbench.tuning.search import LEAST_GAIN, Search, too_far
+from mjbench.tuning.search_base import LEAST_GAIN, Search, too_far
 from mjbench.tuning.settings import Setting, Settings, label
 
 # Shares of the budget after which no setting is tried alone, and none together.

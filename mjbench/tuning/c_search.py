@@ -33,7 +33,7 @@ from mjbench.tuning.records import (
     saves_time,
 )
 from mjbench.tuning.reference import Present
-from mjbench.tuning.search import LEAST_GAIN, Search, too_far
+from mjbench.tuning.search_base import LEAST_GAIN, Search, too_far
 from mjbench.tuning.setting_launch import SettingLaunchRequest
 from mjbench.tuning.settings import Setting, label
 from mjbench.units import plain

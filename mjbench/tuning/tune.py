@@ -7,7 +7,7 @@ from mjbench.tuning.accelerated_search import EngineSearch
 from mjbench.tuning.c_search import CSearch
 from mjbench.tuning.measurements import SILENCE_S, CMeasurements
 from mjbench.tuning.records import Batch, TuneRecord
-from mjbench.tuning.search import Advance, SearchPlan
+from mjbench.tuning.search_base import Advance, SearchPlan
 
 
 def tune(

@@ -27,7 +27,7 @@ from mjbench.tuning.records import (
     fresh_ratio,
     log_ratio,
 )
-from mjbench.tuning.search import SearchPlan
+from mjbench.tuning.search_base import SearchPlan
 from mjbench.tuning.settings import Edit, Part, Setting, label
 
 PRESENT_ERROR, ROUNDING_ERROR = 0.01, 1e-6
