@@ -149,8 +149,8 @@ def _settings(text: str) -> dict[str, str]:
             key, value = _split(value.replace(":", "="))
         if not key or not value:
             raise InputError(
-                f"{text!r}: {setting!r} is not KEY=VALUE, such as path=rollout; two revisions need a"
-                " function after them, such as bench.py::step"
+                f"{text!r}: {setting!r} is not KEY=VALUE, such as path=rollout; two revisions need"
+                " a function after them, such as bench.py::step"
             )
         if key in settings:
             raise InputError(f"{text!r}: {key} is given twice")
