@@ -115,7 +115,7 @@ def measure(models: Sequence[RecordedModel], stages: Mapping[str, float]) -> Phy
       stages: shares of a step that were timed in the program; empty where none were.
     """
     model = loadable(models)
-    if model is None or not len(model.states):
+    if model is None:
         return None
     return isolate.call(measure_model, model, stages, limit_s=LIMIT_S, otherwise=lambda _: None)
 

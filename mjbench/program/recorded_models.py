@@ -50,10 +50,11 @@ def read_all(folder: Path) -> Sequence[RecordedModel]:
 
 
 def loadable(models: Sequence[RecordedModel]) -> RecordedModel | None:
-    """Return the first model that this process's MuJoCo can load; None without one."""
+    """Return the first model with states that this process's MuJoCo can load; None without one."""
     import mujoco
 
-    return next((model for model in models if model.release == mujoco.__version__), None)
+    usable = (each for each in models if each.release == mujoco.__version__ and len(each.states))
+    return next(usable, None)
 
 
 def _read(file: Path, release: str) -> RecordedModel:

@@ -109,11 +109,9 @@ COPIERS: Mapping[Trial, Callable[[mujoco.MjData], mujoco.MjData]] = {
 }
 # Trials of calls of `mujoco.rollout`.
 ROLLOUTS = (Trial.POOL, Trial.MORE_THREADS, Trial.NO_ROLLOUT, Trial.BATCH_OR_ROLLOUT)
-# Trials of which other threads compute a part, or whose seconds are compared with wall time.
-BY_WALL_TIME = {
-    *(set(ROLLOUTS) - {Trial.NO_ROLLOUT}),
-    *(Trial.BATCH, Trial.RENDERER, Trial.NAMED_ACCESS),
-}
+# Trials of which other threads compute a part; and those whose seconds are compared with wall time.
+ON_THREADS = {*ROLLOUTS, Trial.BATCH} - {Trial.NO_ROLLOUT}
+BY_WALL_TIME = {*ON_THREADS, Trial.RENDERER, Trial.NAMED_ACCESS}
 # What is raised where a release, a model or a machine lacks something; OpenGL raises its own kinds.
 LACKING = (AttributeError, ImportError, ValueError, RuntimeError)
 
