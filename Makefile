@@ -9,7 +9,7 @@ STAMP := $(VENV)/.up-to-date
 UPGRADE := build/upgrade
 SITE := build/site
 LAB := build/lab/mujoco-lab.html
-.PHONY: help bench test tests lint style types types-darwin pages upgrade site lab c-floor slowdown soak fuzz verdicts foreign gpu clean
+.PHONY: help bench test tests lint style types types-darwin pages upgrade site lab c-floor docs-commands slowdown soak fuzz verdicts foreign gpu clean
 
 help:
 	@echo "make bench     compare the C paths on the ten shipped models (4 minutes)"
@@ -19,6 +19,7 @@ help:
 	@echo "make upgrade   compare the newest MuJoCo with the one before it; report in $(UPGRADE) (5 minutes or more)"
 	@echo "make lint      check style, spelling, the layers of imports, types and pages"
 	@echo "make c-floor   compare the paths with a C program (needs a C compiler)"
+	@echo "make docs-commands  run every command of README and guides in a fresh clone (two hours)"
 	@echo "make slowdown  check that asv finds a release that is slowed on purpose (20 minutes or more)"
 	@echo "make soak      check that 1,000 comparisons in one process use up nothing (half an hour to two hours)"
 	@echo "make fuzz      check that 2,000 command lines of bad input end well (20 minutes)"
@@ -76,6 +77,9 @@ lab: $(STAMP)
 
 c-floor: $(STAMP)
 	$(BIN)/python -m benchmarks.c_floor
+
+docs-commands: $(STAMP)
+	$(BIN)/python -m benchmarks.page_commands
 
 slowdown: $(STAMP)
 	$(BIN)/python -m benchmarks.slowdown
