@@ -156,7 +156,7 @@ def results() -> Iterator[str]:
 
 def upgrades() -> Iterator[str]:
     yield f"at {percent(outcomes.CONFIDENCE)} confidence"
-    yield f"and so than {percent(outcomes.MIN_EFFECT)} (`--min-effect`)"
+    yield f"which is at most {percent(outcomes.MIN_EFFECT)} (`--min-effect`)"
     yield f"repeat within {percent(explain.REPEATABILITY, 1)}"
     (releases,) = re.findall(r"^(\d+) releases, 2", (ROOT / "docs/history.md").read_text(), re.M)
     yield f"for ten typical models and {releases} releases"
