@@ -11,10 +11,12 @@ import re
 from collections.abc import Callable, Iterator
 
 import click
+import method_figures
 import numpy as np
 import pytest
 from commands import ROOT
 from committed_trials import trial_counts
+from method_figures import percent
 from test_docs import prose_of
 
 from benchmarks.studies import races
@@ -34,10 +36,6 @@ FIGURE = re.compile(
     r"|models?\b|releases?\b|programs?\b|MjData\b|states\b)"
     r"|\d+ of (?:the )?\d+"
 )
-
-
-def percent(share: float, digits: int = 0) -> str:
-    return f"{100 * share:.{digits}f} %"
 
 
 def readme() -> Iterator[str]:
@@ -204,6 +202,7 @@ PHRASES: dict[str, Callable[[], Iterator[str]]] = {
     "docs/guides/trust.md": trust,
     "docs/guides/upgrades.md": upgrades,
 }
+PHRASES |= method_figures.PHRASES
 PAGES = sorted({*PHRASES, *(str(p.relative_to(ROOT)) for p in ROOT.glob("docs/guides/*.md"))})
 
 
