@@ -9,7 +9,14 @@ from committed_trials import trial_counts
 
 from benchmarks.odd_programs import ODD_PROGRAMS
 from benchmarks.studies.simulated_launches import Scenario
-from mjbench.comparison import plan, sizes
+from mjbench.comparison import (
+    accelerated_check,
+    judged_contacts,
+    judged_run,
+    judged_steps,
+    plan,
+    sizes,
+)
 from mjbench.counts import explain
 from mjbench.host import machine
 from mjbench.limits import TIME_LIMIT_S
@@ -152,8 +159,26 @@ def python() -> Iterator[str]:
     yield f"finds {percent(outcomes.MIN_EFFECT)}"
 
 
+def accelerated() -> Iterator[str]:
+    states, simulations = accelerated_check.JUDGED_STATES, accelerated_check.FOLLOWED
+    yield f"up to {states} states of {simulations} simulations"
+    yield f"at most {percent(judged_contacts.MAX_ROUNDING_EFFECT, 1)}"
+    yield "off by 1 % is an error of about 0.01"
+    yield f"more than {percent(judged_contacts.ONE_ANSWER_EFFECT, 1)} in any state"
+    yield f"change by more than {percent(judged_contacts.LACKING_EFFECT)}"
+    yield f"change by less than {percent(judged_contacts.CLOSE_EFFECT)} in nine of ten states"
+    yield f"ten times C's, or {percent(judged_steps.SETTINGS_LIMIT, 1)}"
+    yield f"within {percent(judged_run.TOGETHER_SHARE)} of C"
+    yield f"never by more than {percent(judged_run.LARGEST_SHARE)} of it"
+    yield "a force off by 1 %"  # planted by tests/comparison/test_accelerated_check.py
+    yield "a stiffness off by 2 %"
+    yield f"for at most {2 * judged_steps.JUDGING_S:.0f} seconds"
+    yield f"with its {percent(stats.CONFIDENCE)} interval"
+
+
 PHRASES: dict[str, Callable[[], Iterator[str]]] = {
     "docs/method/README.md": readme,
+    "docs/method/accelerated.md": accelerated,
     "docs/method/c.md": lambda: iter(
         (
             f"in blocks of about {1000 * c_reference._BLOCK_S:.0f} ms",
