@@ -15,7 +15,7 @@ import method_figures
 import numpy as np
 import pytest
 from commands import ROOT
-from committed_trials import trial_counts
+from committed_trials import RUNS, trial_counts
 from method_figures import percent
 from test_docs import prose_of
 
@@ -28,6 +28,8 @@ from mjbench.loop import capture
 from mjbench.measuring import stats
 from mjbench.paired import bisect, call_results, outcomes, race_record
 from mjbench.report import advice, checkup_items
+from mjbench.report.kinds import RECORD_TYPES
+from mjbench.store import runs
 from mjbench.tuning import reference
 
 FIGURE = re.compile(
@@ -39,6 +41,13 @@ FIGURE = re.compile(
 
 
 def readme() -> Iterator[str]:
+    machine = runs.load(RUNS / "reference-checkup-humanoid.jsonl", RECORD_TYPES).header.machine
+    assert "Xeon" in machine.cpu
+    is_quiet = machine.load_1min < 0.5
+    how = "while nothing else ran" if is_quiet else f"(a load of {machine.load_1min:.1f})"
+    version = machine.versions["mujoco"]
+    yield f"on two cores of an Intel Xeon with MuJoCo {version}, "
+    yield how
     counts = trial_counts()
     yield from counts.phrases()
     yield f"slower than the fastest, by up to {percent(max(worst_regrets()), 1)}"
