@@ -48,7 +48,7 @@ style: $(STAMP)
 
 # Links, blocks of code, commands and figures of the pages; `tests` has these, too.
 pages: $(STAMP)
-	$(BIN)/python -m pytest tests/test_docs.py
+	$(BIN)/python -m pytest tests/test_docs.py tests/test_page_figures.py
 
 types: $(STAMP)
 	$(BIN)/mypy
