@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable, Iterator
 
 from commands import ROOT
-from committed_trials import trial_counts
+from committed_trials import RUNS, trial_counts
 
 from benchmarks.odd_programs import ODD_PROGRAMS
 from benchmarks.studies.simulated_launches import Scenario
@@ -28,7 +28,10 @@ from mjbench.program.hook import pacing, step_clock
 from mjbench.releases import change_points, placement, release_ratios
 from mjbench.report import advice, environment
 from mjbench.report import latency as latency_section
+from mjbench.report.kinds import RECORD_TYPES
+from mjbench.report.results import derive_all
 from mjbench.simulation import agreement, package_timer, sampling, starts, workload
+from mjbench.store import runs
 from mjbench.testing import callables, fixture
 from mjbench.tuning import records, reference, trajectories
 from mjbench.web import c_reference
@@ -170,6 +173,14 @@ def accelerated() -> Iterator[str]:
     yield f"ten times C's, or {percent(judged_steps.SETTINGS_LIMIT, 1)}"
     yield f"within {percent(judged_run.TOGETHER_SHARE)} of C"
     yield f"never by more than {percent(judged_run.LARGEST_SHARE)} of it"
+    groups = derive_all(runs.load(RUNS / "reference-mjx-cpu.jsonl", RECORD_TYPES).records)
+    times = {
+        group.model.model: {row.path: row.step_ns for row in reversed(group.results)}
+        for group in groups
+    }
+    slower = {model: of["mjx"] / of["python_loop"] for model, of in times.items()}
+    yield f"took {slower['cube_table']:.0f} times as long as the plain loop's on `cube_table`"
+    yield f"and {slower['gripper']:.0f} times on `gripper`"
     yield "a force off by 1 %"  # planted by tests/comparison/test_accelerated_check.py
     yield "a stiffness off by 2 %"
     yield f"for at most {2 * judged_steps.JUDGING_S:.0f} seconds"

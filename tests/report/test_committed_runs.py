@@ -34,6 +34,7 @@ HISTORY_AGAIN = RUNS / "reference-history-again.jsonl"
 NO_CHANGE = RUNS / "reference-history-no-change.jsonl"
 STORY = sorted(RUNS.glob("reference-story-*.jsonl"))
 CHECKUP = RUNS / "reference-checkup-humanoid.jsonl"
+MJX = RUNS / "reference-mjx-cpu.jsonl"
 
 
 def test_every_committed_run_is_tested_and_there_is_one_of_each_kind() -> None:
@@ -41,7 +42,7 @@ def test_every_committed_run_is_tested_and_there_is_one_of_each_kind() -> None:
     assert SELFCHECKS
     assert INSIDE_STEP
     assert len(BETWEEN_BUILDS) == 6
-    single = {HISTORY_AGAIN, NO_CHANGE, CHECKUP}
+    single = {HISTORY_AGAIN, NO_CHANGE, CHECKUP, MJX}
     committed = {*COMPARISONS, *SELFCHECKS, *INSIDE_STEP, *BETWEEN_BUILDS, *single, *STORY}
     assert committed == set(RUNS.glob("reference-*.jsonl"))
 
