@@ -43,6 +43,9 @@ class Observer:
     def begin(self, phase: str) -> None:
         """Note in a line what begins now."""
 
+    def go_on(self, phase: str) -> None:
+        """Note how far that is."""
+
     def show(self, section: Callable[[], Section | None] | None) -> None:
         """Show what is known so far, until it is called again; None ends that."""
 

@@ -148,8 +148,18 @@ def test_results_so_far_stand_above_the_bar_of_a_terminal() -> None:
     assert text.index("Disturbed: ") < text.index("For RL") < text.index(str(ROLLOUT))
 
 
-def test_without_a_terminal_nothing_is_shown_so_far(capsys: pytest.CaptureFixture[str]) -> None:
-    shown_by(PhaseLines(), derived(raced()))
+def test_without_a_terminal_the_first_results_are_lines_on_standard_error(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    lines = PhaseLines()
+    shown_by(lines, derived(replace(raced(), launches=())))
+    assert capsys.readouterr() == ("", "")
+    shown_by(lines, derived(raced()))
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("First results; the final ones follow.\n")
+    assert str(ROLLOUT) in err
+    shown_by(lines, derived(raced()))
     assert capsys.readouterr() == ("", "")
 
 
