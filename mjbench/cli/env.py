@@ -14,7 +14,7 @@ from mjbench.cli.shared import (
     STORING,
     Numbers,
     RenamedOption,
-    Seconds,
+    budget,
     with_options,
 )
 from mjbench.errors import Failure, MjbenchError, failure_of
@@ -60,13 +60,10 @@ MAX_NSTEP = 100_000
     type=Numbers(THREADS),
     help="Numbers of environments in vectorised forms  [default: 1, 2, 4, … usable cores]",
 )
-@click.option(
-    "--budget",
-    "budget_s",
-    type=Seconds(zero=True),
-    default="10s",
-    show_default=True,
-    help="Time for the rounds of each environment, and as much again for vectorised forms.",
+@budget(
+    10,
+    "Time for the rounds of each environment, and as much again for vectorised forms.",
+    zero=True,
 )
 @click.option("--no-vector", is_flag=True, help="Leave out vectorised forms.")
 @with_options(LIMIT, STORING)

@@ -45,6 +45,8 @@ class _ProgramCommand(click.Command):
 @click.argument("program", nargs=-1, metavar="PROGRAM [ARGS]…", type=click.UNPROCESSED)
 @click.option(
     "--seconds",
+    "--budget",
+    "seconds",
     type=Seconds(),
     help="End the program, as Ctrl-C would, when it has stepped for this long  [default: run it to"
     " its end]",

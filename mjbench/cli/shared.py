@@ -262,6 +262,23 @@ def mode(flag: str, text: str) -> Callable[[Callable[..., None]], Callable[..., 
     return click.option(flag, is_flag=True, expose_value=False, help=f"{text} ({flag} --help)")
 
 
+def budget(default_s: float, text: str, zero: bool = False) -> Callable[..., Any]:
+    """Return the option --budget of a command, which gets `budget_s`.
+
+    Args:
+      text: what the time is for, for the help.
+      zero: whether it may be 0, for as little as possible.
+    """
+    return click.option(
+        "--budget",
+        "budget_s",
+        type=Seconds(zero),
+        default=f"{default_s:g}s",
+        show_default=True,
+        help=text,
+    )
+
+
 def check_sizes(nstep: int | None, hold: int) -> None:
     """Refuse a number of steps that is not a multiple of hold."""
     if nstep and nstep % hold:
