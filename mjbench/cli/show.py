@@ -136,13 +136,15 @@ def _exit_code(stored: "Sequence[Run]", fail_on: FailOn) -> int:
     from mjbench.paired import family
     from mjbench.paired.records import VerdictRecord
 
-    codes = []
-    for run in stored:
-        if rows := [record.row() for record in run.of_type(VerdictRecord)]:
-            codes.append(fail_on.exit_code(rows, family.confidence_of(run.header)))
-    if not codes:
+    judged = [run for run in stored if run.of_type(VerdictRecord)]
+    if not judged:
         raise InputError("--fail-on is about verdicts of `versions` and `ab`, or add --against OLD")
-    return max(codes)
+
+    def code(run: "Run") -> int:
+        rows = [record.row() for record in run.of_type(VerdictRecord)]
+        return fail_on.exit_code(rows, family.confidence_of(run.header))
+
+    return max(map(code, judged))
 
 
 def _print_set(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:
