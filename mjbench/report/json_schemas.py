@@ -20,6 +20,15 @@ from mjbench.store.run_set import SectionHeader, SetHeader
 from mjbench.store.runs import RunHeader
 
 SCHEMA_FOLDER = Path(__file__).resolve().parents[1] / "schemas"
+# How commands are called by now whose documents and runs have an earlier name.
+PRESENT_NAMES = {
+    "diff": "show --against",
+    "explain": "versions --explain",
+    "instructions": "profile --instructions",
+    "overhead": "profile --habits",
+    "placement": "doctor --placement",
+    "selfcheck": "doctor --verdicts",
+}
 
 
 def json_schemas() -> dict[str, dict[str, Any]]:
@@ -28,7 +37,10 @@ def json_schemas() -> dict[str, dict[str, Any]]:
     There is one a document, `run-file` for a line of a run file, `run-set` for a line of a set that
     is none of a run file, and `show-run-set` for what `show` writes of one.
     """
-    schemas = {name: _schema(kind, f"mjbench {name} --json") for name, kind in DOCUMENTS.items()}
+    schemas = {
+        name: _schema(kind, f"mjbench {PRESENT_NAMES.get(name, name)} --json")
+        for name, kind in DOCUMENTS.items()
+    }
     schemas["show-run-set"] = _schema(RunSetDocument, "mjbench show --json, of a run set")
     title = "one line of a run file of mjbench"
     schemas["run-file"] = _lines_schema([RunHeader, *RECORD_TYPES.values()], title)
