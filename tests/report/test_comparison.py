@@ -163,6 +163,13 @@ def test_without_a_terminal_the_first_results_are_lines_on_standard_error(
     assert capsys.readouterr() == ("", "")
 
 
+def test_nothing_is_advised_before_a_race_has_a_few_launches() -> None:
+    record = raced()
+    first = comparison.section_so_far([derived(replace(record, launches=record.launches[:1]))])
+    assert first is not None and first.tables[0].rows
+    assert (first.conclusions, first.tables[0].columns[0].title) == ([], "path")
+
+
 def test_nothing_is_shown_before_there_is_a_speed() -> None:
     assert comparison.section_so_far([derived(replace(raced(), launches=()))]) is None
 
