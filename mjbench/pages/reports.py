@@ -39,7 +39,8 @@ class NamedRun:
     def command(self) -> str:
         """The command that wrote it, as it was typed where that is known."""
         header = self.run.header
-        return shlex.join(["mjbench", *(header.command_line or (header.command,))])
+        present = kinds.PRESENT_NAMES.get(header.command, header.command)
+        return shlex.join(["mjbench", *(header.command_line or present.split())])
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,12 @@ def title(named_runs: Sequence[NamedRun]) -> str:
     """Return the command with what it measured; of several runs, the commands."""
     if len(named_runs) != 1:
         return f"mjbench {', '.join(dict.fromkeys(n.run.header.command for n in named_runs))}"
-    return one_line(named_runs[0].command, _TITLE_LENGTH)
+    (named,) = named_runs
+    text = named.command
+    if not named.run.header.command_line:  # models as the records name them
+        models = dict.fromkeys(getattr(record, "model", "") for record in named.run.records)
+        text += " ".join(["", *filter(None, models)])
+    return one_line(text, _TITLE_LENGTH)
 
 
 def _subtitle(named_runs: Sequence[NamedRun]) -> str:

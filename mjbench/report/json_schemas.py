@@ -14,21 +14,12 @@ from typing import Any
 import msgspec
 
 from mjbench.report.documents import RunSetDocument
-from mjbench.report.kinds import DOCUMENTS, RECORD_TYPES
+from mjbench.report.kinds import DOCUMENTS, PRESENT_NAMES, RECORD_TYPES
 from mjbench.store.json_form import json_type
 from mjbench.store.run_set import SectionHeader, SetHeader
 from mjbench.store.runs import RunHeader
 
 SCHEMA_FOLDER = Path(__file__).resolve().parents[1] / "schemas"
-# How commands are called by now whose documents and runs have an earlier name.
-PRESENT_NAMES = {
-    "diff": "show --against",
-    "explain": "versions --explain",
-    "instructions": "profile --instructions",
-    "overhead": "profile --habits",
-    "placement": "doctor --placement",
-    "selfcheck": "doctor --verdicts",
-}
 
 
 def json_schemas() -> dict[str, dict[str, Any]]:

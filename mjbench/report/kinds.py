@@ -210,6 +210,16 @@ DOCUMENTS: Mapping[str, type[Any]] = {
     "releases": documents.ReleasesDocument,
 }
 
+# How commands are called by now whose documents and runs have an earlier name.
+PRESENT_NAMES = {
+    "diff": "show --against",
+    "explain": "versions --explain",
+    "instructions": "profile --instructions",
+    "overhead": "profile --habits",
+    "placement": "doctor --placement",
+    "selfcheck": "doctor --verdicts",
+}
+
 
 def kinds_of(run: Run) -> list[Kind]:
     """Return the kinds that a run has records of: one, or none of an empty run."""

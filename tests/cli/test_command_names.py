@@ -11,7 +11,7 @@ from commands import ROOT, mjbench
 
 from mjbench.cli import cli, show_pages
 from mjbench.cli.command_names import EARLIER, LISTED, with_mode
-from mjbench.report.json_schemas import PRESENT_NAMES
+from mjbench.report.kinds import PRESENT_NAMES
 
 MODES = sorted(name for name in cli.commands if " --" in name)
 

@@ -44,6 +44,7 @@ def project_in(folder: Path, *, has_docs: bool = True) -> Project:
         (folder / "docs/guides").mkdir(parents=True)
         (folder / "docs/guides/README.md").write_text("# Guides\n\n[Words](../words.md#one)\n")
         (folder / "docs/words.md").write_text("# Words\n\n## One\n\n[a module](../mjbench/x.py)\n")
+        (folder / "LICENSE").write_text("\n    Some Licence\n  Version 2\n")
         (folder / "README.md").write_text("# Project\n\n[Guides](docs/guides/README.md)\n")
     return Project(folder, [NamedRun(RUN, runs.load(RUN, RECORD_TYPES))])
 
@@ -83,15 +84,19 @@ def assert_complete(folder: Path, *pages: str) -> None:
 
 def test_the_first_page_says_what_was_found(tmp_path: Path, history: SpeedHistory) -> None:
     entrants = [(ROLLOUT, 3.0), (BATCH_STEP, 2.0)]
-    sizes = [compared(raced(entrants, nbatch_asked=n, cores=n / 32), nbatch=n) for n in (32, 64)]
-    records = [record for size in sizes for record in size]
-    named_runs = reports.read([run_file(tmp_path / "runs", labelled("a"), *records)])
+    files = []
+    for name, cores, sizes in (("a", 2.0, (32, 64)), ("b", 1.0, (128,))):
+        of_sizes = [compared(raced(entrants, nbatch_asked=n, cores=cores), nbatch=n) for n in sizes]
+        records = [record for records in of_sizes for record in records]
+        files.append(run_file(tmp_path / "runs", labelled(name), *records))
+    named_runs = reports.read(files)
     site.write_source(Project(tmp_path, named_runs, history), tmp_path)
     index = (tmp_path / "index.md").read_text()
     assert index.index("a step became slower for") < index.index("The newest comparison of paths")
     assert "The newest release, 4.0.0: " in index
-    assert "- m: 32 simulations: Disturbed: threads had 1.00 of 2 cores. Measure again." in index
-    assert index.index("Disturbed: ") < index.index("| m | 32 | open | ? rollout")
+    assert "| m | 32 | open | ✓ rollout" in index
+    assert "Disturbed" not in index and "| m | 128 |" not in index
+    assert "| disturbed |" in (tmp_path / "reports.md").read_text()
     assert "| m | 64 | closed | ✓ batch_step threads=2 data=shared | 2.0" in index
     releases = history.releases()[1:]
     assert sorted(path.stem for path in (tmp_path / "releases").glob("*.md")) == sorted(releases)
@@ -99,8 +104,8 @@ def test_the_first_page_says_what_was_found(tmp_path: Path, history: SpeedHistor
     assert "\n# MuJoCo 3.3.1\n\nA step became slower for " in page
     assert "| 3.3.0 → 3.3.1 | cartpole |" in page
     assert "| humanoid | 3.3.0 |" in page
-    (report,) = [file.read_text() for file in (tmp_path / "copied/reports").iterdir()]
-    assert report.startswith("<!doctype html>")
+    for report in (tmp_path / "copied/reports").iterdir():
+        assert report.read_text().startswith("<!doctype html>")
 
 
 def test_guides_are_in_the_order_in_which_their_first_page_links_them(tmp_path: Path) -> None:
@@ -113,6 +118,7 @@ def test_guides_are_in_the_order_in_which_their_first_page_links_them(tmp_path: 
     index = (tmp_path / "source/index.md").read_text()
     listed = re.findall(r"^docs/guides/(\w+)$", index, flags=re.M)
     assert listed == ["README", "c", "b", "a"]
+    assert "\n[Some Licence](LICENSE)\n" in index
 
 
 def test_a_set_has_one_report_of_all_its_machines(tmp_path: Path) -> None:
