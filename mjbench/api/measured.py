@@ -36,7 +36,7 @@ class Measured:
     Attributes:
       run: what a run file would hold: the machine, and the records with all raw samples that the
         command would store.
-      notes: what made timings unreliable, a sentence each; usually none.
+      notes: what makes timings unreliable on this system, a sentence each; usually none.
     """
 
     run: Run
@@ -68,7 +68,8 @@ class Measured:
                         raise KeyboardInterrupt
                 measured.append(item)
             _check_any(measured)
-            return cls(session.run(), (*measurement.notes, *session.notes()))
+            session.end()
+            return cls(session.run(), tuple(measurement.notes))
 
     @property
     def machine(self) -> Machine:

@@ -22,6 +22,7 @@ from pathlib import Path
 
 from mjbench import extras
 from mjbench.errors import InputError, MachineError, one_line, writing
+from mjbench.host.neighbours import Disturbance
 from mjbench.pages import html, markdown, reports
 from mjbench.pages.markdown import escaped
 from mjbench.pages.reports import NamedRun
@@ -295,11 +296,13 @@ def _name(named_runs: Sequence[NamedRun]) -> str:
 
 def _remark(named: NamedRun) -> str:
     """Return what speaks against the numbers of a run; empty for nothing."""
-    statuses = {getattr(record, "status", Status.OK) for record in named.run.records}
-    if Status.OK not in statuses:
+    records, disturbances = named.run.records, named.run.of_type(Disturbance)
+    measured = [record for record in records if not isinstance(record, Disturbance)]
+    if Status.OK not in {getattr(record, "status", Status.OK) for record in measured}:
         return "failed"
-    results = [result for model in derive_all(named.run.records) for result in model.results]
-    return "disturbed" if any(result.disturbances for result in results) else ""
+    results = [result for model in derive_all(records) for result in model.results]
+    is_disturbed = disturbances or any(result.disturbances for result in results)
+    return "disturbed" if is_disturbed else ""
 
 
 def _by_file(runs: Sequence[NamedRun]) -> dict[Path, list[NamedRun]]:

@@ -15,6 +15,7 @@ from verdict_records import SLOWER
 
 from mjbench.cli import cli
 from mjbench.errors import MachineError
+from mjbench.host.neighbours import Disturbance
 from mjbench.pages import reports, site
 from mjbench.pages.reports import NamedRun
 from mjbench.pages.site import Project
@@ -269,6 +270,14 @@ def test_a_run_file_that_cannot_be_read_is_left_out_and_named(
     assert result.exit_code == 0, result.output
     assert "left out: " in result.output
     assert [named.file.name for named in projects[0].runs] == ["run.jsonl"]
+
+
+def test_a_run_beside_another_measurement_is_not_on_the_first_page(tmp_path: Path) -> None:
+    records = [SLOWER, Disturbance(["compare"])]
+    file = run_file(tmp_path / "runs", labelled("a"), *records, command="versions")
+    site.write_source(Project(tmp_path, reports.read([file])), tmp_path / "source")
+    assert "| disturbed |" in (tmp_path / "source/reports.md").read_text()
+    assert "comparison of releases" not in (tmp_path / "source/index.md").read_text()
 
 
 def test_the_page_of_reports_names_commands_and_marks_what_not_to_trust(tmp_path: Path) -> None:
