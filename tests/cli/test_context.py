@@ -141,7 +141,7 @@ def test_what_disturbed_a_run_is_its_last_record_and_comes_first_when_it_is_show
     measured(lambda: iter([Item([row("a")])]), tmp_path)
     (file,) = tmp_path.glob("*.jsonl")
     run = runs.load(file, RECORD_TYPES)
-    assert run.records[-1] == Disturbance(stolen_share=0.13)
+    assert run.records[-1] == Disturbance([], 0.13)
     first, *_ = kinds.kind_of(run).sections(run)[0].conclusions
     assert (first.tone, first.text[:18]) == (Tone.CAUTION, "The host took 13 %")
 
@@ -156,8 +156,8 @@ def test_a_continued_run_has_what_disturbed_it_before_and_since(
     measured(lambda: iter([Item([row("b")])]), tmp_path, file)
     run = runs.load(file, RECORD_TYPES)
     assert run.of_type(Disturbance) == [
-        Disturbance(stolen_share=0.13),
-        Disturbance(stolen_share=0.5),
+        Disturbance([], 0.13),
+        Disturbance([], 0.5),
     ]
 
 

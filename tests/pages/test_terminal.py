@@ -172,7 +172,7 @@ def test_what_is_logged_is_a_phase_and_a_warning_a_line_without_a_bar_before_it(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     logger = logging.getLogger("mjbench.releases.installs")
-    out = Console(file=io.StringIO(), width=60, force_terminal=True)
+    out = Console(file=io.StringIO(), width=80, force_terminal=True)
     with progress(out) as bar:
         logger.info("installing MuJoCo %s", "3.16.0")
         logger.debug("installing MuJoCo %s: %d MB", "3.16.0", 12)
