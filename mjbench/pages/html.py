@@ -18,6 +18,8 @@ MARKS = {
     Tone.UNSURE: "?",
     Tone.NEUTRAL: "•",
 }
+# Characters of a text that is not wrapped in a table.
+_SHORT = 24
 
 
 def render(report: Report) -> str:
@@ -44,9 +46,23 @@ def render(report: Report) -> str:
         autoescape=True,
         undefined=jinja2.StrictUndefined,
     )
-    environment.filters |= {"svg": svg, "csv": _csv_address, "file_name": _csv_name}
+    environment.filters |= {
+        "svg": svg,
+        "csv": _csv_address,
+        "file_name": _csv_name,
+        "classes": _classes,
+    }
     template = environment.get_template("report.html.j2")
     return template.render(report=report, marks=MARKS, version=mjbench.__version__)
+
+
+def _classes(table: DataTable) -> list[str]:
+    """Return the class of the cells of each column: numbers and short texts do not wrap."""
+    classes = []
+    for i, column in enumerate(table.columns):
+        is_short = max(len(row[i]) for row in table.texts) <= _SHORT if table.rows else True
+        classes.append("number" if column.is_right_aligned else "short" if is_short else "text")
+    return classes
 
 
 def _csv_address(table: DataTable) -> str:

@@ -38,9 +38,13 @@ class NamedRun:
     @property
     def command(self) -> str:
         """The command that wrote it, as it was typed where that is known."""
-        header = self.run.header
-        present = kinds.PRESENT_NAMES.get(header.command, header.command)
-        return shlex.join(["mjbench", *(header.command_line or present.split())])
+        return shlex.join(["mjbench", *(self.run.header.command_line or self.present_name.split())])
+
+    @property
+    def present_name(self) -> str:
+        """What the command is called by now."""
+        name = self.run.header.command
+        return kinds.PRESENT_NAMES.get(name, name)
 
 
 @dataclass(frozen=True)
@@ -102,7 +106,7 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
 def title(named_runs: Sequence[NamedRun]) -> str:
     """Return the command with what it measured; of several runs, the commands."""
     if len(named_runs) != 1:
-        return f"mjbench {', '.join(dict.fromkeys(n.run.header.command for n in named_runs))}"
+        return f"mjbench {', '.join(dict.fromkeys(n.present_name for n in named_runs))}"
     (named,) = named_runs
     text = named.command
     if not named.run.header.command_line:  # models as the records name them

@@ -56,6 +56,7 @@ def sections(history: SpeedHistory, has_plots: bool = True) -> Iterator[Section]
             ],
             figures=[history_plots.figure(history, series) for series in history.models],
             command=both,
+            is_open=True,
         )
     yield from _change_points(history, both)
     yield _section(

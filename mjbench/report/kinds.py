@@ -229,6 +229,8 @@ DOCUMENTS: Mapping[str, type[Any]] = {
 PRESENT_NAMES = {
     "diff": "show --against",
     "explain": "versions --explain",
+    "history": "history measure",
+    "history-explain": "history explain",
     "instructions": "profile --instructions",
     "overhead": "profile --habits",
     "placement": "doctor --placement",

@@ -60,7 +60,7 @@ def test_every_chart_has_marks(opened: Any) -> None:
 
 def test_tables_sort_and_filter(opened: Any) -> None:
     table = opened.find_element("css selector", "details[open] table")
-    heading = table.find_element("css selector", "th.number button")
+    heading = table.find_element("css selector", "th[data-number] button")
     index = opened.execute_script("return arguments[0].closest('th').cellIndex", heading)
     read = (
         "return [...arguments[0].tBodies[0].rows].map(r => r.cells[arguments[1]].dataset.value)"
