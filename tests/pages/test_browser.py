@@ -127,6 +127,10 @@ def test_the_first_screen_has_the_conclusions_and_what_was_measured(opened: Any)
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_no_serious_fault(opened: Any, scheme: str) -> None:
+def test_axe_finds_no_fault(opened: Any, scheme: str) -> None:
     emulate(opened, prefers_color_scheme=scheme)
-    assert violations(opened, "serious", "critical") == []
+    resize(opened, 375)
+    opened.execute_script(
+        "for (const each of document.querySelectorAll('details')) each.open = true"
+    )
+    assert violations(opened) == []
