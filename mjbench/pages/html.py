@@ -18,6 +18,8 @@ MARKS = {
     Tone.UNSURE: "?",
     Tone.NEUTRAL: "•",
 }
+# What a sentence has of a command line.
+_CODE = re.compile("`([^`]+)`")
 # Characters of a text that is not wrapped in a table.
 _SHORT = 24
 
@@ -32,7 +34,7 @@ def render(report: Report) -> str:
     """
     try:
         import jinja2
-        from markupsafe import Markup
+        from markupsafe import Markup, escape
     except ImportError as error:
         raise MachineError(
             f"a report in HTML needs Jinja2: {extras.install_command('report')}; or give --markdown"
@@ -51,6 +53,7 @@ def render(report: Report) -> str:
         "csv": _csv_address,
         "file_name": _csv_name,
         "classes": _classes,
+        "prose": lambda text: Markup(_CODE.sub(r"<code>\1</code>", str(escape(text)))),
     }
     template = environment.get_template("report.html.j2")
     return template.render(report=report, marks=MARKS, version=mjbench.__version__)

@@ -24,6 +24,8 @@ _MOST_FILES = 3
 _MOST_CONCLUSIONS = 8
 # Characters of a title, and parts of a subtitle, at most.
 _TITLE_LENGTH, _MOST_FACTS = 80, 8
+# Sections that are shown at once, at most.
+_MOST_OPEN = 3
 # Figures that are drawn, at most: a page of more opens slowly. Tables are always there.
 _MOST_FIGURES = 20
 
@@ -86,8 +88,10 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
         main = [*first.conclusions, *main]
     main.sort(key=lambda conclusion: conclusion.tone != Tone.CAUTION)
     summaries, sections = _with_fewer_figures(summaries, sections)
-    if len(sections) == 1 and not summaries:  # they are those of the report
-        sections = [replace(sections[0], conclusions=())]
+    if len(sections) <= _MOST_OPEN and not summaries:
+        sections = [replace(section, is_open=True) for section in sections]
+        if len(main) <= _MOST_CONCLUSIONS:  # they are those of the report
+            sections = [replace(section, conclusions=()) for section in sections]
     if not (sections or summaries):
         main.append(Conclusion("Nothing was measured.", Tone.UNSURE))
     if len(chosen) < len(parts):
