@@ -285,7 +285,10 @@ def _reports_page(runs: Sequence[NamedRun]) -> Iterator[str]:
         )
         for named, *others in reversed(_by_file(runs).values())
     ]
-    yield from markdown.table_lines(["report", "began", "run file", "processor", "remarks"], rows)
+    headings = ["report", "began", "run file", "processor", "remarks"]
+    count = len(headings) if any(row[-1] for row in rows) else len(headings) - 1
+    # dates do not wrap, as numbers do not
+    yield from markdown.table_lines(headings[:count], (row[:count] for row in rows), ["began"])
 
 
 def _name(named_runs: Sequence[NamedRun]) -> str:
