@@ -5,11 +5,13 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
 from commands import ROOT
 from example_races import BATCH_STEP, ROLLOUT, compared, raced
+from headless_browser import resize
 from set_files import labelled, run_file, set_of
 from verdict_records import SLOWER
 
@@ -197,14 +199,29 @@ def test_a_link_to_what_is_not_on_the_site_is_text(tmp_path: Path) -> None:
     assert "[Words](../words.md#one)" in (source / "docs/guides/README.md").read_text()
 
 
-def test_a_small_project_becomes_a_site_that_needs_no_network(tmp_path: Path) -> None:
-    for package in site.PACKAGES:
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build the site of a small project."""
+    for package in (*site.PACKAGES, "jinja2", "vl_convert"):
         pytest.importorskip(package)
-    scratch, output = tmp_path / "scratch", tmp_path / "site"
-    scratch.mkdir()
-    assert site.build(project_in(tmp_path / "project"), scratch, output) == []
-    assert_complete(output, "index.html", "reports.html", "docs/guides/README.html")
-    assert "Guides" in (output / "index.html").read_text()
+    folder = tmp_path_factory.mktemp("small")
+    (folder / "scratch").mkdir()
+    project = project_in(folder / "project")
+    assert site.build(project, folder / "scratch", folder / "site") == []
+    return folder / "site"
+
+
+def test_a_small_project_becomes_a_site_that_needs_no_network(built: Path) -> None:
+    assert_complete(built, "index.html", "reports.html", "docs/guides/README.html")
+    assert "Guides" in (built / "index.html").read_text()
+
+
+@pytest.mark.parametrize("width", [375, 768, 1280])
+def test_no_page_of_a_site_is_wider_than_its_screen(browser: Any, built: Path, width: int) -> None:
+    resize(browser, width)
+    for name in ("index", "reports", "docs/guides/README"):
+        browser.get((built / f"{name}.html").as_uri())
+        assert browser.execute_script("return document.documentElement.scrollWidth") <= width
 
 
 def test_the_documents_of_this_project_become_a_site(tmp_path: Path, history: SpeedHistory) -> None:
