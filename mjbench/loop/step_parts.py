@@ -130,9 +130,9 @@ def of_sensors(sensors: Sequence[SensorCost]) -> list[StepPart]:
     return [StepPart(SENSORS, OTHER, total)] if sensors else []
 
 
-def step_s(model: mujoco.MjModel, start: Start) -> float:
+def step_s(model: mujoco.MjModel, start: Start, budget_s: float = BUDGET_S) -> float:
     """Return the seconds of a step from start states."""
-    (seconds,) = medians(model, start, [(_nothing, mujoco.mj_step)])
+    (seconds,) = medians(model, start, [(_nothing, mujoco.mj_step)], budget_s)
     return seconds
 
 

@@ -242,7 +242,6 @@ def install(release: ReleaseSpec) -> Path:
             for remains in (partial, folder):  # of an install that was killed
                 if remains.exists():
                     shutil.rmtree(remains)
-            _LOG.info("installing MuJoCo %s", release.version)
             pip.install(release.version, release.wheels, partial, release.own_wheels)
             (partial / MARKER).write_text(f"{release.version}\n")
             partial.rename(folder)

@@ -14,6 +14,7 @@ from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.counts.records import InstructionsRecord
 from mjbench.errors import Failure
 from mjbench.host.machine import Machine
+from mjbench.host.neighbours import Disturbance
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import TargetRow, VerdictRecord
@@ -54,7 +55,10 @@ _RECORD_TYPES: Mapping[str, type] = {
     **comparison_records.RECORD_TYPES,
     **{
         record.record_type: record
-        for record in (RaceRecord, VerdictRecord, StepRatioRecord, InstructionsRecord)
+        for record in (
+            *(RaceRecord, VerdictRecord, StepRatioRecord, InstructionsRecord),
+            Disturbance,
+        )
     },
 }
 

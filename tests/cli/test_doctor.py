@@ -54,7 +54,7 @@ def test_noise_decides_the_exit_code(
     quick: pytest.MonkeyPatch, deviation: float, code: int
 ) -> None:
     noise = Noise(launches=20, deviation=deviation, launch_s=0.6, ratio=1.0)
-    quick.setattr(machine_check, "noise", lambda pool: noise)
+    quick.setattr(machine_check, "noise", lambda pool, seconds: noise)
     result = CliRunner().invoke(cli, ["doctor"])
     assert result.exit_code == code, result.output
     assert ("cannot be trusted with 1 %" in result.output) == bool(code)
@@ -63,7 +63,7 @@ def test_noise_decides_the_exit_code(
 
 def test_what_is_bad_fails_and_is_named_at_the_end(quick: pytest.MonkeyPatch) -> None:
     noise = Noise(launches=20, deviation=0.003, launch_s=0.6, ratio=1.0)
-    quick.setattr(machine_check, "noise", lambda pool: noise)
+    quick.setattr(machine_check, "noise", lambda pool, seconds: noise)
     busy = Condition("load", Grade.BAD, "is 3.0 on 2 cores", "end other programs")
     quick.setattr(conditions, "all_conditions", lambda others: [busy])
     result = CliRunner().invoke(cli, ["doctor"])
@@ -72,7 +72,7 @@ def test_what_is_bad_fails_and_is_named_at_the_end(quick: pytest.MonkeyPatch) ->
 
 
 def test_interrupted_it_says_so_in_one_line(quick: pytest.MonkeyPatch) -> None:
-    def interrupt(pool: WorkerPool) -> Noise:
+    def interrupt(pool: WorkerPool, seconds: float) -> Noise:
         raise KeyboardInterrupt
 
     quick.setattr(machine_check, "noise", interrupt)
@@ -83,7 +83,7 @@ def test_interrupted_it_says_so_in_one_line(quick: pytest.MonkeyPatch) -> None:
 
 def test_backends_that_render_nothing_are_named(quick: pytest.MonkeyPatch) -> None:
     noise = Noise(launches=20, deviation=0.003, launch_s=0.6, ratio=1.0)
-    quick.setattr(machine_check, "noise", lambda pool: noise)
+    quick.setattr(machine_check, "noise", lambda pool, seconds: noise)
     assert "egl 4.0 ms a frame" in CliRunner().invoke(cli, ["doctor"]).output
     quick.setattr(
         rendering, "measure", lambda model, backend, limit_s: FrameTime(backend, None, "no library")
@@ -94,7 +94,7 @@ def test_backends_that_render_nothing_are_named(quick: pytest.MonkeyPatch) -> No
 
 
 def test_a_check_that_fails_is_the_machines_fault(quick: pytest.MonkeyPatch) -> None:
-    def fail(pool: WorkerPool) -> Noise:
+    def fail(pool: WorkerPool, seconds: float) -> Noise:
         raise MachineError("no processes")
 
     quick.setattr(machine_check, "noise", fail)

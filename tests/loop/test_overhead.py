@@ -24,6 +24,12 @@ def test_the_table_has_every_habit_with_its_cheaper_form() -> None:
     assert (table.status, table.model, table.is_measured) == (Status.OK, "cartpole", True)
 
 
+def test_the_budget_bounds_the_quads_of_a_habit() -> None:
+    assert overhead.quads(1.0, 1e-3) == overhead.MOST_QUADS
+    assert overhead.quads(1.0, 0.125) == 8
+    assert overhead.quads(1.0, 10.0) == overhead.LEAST_QUADS
+
+
 def test_a_model_that_does_not_load_is_bad_input(tmp_path: Path) -> None:
     file = tmp_path / "broken.xml"
     file.write_text("<mujoco><nothing/></mujoco>")
