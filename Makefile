@@ -9,6 +9,10 @@ STAMP := $(VENV)/.up-to-date
 UPGRADE := build/upgrade
 SITE := build/site
 LAB := build/lab/mujoco-lab.html
+
+# Tests start a thousand processes, each of which would compile what it imports again.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: help bench test tests lint style types types-darwin upgrade site lab c-floor slowdown soak fuzz verdicts foreign gpu clean
 
 help:
