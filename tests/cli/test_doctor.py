@@ -1,5 +1,6 @@
 """`mjbench doctor`: conditions, what can be decided, and the exit code."""
 
+import functools
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,13 +26,18 @@ def _briefly(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(conditions, "_STOLEN_S", 0.01)
 
 
-def test_a_machine_is_described_and_checked(tmp_path: Path) -> None:
+def test_a_machine_is_described_and_checked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(machine_check, "MIN_LAUNCHES", 2)
+    briefly = functools.partial(machine_check.noise, seconds=4.0)
+    monkeypatch.setattr(machine_check, "noise", briefly)
     done = mjbench("doctor", "--json", "out.json", cwd=tmp_path)
     assert done.returncode in (0, 1), done.stderr  # what it can decide depends on its noise
     document = json.loads((tmp_path / "out.json").read_text())
     assert {c["name"] for c in document["conditions"]} >= {"cores", "load", "Python", "clock"}
     noise = document["noise"]
-    assert noise["launches"] >= 8
+    assert noise["launches"] >= 2
     assert noise["trusted"] == (noise["decidable"] <= 0.01)
     is_bad = any(condition["grade"] == "bad" for condition in document["conditions"])
     assert (done.returncode == 0) == (noise["trusted"] and not is_bad)

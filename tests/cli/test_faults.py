@@ -56,7 +56,7 @@ QUICK = ["--nbatch", "6", "--nstep", "40", "--budget", "0.1", "--results", "runs
     ],
 )
 def test_bad_input_ends_in_one_clear_line(
-    tmp_path: Path, words: list[str], code: int, message: str
+    tmp_path: Path, words: list[str], code: int, message: str, inline: None
 ) -> None:
     (tmp_path / "broken.xml").write_text("<mujoco><worldbody>")
     (tmp_path / "empty.xml").write_text("")
