@@ -92,12 +92,7 @@ class CheckedRun:
 
 
 def probe_workload(model: mujoco.MjModel, workload: Workload) -> Workload:
-    """Return the workload of single steps for which other programs of a model are compiled.
-
-    Args:
-      model: a changed copy of the workload's.
-      workload: that is timed.
-    """
+    """Return the workload of single steps for which other programs of a model are compiled."""
     count = min(JUDGED_STATES, min(FOLLOWED, workload.nbatch) * workload.nstep)
     states = np.tile(workload.initial_state[:1], (count, 1))
     control = np.zeros((count, 1, workload.control.shape[2]))
@@ -284,7 +279,6 @@ class _Check:
         )
 
     def _held(self, values: np.ndarray) -> np.ndarray:
-        """Return numbers in the engine's precision."""
         return trajectory.as_float32(values) if self._is_float32 else values
 
 

@@ -148,8 +148,6 @@ def measure_in_child(request: AcceleratedRequest, channel: Channel) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Case:
-    """A compiled path with what it runs."""
-
     path: AcceleratedPath
     workload: Workload
     resources: paths.Resources
@@ -171,7 +169,6 @@ class _Case:
         self.channel.allow_silence(self.request.limit_s)
 
     def _compiled(self, model: mujoco.MjModel, name: str) -> SteppingProgram:
-        """Compile a changed model, for single steps."""
         variant, peaks = self.request.variant, reference_peaks(self.workload, self.resources)
         self.channel.doing(f"compiling {variant.path} for {name}")
         self.channel.allow_silence(COMPILER_PATIENCE * self.request.limit_s)
@@ -190,7 +187,6 @@ class _Case:
 
 
 def _judged_and_timed(case: _Case, record: MeasurementRecord) -> MeasurementRecord:
-    """Judge the compiled path; where it agrees, time it and compare the timed blocks' end."""
     try:
         programs = case.programs()
         case.channel.doing(f"judging {case.request.variant.path} on {record.model}")
@@ -206,7 +202,6 @@ def _judged_and_timed(case: _Case, record: MeasurementRecord) -> MeasurementReco
 
 
 def _timed(case: _Case, record: MeasurementRecord, checked: CheckedRun) -> MeasurementRecord:
-    """Time a path that agrees, and compare the timed blocks' end with the checked run."""
     variant = case.request.variant
     case.channel.doing(f"timing {variant}")
     case.channel.allow_silence(2 * case.request.limit_s)
@@ -223,7 +218,6 @@ def _timed(case: _Case, record: MeasurementRecord, checked: CheckedRun) -> Measu
 
 
 def _judged(record: MeasurementRecord, judged: EngineJudgement) -> MeasurementRecord:
-    """Return a record with its judgement, and what follows from that."""
     is_wrong = judged.answer == EngineAnswer.NO
     return dataclasses.replace(
         record,

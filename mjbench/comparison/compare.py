@@ -99,7 +99,6 @@ class ModelChildren:
         return position if record is None or record.status == Status.OK else None
 
     def _blank(self, position: int, status: Status, detail: str) -> MeasurementRecord:
-        """Return the record of a variant of which no more is known."""
         return MeasurementRecord.of(self.source.name, self.plan.variants[position], status, detail)
 
     def revise(self, position: int, status: Status, detail: str) -> None:

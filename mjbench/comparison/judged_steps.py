@@ -106,8 +106,6 @@ class Budget:
 
 @dataclass
 class _Errors:
-    """Errors of the states so far."""
-
     acceleration: list[float] = dataclasses.field(default_factory=list)
     force: list[float] = dataclasses.field(default_factory=list)
     at_settings: list[float] = dataclasses.field(default_factory=list)

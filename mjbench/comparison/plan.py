@@ -22,7 +22,6 @@ class Variant:
     options: Mapping[str, Any]
 
     def __str__(self) -> str:
-        """Return it as people write it, such as `rollout threads=2 pool=kept`."""
         return f"{self.path} {describe_options(self.options)}".rstrip()
 
 

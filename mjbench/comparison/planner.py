@@ -158,7 +158,6 @@ class HoldPose(PlanningTask):
     name = "hold pose"
 
     def __init__(self, model: mujoco.MjModel):
-        """Hold the start of this model."""
         data = start_data(model)
         self._qpos, self._ctrl = np.array(data.qpos), np.array(data.ctrl)
 

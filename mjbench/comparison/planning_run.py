@@ -117,8 +117,6 @@ def plan_in_child(request: PlanningRequest, channel: Channel) -> list[PlanningRo
 
 
 class _PlannedPath:
-    """A path that rolls out candidates, and how long its plans took."""
-
     def __init__(self, variant: Variant, model: mujoco.MjModel, request: PlanningRequest):
         samples, knots = request.settings.samples, request.settings.knots
         nstate = compat.state_size(model)
@@ -203,8 +201,6 @@ class _PlannedPath:
 
 
 class _Loop:
-    """The closed loop of a planner and a model."""
-
     def __init__(
         self, model: mujoco.MjModel, request: PlanningRequest, planned: Sequence[_PlannedPath]
     ):
@@ -255,7 +251,6 @@ class _Loop:
         )
 
     def _given_starts(self) -> LoopStarts | None:
-        """Return the user's own states to plan from; None where there are none."""
         request = self._request
         if request.states_file is None:
             return None
@@ -266,12 +261,7 @@ class _Loop:
     def _costs(
         self, start: np.ndarray, candidates: np.ndarray, shuffle: Callable[[list[int]], None]
     ) -> np.ndarray:
-        """Return the (samples,) costs of candidates, after every path has rolled them out in turn.
-
-        Raises:
-          InputError: the plain loop cannot roll them out.
-          MachineError: a path has changed the model.
-        """
+        """Return the (samples,) costs of candidates, which every path has rolled out in turn."""
 
         def cost(physics: np.ndarray) -> np.ndarray:
             return self._task.cost(PlannerStates.of(self._columns, physics), candidates)

@@ -126,7 +126,6 @@ class MeasurementRecord:
     samples_s: Sequence[PositiveFloat] = field(default=())
 
     def __post_init__(self) -> None:
-        """Raise ValueError where what was timed has no sizes."""
         if self.samples_s and (self.nbatch is None or self.nstep is None):
             raise ValueError("it was timed, but nbatch or nstep is missing")
 

@@ -51,7 +51,6 @@ def as_text(table: Mapping[str, float]) -> str:
 
 
 def _user_file() -> Path | None:
-    """Return the user's table; None where there is no folder for it."""
     named = os.environ.get(FILE_VARIABLE)
     if named:
         return Path(named)
@@ -98,11 +97,7 @@ def _remember(digest: str, seconds: float) -> float:
 
 @contextlib.contextmanager
 def _locked(file: Path) -> Iterator[None]:
-    """Hold the lock of a table while the block runs, where the file system has locks.
-
-    Raises:
-      OSError: there is no place for a lock beside the table.
-    """
+    """Hold the lock of a table while the block runs, where the file system has locks."""
     descriptor = os.open(file.with_suffix(".lock"), os.O_RDWR | os.O_CREAT, 0o644)
     try:
         with contextlib.suppress(OSError, NotImplementedError):

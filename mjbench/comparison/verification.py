@@ -86,7 +86,6 @@ class ReferenceCase:
         return dataclasses.replace(difference, simulation=number)
 
     def _output_difference(self, prepared: paths.Prepared) -> Difference | None:
-        """Return where the outputs of a run first differ in any step, or None."""
         if self.outputs.state is None:
             return None
         outputs = StepOutputs(None, None)
@@ -245,12 +244,7 @@ def _input_cases(own: Workload, step_s: float) -> dict[Product, ReferenceCase]:
 def verify(
     position: int, variant: Variant, case: ReferenceCase, further: FurtherCases
 ) -> tuple[AgreementReport, paths.Prepared | None]:
-    """Compare a variant with the reference run; return also the prepared run if it may be timed.
-
-    Args:
-      case: that it is to be timed on.
-      further: cases in which it must agree as well.
-    """
+    """Compare a variant with the reference run; return also the prepared run if it may be timed."""
     try:
         path = paths.find(variant.path)
         reason = _reason_not_to_run(path, variant, case.workload)
@@ -278,7 +272,6 @@ def verify(
 
 
 def _reason_not_to_run(path: paths.SteppingPath, variant: Variant, own: Workload) -> str | None:
-    """Return why a path cannot run the user's workload, or None if it can."""
     cannot_return = path.cannot_return(own.returns)
     if cannot_return:
         cannot_return += f": --returns {path.products[-1]} compares it"

@@ -160,7 +160,6 @@ def main(descriptor: int) -> None:
 
 
 def _answer(task: TaskRequest, instrumentation: Instrumentation) -> CountAnswer:
-    """Do one task; return what was done, or why it could not be done."""
     try:
         if isinstance(task, OperationRequest):
             return _operate_between_markers(task, instrumentation)

@@ -223,7 +223,6 @@ def _instruction(
 
 
 def _operation(decoded: capstone.CsInsn, surroundings: Surroundings) -> Instruction:
-    """Return an instruction that works on operands, without its addresses."""
     shape: list[object] = [decoded.mnemonic, decoded.sse_cc, decoded.avx_cc, decoded.avx_rm]
     displacements: list[int] = []
     addends: list[int] = []

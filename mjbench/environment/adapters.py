@@ -32,7 +32,6 @@ class EnvironmentAdapter(ABC):
     framework: ClassVar[str]
 
     def __init__(self, environment: Any):
-        """Look into an environment, without stepping it."""
         self.environment = environment
         chain = chain_of(environment)
         self.wrappers: Sequence[Any] = chain[:-1]
@@ -91,7 +90,6 @@ class EnvironmentAdapter(ABC):
         return self._reset_function(seed)
 
     def _reset_function(self, seed: int) -> Callable[[], Any]:
-        """Return a function that resets the environment; its generators are seeded."""
         reset = self.environment.reset
         return lambda: reset()
 
@@ -239,7 +237,6 @@ def chain_of(environment: Any) -> list[Any]:
 
 
 def _inner(environment: Any) -> Any:
-    """Return the environment that a wrapper wraps; None where it wraps none."""
     own = getattr(environment, "__dict__", {})
     for name in _INNER:
         inner = own.get(name)
@@ -279,7 +276,6 @@ def _described(outcome: Any) -> str:
 
 
 def _accepts(function: Callable[..., Any], keyword: str) -> bool:
-    """Return whether a function takes a keyword argument."""
     import inspect
 
     try:

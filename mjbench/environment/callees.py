@@ -185,7 +185,6 @@ def _calls(function: Callable[..., Any]) -> Sequence[_Call]:
 
 
 def _tree(function: Callable[..., Any]) -> ast.FunctionDef | None:
-    """Return the syntax of a function; None where it has no source."""
     try:
         module = ast.parse(textwrap.dedent(inspect.getsource(function)))
     except (OSError, TypeError, SyntaxError, ValueError):
@@ -224,7 +223,6 @@ def _names(target: ast.expr) -> list[str]:
 
 
 def _calls_base_step(function: Callable[..., Any]) -> bool:
-    """Return whether a step calls that of a base class."""
     tree = _tree(function)
     if tree is None:
         return False

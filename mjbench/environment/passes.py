@@ -99,11 +99,7 @@ class EnvironmentPasses:
         self.adapter, self.actions, self.seed, self.clock_ns = adapter, actions, seed, clock_ns
 
     def plain(self, heartbeat: Callable[[], None] = lambda: None) -> Pass:
-        """Return the times of a pass.
-
-        Args:
-          heartbeat: called after every step, untimed.
-        """
+        """Return the times of a pass."""
         return self._compared(self._begin_plain, heartbeat)
 
     def recorded(self, watch: EngineWatch, heartbeat: Callable[[], None]) -> Pass:
@@ -118,11 +114,7 @@ class EnvironmentPasses:
             return self._compared(begin_episode, heartbeat)
 
     def side_by_side(self, elsewhere: Sequence[Binding], rng: random.Random) -> tuple[Pass, Pass]:
-        """Return a plain pass and a layered one, which take turns from episode to episode.
-
-        Args:
-          rng: draws which of the two is first in each episode.
-        """
+        """Return a plain pass and a layered one, which take turns from episode to episode."""
         timer = LayerTimer(self.clock_ns)
         plain, layered = self._empty_pass(), self._empty_pass()
         replays = [
@@ -169,7 +161,6 @@ class EnvironmentPasses:
         return Pass(np.zeros(len(self.actions), dtype=np.int64))
 
     def _compared(self, begin_episode: _BeginEpisode, heartbeat: Callable[[], None]) -> Pass:
-        """Return a pass with the fingerprint of what its steps returned."""
         result = self._empty_pass()
 
         def add(outcome: Any) -> None:
@@ -187,12 +178,7 @@ class EnvironmentPasses:
         inspect: Callable[[Any], None] = lambda outcome: None,
         heartbeat: Callable[[], None] = lambda: None,
     ) -> Iterator[bool]:
-        """Replay one episode after the other; yield after each whether more follow.
-
-        Args:
-          result: to add times to.
-          inspect: called with what each step returned, untimed.
-        """
+        """Replay one episode after the other; yield after each whether more follow."""
         number = 0
         while number < len(self.actions):
             first = number
@@ -211,7 +197,6 @@ class EnvironmentPasses:
             yield number < len(self.actions)
 
     def _reset(self, episode: int) -> int:
-        """Reset the environment, and return how many nanoseconds it took."""
         with as_input_error("its reset"):
             reset = self.adapter.resetting(self.seed + episode)
             begin = self.clock_ns()

@@ -211,11 +211,7 @@ def difference_from(physics: PhysicsAlone) -> str:
 
 
 def described(number: int, difference: Difference) -> str:
-    """Return a difference between the environment and a plain loop as a sentence.
-
-    Args:
-      number: of the environment's step after which it shows.
-    """
+    """Return a difference between the environment and a plain loop as a sentence."""
     return (
         f"{difference.field}[{difference.index}] is {difference.got!r} in the environment and"
         f" {difference.expected!r} in a plain loop, after step {number + 1} of the environment"

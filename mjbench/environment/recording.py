@@ -177,7 +177,6 @@ class EngineWatch:
         return outcome
 
     def _trace(self, step: _OpenStep) -> StepTrace | None:
-        """Return the trace of a step that is over; None where it did not step the engine."""
         ending = [i for i, call in enumerate(step.calls) if call.nstep]
         if not ending:
             return None
@@ -224,8 +223,6 @@ class EngineWatch:
         )
 
     def _watched(self, name: str, function: EngineFunction) -> EngineFunction:
-        """Return the replacement of a function."""
-
         def call(*arguments: Any, **keywords: Any) -> Any:
             if name not in _WATCHED:
                 self._other_calls |= self._current is not None
@@ -267,7 +264,6 @@ class EngineWatch:
         return True
 
     def _reader(self, model: Any) -> StateReader:
-        """Return what reads the states of a model; prepared once per model."""
         if self._reader_of is None or self._reader_of[0] is not model:
             self._reader_of = (model, StateReader(model))
         return self._reader_of[1]
@@ -352,7 +348,6 @@ class _PlainSteps:
 
 
 def _nstep(name: str, arguments: Sequence[Any], keywords: Mapping[str, Any]) -> int:
-    """Return how many steps a call ends."""
     if name == _BEGIN:
         return 0
     if name != _STEP:

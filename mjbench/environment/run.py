@@ -141,7 +141,6 @@ def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
 
 
 def _recorded(passes: EnvironmentPasses, heartbeat: Callable[[], None]) -> tuple[Pass, Recording]:
-    """Return a pass that was watched, and what was seen."""
     watch = EngineWatch()
     return passes.recorded(watch, heartbeat), watch.recording()
 
@@ -149,7 +148,6 @@ def _recorded(passes: EnvironmentPasses, heartbeat: Callable[[], None]) -> tuple
 def _unrepeated(
     first: Pass, recording: Recording, again: Pass, recording_again: Recording
 ) -> list[FieldDifference]:
-    """Return what was not the same in two passes."""
     returned = first.returned.differences(again.returned)
     return [*returned, *physics_differences(recording, recording_again)]
 
@@ -185,7 +183,6 @@ def _affordable_nstep(adapter: EnvironmentAdapter, seed: int, heartbeat: Callabl
 
 
 def _check_steps_engine(recording: Recording, nstep: int) -> None:
-    """Refuse an environment that does not step MuJoCo's engine."""
     if any(trace is not None for trace in recording.steps):
         return
     if recording.obstacle:
@@ -213,7 +210,6 @@ def _physics_alone(
 
 
 def _check(recording: Recording, physics: PhysicsAlone | str) -> PhysicsCheck:
-    """Return the record of the check of a recording's physics."""
     if isinstance(physics, PhysicsAlone):
         covered, run, holds = len(physics.numbers), physics.run, physics.holds
         return PhysicsCheck(Status.OK, "", recording.checked, covered, run, holds)
@@ -273,7 +269,6 @@ def _time(
     request: EnvironmentRequest,
     channel: Channel,
 ) -> None:
-    """Time rounds until the budget is used; send each."""
     turns = _Turns(passes, comparison, request, channel)
     send_rounds(turns.round, request.plan.budget_s, channel)
     if comparison is not None:
@@ -284,8 +279,6 @@ def _time(
 
 
 class _Turns:
-    """Rounds in which passes and paths take turns."""
-
     def __init__(
         self,
         passes: EnvironmentPasses,

@@ -65,8 +65,6 @@ class LayerTime:
 
 @dataclass(slots=True)
 class _RunningTotals:
-    """The counts of a `LayerTime`, while it is timed."""
-
     calls: int = 0
     timed_calls: int = 0
     inner_calls: int = 0
@@ -77,7 +75,6 @@ class LayerTimer:
     """Times functions by layer, in the thread that made it."""
 
     def __init__(self, clock_ns: ClockNs = time.perf_counter_ns):
-        """Time by `clock_ns`, which returns nanoseconds."""
         self._clock_ns = clock_ns
         self._thread = threading.get_ident()
         self._totals: dict[tuple[Layer, str], _RunningTotals] = {}

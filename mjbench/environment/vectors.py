@@ -99,8 +99,6 @@ def added(
 
 
 class _VectorLaunches(Targets[VectorLaunch]):
-    """Launches forms in a child that makes, compares and times them."""
-
     def __init__(self, request: VectorRequest):
         self._request = request
 
@@ -201,11 +199,7 @@ def measure_in_child(request: VectorRequest, channel: Channel) -> VectorLaunch:
 def _singles(
     request: VectorRequest, adapter: EnvironmentAdapter, nstep: int, count: int, channel: Channel
 ) -> list["_Single"]:
-    """Return single environments that have run once.
-
-    Raises:
-      InputError: the environment cannot be made twice, or two of it differ.
-    """
+    """Return single environments that have run once."""
     seed, more = request.plan.seed, []
     try:
         for _ in range(count):
@@ -247,7 +241,6 @@ class _Single:
     """
 
     def __init__(self, adapter: EnvironmentAdapter, seed: int, nstep: int):
-        """Draw random actions."""
         self._environment = adapter.environment
         self.seed = seed
         self.actions = adapter.draw_actions(nstep, seed)
@@ -295,7 +288,6 @@ class _Single:
 
 
 def _after_reset(returned: tuple[Any, Any]) -> tuple[Any, float, bool, bool]:
-    """Return the results of a step that resets."""
     return returned[0], 0.0, False, False
 
 
@@ -375,7 +367,6 @@ def _compared(
 def _timed(
     environments: Mapping[int, _VectorEnvironment], singles: Sequence[_Single], channel: Channel
 ) -> VectorLaunch:
-    """Time the environments of every form, by its position, and single ones in each round."""
     right, wrong = dict(environments), dict[int, Failure]()
     form_s = dict.fromkeys(right, 0.0)
     single_s = [0.0] * len(singles)

@@ -156,7 +156,6 @@ class LatencyRow:
     starts: Starts | None = None
 
     def __post_init__(self) -> None:
-        """Raise ValueError unless what was measured is there."""
         check_measured(self, "pace", "nstep", "deadline_s", "missed", "max_ns", "work")
 
 
@@ -207,7 +206,6 @@ def row(model: str, samples: StepSamples, deadline_s: float | None) -> LatencyRo
 
 
 def _histogram(latency_ns: np.ndarray) -> str:
-    """Return an encoded HdrHistogram of latencies."""
     from hdrh.histogram import HdrHistogram
 
     histogram = HdrHistogram(1, LARGEST_NS, DIGITS)
@@ -343,8 +341,6 @@ def _usage_function() -> Callable[[], Any]:
 
 
 class _Collections:
-    """Counts Python's garbage collections that end while it is entered."""
-
     def __init__(self) -> None:
         self.count = 0
 

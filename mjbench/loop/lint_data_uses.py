@@ -71,8 +71,6 @@ class _UnknownUseError(Exception):
 
 
 class _Following:
-    """One MjData, followed from name to name."""
-
     def __init__(self, script: SteppingScript, with_callers: bool):
         self._script = script
         self._with_callers = with_callers
@@ -103,7 +101,6 @@ class _Following:
             yield from self._of_use(node)
 
     def _reads(self, name: str, scope: Scope | None) -> Iterator[ast.Name]:
-        """Yield where the name of a scope is read."""
         for node in self._script.names.get(name, []):
             is_read = isinstance(node.ctx, ast.Load)
             if is_read and self._script.bindings.owner(name, node) is scope:
@@ -169,7 +166,6 @@ class _Following:
             yield from ((function, parameter) for parameter in parameters)
 
     def _of_part(self, call: ast.Call, accessor: str) -> None:
-        """Count what is read of `data.site("tip")` or the like."""
         if accessor not in PART_PREFIXES:
             raise _UnknownUseError
         parent = self._script.parents.get(call)

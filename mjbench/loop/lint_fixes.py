@@ -120,11 +120,7 @@ class LintedFile:
 def lint_all(
     files: Iterable[str | UncheckedFile], choice: RuleChoice = ALL_RULES, fixes: bool = False
 ) -> Iterator[LintedFile | UncheckedFile]:
-    """Yield what is found in each file; in place of one that cannot be checked, why.
-
-    Args:
-      fixes: whether to say what can be changed.
-    """
+    """Yield what is found in each file; in place of one that cannot be checked, why."""
     lint_file = fix if fixes else _check
     return each_checked(files, lambda file: lint_file(file, choice.codes_for(file)))
 
@@ -162,7 +158,6 @@ def fix(file: str, codes: Collection[str] = ALL_CODES) -> LintedFile:
 
 
 def _plan(program: PythonProgram, codes: Collection[str]) -> _Plan:
-    """Return the changes of a program that are safe, and why other remedies may not be."""
     script = SteppingScript(program.tree)
     names = CertainNames(program, script)
     copying = Copying(names)
@@ -194,8 +189,6 @@ class _Edit:
 
 
 class _PartText:
-    """The text of a cell, or of a Python file, and the edits of nodes in it."""
-
     def __init__(self, program: PythonProgram, part: NotebookPart):
         lines = [line.encode() for line in lines_of(part.text)]
         self.data = b"".join(lines)
@@ -269,7 +262,6 @@ def changed(program: PythonProgram, changes: SourceChanges) -> PythonProgram:
 
 
 def _edited(program: PythonProgram, part: NotebookPart, changes: SourceChanges) -> str:
-    """Return the text of one part after those of the changes that are in it."""
     text = _PartText(program, part)
     in_part = [view for view in changes.copied if program.line_of(view).cell == part.cell]
     edits = [_Edit(text.end(view), text.end(view), b".copy()") for view in in_part]

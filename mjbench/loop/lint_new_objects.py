@@ -256,7 +256,6 @@ def _has_new_model(script: SteppingScript, each: Iteration, call: ast.Call) -> b
 
 
 def _is_dropped(script: SteppingScript, call: ast.Call) -> bool:
-    """Return whether nothing keeps a new MjData after its iteration."""
     parent = script.parents[call]
     if isinstance(parent, ast.Assign) and len(parent.targets) == 1:
         target = parent.targets[0]
@@ -276,7 +275,6 @@ def _drops(uses: DataUses | None) -> bool:
 
 
 def _is_stored(script: SteppingScript, call: ast.Call) -> bool:
-    """Return whether a call's result goes into a list, a dict or the like."""
     parent = script.parents[call]
     if isinstance(parent, ast.Call) and isinstance(parent.func, ast.Attribute):
         return parent.func.attr in STORING_METHODS
@@ -286,7 +284,6 @@ def _is_stored(script: SteppingScript, call: ast.Call) -> bool:
 
 
 def _spec_names(script: SteppingScript) -> set[str]:
-    """Return the names that an MjSpec was assigned to."""
     return {
         dotted_name(target)
         for target, value in script.values.items()

@@ -241,7 +241,6 @@ class ScriptFunctions:
         return [method for method in methods if isinstance(method, ast.FunctionDef)]
 
     def _class_of(self, node: ast.AST) -> ast.ClassDef | None:
-        """Return the class of the script that a name is an object of; None if unknown."""
         if not isinstance(node, ast.Name):
             return None
         if node.id == "self":
@@ -261,7 +260,6 @@ class ScriptFunctions:
 
 
 def _set_in_modules(tree: ast.Module) -> set[str]:
-    """Return the names that are set as attributes of something that the script imports."""
     imported = {
         alias.asname or alias.name.partition(".")[0]
         for node in ast.walk(tree)
@@ -283,7 +281,6 @@ def _is_none(node: ast.AST | None) -> bool:
 
 
 def _identifiers(node: ast.AST) -> Iterator[str]:
-    """Yield the names that stand in a node itself."""
     for _, value in ast.iter_fields(node):
         if isinstance(value, str) and not isinstance(node, ast.Constant):
             yield from value.split(".")

@@ -136,7 +136,6 @@ def _stored_cell(document: Any, number: int) -> dict[str, Any]:
 
 
 def _set_text(cell: dict[str, Any], text: str) -> None:
-    """Replace the text of a cell, which is stored as one string or as a list of its lines."""
     key = "source" if cell.get("source") else "input"
     stored = cell[key]
     if isinstance(stored, str) and "\r" not in stored:
@@ -148,7 +147,6 @@ def _set_text(cell: dict[str, Any], text: str) -> None:
 
 
 def _lines(text: str) -> list[str]:
-    """Return the lines of a text, each with its end."""
     return re.findall(r".*\n|.+", text)
 
 

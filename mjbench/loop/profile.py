@@ -121,7 +121,6 @@ class ProfileRow:
     simulated_second: Mapping[str, float] | None = None
 
     def __post_init__(self) -> None:
-        """Raise ValueError unless what was measured is there."""
         names = ("timestep", "loop_ns", "engine_ns", "work", "stages", "warnings", "frames")
         check_measured(self, *names)
 

@@ -104,13 +104,7 @@ def parts(
     sensors: Sequence[SensorCost],
     budget_s: float = BUDGET_S,
 ) -> list[StepPart]:
-    """Return what a step does beside the engine's stages, and tendons.
-
-    Args:
-      start: restores the next start state.
-      step_s: seconds of a step.
-      sensors: as `sensor_costs` returns them.
-    """
+    """Return what a step does beside the engine's stages, and tendons."""
     functions = list(_functions(model))
     with _needed_sensors(model) as need_only:
         need_none = need_only(np.zeros(model.nsensor, dtype=bool))
@@ -181,10 +175,6 @@ def sensor_costs(
     """Return what the sensors of each type and stage cost of a step, the largest first.
 
     Their function is timed with each type, with all of the stage, and with none.
-
-    Args:
-      start: restores the next start state.
-      step_s: seconds of a step.
     """
     if not model.nsensor or not compat.flag_enabled(model, "sensor"):
         return []
@@ -227,7 +217,6 @@ def _afresh(function: Function) -> Function:
 
 
 def _parts_of(total: float, alone: Sequence[float]) -> list[float]:
-    """Return parts of a total, in proportion to positive values."""
     values = [max(0.0, value) for value in alone]
     scale = max(0.0, total) / sum(values) if any(values) else 0.0
     return [scale * value for value in values]

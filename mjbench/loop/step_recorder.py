@@ -144,7 +144,6 @@ class WindowSample(Generic[_Window]):
     """
 
     def __init__(self, most: int, nstep: int, rng: random.Random):
-        """Prepare a sample of `most` windows, at least 1, of `nstep` steps."""
         self._most, self._nstep, self._rng = most, nstep, rng
         self._by_stratum: dict[int, _Window] = {}
         self.stride = nstep
@@ -166,7 +165,6 @@ class WindowSample(Generic[_Window]):
         return [self._by_stratum[stratum] for stratum in sorted(self._by_stratum)]
 
     def _halve(self) -> None:
-        """Make each two neighbouring strata one."""
         self.stride *= 2
         merged: dict[int, _Window] = {}
         for stratum in sorted(self._by_stratum):
@@ -305,7 +303,6 @@ class StepRecorder:
 
         Args:
           max_states: the most states to store of each model.
-          window_nstep: steps of a window.
           model: only this one is captured, and those with the same digest; None for all.
           data: only this one is captured; None for all.
           with_mjb: whether the compiled models are wanted as well.
@@ -344,7 +341,6 @@ class StepRecorder:
         }
 
     def _wrap(self, names: Sequence[str], function: EngineFunction) -> EngineFunction:
-        """Return the replacement of a function whose arguments are called so."""
         by_identity, only_data = self._by_identity, self._data
 
         @functools.wraps(function)
@@ -375,7 +371,6 @@ class StepRecorder:
         return call
 
     def _recorder_of(self, model: mujoco.MjModel) -> ModelRecorder | None:
-        """Return where the steps of a model that is not known yet are recorded, if they are."""
         if not isinstance(model, mujoco.MjModel):
             return None
         recorder = None

@@ -164,7 +164,6 @@ class SteppingScript:
         ]
 
     def _assigned_names(self, is_value: Callable[[ast.Call], bool]) -> set[str]:
-        """Return the dotted names to which the script assigns the result of such a call."""
         values = self.values.items()
         named = {dotted_name(t) for t, v in values if isinstance(v, ast.Call) and is_value(v)}
         return named - {""}
@@ -302,7 +301,6 @@ class SteppingScript:
         )
 
     def _steps_environment(self, node: ast.AST) -> bool:
-        """Return whether a node is a call such as `env.step(…)` or `self.do_simulation(…)`."""
         if not isinstance(node, ast.Call):
             return False
         if is_call(node, "do_simulation"):  # of Gymnasium's MujocoEnv; no other class has it

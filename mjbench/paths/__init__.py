@@ -55,7 +55,6 @@ def registry() -> dict[str, SteppingPath]:
 
 
 def _own(name: str) -> SteppingPath:
-    """Return a new object of one of the paths that come with mjbench."""
     module, _, class_name = _CLASSES[name].partition(":")
     path: SteppingPath = getattr(importlib.import_module(f"{__name__}.{module}"), class_name)()
     return path

@@ -186,8 +186,6 @@ def supported_fields(
 
 @dataclass(frozen=True, eq=False)
 class _SavedWorkload:
-    """The content of a file that `save_workload` writes."""
-
     workload: PortableWorkload
     returns: Product
     peaks: Peaks

@@ -36,8 +36,6 @@ _SHARE_OF_MEMORY = 0.5
 
 
 class _BatchPath(SteppingPath):
-    """The base class of stepping and of rolling out a Batch."""
-
     products = tuple(Product)
 
     def unavailable(self) -> str | None:

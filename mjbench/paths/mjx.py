@@ -255,7 +255,6 @@ class MjxProgram:
         }
 
     def _control_on_device(self, control: np.ndarray) -> "jax.Array":
-        """Return controls in MJX's type."""
         import jax
 
         return jax.device_put(control.astype(self._arrays["ctrl"].dtype))
@@ -282,7 +281,6 @@ class MjxProgram:
         return mjx.step(self._model, data.replace(ctrl=ctrl))
 
     def _jitted(self, cast: Callable[[Any], Any], fixed_nstep: int | None) -> Any:
-        """Return the jitted function of `start`, `control` and `nstep`."""
         import jax
 
         hold = self._workload.hold
@@ -385,7 +383,6 @@ class MjxProgram:
 
 
 def _count_on_device(nstep: int) -> "jax.Array":
-    """Return a number of steps as the program takes it."""
     import jax
 
     return jax.device_put(np.int32(nstep))
@@ -403,7 +400,6 @@ def _check_buffers(data: "mjx.Data") -> None:
 
 
 def _contacts(data: "mjx.Data") -> Contacts | None:
-    """Return the contacts of batched Data that are near enough to count."""
     own = compat.mjx_own(data)
     if hasattr(own, "nacon"):  # of Warp: the contacts of all simulations in one list
         names = ("worldid", "geom", "dist", "pos", "frame", "includemargin")

@@ -101,8 +101,6 @@ class _SharedWorkload:
 
 
 class _StepperPool:
-    """Started workers, the memory they share, and a pipe to each."""
-
     def __init__(self, workload: Workload, count: int):
         context = multiprocessing.get_context("spawn")
         self._workload = workload

@@ -109,8 +109,6 @@ _Inputs = RolloutInputs | tuple[np.ndarray, np.ndarray]
 
 
 class _Actor:
-    """What the process of an actor holds, and what it does."""
-
     def __init__(self, model: mujoco.MjModel, nstep: int, hold: int, returns: Product):
         self._model, self._nstep, self._hold, self._returns = model, nstep, hold, returns
         self._data = mujoco.MjData(model)
@@ -136,7 +134,6 @@ class _Actor:
         return (final_state, *outputs.arrays)
 
     def _roll_out(self, inputs: RolloutInputs) -> tuple[np.ndarray, ...]:
-        """Step by one call of `mujoco.rollout`, on one thread."""
         from mujoco import rollout
 
         n, nphysics = inputs.start.shape
@@ -254,9 +251,6 @@ def _answers(calls: Sequence[Any], limit_s: float | None = None) -> list[Any]:
 
     Args:
       limit_s: seconds to wait; None for any time.
-
-    Raises:
-      MachineError: an actor's process ended, or it raised an exception.
     """
     import ray
     from ray import exceptions
@@ -275,7 +269,6 @@ def _answers(calls: Sequence[Any], limit_s: float | None = None) -> list[Any]:
 
 
 def _engine() -> tuple[str, str]:
-    """Return the release of MuJoCo, and the file that it was imported from."""
     return mujoco.__version__, mujoco.__file__
 
 

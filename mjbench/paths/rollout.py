@@ -106,8 +106,6 @@ class Rollout(SteppingPath):
 
 
 class _RolloutRun:
-    """The arrays and MjData of one variant, and how to read what it returns."""
-
     def __init__(self, workload: Workload, options: Options, resources: Resources):
         self.workload, self.model = workload, workload.model
         self.physics = compat.physics_entries(self.model)
@@ -137,7 +135,6 @@ class _RolloutRun:
         return resources.get_or_create("rollout state", lambda: np.empty(shape)), None
 
     def _timed_call(self, options: Options, resources: Resources) -> Callable[[], None]:
-        """Return the function whose one call is the timed region."""
         start, control = self.inputs.start, self.inputs.control
         keywords: dict[str, Any] = {
             "control_spec": self.inputs.control_spec,

@@ -169,7 +169,6 @@ class _StepGraph:
         )
 
     def _make_rollout(self) -> "_Rollout":
-        """Return a function that copies a start to the arrays, and steps."""
         import warp as wp
 
         arrays, data, capture, hold = self._arrays, self._data, self._capture, self._workload.hold
@@ -186,7 +185,6 @@ class _StepGraph:
         return rollout
 
     def _fields_on_device(self, fields: Mapping[str, np.ndarray]) -> dict[str, Any]:
-        """Return the fields that MuJoCo Warp has, in its shapes and types."""
         supported = supported_fields(fields, self._arrays, Warp.engine)
         return {name: _array_like(self._arrays[name], v) for name, v in supported.items()}
 
@@ -228,7 +226,6 @@ def _print_warnings_only() -> None:
 
 
 def _array_like(array: Any, values: np.ndarray) -> Any:
-    """Return a new Warp array of the shape and type of another, with these values."""
     import warp as wp
 
     new = wp.empty_like(array)
@@ -237,7 +234,6 @@ def _array_like(array: Any, values: np.ndarray) -> Any:
 
 
 def _rows_of(array: Any) -> np.ndarray:
-    """Return an array of a number of rows in float64."""
     return np.asarray(array.numpy(), dtype=np.float64)
 
 
@@ -252,7 +248,6 @@ def peak_gpu_memory_bytes() -> int | None:
 
 
 def _contacts(data: Any) -> Contacts:
-    """Return the contacts of the last step that are near enough to count."""
     contact = data.contact
     arrays = (contact.worldid, contact.geom, contact.dist, contact.pos, contact.frame)
     return warp_buffers.read_contacts(

@@ -59,12 +59,6 @@ def questions(
 
 @dataclass(frozen=True)
 class _Context:
-    """Calls that a remedy is for.
-
-    Attributes:
-      finding: of lint for the same; None without one.
-    """
-
     remedy: CallRemedy
     calls: Sequence[CallTime]
     place: Place
@@ -73,7 +67,6 @@ class _Context:
 
 
 def _contexts(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[_Context]:
-    """Yield the calls of a loop that have a remedy, by line."""
     for remedy in CALL_REMEDIES:
         by_place: dict[Place, list[CallTime]] = defaultdict(list)
         for call in loop.calls:
@@ -104,10 +97,6 @@ def _are_of_new_models(loop: LoopTime, calls: Sequence[CallTime]) -> bool:
 def _finding_of(
     remedy: CallRemedy, place: Place, loop: LoopTime, findings: Sequence[Finding]
 ) -> Finding | None:
-    """Return lint's finding about calls from a line.
-
-    JAX compiles where a function is first called, not where lint finds it.
-    """
     for finding in findings:
         if finding.code not in remedy.codes or finding.file != place.file:
             continue
@@ -179,7 +168,6 @@ def _saving(loop: LoopTime, context: _Context, measured: MeasuredRatios) -> _Sav
 
 
 def _gain_of_pair(loop: LoopTime, context: _Context, ratio: TimeRatio, share: float) -> float:
-    """Return what calls save by the ratio of both ways."""
     calls, trial = context.calls, context.remedy.trial
     if trial in (Trial.FUNCTIONS, Trial.INVERSE):
         return _gain_of_functions(loop, calls, ratio)

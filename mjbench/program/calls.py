@@ -163,8 +163,6 @@ def read_all(folder: Path, headers: Mapping[int, Header]) -> ProgramCalls:
 
 @dataclass(frozen=True)
 class _Slot:
-    """The numbers of one slot, as `call_clock.SLOT` packs them."""
-
     calls: int
     ns: int
     timed_calls: int
@@ -179,7 +177,6 @@ class _Slot:
 
 
 def _read(file: Path, header: Header | None, warnings: Mapping[int, str]) -> ProgramCalls:
-    """Return the calls of one process."""
     raw = file.read_bytes()
     slots = [_Slot(*values) for values in call_clock.SLOT.iter_unpack(raw)]
     sites = [json.loads(line) for line in _lines(file.with_suffix(".sites"))]

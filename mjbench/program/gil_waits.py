@@ -76,11 +76,7 @@ class ThreadTimes:
     _last: dict[tuple[int, int], _Look] = field(default_factory=dict)
 
     def look(self, pids: Iterable[int], folder: Path = Path("/proc")) -> None:
-        """Look at all threads of processes.
-
-        Args:
-          folder: where the system accounts for them; see schedstat in the kernel's documentation.
-        """
+        """Look at all threads of processes."""
         for pid in pids:
             with contextlib.suppress(OSError):
                 for task in (folder / str(pid) / "task").iterdir():
@@ -198,7 +194,6 @@ def _waiting_share(thread: ThreadSamples) -> float:
 
 
 def _place(stacks: Sequence[Sequence[Frame]]) -> Place | None:
-    """Return the user's line that most stacks are at; None where none has one."""
     own = (next((frame for frame in reversed(stack) if is_own(frame)), None) for stack in stacks)
     lines = Counter(each for each in own if each is not None)
     return next((activities.place_of(frame) for frame, _ in lines.most_common(1)), None)

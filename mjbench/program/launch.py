@@ -95,8 +95,6 @@ class ProgramObservation:
 
 @dataclass
 class _Signals:
-    """Signals that came for mjbench while the program ran."""
-
     forward: Callable[[int], None] = field(default=lambda number: None)
 
     def handle(self, number: int, frame: FrameType | None) -> None:
@@ -175,11 +173,7 @@ def _observation(
     was_ended: bool = False,
     processor: ProcessorUse | None = None,
 ) -> ProgramObservation:
-    """Return what the profiler and the clocks have seen; there are no clocks in some programs.
-
-    Args:
-      profiling: None where the program ended before it began.
-    """
+    """Return what the profiler and the clocks have seen; there are no clocks in some programs."""
     waits: Sequence[GilWait] = ()
     threads: Sequence[ThreadSamples] = ()
     problem = sampler.TOO_SHORT
@@ -296,7 +290,6 @@ def _start(
     source: Path | None = None,
     quiet: bool = False,
 ) -> "subprocess.Popen[bytes]":
-    """Start the program; the step clock starts with it."""
     path = os.pathsep.join(filter(None, [str(_HOOK), os.environ.get("PYTHONPATH")]))
     environment = {**os.environ, "PYTHONPATH": path, "MJBENCH_STEP_CLOCK": str(folder)}
     if change:
@@ -330,7 +323,6 @@ def _start_profiler(
 
 
 def _first_step_ns(folder: Path) -> int | None:
-    """Return when the program, or a process of it, first stepped; None where none has yet."""
     first_ns = [header.first_ns for header in step_times.read_headers(folder).values()]
     return min(filter(None, first_ns), default=None)
 
@@ -346,7 +338,6 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
 
 
 def _kill(process: "subprocess.Popen[bytes]") -> None:
-    """End the program and what it started by force."""
     _send(process, signal.SIGKILL)
     process.wait()
 
@@ -403,5 +394,4 @@ def _exists(pid: int) -> bool:
 
 
 def _exit_code(returncode: int) -> int:
-    """Return a program's exit code as a shell gives it."""
     return returncode if returncode >= 0 else 128 - returncode

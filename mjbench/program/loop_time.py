@@ -40,11 +40,6 @@ class LineTime:
     package: str = ""
 
     def __post_init__(self) -> None:
-        """Check that it does something.
-
-        Raises:
-          ValueError: there is no activity.
-        """
         if not self.activities:
             raise ValueError("a line has no activity")
 

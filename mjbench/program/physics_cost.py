@@ -192,11 +192,7 @@ def _weights(
     pairs: Sequence[tuple[int, int]],
     far: Sequence[int],
 ) -> dict[tuple[int, int], float]:
-    """Return the seconds that each pair adds to `mj_collision`, more than one that is far apart.
-
-    Args:
-      far: a pair of geoms that do not touch; none where there is none.
-    """
+    """Return the seconds that each pair adds to `mj_collision`, more than one that is far apart."""
     contype, conaffinity = np.array(model.geom_contype), np.array(model.geom_conaffinity)
 
     def only(pair: Sequence[int]) -> Callable[[], None]:
@@ -235,7 +231,6 @@ def _nearness(model: mujoco.MjModel, states: np.ndarray, pairs: np.ndarray) -> n
 
 
 def _spread_pairs(pairs: Sequence[tuple[int, int]]) -> Sequence[tuple[int, int]]:
-    """Return some pairs of all, spread over them."""
     return pairs[:: -(-len(pairs) // PAIRS_OF_GROUP)]
 
 

@@ -197,7 +197,6 @@ class Profiling:
             self._adapt()
 
     def _adapt(self) -> None:
-        """Start again at a lower rate where the profiler costs too much."""
         self.has_adapted = True
         share = self.paused / self.looks
         if share > MAX_PAUSED_SHARE and self.sampler.is_running:
@@ -232,7 +231,6 @@ class Profiling:
         return seen, "" if seen else self.problem or self.sampler.problem()
 
     def _read(self, end_s: float) -> Sequence[ThreadSamples]:
-        """Return the samples of the profiler that ran last; none where it wrote no file."""
         file = self.sampler.file
         if not file.is_file():
             return []
@@ -247,8 +245,6 @@ class Profiling:
 
 @dataclass
 class _Holding:
-    """The profiler of threads that hold the GIL."""
-
     pid: int
     sampler: sampler.Sampler
     begin_s: float = field(default_factory=time.monotonic)

@@ -67,5 +67,4 @@ def _read(file: Path, release: str) -> RecordedModel:
 
 
 def _states(file: Path, size: int) -> np.ndarray:
-    """Return (count, size) states of a file; none where there is none."""
     return np.fromfile(file).reshape(-1, size) if file.is_file() else np.empty((0, size))

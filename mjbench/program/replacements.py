@@ -74,8 +74,6 @@ class MeasuredRatios:
 
 @dataclass(frozen=True)
 class _Request:
-    """To the child: on which models to measure what."""
-
     model: RecordedModel
     questions: Sequence[Question]
 
@@ -125,7 +123,6 @@ def answer(request: _Request, channel: Channel) -> None:
 
 
 def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -> TimeRatio:
-    """Return the ratio of the times, over all states in turn."""
     present, suggested = trials.ways(model, question)
     is_of_copies = question.trial in trials.COPIERS and len(recorded.copied) > 0
     states = recorded.copied if is_of_copies else recorded.states

@@ -71,7 +71,6 @@ class Sampler:
             self.stop()
 
     def _wait(self) -> None:
-        """Wait until the profiler has written its file."""
         try:
             self.process.wait(WRITING_S)
         except subprocess.TimeoutExpired:

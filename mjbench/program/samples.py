@@ -60,8 +60,6 @@ class ThreadSamples:
 
 
 class _File(msgspec.Struct):
-    """The parts of the file that are read."""
-
     profiles: list["_Profile"]
     shared: "_Shared"
 

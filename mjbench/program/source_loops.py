@@ -41,11 +41,7 @@ class SourceLoop:
 
 
 def outermost_loop(file: str, line: int) -> SourceLoop | None:
-    """Return the outermost loop of a function, or of a module, that runs a line of it.
-
-    Returns:
-      The loop; None where the line is in none, or the file cannot be read.
-    """
+    """Return the outermost loop of a function or module that runs a line; None without one."""
     holding = [loop for loop in _loops(file) if loop.first <= line <= loop.last]
     return min(holding, key=lambda loop: (loop.first, -loop.last)) if holding else None
 

@@ -52,7 +52,6 @@ class Engine:
     """The MuJoCo that a program used.
 
     Attributes:
-      version: its release.
       timers: indices by name.
       warnings: names by number.
     """

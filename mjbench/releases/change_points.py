@@ -182,7 +182,6 @@ def _costs(sums: np.ndarray, end: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _fit(values: np.ndarray, weights: np.ndarray, begin: int, end: int, is_sloped: bool) -> Segment:
-    """Return the best fit of a segment."""
     y, w = values[begin:end], weights[begin:end]
     total = float(w.sum())
     mean = float((w * y).sum()) / total

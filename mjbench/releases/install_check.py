@@ -158,9 +158,6 @@ def _recorded_files(record: str) -> list[_RecordedFile]:
 
     Those without a size cannot (RECORD itself and compiled Python), nor can scripts, which pip puts
     elsewhere than RECORD says (`..`).
-
-    Raises:
-      ValueError: it is not a RECORD.
     """
     try:
         return [

@@ -280,11 +280,7 @@ def _is_complete(folder: Path) -> bool:
 
 
 def _check_files(folder: Path) -> None:
-    """Refuse an install with a file that is not as it was installed; folder and name are the same.
-
-    Raises:
-      MachineError: there is one.
-    """
+    """Refuse an install with a changed file; folder and name are the same."""
     problem = install_check.damaged_file(folder)
     if problem:
         raise MachineError(

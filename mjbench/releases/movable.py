@@ -85,7 +85,6 @@ def note_checked(install: MovableInstall) -> None:
 
 
 def _image(content: bytes) -> MovableImage:
-    """Return what changes in a library, from the cache if it is there."""
     file = _cached(moved_install.digest(content), "npz")
     if file is None:
         return image_reader.read(content)

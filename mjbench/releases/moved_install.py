@@ -78,7 +78,6 @@ class MovableImage:
         return len(content) + shift
 
     def _change(self, content: np.ndarray, shift: int) -> None:
-        """Change in the library's bytes what changes when it is moved."""
         numbers = content[: len(content) // 8 * 8].view("<u8")
         numbers[self.addresses // 8] += np.uint64(shift)
         content[self.permissions[:, 0]] = self.permissions[:, 1]

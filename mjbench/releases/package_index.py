@@ -39,8 +39,6 @@ class Upload:
 
 @dataclass(frozen=True)
 class _Answer:
-    """The index's JSON."""
-
     releases: Mapping[str, Sequence[Mapping[str, Any]]]
 
 
@@ -83,7 +81,6 @@ def _uploads() -> Mapping[str, Sequence[Upload]]:
 
 
 def _files(uploads_of: Mapping[str, Sequence[Upload]]) -> dict[str, list[str]]:
-    """Return the names of the files of each version that is one."""
     return {
         version: [upload.filename for upload in uploads if upload.filename]
         for version, uploads in uploads_of.items()
@@ -109,7 +106,6 @@ def _final_releases(uploads_of: Mapping[str, Sequence[Upload]]) -> list[Release]
 
 
 def _is_final(version: str) -> bool:
-    """Return whether a version is neither a pre-release nor a development version."""
     parsed = _parsed(version)
     return parsed is not None and not parsed.is_prerelease
 
@@ -146,7 +142,6 @@ def _index_url() -> str:
 
 
 def _run_python(*arguments: str) -> str:
-    """Return what this environment's Python prints."""
     done = subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False)
     if done.returncode:
         raise MachineError(f"cannot run pip in this environment: {one_line(done.stderr)}")

@@ -117,7 +117,6 @@ def _reason(stderr: str) -> str:
 
 
 def _error(version: str, local: bool, reason: str) -> InputError | MachineError:
-    """Return the error that stands for a failure of pip, which was given local wheels or none."""
     try:
         files_of = package_index.files()
     except MachineError as error:

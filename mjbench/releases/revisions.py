@@ -190,7 +190,6 @@ class Repository:
         return self._run("write-tree", variables=variables).strip()
 
     def _submodules(self, tree: str, variables: Mapping[str, str]) -> list[tuple[str, str]]:
-        """Return path and commit of each submodule of a tree."""
         listing = self._run("ls-tree", "-r", "-z", tree, variables=variables)
         entries = [entry.partition("\t") for entry in listing.split("\0") if entry]
         return [
@@ -231,10 +230,6 @@ def _git(
     Args:
       problem: what it means that the command fails; empty where git says it.
       variables: of the environment, to be added.
-
-    Raises:
-      InputError: it fails, and that means a problem of the user's.
-      MachineError: it fails otherwise, or there is no git.
     """
     environment = {k: v for k, v in os.environ.items() if k not in _REDIRECTING}
     settings = ("core.fsmonitor=false", "core.hooksPath=/dev/null", "core.splitIndex=false")

@@ -85,11 +85,7 @@ def is_installable(tree: Path) -> bool:
 
 
 def _pyproject(tree: Path) -> Mapping[str, Any]:
-    """Return the settings of a project; empty without any.
-
-    Raises:
-      MachineError: they cannot be read.
-    """
+    """Return the settings of a project; empty without any."""
     file = tree / "pyproject.toml"
     try:
         return tomllib.loads(file.read_text(encoding="utf-8"))

@@ -103,7 +103,6 @@ def _in_folder(folder: Path) -> Wheel:
 
 
 def _named(text: str) -> Wheel:
-    """Return the wheel of mujoco that a file name stands for."""
     path = Path(text)
     try:
         exists = path.is_file()
@@ -134,11 +133,7 @@ def wheel_of(file: Path) -> Wheel | None:
 
 
 def _check_content(wheel: Path) -> None:
-    """Refuse a file that is no wheel inside.
-
-    Raises:
-      InputError: it cannot be read, is no zip file or only half of one, or holds no package.
-    """
+    """Refuse a file that is no wheel inside."""
     try:
         with zipfile.ZipFile(wheel) as archive:
             names = archive.namelist()

@@ -89,7 +89,6 @@ def read(file: Path, model: mujoco.MjModel) -> GivenControls:
 
 
 def _read_array(file: Path, name: str) -> np.ndarray:
-    """Return the array of controls of a file."""
     content = array_files.read(file, "controls", _NAMES)
     named = (content.arrays[name] for name in _NAMES if name in content.arrays)
     array = content.unnamed if content.unnamed is not None else next(named, None)

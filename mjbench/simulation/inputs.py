@@ -97,7 +97,6 @@ def _with_one_changed(active: np.ndarray, i: int) -> np.ndarray:
 
 
 def _activations(model: mujoco.MjModel, act: np.ndarray) -> np.ndarray:
-    """Return activations within the ranges of their actuators."""
     clipped = act.copy()
     for i in np.flatnonzero(model.actuator_actlimited):
         first, count = int(model.actuator_actadr[i]), int(model.actuator_actnum[i])

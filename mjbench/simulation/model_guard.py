@@ -19,7 +19,6 @@ class ModelGuard:
     """Remembers a model, and says what has changed in it since."""
 
     def __init__(self, model: mujoco.MjModel):
-        """Remember `model`."""
         self._model = model
         self._buffer = np.empty(mujoco.mj_sizeModel(model), dtype=np.uint8)
         mujoco.mj_saveModel(model, None, self._buffer)
@@ -55,7 +54,6 @@ class ModelGuard:
         return _differing_field(model, self._loaded(), _OF_ORIGIN)
 
     def _loaded(self) -> mujoco.MjModel:
-        """Return the model that was remembered."""
         files = {"model.mjb": self._original.tobytes()}
         return mujoco.MjModel.from_binary_path("model.mjb", files)
 

@@ -102,7 +102,6 @@ def set_flag(options: Any, name: str, text: str) -> None:
 
 
 def _set_field(options: Any, field: str, text: str) -> None:
-    """Set a field of an MjOption; see `set_option`."""
     check(field, text)
     if not hasattr(options, field):
         raise InputError(f"option {field}: MuJoCo {mujoco.mj_versionString()} has no such field")
@@ -160,7 +159,6 @@ def _enum_value(field: str, text: str) -> int:
 
 
 def _flags(field: str, text: str) -> int:
-    """Return a sum of flags that this release has."""
     flags, value = _values(_FLAGS[field]), int(_number(field, text))
     unknown = value
     for flag in flags.values():

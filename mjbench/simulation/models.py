@@ -173,7 +173,6 @@ def write_carried(file: Path, paths: Mapping[str, Path]) -> None:
 
 
 def _carried(name: str) -> Path | None:
-    """Return the file of a model that was carried here; None if there is none of this name."""
     listed = os.environ.get(CARRIED_VARIABLE)
     if not listed:
         return None
@@ -196,7 +195,6 @@ def _expanded(name: str) -> Path:
 
 
 def _status(name: str, path: Path) -> os.stat_result | None:
-    """Return what the file system says of a path; None if nothing is there."""
     try:
         return path.stat()
     except (FileNotFoundError, NotADirectoryError, ValueError):  # ValueError: NUL, or a surrogate
@@ -208,7 +206,6 @@ def _status(name: str, path: Path) -> os.stat_result | None:
 
 
 def _check_file(name: str, path: Path, status: os.stat_result) -> None:
-    """Refuse what cannot be a model file."""
     label = shown(name)
     if stat.S_ISDIR(status.st_mode):
         raise InputError(f"{label} is a folder; name a model file in it")
@@ -226,7 +223,6 @@ def _check_file(name: str, path: Path, status: os.stat_result) -> None:
 
 
 def _missing_error(name: str, path: Path) -> InputError:
-    """Return the error for a name that stands for nothing."""
     label = shown(name)
     try:
         target = path.readlink()
@@ -276,7 +272,6 @@ def _in_package(package: str, name: str) -> Path:
 
 
 def _package_folders(package: str) -> list[Path]:
-    """Return the folders of an installed package."""
     try:
         spec = importlib.util.find_spec(package)  # imports nothing, as the name has no dot
     except (ImportError, ValueError, AttributeError):

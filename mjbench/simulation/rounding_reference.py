@@ -137,7 +137,6 @@ class _ShadowMove:
         self._rng = np.random.default_rng([seed, 4])
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
-        """Return moved states, which have nstate columns, or moved controls."""
         towards = np.where(self._rng.random(values.shape) < 0.5, -np.inf, np.inf)
         moved = np.where(values == 0, values, np.nextafter(values, towards))
         if values.shape[-1] == self._nstate:

@@ -125,7 +125,6 @@ def draw(model: mujoco.MjModel, request: SampleRequest) -> Sample:
 
 
 def _window(sample: Sample, request: SampleRequest) -> Window:
-    """Return what is stepped from the starts of a sample."""
     observation, model = sample.observation, sample.workload.model
     return Window(
         nstart=sample.workload.nbatch,
@@ -231,7 +230,6 @@ def _from_file(
     recorded: RecordedStates,
     controls: GivenControls | None,
 ) -> Iterator[Sample]:
-    """Yield workloads that start from the rows of a file."""
     header = recorded.header
     origin = Starts(
         0.0,
@@ -257,7 +255,6 @@ def _held_inputs(header: CaptureHeader) -> tuple[str, ...]:
 
 
 def _name(controls: GivenControls | None) -> str | None:
-    """Return the name of the file of controls; None without one."""
     return None if controls is None else controls.name
 
 

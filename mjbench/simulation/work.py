@@ -289,7 +289,6 @@ def describe(model: mujoco.MjModel) -> ModelFacts:
 def _work(
     model: mujoco.MjModel, contacts: float, constraints: float, solver_iterations: float
 ) -> Work:
-    """Return the work of a step: these counters, and the sizes of the model."""
     senses, shares = compat.flag_enabled(model, "sensor") is not False, compat.sensor_shares(model)
     is_ray = np.asarray(model.sensor_type) == int(mujoco.mjtSensor.mjSENS_RANGEFINDER)
     pairs = geom_pairs.read(model)
@@ -362,7 +361,6 @@ def _raised(warnings: np.ndarray, which: np.ndarray) -> dict[str, int]:
 
 
 def _start_contacts(workload: Workload) -> int:
-    """Return the contacts at the first simulation's start."""
     data = mujoco.MjData(workload.model)
     compat.set_state(workload.model, data, workload.initial_state[0])
     mujoco.mj_forward(workload.model, data)

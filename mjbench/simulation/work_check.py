@@ -134,7 +134,6 @@ def drift(
 
 
 def _probed(drawn: Workload) -> Workload:
-    """Return the workload of the simulations that are recorded."""
     return drawn.only(np.arange(drawn.nbatch) < NPROBE)
 
 

@@ -90,7 +90,6 @@ def calibrate(
 
 
 def _cores_had(calibration: Calibration, clock: Callable[[], float]) -> Sequence[float]:
-    """Return the cores that all threads together got, again and again for a while."""
     had: list[float] = []
     end = clock() + _WORK_S
     while not had or clock() < end:

@@ -109,7 +109,6 @@ def list_files(source: ModelSource, channel: Channel) -> list[Path]:
 
 
 def _dependencies(file: Path) -> list[Path] | None:
-    """Return the files that an MJCF file refers to, itself included; None where it is not known."""
     import mujoco
 
     from mjbench.simulation import model_files
@@ -124,7 +123,6 @@ def _dependencies(file: Path) -> list[Path] | None:
 
 
 def _all_below(source: ModelSource) -> Iterator[Path]:
-    """Yield the files of a model's folder; of a compiled one, only itself."""
     if source.path.suffix.lower() == ".mjb":
         yield source.path
         return

@@ -130,7 +130,6 @@ def _unheard() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _own_signals() -> Iterator[None]:
-    """Keep the handlers of this process, where Ray sets its own."""
     handlers = {
         number: signal.getsignal(number)
         for name in _SIGNALS

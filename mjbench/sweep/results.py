@@ -143,7 +143,6 @@ class Collector:
         return self.missing[0].kind == CellKind.COMPARE
 
     def _take(self) -> list[CellResult]:
-        """Return the complete cells that no missing one comes before."""
         taken = []
         while self.missing and self.missing[0] in self._complete:
             taken.append(self._complete[self.missing.pop(0)])
@@ -159,7 +158,6 @@ def _named(cell: Cell, section: RunSection) -> CellResult:
 
 
 def _is_answer(record: Record, cell: Cell) -> bool:
-    """Return whether a record is the result of a cell; one that was interrupted is none."""
     match record:
         case VerdictRecord() if cell.kind == CellKind.VERSIONS:
             names = (record.model, record.path, record.old, record.new)

@@ -250,7 +250,6 @@ class _Round:
 
 
 def _block_s(function: Function, count: int, clock: Clock) -> float:
-    """Return the seconds of some calls of a function."""
     return timing.block_s(timing.Contender(_block(function, count)), clock)
 
 
@@ -259,7 +258,6 @@ def _block(function: Function, count: int) -> Callable[[], None]:
 
 
 def _time_round(pair: FunctionPair, count: int, clock: Clock, rng: random.Random) -> _Round:
-    """Time as many quads as a round needs."""
     blocks = _block(pair.baseline, count), _block(pair.candidate, count)
     orders, times, spent_s = list[str](), list[list[float]](), 0.0
     while spent_s < ROUND_S and len(orders) < MOST_QUADS:

@@ -58,7 +58,6 @@ class BuildRun:
     def __init__(
         self, engine: Engine, variant: Variant, model: str, reference: CReference, folder: Path
     ):
-        """Start nothing yet; files of the run go to `folder`, which is removed at its end."""
         self.variant = variant
         self._engine, self._model, self._reference = engine, model, reference
         self._folder = folder
@@ -175,7 +174,6 @@ class BuildRun:
         return states
 
     def _steps(self, starts: np.ndarray, control: np.ndarray, hold: int) -> StepsInFiles:
-        """Write a workload to files."""
         arrays = {"starts_file": starts, "control_file": control}
         files = {name: self._folder / f"{name}.f64" for name in arrays}
         for name, array in arrays.items():
@@ -220,17 +218,12 @@ def seconds_before_steady(blocks_ns: Sequence[int]) -> float:
 
 
 def _is_steady(blocks: list[int]) -> bool:
-    """Return whether the last blocks are no faster than those before."""
     last, before = blocks[-_WINDOW:], blocks[-2 * _WINDOW : -_WINDOW]
     return statistics.median(last) >= _STEADY * statistics.median(before)
 
 
 def _read(file: Path, shape: tuple[int, ...]) -> np.ndarray:
-    """Return an array that the Node program wrote.
-
-    Raises:
-      MachineError: the file is missing, or has another size.
-    """
+    """Return an array that the Node program wrote."""
     try:
         values = np.fromfile(file)
     except OSError as error:

@@ -131,7 +131,6 @@ def block_size(run: ReferenceRun, step_s: float) -> RunSize:
 
 
 def _first(workload: PortableWorkload, run: ReferenceRun, block: RunSize) -> PortableWorkload:
-    """Return the workload of a block, and where it ends."""
     first = workload.only(np.arange(block.nbatch), run.states[block.nstep])
     return replace(first, control=first.control[:, : block.nstep // run.hold])
 

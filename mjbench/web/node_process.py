@@ -132,9 +132,6 @@ class NodeProcess:
         """Compile a model, whose own file is the first; return the milliseconds that it took.
 
         The module's own file system has the files where they are here.
-
-        Args:
-          engine_threads: of the engine's own pool; 0 for none.
         """
         pairs = [(Path(file).absolute().as_posix(), file) for file in files]
         model = pairs[0][0]
@@ -175,7 +172,6 @@ class NodeProcess:
         self._answers.end()
 
     def _call(self, kind: type[_T], action: str, activity: str, **arguments: object) -> _T:
-        """Have an action of the runner done, and return its answer."""
         if self._failure is not None:
             raise NodeError(self.name, self._failure)
         with contextlib.suppress(OSError):  # its end is reported where its answer is read
@@ -207,7 +203,6 @@ def _die_with(parent: int) -> Callable[[], None]:
 
 
 def _oldest_node() -> int:
-    """Return the oldest major version that will do."""
     wanted = json.loads(_PIN.read_text(encoding="utf-8"))["engines"]["node"]
     return int(wanted.removeprefix(">="))
 
@@ -236,11 +231,6 @@ def find_node(command: str = COMMAND, limit_s: float = _VERSION_LIMIT_S) -> Node
 
 
 def _version(file: str, limit_s: float) -> str:
-    """Return the version that a program says.
-
-    Raises:
-      MachineError: it says none.
-    """
     try:
         done = subprocess.run(
             [file, "--version"],

@@ -116,7 +116,6 @@ def find(version: str | None = None, folder: Path | None = None) -> NpmPackage:
 
 
 def _in_folder(folder: Path) -> NpmPackage:
-    """Return the package in a folder that a user named."""
     for below in (_MANIFEST, Path(NAME, "package.json"), Path("package.json")):
         manifest = folder / below
         if manifest.is_file() and _manifest(manifest).get("name") == NAME:
@@ -128,11 +127,6 @@ def _in_folder(folder: Path) -> NpmPackage:
 
 
 def _read(manifest: Path) -> NpmPackage:
-    """Return the package of a manifest.
-
-    Raises:
-      MachineError: a file of it is missing, or it names no version.
-    """
     version = _manifest(manifest).get("version")
     package = NpmPackage(manifest.parent.resolve(), str(version))
     if not installs.is_release(package.version):
@@ -148,11 +142,6 @@ def _read(manifest: Path) -> NpmPackage:
 
 
 def _manifest(file: Path) -> Mapping[str, Any]:
-    """Return the content of a manifest.
-
-    Raises:
-      MachineError: it is not the manifest of a package.
-    """
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

@@ -147,11 +147,6 @@ class WebRecord:
     paths: Sequence[WebPathRecord] = ()
 
     def __post_init__(self) -> None:
-        """Check that what was timed is described, and that rounds have all their times.
-
-        Raises:
-          ValueError: it is not.
-        """
         rounds = max((len(path.block_ns) for path in self.paths), default=0)
         of_c = (len(path.block_ns) for path in self.paths if path.path == C_PATH)
         if rounds > max(of_c, default=0):

@@ -19,7 +19,6 @@ class Burst:
     """The slots of calls that are timed in bursts, such as steps."""
 
     def __init__(self, calls: CallClock) -> None:
-        """Begin without a call."""
         self._calls = calls
         self.begin_process()
 
@@ -100,7 +99,6 @@ class CallBursts:
         now_ns: Callable[[], int] = time.perf_counter_ns,
         processor_ns: Callable[[], int] = time.process_time_ns,
     ) -> None:
-        """Time the first burst."""
         self._calls, self._burst, self._now_ns = calls, Burst(calls), now_ns
         self._pacer = Pacer(now_ns, processor_ns)
         self.call_cost_ns = self.passed_cost_ns = 0

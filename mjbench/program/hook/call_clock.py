@@ -85,7 +85,6 @@ class CallClock:
     """Times the calls of this process by the line that makes them."""
 
     def __init__(self, folder: str, now_ns: Callable[[], int] = time.perf_counter_ns) -> None:
-        """Begin the process's file."""
         self._folder, self._now_ns = folder, now_ns
         self.is_own: dict[str, bool] = {}
         self.before_steps: Callable[[], None] = lambda: None  # called before a call that steps
@@ -281,11 +280,7 @@ class CallClock:
         before: Callable[[Sequence[Any]], None] | None = None,
         detail: Callable[[Sequence[Any], FrameType | None], Sequence[Any]] | None = None,
     ) -> Any:
-        """Return what stands for a slow function: it counts each call, but none inside another.
-
-        Args:
-          detail: returns what is noted with the line, of the arguments and the line's frame.
-        """
+        """Return what stands for a slow function: it counts each call, but none inside another."""
         now_ns = self._now_ns
 
         def call(*args: Any, **kwargs: Any) -> Any:

@@ -31,7 +31,6 @@ class OtherFunctions:
         watch: Watch,
         now_ns: Callable[[], int],
     ) -> None:
-        """Time calls into the burst of the steps, or into bursts of calls without a step."""
         self._steps, self._burst, self._bursts = steps, burst, bursts
         self._watch, self._now_ns = watch, now_ns
 
@@ -73,7 +72,6 @@ class OtherFunctions:
         return engine_function(call, function)
 
     def _note_step(self, step_count: int) -> None:
-        """Note that there was a step since the last call."""
         has_few = self._calls_since_step <= MOST_BETWEEN_STEPS
         self._steps_with_few = self._steps_with_few + 1 if has_few else 0
         if self._is_alone and self._steps_with_few > BURST_CALLS:

@@ -23,7 +23,6 @@ class Pacer:
         now_ns: Callable[[], int] = time.perf_counter_ns,
         processor_ns: Callable[[], int] = time.process_time_ns,
     ) -> None:
-        """Let the time begin of which bursts may take a share."""
         self._now_ns, self._processor_ns = now_ns, processor_ns
         self.begin()
 

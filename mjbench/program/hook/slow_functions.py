@@ -52,7 +52,6 @@ class SlowFunctions:
     """Replaces the slow functions of MuJoCo in this process."""
 
     def __init__(self, calls: CallClock, watch: Watch) -> None:
-        """Replace nothing yet."""
         self._calls, self._watch = calls, watch
         self._has_seen_renderer = False
         self._callback_code: Any = self  # of what times a callback; at first, of nothing
@@ -84,8 +83,6 @@ class SlowFunctions:
         self._watch.keep_state(args[0].model, args[0], "copied")
 
     def _setting(self, setter: Any, name: str) -> Any:
-        """Return what stands for a function that sets a callback."""
-
         def set_callback(function: Any) -> Any:
             if hasattr(function, "__code__"):
                 function = self._calls.callback(function, name)
@@ -141,7 +138,6 @@ class SlowFunctions:
             module.Rollout.rollout = named_like(of_pool, call_of_pool)
 
     def _look(self, model: Any, data: Any) -> None:
-        """Look at the first simulation of a rollout, from time to time."""
         now_ns = time.perf_counter_ns()
         if now_ns >= self._watch.next_look_ns:
             model, data = (
@@ -174,7 +170,6 @@ class SlowFunctions:
 
 
 def _draws_in_software() -> bool:
-    """Return whether the library of OpenGL that the program has loaded draws on the processor."""
     import ctypes
 
     for library in _GL_LIBRARIES:

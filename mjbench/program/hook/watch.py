@@ -26,7 +26,6 @@ class Watch:
     def __init__(
         self, folder: str, calls: CallClock, now_ns: Callable[[], int] = time.perf_counter_ns
     ) -> None:
-        """Begin to watch."""
         self._folder, self._calls, self._now_ns = folder, calls, now_ns
         self.begin_process()
 
@@ -136,7 +135,6 @@ class Watch:
 
 
 def _resident_bytes() -> int:
-    """Return the memory of this process; 0 where the system does not say."""
     try:
         with open("/proc/self/statm", "rb") as file:
             return int(file.read().split()[1]) * mmap.PAGESIZE
