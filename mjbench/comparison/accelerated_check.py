@@ -195,7 +195,6 @@ class _Check:
         return JudgedPart.of(PartName.SMOOTH, *measures)
 
     def constraints(self, on_state: Callable[[], None]) -> JudgedConstraints:
-        """Judge contacts and the constraint problem."""
         return judge_constraints(
             self._workload.model,
             self.judged,
@@ -224,7 +223,6 @@ class _Check:
         )
 
     def run(self, has_same_contacts: bool) -> JudgedPart:
-        """Judge the run to its end."""
         workload = self._workload
         compared = [self.final_fields[name] for name in COMPARED if name in self.final_fields]
         lost = int((~np.isfinite(np.hstack(compared)).all(axis=1)).sum())
@@ -285,12 +283,7 @@ class _Check:
 def take_single_steps(
     program: SteppingProgram, singles: SingleSteps, repeats: bool = False
 ) -> StepOutcome:
-    """Take single steps by a compiled program, as many at a time as it has simulations.
-
-    Args:
-      repeats: return also the steps that simulations which are left over take, from the first one
-        on: every simulation takes one.
-    """
+    """Take single steps by a compiled program, as many at a time as it has simulations."""
     nbatch, count = program.workload.nbatch, len(singles.state)
     states = workloads.fields(program.workload.model, singles.state)
     states.pop("ctrl", None)

@@ -80,11 +80,7 @@ def run(
     on_record: Callable[[MeasurementRecord], None],
     import_from: str | None = None,
 ) -> isolate.Ended:
-    """Measure one path on one model in a child; whatever becomes of it, this process goes on.
-
-    Raises:
-      InputError: the path does not compile.
-    """
+    """Measure one path in a child that may crash; InputError where it does not compile."""
     source = ModelSource(request.source.name, request.source.path.resolve())
     return isolate.run(
         measure_in_child,

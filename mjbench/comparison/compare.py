@@ -43,7 +43,6 @@ class ModelChildren:
 
     @property
     def agreeing(self) -> list[int]:
-        """The variants that run C and agree, in the plan's order."""
         return [
             position
             for position, record in sorted(self.measured.items())
@@ -52,7 +51,6 @@ class ModelChildren:
 
     @property
     def share_verified(self) -> float:
-        """The share of the variants that have a report."""
         return len(self.measured) / len(self.plan.variants)
 
     def verify(self, on_message: Callable[[], None] = lambda: None) -> isolate.Ended:
@@ -141,7 +139,6 @@ class ModelChildren:
             self.measured[position] = self._blank(position, Status.FAILED, detail)
 
     def model_record(self) -> ModelRecord:
-        """Return the record of the model as far as it is known."""
         ended = self.ended or Failure(Status.INTERRUPTED, "")
         return dataclasses.replace(
             self.reference or ModelRecord(model=self.source.name, status=ended.status),
@@ -157,7 +154,6 @@ class ModelChildren:
 
         Args:
           timed: variants that a race timed.
-          is_over: whether nothing more is measured.
         """
         model, untimed = self.model_record(), self._untimed(is_over)
         records = []

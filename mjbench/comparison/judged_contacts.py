@@ -113,11 +113,7 @@ class ContactJudge:
                 states.lacking_effects.append(effect)
 
     def pairs(self, limit: float) -> tuple[PairContacts, ...]:
-        """Return what was seen of each pair of types.
-
-        Args:
-          limit: the largest effect of contacts that agree.
-        """
+        """Return what was seen of each pair of types; larger effects than `limit` disagree."""
         return tuple(_pair(types, states, limit) for types, states in self._pairs.items())
 
     def _types(self, contacts: Contacts) -> list[Types]:

@@ -138,7 +138,6 @@ class RunFigure:
     precision: Precision
 
     def measures(self, has_same_contacts: bool) -> list[Measure]:
-        """Return what is compared; see `figure_measures`."""
         together = self._together() if has_same_contacts else np.zeros(self.in_c.shape, dtype=bool)
         measures = [self._before_parting(together)] if together.any() else []
         return measures if together.all() else [*measures, self._means()]

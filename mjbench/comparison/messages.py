@@ -26,7 +26,6 @@ class ModelFiles:
 
     @classmethod
     def in_folder(cls, folder: Path) -> "ModelFiles":
-        """Return the files of one model in a folder of its own."""
         names = ("model.mjb", "workload.pickle", "accelerated.pickle")
         return cls(*(folder / name for name in names))
 

@@ -66,10 +66,8 @@ class ComparisonPlan:
 
     @property
     def accelerated(self) -> list[int]:
-        """The variants that compile, by their positions."""
         return [i for i, each in enumerate(self.variants) if paths.find(each.path).compiles]
 
     @property
     def most_threads(self) -> int:
-        """The most threads or processes that any variant uses."""
         return max(nthread(variant.options) for variant in self.variants)

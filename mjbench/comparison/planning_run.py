@@ -93,16 +93,11 @@ class PlanningRow:
 def run(
     request: PlanningRequest, import_from: str | None = None, limit_s: float = TIME_LIMIT_S
 ) -> list[PlanningRow]:
-    """Run a planner in a child process (see `isolate.call`), and return a row for each variant.
-
-    Raises:
-      MjbenchError: the child failed.
-    """
+    """Run a planner in a child, and return a row for each variant; MjbenchError if it fails."""
     return isolate.call(plan_in_child, request, limit_s=limit_s, import_from=import_from)
 
 
 def plan_in_child(request: PlanningRequest, channel: Channel) -> list[PlanningRow]:
-    """Run the loop; return a row for each variant."""
     channel.doing("loading the model")
     model = models.load(request.source)
     if not model.nu:
@@ -137,10 +132,7 @@ class _PlannedPath:
     def roll_out(
         self, start: np.ndarray, candidates: np.ndarray, cost: Callable[[np.ndarray], np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the (samples, nstep, nphysics) states of candidates, and their (samples,) costs.
-
-        None where the path fails.
-        """
+        """Return (samples, nstep, nphysics) states and (samples,) costs; None if the path fails."""
         try:
             workload = self._workload
             if self._prepared is None:
@@ -175,11 +167,9 @@ class _PlannedPath:
         self._prepared.run()
 
     def fail(self, status: Status, detail: str) -> None:
-        """Note why its plans do not count."""
         self.status, self.detail = status, detail
 
     def row(self, of_loop: PlanningRow, base: "_PlannedPath") -> PlanningRow:
-        """Return its plans, beside those of the plain loop."""
         row = dataclasses.replace(
             of_loop,
             path=self._variant.path,
@@ -196,7 +186,6 @@ class _PlannedPath:
         return dataclasses.replace(row, plan_s=plan_s, plans_per_s=1 / plan_s, speedup=speedup)
 
     def close(self) -> None:
-        """Stop its workers and pools."""
         self._resources.close()
 
 

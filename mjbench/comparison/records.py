@@ -138,7 +138,6 @@ class MeasurementRecord:
     def of(
         cls, model: str, variant: Variant, status: Status = Status.OK, detail: str = ""
     ) -> "MeasurementRecord":
-        """Return the record of a variant on a model before it is measured."""
         path = paths.find(variant.path)
         return cls(
             model=model,

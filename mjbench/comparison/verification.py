@@ -53,7 +53,6 @@ class ReferenceCase:
     def create(
         cls, workload: Workload, observation: Observation, label: str = ""
     ) -> "ReferenceCase":
-        """Return the case of a workload and its reference run."""
         case = cls.of_states(workload, observation.final_state)
         return dataclasses.replace(case, label=label, start_contacts=observation.start_contacts)
 
@@ -73,10 +72,7 @@ class ReferenceCase:
         return cls.create(healthy, observation, f"in contact ({CONTACT_MODEL})")
 
     def difference(self, states: paths.States, prepared: paths.Prepared) -> Difference | None:
-        """Return where a run that ended in `states` first differs from the reference run, or None.
-
-        Its outputs of every step are compared where the workload asks for them.
-        """
+        """Return where a run and its outputs first differ from the reference run, or None."""
         difference = self._output_difference(prepared) or agreement.first_differing_entry(
             states.values, self.final_state, self._state_columns, states.mask
         )
@@ -209,16 +205,12 @@ class FurtherCases:
         return chosen
 
     def close(self) -> None:
-        """Stop workers and pools, and release all memory."""
         for case in (*self.inputs.values(), *([self.contact] if self.contact else [])):
             case.resources.close()
 
 
 def _input_cases(own: Workload, step_s: float) -> dict[Product, ReferenceCase]:
-    """Return small cases of the user's model with every input set, one a product.
-
-    Simulations that raise any warning are left out: a rollout stops at the first.
-    """
+    """Return small cases with every input set, one a product, of simulations without warnings."""
     # where the user's are fewer, some are taken twice: their inputs differ
     rows = np.resize(trajectory.spread_indices(own.nbatch, INPUTS_NBATCH), INPUTS_NBATCH)
     affordable = int(INPUTS_S / (step_s * len(rows)))

@@ -79,7 +79,6 @@ class CallgrindProfile:
 
     @property
     def total(self) -> int:
-        """All instructions of the dump."""
         return sum(self.self_cost.values())
 
     @cached_property
@@ -117,11 +116,7 @@ class CallgrindProfile:
 
 
 def parse(text: str) -> CallgrindProfile:
-    """Return the profile in a dump.
-
-    Raises:
-      MachineError: it is something else, or was cut short.
-    """
+    """Return the profile in a dump of one event, version 1; MachineError for anything else."""
     try:
         return _parse(text)
     except (ValueError, LookupError) as error:

@@ -134,11 +134,9 @@ class Instrumentation:
             self._request = ctypes.CFUNCTYPE(ctypes.c_uint64, ctypes.c_void_p)(address)
 
     def start(self) -> None:
-        """Count from here on."""
         self._ask(_START)
 
     def stop(self) -> None:
-        """Count no more."""
         self._ask(_STOP)
 
     def _ask(self, request: int) -> None:

@@ -112,11 +112,7 @@ class InstructionCounter:
         self._closing = contextlib.ExitStack()
 
     def __enter__(self) -> "InstructionCounter":
-        """Create a temporary directory for workloads.
-
-        Raises:
-          MachineError: valgrind is missing, or there is no temporary directory.
-        """
+        """Create a folder for workloads; MachineError without valgrind, or a folder."""
         problem = unavailable()
         if problem:
             raise MachineError(problem)

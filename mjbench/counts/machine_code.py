@@ -69,7 +69,6 @@ class Instruction:
 
     @property
     def is_nop(self) -> bool:
-        """Whether it does nothing."""
         return not self.shape
 
 

@@ -43,7 +43,6 @@ class EnvironmentAdapter(ABC):
         return [type(wrapper).__name__ for wrapper in self.wrappers]
 
     def versions(self) -> dict[str, str]:
-        """Return the versions of the packages that its classes come from, by their names."""
         import importlib.metadata
 
         classes = [kind for each in (*self.wrappers, self.core) for kind in type(each).__mro__]
@@ -95,11 +94,7 @@ class EnvironmentAdapter(ABC):
 
     @abstractmethod
     def is_over(self, outcome: Any) -> bool:
-        """Return whether an episode ended with the step that returned `outcome`.
-
-        Raises:
-          InputError: no step of this framework returns that.
-        """
+        """Return whether an episode ended with an outcome; InputError where no step returns it."""
 
     @abstractmethod
     def fields(self, outcome: Any) -> Mapping[str, Any]:
@@ -107,11 +102,7 @@ class EnvironmentAdapter(ABC):
 
     @abstractmethod
     def draw_actions(self, count: int, seed: int) -> list[Any]:
-        """Return random actions.
-
-        Raises:
-          InputError: it is unknown what an action is.
-        """
+        """Return random actions; InputError where it is unknown what an action is."""
 
 
 class _TupleAdapter(EnvironmentAdapter):
@@ -120,14 +111,12 @@ class _TupleAdapter(EnvironmentAdapter):
     lengths: ClassVar[tuple[int, ...]]
 
     def is_over(self, outcome: Any) -> bool:
-        """See `EnvironmentAdapter.is_over`."""
         if not isinstance(outcome, tuple) or len(outcome) not in self.lengths:
             expected = " or ".join(map(str, self.lengths))
             raise InputError(f"its step returned {_described(outcome)}, not {expected} values")
         return any(bool(flag) for flag in outcome[2:-1])
 
     def fields(self, outcome: Any) -> Mapping[str, Any]:
-        """See `EnvironmentAdapter.fields`."""
         flags = ("terminated", "truncated") if len(outcome) == 5 else ("done",)
         return dict(zip(("observation", "reward", *flags), outcome[:-1], strict=True))
 
@@ -166,18 +155,15 @@ class DmControlAdapter(EnvironmentAdapter):
     framework = "dm_control"
 
     def is_over(self, outcome: Any) -> bool:
-        """See `EnvironmentAdapter.is_over`."""
         if not callable(getattr(outcome, "last", None)):
             raise InputError(f"its step returned {_described(outcome)}, not a dm_env.TimeStep")
         return bool(outcome.last())
 
     def fields(self, outcome: Any) -> Mapping[str, Any]:
-        """See `EnvironmentAdapter.fields`."""
         names = ("observation", "reward", "discount", "step_type")
         return {name: getattr(outcome, name, None) for name in names}
 
     def draw_actions(self, count: int, seed: int) -> list[Any]:
-        """See `EnvironmentAdapter.draw_actions`; from the bounds of the specification."""
         spec = self.environment.action_spec()
         low, high = getattr(spec, "minimum", None), getattr(spec, "maximum", None)
         shape = getattr(spec, "shape", None)
@@ -194,17 +180,12 @@ class RobosuiteAdapter(_TupleAdapter):
     lengths = (4,)
 
     def draw_actions(self, count: int, seed: int) -> list[Any]:
-        """See `EnvironmentAdapter.draw_actions`; from the bounds of the specification."""
         low, high = self.environment.action_spec
         return draw_uniform(low, high, count, seed)
 
 
 def adapt(environment: Any) -> EnvironmentAdapter:
-    """Return the adapter of an environment.
-
-    Raises:
-      InputError: it is no environment, or does not say what its actions are.
-    """
+    """Return the adapter of an environment; InputError if it is none, or without actions."""
     kind = type(environment).__name__
     for name in ("reset", "step"):
         if not callable(getattr(environment, name, None)):

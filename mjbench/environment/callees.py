@@ -24,11 +24,7 @@ _ENTERED = {Layer.STEPPING, Layer.ACTION, Layer.INFO, Layer.TERMINATION, Layer.R
 
 @dataclass(frozen=True, eq=False)
 class Callee:
-    """A function that a step calls.
-
-    Attributes:
-      name: for people; of a wrapper's step, the wrapper's class.
-    """
+    """A function that a step calls; `name` is for people: of a wrapper, its class."""
 
     owner: Any
     attribute: str

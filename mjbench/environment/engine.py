@@ -21,11 +21,7 @@ _UNCHANGED = ("mujoco", "mjbench")
 
 @dataclass(frozen=True, eq=False)
 class Binding:
-    """A name of a module that stands for a function of the engine.
-
-    Attributes:
-      function: the name in `mujoco`.
-    """
+    """A name of a module that stands for `function` of `mujoco`."""
 
     module: ModuleType
     attribute: str

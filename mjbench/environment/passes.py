@@ -37,10 +37,7 @@ PATIENCE = 20
 
 
 def send_rounds(time_round: Callable[[], object], budget_s: float, channel: Channel) -> None:
-    """Time rounds until the budget is used; send what each returns.
-
-    One that is not sent comes first, as it touches all memory.
-    """
+    """Time rounds until the budget is used, and send each but the first, which touches memory."""
     results: list[object] = []
     contender = Contender(lambda: results.append(time_round()))
     longest_s = timing.block_s(contender)
@@ -99,7 +96,6 @@ class EnvironmentPasses:
         self.adapter, self.actions, self.seed, self.clock_ns = adapter, actions, seed, clock_ns
 
     def plain(self, heartbeat: Callable[[], None] = lambda: None) -> Pass:
-        """Return the times of a pass."""
         return self._compared(self._begin_plain, heartbeat)
 
     def recorded(self, watch: EngineWatch, heartbeat: Callable[[], None]) -> Pass:

@@ -190,15 +190,11 @@ class PhysicsComparison:
             self.case.reorder(rng)
 
     def close(self) -> None:
-        """Stop workers and pools."""
         self.case.resources.close()
 
 
 def difference_from(physics: PhysicsAlone) -> str:
-    """Return where a plain loop first differs from the environment at the ends of runs; or empty.
-
-    The loop takes the steps of each run from its start; nothing of the environment is in it.
-    """
+    """Return where a plain loop of the runs first differs from the environment's ends, or empty."""
     observation = work.observe(physics.workload)
     columns = compat.state_columns(physics.workload.model)
     difference = agreement.first_differing_entry(
@@ -221,11 +217,7 @@ def described(number: int, difference: Difference) -> str:
 def prepare(
     physics: PhysicsAlone, variants: Sequence[Variant], channel: Channel
 ) -> PhysicsComparison:
-    """Verify every path, and send an `AgreementReport` for each.
-
-    Args:
-      variants: the paths, the plain loop first.
-    """
+    """Verify every path, the plain loop first, and send an `AgreementReport` for each."""
     workload, observation = work.observe_healthy(physics.workload)
     if workload.nbatch < physics.workload.nbatch:
         raise MachineError(f"the physics diverges ({observation.diagnosis()})")

@@ -83,7 +83,6 @@ class StepTrace:
 
     @property
     def nstep(self) -> int:
-        """Steps of the engine."""
         return len(self.control)
 
 
@@ -153,7 +152,6 @@ class EngineWatch:
 
     @contextmanager
     def watching(self) -> Iterator[None]:
-        """Watch while the block runs."""
         names = engine.function_names()
         wrappers = {name: functools.partial(self._watched, name) for name in names}
         with engine.replaced(wrappers, engine.bindings()):
@@ -165,7 +163,6 @@ class EngineWatch:
         self._versions.moment = Moment.RESET
 
     def run(self, step: Callable[[], Any]) -> Any:
-        """Run one step of the environment, and return its result."""
         current = self._current = _OpenStep()
         try:
             outcome = step()
@@ -204,7 +201,6 @@ class EngineWatch:
         )
 
     def recording(self) -> Recording:
-        """Return what was seen."""
         installed = [
             f"mjcb_{name}"
             for name in _CALLBACKS
@@ -297,7 +293,6 @@ class _ModelVersions:
         return self._number
 
     def count(self) -> None:
-        """Count a step with the current content."""
         self._uses += 1
         if self._uses > self._most_uses:
             self._most_uses, self.most_used = self._uses, (self._number, self._copy)

@@ -80,7 +80,6 @@ class EnvironmentRequest:
 
     @property
     def most_threads(self) -> int:
-        """The most threads that a path has."""
         return max((nthread(variant.options) for variant in self.variants), default=1)
 
 

@@ -41,7 +41,6 @@ class TimerCost:
 
     @property
     def total_ns(self) -> float:
-        """Both together."""
         return self.inside_ns + self.outside_ns
 
 
@@ -154,10 +153,7 @@ def measure_cost(clock_ns: ClockNs = time.perf_counter_ns) -> TimerCost:
 
 
 def _block_ns(clock_ns: ClockNs) -> tuple[int, int, int]:
-    """Return the time of a loop that calls a function, and of one that calls it timed.
-
-    Of the second, also what is charged to the function: it comes before the whole.
-    """
+    """Return the time of a loop that calls a function, and of one that calls it timed."""
     timer = LayerTimer(clock_ns)
     timed = timer.timed(_nothing, Layer.REST, "inside")
 

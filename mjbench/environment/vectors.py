@@ -75,7 +75,6 @@ class VectorLaunch:
 
 
 def sized_forms(plan: EnvironmentPlan) -> list[tuple[VectorForm, int]]:
-    """Return the forms with their numbers of environments."""
     return [(form, nenv) for nenv in plan.nenv for form in VectorForm]
 
 
@@ -103,7 +102,6 @@ class _VectorLaunches(Targets[VectorLaunch]):
         self._request = request
 
     def launch(self, positions: Sequence[int]) -> VectorLaunch:
-        """See `Targets.launch`."""
         return isolate.call(
             measure_in_child,
             dataclasses.replace(self._request, positions=positions),
@@ -129,7 +127,6 @@ class _VectorRule(StopRule[VectorLaunch]):
         self._plan, self._clock, self._begin_s = plan, clock, clock()
 
     def next_targets(self) -> Sequence[int]:
-        """See `StopRule.next_targets`."""
         count, spent_s = len(self.launches), self._clock() - self._begin_s
         expected_s = spent_s * (count + 1) / max(1, count)
         is_over = expected_s > self._plan.budget_s or count == MOST_LAUNCHES
@@ -165,11 +162,7 @@ class _VectorRule(StopRule[VectorLaunch]):
 
 
 def measure_in_child(request: VectorRequest, channel: Channel) -> VectorLaunch:
-    """Make vectorised forms, compare and time them.
-
-    Raises:
-      InputError: there are no such forms of this environment.
-    """
+    """Make vectorised forms, compare and time them; InputError where there are none."""
     channel.doing("making the environment for its vectorised forms")
     adapter = adapters.adapt(construction.make(request.source))
     if reason := _no_forms(adapter):
@@ -267,7 +260,6 @@ class _Single:
         return seconds
 
     def fingerprint(self) -> Fingerprint:
-        """Return the fingerprint of what the last run returned."""
         fingerprint = Fingerprint()
         for returned in self.returned:
             for name, value in zip(_FIELDS, returned, strict=True):
@@ -309,7 +301,6 @@ class _VectorEnvironment:
         self.batched = [np.stack(each) for each in actions]
 
     def reset(self) -> Any:
-        """Reset all environments, each with its seed; return their observations."""
         return self.environments.reset(seed=[single.seed for single in self.singles])[0]
 
     def difference(self) -> str:
@@ -330,7 +321,6 @@ class _VectorEnvironment:
         return next(filter(None, differences), "")
 
     def run(self) -> float:
-        """Take all steps, and return their seconds."""
         self.reset()
         step, returned = self.environments.step, ()
         begin = time.perf_counter()
@@ -341,7 +331,6 @@ class _VectorEnvironment:
         return seconds
 
     def close(self) -> None:
-        """End its processes."""
         self.environments.close()
 
 
@@ -394,10 +383,7 @@ def _timed(
 
 
 def _resets_in_next_step() -> bool:
-    """Return whether vectorised forms reset in the step after an episode's last (Gymnasium ≥ 1.0).
-
-    Older ones reset in the last step itself.
-    """
+    """Return whether a form resets in the step after an episode's last (Gymnasium ≥ 1.0)."""
     import gymnasium
 
     return hasattr(gymnasium.vector, "AutoresetMode")
@@ -416,10 +402,7 @@ def _copied(observation: Any) -> Any:
 
 
 def _equal(single: Any, batched: Any, i: int) -> bool:
-    """Return whether entry `i` of batched observations is that of one environment, bit by bit.
-
-    A vectorised form converts observations to the types of the observation space.
-    """
+    """Return whether batched observation i is that of one environment, converted, bit by bit."""
     if isinstance(single, dict):
         return all(_equal(value, batched[key], i) for key, value in single.items())
     if isinstance(single, tuple):

@@ -224,7 +224,6 @@ class _Block:
     pid: int = dataclasses.field(default_factory=os.getpid)
 
     def write(self) -> Captured:
-        """Write the files; return what is in them."""
         models, others = self.recorder.models(), self.recorder.other_nstep()
         unseen = tuple(_modules_with_own_functions())
         windows = models[0].windows() if models else []

@@ -210,11 +210,7 @@ BY_NAME = {habit.name: habit for habit in HABITS}
 def loop_names(
     model: mujoco.MjModel, nstep: int, file: str, start: Start = reset_to_start
 ) -> dict[str, Any]:
-    """Return the names that a habit's snippets may use, by their spelling.
-
-    `joint_id` is the first joint that has a name, and 0 if none has. A snippet may assign another
-    MjData to `data`.
-    """
+    """Return the names that a habit's snippets may use; `joint_id` is a joint with a name, or 0."""
     joints = [model.joint(i).name for i in range(model.njnt)]
     joint_id = next((i for i, name in enumerate(joints) if name), 0)
     return {

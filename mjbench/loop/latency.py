@@ -175,7 +175,6 @@ def row(model: str, samples: StepSamples, deadline_s: float | None) -> LatencyRo
     """Return what the steps of one pace say of latency.
 
     Args:
-      deadline_s: by which a step should end; None for the time between two paced steps, or the
         model's timestep.
     """
     latency_ns = samples.latency_ns
@@ -215,11 +214,7 @@ def _histogram(latency_ns: np.ndarray) -> str:
 
 
 def histogram_quantiles(encoded: str, quantiles: Sequence[float]) -> list[float]:
-    """Return quantiles of the latencies in an encoded HdrHistogram, in nanoseconds.
-
-    Raises:
-      InputError: it cannot be decoded.
-    """
+    """Return quantiles of latencies in ns from an encoded HdrHistogram; else InputError."""
     from hdrh.histogram import HdrHistogram
 
     try:
@@ -233,7 +228,6 @@ def histogram_quantiles(encoded: str, quantiles: Sequence[float]) -> list[float]
 
 
 def measure_in_child(request: LatencyRequest, channel: Channel) -> list[StepSamples]:
-    """Measure the steps of a model at each pace."""
     channel.doing("loading the model")
     model = models.load(request.source)
     channel.doing("drawing start states")
@@ -280,10 +274,9 @@ def record_steps(
     clock: Callable[[], int] = time.perf_counter_ns,
     sleep: Callable[[float], None] = time.sleep,
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Step simulations one after the other; `period_ns` is between two paced steps, 0 for no pace.
+    """Step simulations in turn; return (nstep,) latencies in ns, and (nstep,) features by name.
 
-    Returns:
-      (nstep,) latencies in ns, and features by name, each (nstep,).
+    `period_ns` is between two paced steps; 0 is for no pace.
     """
     model, data = workload.model, mujoco.MjData(workload.model)
     total = nstep + WARM_UP_NSTEP

@@ -51,10 +51,7 @@ class DataUses:
 
 
 def uses_of(script: SteppingScript, node: ast.Name, with_callers: bool = True) -> DataUses | None:
-    """Return what a script does with the MjData that a name stands for; None if more may happen.
-
-    That includes what the callers of a function do with its argument, unless they are left out.
-    """
+    """Return what a script does with an MjData, with all callers if asked; None if unknown."""
     owner = script.bindings.owner(node.id, node)
     return _Following(script, with_callers).follow(owner, node.id) if owner is not None else None
 
@@ -192,10 +189,7 @@ def _only_target(statement: ast.AST | None) -> ast.Name:
 
 
 def _outlives(script: SteppingScript, field: ast.Attribute, is_row: bool) -> bool:
-    """Return whether a view that begins with a field, such as `data.xpos`, outlives its expression.
-
-    A field of a named part is one row.
-    """
+    """Return whether a view of a field, such as `data.xpos`, outlives its expression."""
     if not FIELDS.match(field.attr):
         return False
     node: ast.expr = field

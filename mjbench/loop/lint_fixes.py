@@ -44,7 +44,6 @@ class SourceChanges:
 
     @property
     def expressions(self) -> Sequence[ast.expr]:
-        """The expressions that change."""
         return [*self.copied, *(call for hoist in self.hoists for call in hoist.calls)]
 
 
@@ -91,15 +90,10 @@ class LintedFile:
 
     @classmethod
     def unchanged(cls, file: str, program: PythonProgram, codes: Collection[str]) -> "LintedFile":
-        """Return a file in which nothing is to be changed."""
         return cls(file, program, program, 0, lint.findings_of(file, program, codes), ())
 
     def write(self) -> None:
-        """Store the changed file in place of the old one.
-
-        Raises:
-          MachineError: it cannot be written.
-        """
+        """Store the changed file in place of the old one; MachineError if that fails."""
         if self.after is not self.before:
             path = Path(self.file).resolve()  # a link stays a link
             with writing(path), stored_files.replacing(path) as partial:

@@ -134,10 +134,7 @@ def _enough(uses: DataUses | None) -> tuple[str, ...] | None:
 
 
 def enough_for(computed: Set[str], with_jacobians: bool = False) -> tuple[str, ...] | None:
-    """Return the functions that compute fields, none of them of the state itself; None for others.
-
-    They may have to compute what Jacobians need, too.
-    """
+    """Return the functions that compute fields, none of them of the state; None for others."""
     if computed - set().union(*COMPUTED.values()):
         return None
     needed = {name for name, fields in COMPUTED.items() if computed & fields}

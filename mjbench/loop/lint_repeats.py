@@ -90,10 +90,7 @@ def _steps_once(script: SteppingScript, function: ast.FunctionDef) -> bool:
 def iterations(
     script: SteppingScript, node: ast.expr | ast.stmt, functions: tuple[ast.FunctionDef, ...] = ()
 ) -> Iterator[Iteration]:
-    """Yield the loops in whose every iteration a node runs, the innermost of each way first.
-
-    `functions` are those that calls lead through, from the node on.
-    """
+    """Yield the loops in whose every iteration a node runs, the innermost of each way first."""
     child: ast.AST = node
     for parent in script.above(node):
         if isinstance(parent, ast.Lambda | ast.ClassDef):

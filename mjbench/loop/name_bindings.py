@@ -62,7 +62,6 @@ class NameBindings:
                     self._bindings[scope, name].append(node)
 
     def scope_of(self, node: ast.AST) -> Scope:
-        """Return the scope in which a node stands."""
         return next(self._scopes_around(node))
 
     def owner(self, name: str, node: ast.AST) -> Scope | None:
@@ -72,7 +71,6 @@ class NameBindings:
         return next((scope for scope in seen if (scope, name) in self._bindings), None)
 
     def bindings(self, name: str, scope: Scope) -> Sequence[ast.AST]:
-        """Return the nodes that bind a name in a scope."""
         return self._bindings.get((scope, name), [])
 
     def of_name(self, name: ast.Name) -> Sequence[ast.AST]:

@@ -81,11 +81,7 @@ class _Notebook:
 
 
 def code_cells(data: bytes) -> list[NotebookPart]:
-    """Return the code cells of a notebook file, in its order.
-
-    Raises:
-      ValueError: not a notebook, or one of another language.
-    """
+    """Return the code cells of a notebook of Python, in its order; else ValueError."""
     notebook = _notebook(data)
     language = notebook.metadata.kernelspec.language or notebook.metadata.language_info.name
     if language and "python" not in language.lower():
@@ -100,11 +96,7 @@ def code_cells(data: bytes) -> list[NotebookPart]:
 
 
 def with_texts(data: bytes, texts: Mapping[int, str]) -> bytes:
-    """Return a notebook file with other texts in some cells, by number; every other byte stays.
-
-    Raises:
-      ValueError: its JSON is not laid out as Jupyter does it, so that it would change elsewhere.
-    """
+    """Return a notebook with other texts in some cells, all else as it was; else ValueError."""
     try:
         document = json.loads(data)
         if _encoded(document, data) == data:

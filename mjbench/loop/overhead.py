@@ -86,7 +86,6 @@ class OverheadRow:
 
     @property
     def is_measured(self) -> bool:
-        """Whether all figures are there."""
         return None not in (self.bare_ns, self.engine_ns, self.binding_ns, self.nstep, self.costs)
 
 

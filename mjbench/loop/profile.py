@@ -135,7 +135,6 @@ class ProfileRow:
 
 
 def row(model: str, steps: ProfiledSteps, frames: Sequence[FrameTime]) -> ProfileRow:
-    """Return what was measured of a model, and what follows from it."""
     nstep = 1 / steps.timestep
     simulated_second = {
         "physics": steps.engine_ns * 1e-9 * nstep,
@@ -255,11 +254,7 @@ def stages(model: mujoco.MjModel, block: Block) -> dict[str, float]:
 
 
 def timer_shares(model: mujoco.MjModel, block: Block) -> dict[str, float]:
-    """Return the share of a step by stage, from the engine's timers.
-
-    It is of the fastest third of the blocks: what disturbs a block prolongs the step as a whole,
-    and one stage at random.
-    """
+    """Return the share of a step by stage from the timers, in the fastest third of the blocks."""
     data, start = mujoco.MjData(model), block.new_start()
     needs_clock = not has_clock(model)
     if needs_clock:

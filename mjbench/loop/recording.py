@@ -217,7 +217,6 @@ class _Log:
                 self.numbers.append((rows, functools.partial(getattr, data, name)))
 
     def recorded(self) -> dict[str, np.ndarray | Ragged]:
-        """Return what `record` returns."""
         return {
             name: _ragged(rows) if isinstance(rows, list) else rows
             for name, rows in self._rows.items()

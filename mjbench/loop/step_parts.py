@@ -42,12 +42,10 @@ class SensorStage(enum.StrEnum):
 
     @property
     def need(self) -> mujoco.mjtStage:
-        """What `sensor_needstage` has."""
         return getattr(mujoco.mjtStage, f"mjSTAGE_{self.value[:3].upper()}")
 
     @property
     def function(self) -> Function:
-        """What computes them."""
         function: Function = getattr(mujoco, f"mj_sensor{self.value[:3].title()}")
         return function
 
@@ -125,7 +123,6 @@ def of_sensors(sensors: Sequence[SensorCost]) -> list[StepPart]:
 
 
 def step_s(model: mujoco.MjModel, start: Start) -> float:
-    """Return the seconds of a step from start states."""
     (seconds,) = medians(model, start, [(_nothing, mujoco.mj_step)])
     return seconds
 
@@ -228,10 +225,9 @@ def medians(
     contenders: Sequence[tuple[Callable[[], None], Function]],
     budget_s: float = BUDGET_S,
 ) -> list[float]:
-    """Return the seconds of a call of each function, after its preparation of the model, in turns.
+    """Return the seconds of a call of each function on the same states, in turns.
 
-    All are called on the same states, one after the other; before each block the state is computed
-    as the first preparation has the model.
+    Each has a preparation of the model. Before a block, the state is computed with the first.
     """
     data, turn = mujoco.MjData(model), itertools.count()
     state = np.empty(compat.state_size(model))

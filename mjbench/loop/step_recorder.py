@@ -81,11 +81,7 @@ class RecordedWindow:
     def step(
         self, function: EngineFunction, model: mujoco.MjModel, data: mujoco.MjData, nstep: int
     ) -> int:
-        """Take steps of the MjData one by one, and store the states after them.
-
-        Returns:
-          How many were taken: at least 1, and fewer than `nstep` without room for more states.
-        """
+        """Take steps of the MjData one by one, and store the states after them."""
         before, last, spec = self._before, self._last, self._reader.spec
         self._get_state(model, data, before, spec)
         if last is None or self._is_elsewhere(before, last):
@@ -207,7 +203,6 @@ class ModelRecorder:
         self._lock = threading.Lock()
 
     def close(self) -> None:
-        """Remove the file with the model."""
         if self.mjb is not None:
             self.mjb.close()
 
@@ -322,7 +317,6 @@ class StepRecorder:
         return sorted(seen, key=lambda recorder: -recorder.nstep)
 
     def close(self) -> None:
-        """Remove the files with models."""
         for recorder in self._by_layout.values():
             recorder.close()
 
@@ -331,10 +325,7 @@ class StepRecorder:
         return dict(self._other_nstep)
 
     def wrappers(self) -> Mapping[str, Callable[[EngineFunction], EngineFunction]]:
-        """Return what makes the replacements, by the name of the function.
-
-        mj_step1 takes no step: it computes what mj_step2 goes on from.
-        """
+        """Return what makes the replacements, by function; mj_step1 takes no step of its own."""
         return {
             "mj_step": functools.partial(self._wrap, ("m", "d", "nstep")),
             "mj_step2": functools.partial(self._wrap, ("m", "d")),

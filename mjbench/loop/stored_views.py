@@ -175,10 +175,7 @@ class StoredViews:
         )
 
     def _may_repeat(self, node: ast.AST, place: str, body: SteppingBody) -> bool:
-        """Return whether a body may store at a node more than once.
-
-        It may not where it leaves the loop afterwards, or under `if i == 0` and `if not log`.
-        """
+        """Return whether a body may store at a node more than once."""
         while node is not body.node:
             child, node = node, self._script.parents[node]
             if isinstance(node, ast.If) and child is not node.test:

@@ -126,10 +126,7 @@ class AcceleratedPath(SteppingPath):
 
     @abstractmethod
     def data_fields(self, model: mujoco.MjModel) -> Mapping[str, Any]:
-        """Return the fields of the engine's Data for a model, by name.
-
-        An exception means that the engine rejects the model, unless it is a machine's error.
-        """
+        """Return the fields of the engine's Data by name; it raises for a model that it rejects."""
 
     def default_buffer_sizes(self, model: mujoco.MjModel) -> dict[str, int]:
         """Return the sizes that the engine chooses for its buffers, for each simulation.
@@ -153,7 +150,6 @@ class AcceleratedPath(SteppingPath):
 
 
 def accelerated_path(name: str) -> AcceleratedPath:
-    """Return a path that compiles."""
     path = paths.find(name)
     if not isinstance(path, AcceleratedPath):
         raise InputError(f"path {name} does not compile")
@@ -170,11 +166,7 @@ def start_fields(workload: Workload) -> dict[str, np.ndarray]:
 def supported_fields(
     start: Mapping[str, np.ndarray], engine_fields: Mapping[str, Any], engine: str
 ) -> dict[str, np.ndarray]:
-    """Return the fields of a start that an engine has; all others must be zero.
-
-    Raises:
-      InputError: a field that the engine lacks is not zero.
-    """
+    """Return the fields of a start that an engine has; InputError if another is not zero."""
     supported = {}
     for name, values in start.items():
         if name in engine_fields:
@@ -217,11 +209,7 @@ def keyword_arguments(sizes: Mapping[str, int]) -> str:
 
 
 def states_of_fields(workload: Workload, fields: Mapping[str, np.ndarray]) -> States:
-    """Return states made of the fields that an engine has, with a mask of their entries.
-
-    Args:
-      fields: (nbatch, size) arrays by MjData field.
-    """
+    """Return states made of the fields that an engine has, with a mask of their entries."""
     columns = compat.state_columns(workload.model)
     values = np.full_like(workload.initial_state, np.nan)
     mask = np.zeros(values.shape, dtype=bool)

@@ -50,11 +50,7 @@ class Option:
         return self.name in PARALLEL_OPTIONS
 
     def value(self, text: str) -> Any:
-        """Return the value that a text from the command line stands for.
-
-        Raises:
-          InputError: it is not a value of this option.
-        """
+        """Return the value of a text of the command line; InputError if it is none of these."""
         try:
             value = self.parse(text)
         except Exception as error:  # a path of the user's own has a parser of its own
@@ -127,11 +123,7 @@ class Resources:
         self._at_change.append(callback)
 
     def reorder(self, order: np.ndarray) -> None:
-        """Reorder the simulations of the workload, in place, for all prepared runs.
-
-        Args:
-          order: (nbatch,) a permutation of the simulations.
-        """
+        """Reorder the simulations of the workload, in place, by a permutation of (nbatch,)."""
         self.workload.reorder(order)
         self.changed()
 
@@ -142,7 +134,6 @@ class Resources:
             callback()
 
     def at_close(self, callback: Callable[[], Any]) -> None:
-        """Call `callback` when these resources are closed."""
         self._closing.callback(callback)
 
     def close(self) -> None:
@@ -237,11 +228,7 @@ class SteppingPath(ABC):
         """
 
     def variants(self, choices: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
-        """Return the option sets to try: every combination, without duplicates in effect.
-
-        Args:
-          choices: values by option name; they replace the option's own.
-        """
+        """Return the option sets to try, without duplicates in effect; `choices` replace values."""
         names = [option.name for option in self.options]
         values = [choices.get(option.name, option.values) for option in self.options]
         variants: list[dict[str, Any]] = []

@@ -136,16 +136,11 @@ class Mjx(AcceleratedPath):
         return {}
 
     def peak_gpu_memory_bytes(self, device: "jax.Device") -> int | None:
-        """Return the peak memory that JAX used on a GPU."""
         peak = (device.memory_stats() or {}).get("peak_bytes_in_use")
         return None if peak is None else int(peak)
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """Return the program with `jax.lax.scan`, which fixes the number of steps.
-
-        Args:
-          options: sizes of buffers (see `Compiled.buffer_sizes`).
-        """
+        """Return the program with `jax.lax.scan`; options are sizes of buffers."""
         is_float64 = self.precision == Precision.FLOAT64
         matmul = f'jax.config.update("jax_default_matmul_precision", "{_matmul_precision()}")'
         return _SNIPPET.format(
@@ -239,7 +234,6 @@ class MjxProgram:
         self._output: Any = None
 
     def reload(self) -> None:
-        """Put the workload's start states and controls on the device."""
         self._start = self._fields_on_device(start_fields(self._workload))
         self._control = self._control_on_device(self._workload.control)
 
@@ -260,11 +254,7 @@ class MjxProgram:
         return jax.device_put(control.astype(self._arrays["ctrl"].dtype))
 
     def _trace(self, nstep: int | None) -> "tuple[jax.stages.Lowered, float]":
-        """Return the traced program, ready to compile, and the seconds that tracing took.
-
-        Args:
-          nstep: the number to compile in; None to leave it an argument.
-        """
+        """Return the traced program, and the seconds it took; None leaves `nstep` an argument."""
         begin = time.perf_counter()
         arguments = (self._start, self._control, self._nstep)
         try:
@@ -295,10 +285,7 @@ class MjxProgram:
         return jax.jit(jax.vmap(rollout, in_axes=(0, 0, None)), donate_argnums=0)
 
     def _cast_to_step_types(self) -> Callable[[Any], Any]:
-        """Return a function that casts Data to the types that a step returns.
-
-        In float64, make_data and step give some integers different types.
-        """
+        """Return a function that casts Data to the types of a step, which differ in float64."""
         import jax
 
         after = jax.eval_shape(lambda data: self._step(data, data.ctrl), self._empty)
@@ -346,7 +333,6 @@ class MjxProgram:
         self._output = self._block_until_ready(self._timed(start, self._control, self._nstep))
 
     def final_states(self) -> States:
-        """Return the states that the last run ended in."""
         _check_buffers(self._output)
         return states_of_fields(self._workload, self._fields(self._output))
 

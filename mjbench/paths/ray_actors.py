@@ -115,7 +115,6 @@ class _Actor:
         self._simulate = make_simulate(model, hold, returns)
 
     def engine(self) -> tuple[str, str]:
-        """Return the release of MuJoCo, and the file that it was imported from."""
         return _engine()
 
     def step(self, inputs: _Inputs) -> tuple[np.ndarray, ...]:
@@ -199,7 +198,6 @@ class _ActorPool:
                 raise MachineError(f"an actor imports MuJoCo {engine}, this process {_engine()}")
 
     def run(self) -> None:
-        """Let every actor step its share, and copy what it returns."""
         calls = [
             actor.step.remote(inputs)
             for actor, inputs in zip(self._actors, self._inputs, strict=True)
@@ -209,12 +207,10 @@ class _ActorPool:
                 own[rows] = part
 
     def clear(self) -> None:
-        """Invalidate what an earlier run returned."""
         for array in self._returned:
             array.fill(np.nan)
 
     def final_states(self) -> States:
-        """Return the returned entries of the final states."""
         values, mask = self._final_state, np.zeros(self._final_state.shape, dtype=bool)
         values[:, self._entries] = self._returned_final
         mask[:, self._entries] = True
@@ -247,11 +243,7 @@ class _ActorPool:
 
 
 def _answers(calls: Sequence[Any], limit_s: float | None = None) -> list[Any]:
-    """Return what calls of actors return.
-
-    Args:
-      limit_s: seconds to wait; None for any time.
-    """
+    """Return what calls of actors return."""
     import ray
     from ray import exceptions
 

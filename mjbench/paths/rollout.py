@@ -116,7 +116,6 @@ class _RolloutRun:
         self.run = self._timed_call(options, resources)
 
     def prepared(self) -> Prepared:
-        """Return the run."""
         is_final = self.workload.returns == Product.FINAL
         return Prepared(
             self.run,
@@ -160,7 +159,6 @@ class _RolloutRun:
         return run
 
     def clear(self) -> None:
-        """Invalidate the states and sensor data that an earlier call returned."""
         if self.workload.returns == Product.FINAL:
             self.state[:, -1] = np.nan
         else:
@@ -256,10 +254,7 @@ class RolloutInputs:
 
 
 def shared_inputs(workload: Workload, resources: Resources) -> RolloutInputs:
-    """Return the inputs of a workload's rollout, the same ones to every caller.
-
-    They follow changes of the workload's arrays.
-    """
+    """Return the inputs of a workload's rollout, shared, which follow changes of its arrays."""
     return resources.get_or_create(  # type: ignore[no-any-return]
         "rollout inputs", lambda: _make_inputs(workload, resources)
     )

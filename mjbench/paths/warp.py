@@ -69,12 +69,7 @@ class Warp(AcceleratedPath):
         return {"nconmax": int(data.naconmax), "njmax": int(data.njmax)}
 
     def compile(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
-        """Compile all kernels by a first step, then capture one step as a graph.
-
-        Args:
-          options: may have the sizes of buffers for each world, `nconmax` and `njmax`; otherwise
-            they follow from `peaks`.
-        """
+        """Compile all kernels by a first step, then capture one step as a graph."""
         import warp as wp
 
         configure_warp()
@@ -97,11 +92,7 @@ class Warp(AcceleratedPath):
         )
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """Return a loop over a captured step.
-
-        Args:
-          options: sizes of buffers (see `Compiled.buffer_sizes`).
-        """
+        """Return a loop over a captured step; options are sizes of buffers."""
         launch = "    wp.capture_launch(capture.graph)"
         if workload.hold > 1:
             launch = f"    for _ in range({workload.hold}):\n    {launch}"
@@ -134,16 +125,13 @@ class _StepGraph:
         self._rollout = self._make_rollout()
 
     def reload(self) -> None:
-        """Put the workload's start states and controls on the device."""
         self._start = self._fields_on_device(start_fields(self._workload))
         self._controls = self._controls_on_device(self._workload.control)
 
     def run(self) -> None:
-        """Step the workload; this is the timed region."""
         self._rollout(self._start, self._controls, self._workload.nstep)
 
     def clear(self) -> None:
-        """Invalidate the output of the last run."""
         import warp as wp
 
         self._data.overflow.zero_()
@@ -153,7 +141,6 @@ class _StepGraph:
         wp.synchronize()
 
     def final_states(self) -> States:
-        """Return the states that the last run ended in."""
         return states_of_fields(self._workload, self._fields())
 
     def advance(
@@ -207,10 +194,7 @@ _Rollout = Callable[[Mapping[str, Any], Sequence[Any], int], None]
 
 
 def configure_warp() -> None:
-    """Let Warp print warnings only, and compile everything anew, so that compile times compare.
-
-    The kernel cache is a new folder inside the current one, which `isolate` removes.
-    """
+    """Let Warp print warnings only, and compile anew into a new folder inside the current one."""
     import tempfile
 
     import warp as wp

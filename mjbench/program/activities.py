@@ -354,13 +354,11 @@ def is_own(frame: Frame) -> bool:
 
 
 def place_of(frame: Frame) -> Place:
-    """Return the line of a frame, as results name it."""
     text = source_line(frame.file, frame.line)
     return Place(shown_path(frame.file), frame.line, frame.function, text)
 
 
 def imports(frame: Frame) -> bool:
-    """Return whether a frame finds or executes a module."""
     return _IMPORTS.match(frame.file) is not None
 
 

@@ -37,7 +37,6 @@ class _Sample:
 
     @property
     def seconds(self) -> float:
-        """The time that it stands for."""
         return self.thread.interval_s
 
 

@@ -118,7 +118,6 @@ class _Saving:
 def of_calls(
     loop: LoopTime, findings: Sequence[Finding], measured: MeasuredRatios
 ) -> Iterator[Remedy]:
-    """Yield what to do about calls that were timed one by one."""
     for context in _contexts(loop, findings):
         remedy, calls, finding = context.remedy, context.calls, context.finding
         saving = _saving(loop, context, measured)
@@ -285,7 +284,6 @@ def _no_timer(loop: LoopTime) -> Question:
 
 
 def of_steps(loop: LoopTime, measured: MeasuredRatios) -> Iterator[Remedy]:
-    """Yield what to do about the steps themselves."""
     has_callbacks = any(call.is_callback for call in loop.calls)
     share = _share_with_python(loop, steps_of(loop))
     saved = measured.saved(_no_timer(loop)) if share else None
@@ -307,7 +305,6 @@ def of_steps(loop: LoopTime, measured: MeasuredRatios) -> Iterator[Remedy]:
 def of_turns(
     loop: LoopTime, measured: MeasuredRatios, incidents: Sequence[Incident]
 ) -> Iterator[Remedy]:
-    """Yield what to do about several simulations that are stepped in turn."""
     for incident in incidents:
         calls = [call for call in steps_of(loop) if call.place.position == incident.place.position]
         if incident.name != call_clock.IN_TURN or not calls:
@@ -332,14 +329,12 @@ def _batch(incident: Incident) -> Question:
 
 
 def with_software_gl(remedy: Remedy) -> Remedy:
-    """Return a remedy for rendering that says who draws."""
     if remedy.activity != Activity.RENDERING:
         return remedy
     return replace(remedy, text=f"{remedy.text}; here the processor draws (software rendering)")
 
 
 def steps_of(loop: LoopTime) -> list[CallTime]:
-    """Return the calls of `mj_step` in a loop."""
     return [call for call in loop.calls if call.callee == "mj_step"]
 
 

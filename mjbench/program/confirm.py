@@ -40,7 +40,6 @@ class Rerun:
 
     @property
     def name(self) -> str:
-        """What people read while it runs."""
         if self.copies > 1:
             return f"{self.copies} copies at once"
         return self.change or "the program again"

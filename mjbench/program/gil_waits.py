@@ -37,11 +37,7 @@ LEAST_S = 0.5
 
 @dataclass(frozen=True)
 class ThreadTime:
-    """What one thread did between the first and the last look at it.
-
-    Attributes:
-      queued_s: for which it could have run, and waited for a core.
-    """
+    """What one thread did between two looks; `queued_s` is for which it waited for a core."""
 
     pid: int
     tid: int
@@ -51,7 +47,6 @@ class ThreadTime:
 
     @property
     def is_busy(self) -> bool:
-        """Whether it ran for more than a moment."""
         return self.wall_s >= LEAST_S and self.processor_s >= BUSY_SHARE * self.wall_s
 
     @property
@@ -87,7 +82,6 @@ class ThreadTimes:
                         self._first.setdefault(key, self._last[key])
 
     def times(self) -> Sequence[ThreadTime]:
-        """Return what each thread did."""
         return [
             ThreadTime(
                 pid,

@@ -58,7 +58,6 @@ class Program:
 
     @property
     def name(self) -> str:
-        """The file's name, or the module."""
         return self.arguments[1] if self.arguments[0] == "-m" else Path(self.arguments[0]).name
 
 
@@ -130,7 +129,6 @@ def run(
     """Run a program to its end, and return what was seen.
 
     Args:
-      seconds: after its first step, for which it runs before it is ended as by Ctrl-C; None to let
         it run.
       most_s: seconds after which it is ended in any case.
 
@@ -142,11 +140,7 @@ def run(
 
 
 def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> ProgramObservation:
-    """Sample a program that runs already; it runs on afterwards.
-
-    Raises:
-      InputError: there is no such process.
-    """
+    """Sample a program that runs already; InputError without such a process."""
     if not _exists(pid):
         raise InputError(f"--attach {pid}: no such process")
     with scratch.folder() as folder:

@@ -85,10 +85,7 @@ class PhysicsCost:
 
     @property
     def main_stage(self) -> tuple[str, float]:
-        """The stage that takes most of a step, and its share.
-
-        Collision is one stage here.
-        """
+        """The stage that takes most of a step, and its share; collision is one stage here."""
         is_phase = {name: "collision" in name for name in self.stages}
         parts = {name: share for name, share in self.stages.items() if not is_phase[name]}
         parts.pop(OTHER, None)
@@ -111,7 +108,6 @@ def measure(models: Sequence[RecordedModel], stages: Mapping[str, float]) -> Phy
     """Return what costs in steps of a program; None where its models cannot be stepped here.
 
     Args:
-      models: of the program; the first that this process's MuJoCo can load is used.
       stages: shares of a step that were timed in the program; empty where none were.
     """
     model = loadable(models)

@@ -31,12 +31,7 @@ _TRACED = b"t"
 
 @dataclass(frozen=True)
 class Sampling:
-    """How a program is to be sampled.
-
-    Attributes:
-      rate_hz: samples per second; None for the usual, or fewer where they would cost too much.
-      has_native: whether stacks of libraries are read, too; each sample then stops the program.
-    """
+    """How a program is to be sampled."""
 
     rate_hz: int | None = None
     has_native: bool = False
@@ -78,16 +73,12 @@ class ProcessorClock:
 
     @classmethod
     def now(cls) -> "ProcessorClock":
-        """Read the clocks."""
         times = os.times()
         children_s = times.children_user + times.children_system  # zero on Windows
         return cls(time.monotonic(), times.user + times.system, children_s)
 
     def use(self, begin: "ProcessorClock", profiling: "Profiling") -> ProcessorUse | None:
-        """Return what was used since `begin`, before the last profiler's end is waited for.
-
-        None where the system does not say.
-        """
+        """Return what was used since `begin`, if known; the last profiler must still run."""
         wall_s = self.time_s - begin.time_s
         program_s = self.children_s - begin.children_s - profiling.earlier_cpu_s
         if program_s <= 0 or wall_s <= 0:
@@ -135,10 +126,7 @@ class Profiling:
     def begin(
         cls, pid: int, folder: Path, sampling: Sampling, seconds: float | None = None
     ) -> "Profiling":
-        """Start the profiler; without a rate, at the usual one, which may be lowered.
-
-        It ends with the program, or after so many seconds.
-        """
+        """Start the profiler, at the usual rate without one; `seconds` limit it."""
         usual_hz = sampler.NATIVE_RATE_HZ if sampling.has_native else sampler.DEFAULT_RATE_HZ
         rate = sampling.rate_hz or usual_hz
         if seconds is not None:  # too short to begin again
@@ -183,7 +171,6 @@ class Profiling:
 
     @property
     def look_s(self) -> float:
-        """Seconds until the next look."""
         return LOOK_S if self.adapts else LATER_LOOK_S
 
     def look_for_pause(self) -> None:
@@ -215,7 +202,6 @@ class Profiling:
 
     @property
     def cpu_s(self) -> float:
-        """Processor seconds of the profiler so far."""
         return self.earlier_cpu_s + self.sampler.cpu_s()
 
     @property

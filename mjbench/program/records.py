@@ -132,7 +132,6 @@ class ProgramRow:
 
     @classmethod
     def of(cls, name: str, observation: ProgramObservation) -> "ProgramRow":
-        """Return the row of a program that was observed."""
         steps = [step for step in observation.steps if step.step is not None]
         pids = {step.pid for step in steps}
         collections_s = {step.pid: step.collections_s for step in steps}

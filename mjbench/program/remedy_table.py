@@ -90,7 +90,6 @@ def _takes_one_step_of_one_simulation(
 
 
 def count_of(calls: Sequence[CallTime]) -> float:
-    """Return how often functions were called."""
     return sum(call.calls for call in calls)
 
 

@@ -79,11 +79,7 @@ class _Request:
 
 
 def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> MeasuredRatios:
-    """Return the ratio of each question that could be measured.
-
-    Args:
-      models: of the program; the first that this process's MuJoCo can load is used.
-    """
+    """Return the ratio of each question that could be measured."""
     model = loadable(models)
     if model is None:
         return MeasuredRatios({})

@@ -35,7 +35,6 @@ class SourceLoop:
     last: int
 
     def holds(self, position: tuple[str, int]) -> bool:
-        """Return whether a line of a file is in it."""
         file, line = position
         return file == self.file and self.first <= line <= self.last
 

@@ -87,10 +87,7 @@ def _unsampled(loop: SourceLoop, calls: Sequence[CallTime], main_pid: int) -> Lo
 
 
 def _span_s(calls: Sequence[CallTime]) -> float:
-    """Return the seconds from the first call to the end of the last, summed over threads.
-
-    What the clock took is not the loop's.
-    """
+    """Return the seconds from the first call to the end of the last, summed over threads."""
     by_thread: dict[tuple[int, int], list[CallTime]] = defaultdict(list)
     for call in calls:
         by_thread[call.pid, call.thread].append(call)

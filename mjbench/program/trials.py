@@ -117,11 +117,7 @@ LACKING = (AttributeError, ImportError, ValueError, RuntimeError)
 
 
 def ways(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
-    """Return what the program does, and what mjbench suggests.
-
-    Raises:
-      InputError: the model has nothing to try it on.
-    """
+    """Return what the program does, and what mjbench suggests; InputError without a use for it."""
     return _WAYS[question.trial](model, question)
 
 

@@ -49,9 +49,6 @@ def list_releases(history: Path) -> Catalogue:
     A release that is installed but neither in the history nor on the index, such as a local
     build, comes last.
 
-    Args:
-      history: the git bundle; it may be missing.
-
     Raises:
       MachineError: git is missing, or cannot read the history.
     """

@@ -49,7 +49,6 @@ class Segment:
 
     @property
     def is_sloped(self) -> bool:
-        """Whether it has a slope."""
         return self.first != self.last
 
 

@@ -26,11 +26,7 @@ _CHECKED = "checked-relro"
 
 
 def site_folder(install: Path | None) -> Path:
-    """Return the folder that holds the mujoco package: an install, or this environment's.
-
-    Raises:
-      ImmovableError: this environment has none that an installer recorded.
-    """
+    """Return the folder with the mujoco package; ImmovableError if no installer recorded it."""
     if install is not None:
         return install
     try:
@@ -40,13 +36,7 @@ def site_folder(install: Path | None) -> Path:
 
 
 def read(site: Path) -> MovableInstall:
-    """Return what moves in the release of a folder.
-
-    Reading takes a few seconds the first time.
-
-    Raises:
-      ImmovableError: its libraries cannot be moved here.
-    """
+    """Return what moves in a release, after seconds the first time; else ImmovableError."""
     if sys.platform != "linux" or platform.machine() != "x86_64":
         raise ImmovableError("only libraries for Linux on x86-64 can be moved")
     try:

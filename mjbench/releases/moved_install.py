@@ -102,11 +102,7 @@ class MovableInstall:
     digest: str
 
     def link_others(self, folder: Path) -> None:
-        """Link whatever lies beside the package, such as NumPy, into a new folder.
-
-        Raises:
-          OSError: it cannot be written.
-        """
+        """Link whatever lies beside the package, such as NumPy, into a new folder."""
         folder.mkdir()
         own = {_PACKAGE, *(metadata.name for metadata in _metadata_folders(self.site))}
         for entry in self.site.iterdir():
@@ -138,12 +134,7 @@ class MovableInstall:
         return folder / _PACKAGE
 
     def create(self, folder: Path, placement: Placement) -> None:
-        """Create the package and its metadata in a new folder, libraries moved.
-
-        Raises:
-          ImmovableError: a library was changed since it was read.
-          OSError: it cannot be written.
-        """
+        """Create the package and its metadata in a new folder, libraries moved."""
         package = folder / _PACKAGE
         package.mkdir(parents=True)
         sizes = {}

@@ -43,20 +43,12 @@ class _Answer:
 
 
 def releases() -> list[Release]:
-    """Return the final releases that pip's package index has, in upload order.
-
-    Raises:
-      MachineError: the index cannot be reached, or its answer is not understood.
-    """
+    """Return the final releases of pip's index, in upload order; MachineError without it."""
     return _final_releases(_uploads())
 
 
 def files() -> dict[str, list[str]]:
-    """Return the names of all files that pip's package index has, by version.
-
-    Raises:
-      MachineError: the index cannot be reached, or its answer is not understood.
-    """
+    """Return the names of all files of pip's index, by version; MachineError without it."""
     return _files(_uploads())
 
 
@@ -89,10 +81,7 @@ def _files(uploads_of: Mapping[str, Sequence[Upload]]) -> dict[str, list[str]]:
 
 
 def _final_releases(uploads_of: Mapping[str, Sequence[Upload]]) -> list[Release]:
-    """Return the final releases in upload order, from FIRST on, without yanked ones.
-
-    A release of which no file has a time is left out.
-    """
+    """Return the final releases with times, in upload order, from FIRST on, unless yanked."""
     final = []
     for version, uploads in uploads_of.items():
         times = [

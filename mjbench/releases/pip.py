@@ -69,11 +69,7 @@ def install(
 
 
 def build(source: Path, target: Path) -> None:
-    """Build the wheel of a source tree into a folder.
-
-    Raises:
-      BuildError: it cannot be built.
-    """
+    """Build the wheel of a source tree into a folder; BuildError if it cannot be built."""
     if problem := run("wheel", "--no-deps", f"--wheel-dir={target}", str(source)):
         raise BuildError(problem)
 

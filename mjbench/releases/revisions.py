@@ -62,7 +62,6 @@ class Commit:
 
     @property
     def revision(self) -> Revision:
-        """The revision that it is."""
         return Revision(short_commit(self.commit), self.commit)
 
 
@@ -74,21 +73,12 @@ class Repository:
     """
 
     def __init__(self, folder: Path):
-        """Find the repository.
-
-        Raises:
-          InputError: the folder is in no checkout of a git repository.
-          MachineError: there is no git.
-        """
+        """Find the repository; InputError outside of one, MachineError without git."""
         problem = f"{folder} is in no checkout of a git repository"
         self.top = Path(_git(folder, ["rev-parse", "--show-toplevel"], problem).rstrip("\n"))
 
     def parse(self, name: str) -> Revision:
-        """Return the revision of a name: a branch, a tag, a commit, or WORKTREE.
-
-        Raises:
-          InputError: there is none.
-        """
+        """Return the revision of a branch, a tag, a commit, or WORKTREE; InputError without it."""
         if name == WORKTREE:
             return Revision(name)
         commit = ""

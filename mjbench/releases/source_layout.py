@@ -32,10 +32,7 @@ def source_folders(tree: Path) -> list[Path]:
 
 
 def package_names(tree: Path) -> frozenset[str]:
-    """Return the names of all packages that lie in a source tree, and of the modules beside them.
-
-    A package has an `__init__.py`, and lies in a folder without one.
-    """
+    """Return the packages of a source tree, each with `__init__.py`, and the modules beside."""
     return frozenset(_names(tree))
 
 

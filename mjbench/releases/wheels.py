@@ -82,7 +82,6 @@ def find(text: str) -> list[Wheel]:
 
 
 def is_folder(text: str) -> bool:
-    """Return whether an argument names a folder."""
     try:
         return bool(text.strip()) and Path(text).is_dir()
     except (OSError, ValueError):  # its name is too long, or has a NUL

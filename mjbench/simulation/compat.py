@@ -144,7 +144,6 @@ def threadpool_unavailable() -> str | None:
 
 
 def has_bind() -> bool:
-    """Return whether MjData has `bind`."""
     return hasattr(mujoco.MjData, "bind")
 
 
@@ -217,10 +216,7 @@ def known(function: Callable[..., Any], **keywords: Any) -> dict[str, Any]:
 
 
 def mjx_own(data: Any) -> Any:
-    """Return the object with the fields that only one implementation of MJX has.
-
-    It is `data._impl`; in older releases, `data` itself.
-    """
+    """Return what has the fields of one implementation of MJX: `data._impl`, or older, `data`."""
     return getattr(data, "_impl", data)
 
 

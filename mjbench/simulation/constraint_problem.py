@@ -125,11 +125,7 @@ class ConstraintProblem:
         return float(model.geom_margin[pair].max() - model.geom_gap[pair].max())
 
     def solve(self, contacts: Contacts) -> Solution:
-        """Return C's solution of the present state with other contacts, of one simulation.
-
-        Raises:
-          KeyError: C has not met a pair of geoms (see `has_examples`).
-        """
+        """Return C's solution with other contacts; KeyError for a pair that C has not met."""
         return self.solve_at(self._state, contacts)
 
     def solve_touching_at(self, state: np.ndarray) -> tuple[Contacts, Solution]:

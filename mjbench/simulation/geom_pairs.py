@@ -45,7 +45,6 @@ class GeomPairs:
     is_too_large: bool = False
 
     def only(self, mask: np.ndarray) -> "GeomPairs":
-        """Return the pairs where the boolean mask is true."""
         return GeomPairs(self.geoms[mask], self.bodies[mask], self.are_bounded[mask])
 
 

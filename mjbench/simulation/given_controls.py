@@ -67,11 +67,7 @@ class GivenControls:
 
 
 def read(file: Path, model: mujoco.MjModel) -> GivenControls:
-    """Return the controls of a file.
-
-    Raises:
-      InputError: it cannot be read, or does not fit the model.
-    """
+    """Return the controls of a file; InputError if it cannot be read, or does not fit."""
     name = shown(file.name)
     values = array_files.floats(_read_array(file, name), name)
     if values.ndim not in (2, 3):

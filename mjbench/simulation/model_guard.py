@@ -29,14 +29,7 @@ class ModelGuard:
         return self.difference(self._model)
 
     def check(self, culprit: str = "") -> None:
-        """Refuse a change.
-
-        Args:
-          culprit: begins the message, such as `threads `.
-
-        Raises:
-          MachineError: a field has changed.
-        """
+        """Refuse a change of a field by a MachineError, which `culprit` begins."""
         if field := self.change():
             raise MachineError(f"{culprit}changes the model, which all paths share: {field}")
 

@@ -55,11 +55,7 @@ def check(field: str, text: str) -> None:
 
 
 def set_option(model: mujoco.MjModel, field: str, text: str) -> None:
-    """Set a field of `model.opt` to a number, or to an enum's value by name, such as `cg`.
-
-    Raises:
-      InputError: no such field in this release, or it cannot have this value.
-    """
+    """Set a field of `model.opt` to a number, or an enum's value by name; else InputError."""
     _set_field(model.opt, field, text)
 
 

@@ -72,7 +72,6 @@ def shipped_folder() -> Path:
 
 
 def shipped() -> list[str]:
-    """Return the names of our own models, sorted."""
     return sorted(path.stem for path in shipped_folder().glob("*.xml"))
 
 
@@ -107,12 +106,7 @@ def resolve(name: str) -> ModelSource:
 
 
 def load(source: ModelSource) -> "mujoco.MjModel":
-    """Return the compiled model of `source`.
-
-    Raises:
-      InputError: MuJoCo rejects the file, or the model has no degree of freedom to step or no
-        timestep to step by.
-    """
+    """Return the compiled model; InputError for one that MuJoCo rejects, or that cannot step."""
     import mujoco
 
     compiled = source.path.suffix.lower() == _COMPILED
@@ -154,11 +148,7 @@ def is_utf16(text: bytes) -> bool:
 
 
 def save(model: "mujoco.MjModel", file: Path) -> None:
-    """Save a compiled model.
-
-    Raises:
-      MachineError: the disk is full, which MuJoCo does not report.
-    """
+    """Save a compiled model; MachineError where the disk is full, which MuJoCo does not report."""
     import mujoco
 
     mujoco.mj_saveModel(model, str(file), None)

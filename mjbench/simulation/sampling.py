@@ -63,7 +63,6 @@ class _Given:
 
     @classmethod
     def read(cls, model: mujoco.MjModel, plan: StartPlan) -> "_Given":
-        """Return what the files of a plan hold."""
         controls_file = plan.controls_file
         return cls(
             None if plan.file is None else state_file.read(plan.file, model),
@@ -159,14 +158,7 @@ def _later(sample: Sample, request: SampleRequest) -> Later | None:
 
 
 def most_nstep(model: mujoco.MjModel, plan: StartPlan, nbatch: int, hold: int) -> int | None:
-    """Return how many steps of simulations the files of a plan have controls for.
-
-    Returns:
-      A multiple of hold; None for any number.
-
-    Raises:
-      InputError: a file cannot be read, or does not fit the model.
-    """
+    """Return a multiple of hold: steps that the files of a plan have controls for; None for any."""
     return _Given.read(model, plan).most_nstep(nbatch, hold)
 
 

@@ -63,7 +63,6 @@ class StartPlan:
 
     @property
     def files(self) -> list[Path]:
-        """The files that it names."""
         return [file for file in (self.file, self.controls_file) if file is not None]
 
 
@@ -190,11 +189,7 @@ def max_settling_nstep(step_s: float) -> int:
 
 
 def settle_nstep(model: mujoco.MjModel, settle_s: float, max_nstep: int | None = None) -> int:
-    """Return the steps for which a model settles: half of its settling run.
-
-    Args:
-      max_nstep: steps of the whole settling run at most; None for no bound.
-    """
+    """Return the steps for which a model settles: half of its run of `max_nstep` at most."""
     nstep = max(1, round(settle_s / float(model.opt.timestep)))
     return nstep if max_nstep is None else min(nstep, max(1, max_nstep // 2))
 

@@ -144,7 +144,6 @@ class ModelFacts:
 
 
 def observe(workload: Workload) -> Observation:
-    """Return the reference run of a workload."""
     model, data = workload.model, mujoco.MjData(workload.model)
     final_state = np.empty_like(workload.initial_state)
     warnings = np.zeros((workload.nbatch, len(compat.warning_counts(data))), dtype=int)
@@ -187,11 +186,7 @@ def observe_healthy(workload: Workload) -> tuple[Workload, Observation]:
 
 
 def step_s(model: mujoco.MjModel, state: np.ndarray | None = None) -> float:
-    """Return about how long one step takes, in seconds.
-
-    Args:
-      state: (nstate,) row of mjSTATE_INTEGRATION to step from; None for keyframe 0.
-    """
+    """Return about how many seconds one step takes, from a state or from keyframe 0."""
     data = start_data(model)
     if state is not None:
         compat.set_state(model, data, state)
@@ -267,7 +262,6 @@ def one_step(model: mujoco.MjModel, states: np.ndarray) -> dict[str, np.ndarray]
 
 
 def describe(model: mujoco.MjModel) -> ModelFacts:
-    """Return the facts about a model that determine what a step costs."""
     data = start_data(model)
     mujoco.mj_forward(model, data)
     return ModelFacts(

@@ -62,17 +62,14 @@ class Workload:
 
     @property
     def nbatch(self) -> int:
-        """Number of simulations."""
         return int(self.initial_state.shape[0])
 
     @property
     def ncontrol(self) -> int:
-        """Number of controls per simulation."""
         return int(self.control.shape[1])
 
     @property
     def nstep(self) -> int:
-        """Number of steps per simulation."""
         return self.ncontrol * self.hold
 
     @property
@@ -150,7 +147,6 @@ class StepOutputs:
 
     @classmethod
     def empty(cls, workload: Workload) -> "StepOutputs":
-        """Return new arrays for what runs of a workload return."""
         if workload.returns == Product.FINAL:
             return cls(None, None)
         model, shape = workload.model, (workload.nbatch, workload.nstep)
@@ -162,7 +158,6 @@ class StepOutputs:
 
     @property
     def arrays(self) -> list[np.ndarray]:
-        """The arrays that there are."""
         return [array for array in (self.state, self.sensordata) if array is not None]
 
     def rows(self, i: int) -> tuple[np.ndarray, np.ndarray | None]:
@@ -179,7 +174,6 @@ class StepOutputs:
         )
 
     def clear(self) -> None:
-        """Invalidate all entries."""
         for array in self.arrays:
             array.fill(np.nan)
 
@@ -318,11 +312,7 @@ def portable(workload: Workload) -> PortableWorkload:
 
 
 def restore(model: mujoco.MjModel, portable: PortableWorkload) -> Workload:
-    """Return the workload that `portable` wrote.
-
-    Raises:
-      InputError: it belongs to a model of another size.
-    """
+    """Return the workload that `portable` wrote; InputError for a model of another size."""
     ncontrol = portable.control.shape[2]
     if ncontrol != model.nu:
         raise InputError(f"the model has {model.nu} controls, the workload {ncontrol}")

@@ -49,11 +49,7 @@ def is_shipped(source: ModelSource) -> bool:
 
 
 def carry(source: ModelSource, limit_s: float = TIME_LIMIT_S) -> CarriedModel:
-    """Return a model with all that it refers to.
-
-    Raises:
-      InputError: MuJoCo does not load it, also not from a copy elsewhere, or it is too large.
-    """
+    """Return a model with all that it refers to."""
     # without `..`, as the files that it refers to are listed
     source = ModelSource(source.name, Path(os.path.normpath(source.path.absolute())))
     paths = isolate.call(list_files, source, limit_s=limit_s)
@@ -63,11 +59,7 @@ def carry(source: ModelSource, limit_s: float = TIME_LIMIT_S) -> CarriedModel:
 
 
 def unpack(carried: Sequence[CarriedModel], folder: Path) -> Path:
-    """Write models into a folder; return the list of them, for `models`.
-
-    Raises:
-      MachineError: a model is not what was sent, or a file cannot be written.
-    """
+    """Write models into a folder; return the list of them, for `models`."""
     paths: dict[str, Path] = {}
     with writing(folder):
         for number, model in enumerate(carried):

@@ -93,7 +93,6 @@ class BusyError(Exception):
 
 
 def describe() -> tuple[Software, Machine]:
-    """Return what this node is."""
     return software.installed(), machine.describe()
 
 

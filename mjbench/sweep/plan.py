@@ -80,9 +80,6 @@ def load(
 ) -> Plan:
     """Read a plan.
 
-    Args:
-      known: returns the versions of MuJoCo that there are; none where that is not known.
-
     Raises:
       InputError: something is wrong with it; one line, with its place in the file.
       MachineError: the package index is needed to know a release, and cannot be reached.

@@ -43,14 +43,10 @@ class PlanFile:
         self.values: Mapping[str, Mapping[str, Any]] = {"": top, **tables}
 
     def get(self, table: str, key: str, default: Any = None) -> Any:
-        """Return a value, or the default where it is not given."""
         return self.values.get(table, {}).get(key, default)
 
     def texts(self, key: str, default: Sequence[str] = ()) -> list[str]:
-        """Return a list of texts before the first table; one text stands for a list of it.
-
-        It is not empty, and names nothing twice.
-        """
+        """Return a list of different texts before the first table; one text is a list of it."""
         values = self.get("", key)
         if values is None:
             return list(default)

@@ -33,7 +33,6 @@ def session(address: str) -> Iterator[None]:
     """Start Ray here, or connect to a cluster, for as long as the block runs.
 
     Raises:
-      InputError: the address is not one that can be used.
       MachineError: Ray is missing, does not start, or is not there.
     """
     extras.require("mjbench sweep", "ray", ["ray"])

@@ -83,7 +83,6 @@ class CellResult:
 
     @property
     def outcome(self) -> CellOutcome:
-        """How it ended."""
         return outcome(self.section.run)
 
 

@@ -32,7 +32,6 @@ class Software:
 
 @functools.cache
 def installed() -> Software:
-    """Return what is installed here."""
     mujoco, numpy = (_version(name) for name in _PACKAGES)
     return Software(platform.python_version(), mjbench.__version__, _code_digest(), mujoco, numpy)
 

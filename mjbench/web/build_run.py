@@ -77,7 +77,6 @@ class BuildRun:
 
     @property
     def process(self) -> NodeProcess:
-        """The process that is timed."""
         return self._processes[0]
 
     def load(self) -> None:

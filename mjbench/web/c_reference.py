@@ -63,12 +63,10 @@ class CReference:
 
     @property
     def nbatch(self) -> int:
-        """Simulations that are compared."""
         return int(self.traced.run.states.shape[1])
 
     @property
     def nstep(self) -> int:
-        """Steps of each."""
         return len(self.traced.run.states) - 1
 
 

@@ -76,7 +76,6 @@ class _Measurement:
         self._runs: dict[int, BuildRun] = {}
 
     def record(self, ending: Failure) -> WebRecord:
-        """Return what is known, and how the measurement ended."""
         plan, reference = self._plan, self._reference
         record = WebRecord(
             model=self._source.name,

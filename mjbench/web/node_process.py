@@ -102,11 +102,7 @@ class NodeProcess:
     """
 
     def __init__(self, node: NodeProgram, name: str, folder: Path, limit_s: float):
-        """Start the process; the folder is an empty one, for what it prints.
-
-        Raises:
-          MachineError: no process can be started.
-        """
+        """Start the process; the folder is an empty one, for what it prints."""
         self.name, self.limit_s = name, limit_s
         self._failure: Failure | None = None
         self._answers = child_connection.start(
@@ -120,7 +116,6 @@ class NodeProcess:
 
     @property
     def pid(self) -> int:
-        """The process id."""
         return self._answers.process.pid
 
     def instantiate(self, script: Path, nthread: int) -> Instantiated:
@@ -129,10 +124,7 @@ class NodeProcess:
         return self._call(Instantiated, "instantiate", "instantiating the module", **arguments)
 
     def load(self, files: Sequence[str], engine_threads: int) -> float:
-        """Compile a model, whose own file is the first; return the milliseconds that it took.
-
-        The module's own file system has the files where they are here.
-        """
+        """Compile a model, whose own file is the first; return the milliseconds that it took."""
         pairs = [(Path(file).absolute().as_posix(), file) for file in files]
         model = pairs[0][0]
         arguments = {"files": pairs, "model": model, "engine_threads": engine_threads}
@@ -144,7 +136,6 @@ class NodeProcess:
         self._call(type(None), "record", "stepping the model", **arguments)
 
     def prepare(self, steps: StepsInFiles) -> None:
-        """Prepare blocks that step a workload."""
         self._call(type(None), "prepare", "preparing a run", **asdict(steps))
 
     def time_block(self) -> int:
@@ -160,7 +151,6 @@ class NodeProcess:
         self._call(type(None), "save", "saving states", states_file=str(states_file))
 
     def memory(self) -> Memory:
-        """Return how much memory the module and the process take."""
         return self._call(Memory, "memory", "measuring memory")
 
     def confine(self, allowed: Collection[int]) -> None:
@@ -168,7 +158,6 @@ class NodeProcess:
         cores.confine([self.pid], allowed)
 
     def end(self) -> None:
-        """End the process, whatever it is doing."""
         self._answers.end()
 
     def _call(self, kind: type[_T], action: str, activity: str, **arguments: object) -> _T:

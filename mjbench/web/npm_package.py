@@ -56,16 +56,11 @@ class NpmPackage:
 
 
 def pinned_version() -> str:
-    """Return the release that mjbench pins."""
     return str(json.loads(_PIN.read_text(encoding="utf-8"))["dependencies"][NAME])
 
 
 def cache_folder() -> Path:
-    """Return the folder in which npm is to install packages, each in a folder by its version.
-
-    Raises:
-      MachineError: this user has no home folder, in which it would be.
-    """
+    """Return the folder in which npm is to install packages, each in a folder by its version."""
     return installs.cache_folder() / "npm"
 
 

@@ -71,11 +71,7 @@ class Burst:
         ]
 
     def pass_on(self, written: Written, bursts: float, until_ns: int = 0) -> None:
-        """Count calls that were not timed, as many bursts of calls as in those that were written.
-
-        Args:
-          until_ns: when the last of them ended; 0 where that is not known.
-        """
+        """Count untimed calls: as many bursts as were written, until `until_ns`, if known."""
         for slot, calls, ns, steps in written:
             slot[9] += round(calls * bursts)
             slot[10] += round(ns * bursts)
@@ -105,7 +101,6 @@ class CallBursts:
         self.begin_process()
 
     def begin_process(self) -> None:
-        """Begin anew, in a process that was forked."""
         self._burst.begin_process()
         self._pacer.begin()
         self.to_pass = self._planned_to_pass = 0
@@ -119,7 +114,6 @@ class CallBursts:
         return not self._burst_calls
 
     def begin(self) -> None:
-        """Begin a burst, if none has begun."""
         if not self._burst_calls:
             self._pass_on()
             self._begin_ns = self._now_ns()
@@ -161,10 +155,7 @@ class CallBursts:
         self._calls.cost_ns += self._cost_ns - earlier_ns
 
     def end(self) -> None:
-        """Count what has passed until now, as far as it could; a burst that has begun is broken.
-
-        The next call begins a burst.
-        """
+        """Count what has passed, as far as it could, and break a burst that has begun."""
         passed = self._planned_to_pass - self.to_pass
         if passed > 0:
             self._pass_on(min(self._end_ns + passed * self._period_ns, self._now_ns()))

@@ -152,7 +152,6 @@ class CallClock:
         self.add(callee, frame, now_ns, now_ns)
 
     def write(self, slot: Sequence[int]) -> None:
-        """Write a slot into the file."""
         SLOT.pack_into(self._map, slot[0] * SLOT.size, *slot[1:])
 
     def write_memory(self, first_bytes: int, latest_bytes: int) -> None:

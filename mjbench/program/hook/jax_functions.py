@@ -57,7 +57,6 @@ class JaxFunctions:
         self.begin_process()
 
     def begin_process(self) -> None:
-        """Begin anew, in a process that was forked."""
         self.bursts.begin_process()
         self._compilations: list[tuple[int, int]] = []
         self._compiled_ns: dict[int, int] = {}  # by thread

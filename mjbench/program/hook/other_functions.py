@@ -35,7 +35,6 @@ class OtherFunctions:
         self._watch, self._now_ns = watch, now_ns
 
     def begin_process(self) -> None:
-        """Begin anew, in a process that was forked."""
         self._bursts.begin_process()
         self._is_alone = False  # whether they have bursts of their own
         self._calls_since_step = 0
@@ -43,7 +42,6 @@ class OtherFunctions:
         self._step_count = 0  # changes with each step
 
     def timing(self, function: Any, name: str) -> Any:
-        """Return what stands for a function."""
         now_ns, add, steps, bursts = self._now_ns, self._burst.add, self._steps, self._bursts
 
         def call(_: Any, *args: Any, **kwargs: Any) -> Any:

@@ -27,7 +27,6 @@ class Pacer:
         self.begin()
 
     def begin(self) -> None:
-        """Let that time begin anew."""
         self._start_ns, self._processor_start_ns = self._now_ns(), self._processor_ns()
 
     def _elapsed_ns(self) -> int:

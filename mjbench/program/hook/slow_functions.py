@@ -110,7 +110,6 @@ class SlowFunctions:
         return [args[0].height, args[0].width, os.environ.get("MUJOCO_GL", "")]
 
     def install_processes(self, module: ModuleType) -> None:
-        """Time how long the start of a process takes."""
         self._replace(module.BaseProcess, "start", PROCESS_START)
 
     def install_rollout(self, module: ModuleType) -> None:
@@ -147,7 +146,6 @@ class SlowFunctions:
             self._watch.look(model, data, sys._getframe(2), now_ns)
 
     def install_batch(self, module: ModuleType) -> None:
-        """Time `mujoco.batch`."""
         owner = getattr(module, "Batch", None)
         for method, steps in (("rollout", _batch_rollout_steps), ("step", _batch_steps)):
             original = getattr(owner, method, None)

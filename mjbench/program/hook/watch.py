@@ -30,7 +30,6 @@ class Watch:
         self.begin_process()
 
     def begin_process(self) -> None:
-        """Begin anew, in a process that was forked."""
         self._active: dict[int, int] = {}  # thread by the MjData that it steps
         self._warnings: dict[int, list[int]] = {}
         # number by model, and how many states of each kind were written
@@ -39,7 +38,7 @@ class Watch:
         self.next_look_ns = 0
 
     def install_copies(self, module: ModuleType) -> None:
-        """Note copies of environments, which begin anew, in the module `gymnasium.utils.ezpickle`.
+        """Note copies of environments (`gymnasium.utils.ezpickle`), which begin anew.
 
         That of an environment that has not stepped yet is as its original.
         """
@@ -64,7 +63,6 @@ class Watch:
         self._active[data] = thread
 
     def leave(self, data: int) -> None:
-        """Note that the step ended."""
         self._active.pop(data, None)
 
     def note_turns(self, simulations: int, frame: FrameType, now_ns: int) -> None:
