@@ -152,7 +152,6 @@ class _Case:
     channel: Channel
 
     def programs(self) -> Programs:
-        """Compile the other programs by which the path is judged."""
         return Programs(
             self._program(self.workload, self.compiled),
             self._compiled(without_constraints(self.workload.model), "smooth dynamics"),
@@ -161,7 +160,6 @@ class _Case:
         )
 
     def allow_silence(self) -> None:
-        """Let the parent wait for the limit once more."""
         self.channel.allow_silence(self.request.limit_s)
 
     def _compiled(self, model: mujoco.MjModel, name: str) -> SteppingProgram:

@@ -115,7 +115,6 @@ class PlanningTask(ABC):
     name: str
 
     def start(self, model: mujoco.MjModel) -> mujoco.MjData:
-        """Return an MjData at the start: keyframe 0, or the model's defaults."""
         return start_data(model)
 
     @abstractmethod

@@ -38,7 +38,6 @@ DISAGREEMENT = 0.03
 
 
 def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRecord) -> list[str]:
-    """Return lines that say what changed: instructions, work, code, or the time alone."""
     assert baseline.instructions_per_step
     assert candidate.instructions_per_step
     ratio = candidate.instructions_per_step / baseline.instructions_per_step
@@ -113,7 +112,6 @@ def _time_lines(time: VerdictRow, instruction_ratio: float) -> list[str]:
 def explain_change(
     baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None
 ) -> ExplainRecord:
-    """Return what changed for one model or operation; time may not have been compared."""
     failed = next((c for c in (baseline, candidate) if c.status != Status.OK), None)
     code, code_detail = None, "" if failed is None else "a release was not counted"
     if failed is None:

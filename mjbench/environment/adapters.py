@@ -137,7 +137,6 @@ class GymnasiumAdapter(_TupleAdapter):
         return lambda: reset()
 
     def draw_actions(self, count: int, seed: int) -> list[Any]:
-        """See `EnvironmentAdapter.draw_actions`; by the action space's `sample()`, if any."""
         space = self.environment.action_space
         if callable(getattr(space, "sample", None)):
             if callable(getattr(space, "seed", None)):

@@ -65,7 +65,6 @@ def find(environment: object) -> list[Callee]:
 
 
 def builds_info(environment: object) -> bool:
-    """Return whether the lines of `environment.step` put information together themselves."""
     for function in _steps(environment):
         tree = _tree(function)
         for node in ast.walk(tree) if tree else ():

@@ -29,7 +29,6 @@ class Binding:
 
 
 def function_names() -> list[str]:
-    """Return the names of MuJoCo's functions of a model or a simulation (`mj_…`)."""
     return [
         name for name in dir(mujoco) if name.startswith("mj_") and callable(getattr(mujoco, name))
     ]
@@ -53,7 +52,6 @@ def replaced(
     wrappers: Mapping[str, Callable[[EngineFunction], EngineFunction]],
     elsewhere: Sequence[Binding] = (),
 ) -> Iterator[None]:
-    """Replace functions of the engine while the block runs."""
     before = [(each, getattr(each.module, each.attribute)) for each in elsewhere]
     with engine_functions.replaced(wrappers):
         try:

@@ -63,7 +63,6 @@ class Pass:
 
     Attributes:
       step_ns: (nstep,) of each step of the environment.
-      reset_ns: of the reset that begins each episode.
       lengths: steps of each episode that ended.
       returned: fingerprint of what the steps returned; of nothing where passes took turns.
       layers: what each function that was called took, with the timer's cost, where it was timed.

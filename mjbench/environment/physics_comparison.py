@@ -185,7 +185,6 @@ class PhysicsComparison:
         return seconds
 
     def reorder(self, rng: np.random.Generator) -> None:
-        """Reorder the simulations, so that the output of an earlier block is wrong."""
         if self.physics.workload.nbatch > 1:
             self.case.reorder(rng)
 

@@ -326,7 +326,6 @@ class _PlainSteps:
         nstep: int,
         number: int,
     ) -> None:
-        """Take steps from a state, and compare with the state that the environment reached."""
         if model is not self._model:
             self._model, self._data = model, mujoco.MjData(model)
             self._needs_reset = compat.has_sleep(model)

@@ -50,7 +50,6 @@ class VectorRequest:
 
     Attributes:
       repeats: whether one environment did the same again.
-      positions: of the forms that take part.
     """
 
     source: EnvironmentSource

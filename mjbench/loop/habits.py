@@ -29,7 +29,6 @@ class Habit:
     defines.
 
     Attributes:
-      name: of the habit; committed results are stored under it.
       body: statement in the loop's body, after the step.
       setup: statements that run once, before the first run of the loop.
       cheaper: name of the habit that does the same for less; empty if there is none.

@@ -79,7 +79,6 @@ class StepSamples:
 
     Attributes:
       rate_hz: of paced steps; None for free-running ones.
-      work: of a step of this workload, on average.
       features: what happened in each step, by name: contacts, solver iterations, garbage
         collections, page faults, preemptions, and by how much it began late.
     """

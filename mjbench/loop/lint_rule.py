@@ -63,5 +63,4 @@ class Rule:
 
 
 def rule(code: str, message: str, is_wrong_result: bool = False) -> Callable[[Matches], Rule]:
-    """Return a decorator that makes a rule of the function that yields its matches."""
     return lambda matches: Rule(code, message, matches, is_wrong_result)

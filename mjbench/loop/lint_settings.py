@@ -28,7 +28,6 @@ class LintSettings:
       select: codes to check; none for all.
       ignore: codes to leave out.
       per_file_ignores: codes to leave out by pattern, of names or of paths below `folder`.
-      folder: of the pyproject.toml.
     """
 
     select: tuple[str, ...] = ()
@@ -37,7 +36,6 @@ class LintSettings:
     folder: Path = Path()
 
     def ignored_in(self, file: Path) -> list[str]:
-        """Return the codes that `per-file-ignores` leaves out in a file."""
         path = file.relative_to(self.folder).as_posix() if self.per_file_ignores else ""
         return [
             code

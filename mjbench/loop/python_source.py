@@ -29,7 +29,6 @@ class SourceLine:
     """A line of a program.
 
     Attributes:
-      text: without its end.
       is_command: whether it is not Python, but a command of IPython or a part of one.
       number: from 1; of the file, or of the cell.
       cell: of a notebook, from 1; None in a Python file.
@@ -56,7 +55,6 @@ class PythonProgram:
 
     Attributes:
       lines: the lines that the line numbers of `tree` count, from 1.
-      data: the bytes of the file.
       encoding: of a Python file; None for a notebook.
     """
 

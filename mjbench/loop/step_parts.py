@@ -70,7 +70,6 @@ class StepPart:
 
     Attributes:
       within: the stage whose time it is a part of.
-      share: of a step.
     """
 
     name: str

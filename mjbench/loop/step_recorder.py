@@ -175,7 +175,6 @@ class ModelRecorder:
     Attributes:
       mjb: file with the model before its first step; None unless it is wanted and can be saved.
       mjb_failure: why it cannot be saved; empty otherwise.
-      timestep_s: of the model, as it was first.
       nstep: that the program took, of what is to be captured.
     """
 
@@ -207,7 +206,6 @@ class ModelRecorder:
             self.mjb.close()
 
     def windows(self) -> list[RecordedWindow]:
-        """Return the windows with states, in the order of the run."""
         if self._window is not None:
             self._end_window()
         return self._sample.windows()

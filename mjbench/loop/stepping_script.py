@@ -95,8 +95,6 @@ class SteppingScript:
     """The syntax of a script, and what follows from it.
 
     Attributes:
-      nodes: all nodes of the tree.
-      parents: the node above each node.
       calls: of functions and methods, everywhere in it.
       values: that are assigned, by their targets.
       loops: that step.

@@ -61,7 +61,6 @@ class Store:
     Attributes:
       place: the list, the dict or the attribute.
       key: under which it is stored in `place`; None for one more entry, and for an attribute.
-      values: what is stored.
     """
 
     place: ast.expr

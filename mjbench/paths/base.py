@@ -254,8 +254,6 @@ class SteppingPath(ABC):
 def prepared_arrays(
     run: Callable[[], None], final_state: np.ndarray, outputs: StepOutputs
 ) -> Prepared:
-    """Return a prepared run that writes all that it returns to arrays."""
-
     def clear() -> None:
         final_state.fill(np.nan)
         outputs.clear()

@@ -132,7 +132,6 @@ class Mjx(AcceleratedPath):
         return mjx.make_data(model, **compat.known(mjx.make_data, impl=self.impl), **buffer_sizes)
 
     def buffer_sizes(self, peaks: Peaks, nbatch: int) -> dict[str, int]:
-        """Return sizes of buffers, as make_data names them."""
         return {}
 
     def peak_gpu_memory_bytes(self, device: "jax.Device") -> int | None:
@@ -200,12 +199,7 @@ def _matmul_precision() -> str:
 
 
 class MjxProgram:
-    """The compiled program of one workload, its arguments on the device, and its last output.
-
-    Attributes:
-      trace_s: seconds from Python to the compiler's input.
-      compile_s: seconds of compiling the timed program.
-    """
+    """The compiled program of one workload, its arguments on the device, and its last output."""
 
     def __init__(
         self, workload: Workload, model: "mjx.Model", empty: "mjx.Data", nstep_is_fixed: bool
@@ -296,7 +290,6 @@ class MjxProgram:
         return cast
 
     def first_call_s(self) -> float:
-        """Return the seconds of a first call, of one step."""
         start, nstep = self._copy_of_start(), _count_on_device(1)
         begin = time.perf_counter()
         self._block_until_ready(self._any_nstep(start, self._control, nstep))

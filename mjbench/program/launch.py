@@ -66,11 +66,8 @@ class ProgramObservation:
     """What was seen of a program.
 
     Attributes:
-      exit_code: of the program; 128 and the number of the signal that ended it.
-      was_ended: whether mjbench ended it, since its seconds were over.
       paused_share: share of time for which the profiler stopped a process of the program, summed
         over processes; None where that cannot be seen.
-      processor: time that the program and those who observe it used; None where that cannot be
         seen, as of a program that ran before.
       problem: why there are no samples, in one line; empty where there are.
     """

@@ -237,12 +237,10 @@ class _Holding:
     cpu_s: float = 0.0
 
     def look(self) -> float:
-        """Return the processor seconds since the latest look."""
         earlier_s, self.cpu_s = self.cpu_s, max(self.cpu_s, self.sampler.cpu_s())
         return self.cpu_s - earlier_s
 
     def holders(self) -> Holders | None:
-        """Return what it has seen, once it has ended; None where it could not."""
         seconds = min(HOLDERS_S, time.monotonic() - self.begin_s)
         self.sampler.stop()
         with contextlib.suppress(InputError):

@@ -251,7 +251,6 @@ class LineRemedy:
     """What to do about a line that samples show.
 
     Attributes:
-      line: what its text holds.
       code: of lint's rule that finds it; "" where the text alone tells.
       trial: that measures what is saved; None where the line's share bounds it.
     """

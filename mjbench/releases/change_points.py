@@ -58,7 +58,6 @@ class ChangePoint:
 
     Attributes:
       index: of the first release after it.
-      change: of the log ratio.
     """
 
     before: int

@@ -52,7 +52,6 @@ class ReleaseSpec:
 
     Attributes:
       name: as the user named it: a version, a wheel, a folder of wheels, or `installed`.
-      version: the version that the release must report.
       wheels: the local wheels to install; empty for a version of the index.
       own_wheels: of the user's code, installed beside the release with what they need.
     """

@@ -60,13 +60,11 @@ def read(site: Path) -> MovableInstall:
 
 
 def was_checked(install: MovableInstall) -> bool:
-    """Return whether moved images of an install were seen to work here."""
     file = _cached(install.digest, _CHECKED)
     return file is not None and file.exists()
 
 
 def note_checked(install: MovableInstall) -> None:
-    """Note that moved images of an install were seen to work here."""
     file = _cached(install.digest, _CHECKED)
     with contextlib.suppress(OSError):
         if file is not None:

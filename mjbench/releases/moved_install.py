@@ -171,7 +171,6 @@ def is_recorded(site: Path) -> bool:
 
 
 def digest(content: bytes) -> str:
-    """Return a short name for the content of a library."""
     return hashlib.blake2b(content, digest_size=16).hexdigest()
 
 

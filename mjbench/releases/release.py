@@ -18,7 +18,6 @@ class Release:
     """A release of MuJoCo.
 
     Attributes:
-      version: such as `3.5.0`.
       uploaded: when its first file was uploaded, in whole seconds, UTC.
     """
 

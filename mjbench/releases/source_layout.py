@@ -37,7 +37,6 @@ def package_names(tree: Path) -> frozenset[str]:
 
 
 def has_module(tree: Path, name: str) -> bool:
-    """Return whether a module or a package lies directly in a source folder of a tree."""
     files = (f"{name}.py", f"{name}/__init__.py")
     return any((folder / file).is_file() for folder in source_folders(tree) for file in files)
 
@@ -77,7 +76,6 @@ def lock_files(tree: Path) -> dict[str, bytes]:
 
 
 def is_installable(tree: Path) -> bool:
-    """Return whether a source tree is a package that pip can install."""
     return (tree / "pyproject.toml").exists() or (tree / "setup.py").exists()
 
 

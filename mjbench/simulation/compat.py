@@ -39,7 +39,6 @@ _DIVERGENCE = ("BADQPOS", "BADQVEL", "BADQACC", "BADCTRL")
 
 @functools.cache
 def state_spec(name: str) -> int:
-    """Return the value of `mjtState.mjSTATE_<name>` in this release."""
     return int(getattr(mujoco.mjtState, f"mjSTATE_{name}"))
 
 
@@ -48,7 +47,6 @@ INTEGRATION, FULLPHYSICS = state_spec("INTEGRATION"), state_spec("FULLPHYSICS")
 
 
 def state_size(model: mujoco.MjModel, spec: int = INTEGRATION) -> int:
-    """Return the number of mjtNum of a state specification (see mj_stateSize)."""
     return int(mujoco.mj_stateSize(model, spec))
 
 
@@ -188,7 +186,6 @@ def line_search_iterations(data: mujoco.MjData) -> int:
 
 
 def warning_counts(data: mujoco.MjData) -> np.ndarray:
-    """Return a copy of the warning counters, one per mjtWarning."""
     return np.array(data.warning.number)
 
 

@@ -53,7 +53,6 @@ def converging(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def without_constraints(model: mujoco.MjModel) -> mujoco.MjModel:
-    """Return a copy of a model whose smooth dynamics alone act."""
     changed, disable = copy.copy(model), mujoco.mjtDisableBit
     changed.opt.disableflags |= int(disable.mjDSBL_CONSTRAINT) | int(disable.mjDSBL_CONTACT)
     return changed

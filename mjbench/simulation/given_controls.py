@@ -20,17 +20,12 @@ _NAMES = ("ctrl", "actions")
 
 @dataclass(frozen=True, eq=False)
 class GivenControls:
-    """The controls of a file.
-
-    Attributes:
-      sequences: (nsequence, ncontrol, nu).
-    """
+    """The controls of a file."""
 
     sequences: np.ndarray
     name: str
 
     def most_nstep(self, hold: int) -> int:
-        """Return for how many steps there are controls."""
         return int(self.sequences.shape[1]) * hold
 
     def check(self, nstep: int, hold: int) -> None:

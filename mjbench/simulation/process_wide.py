@@ -26,7 +26,6 @@ class ProcessWide(Generic[Change]):
 
     @property
     def active(self) -> tuple[Change, ...]:
-        """The active changes, in the order in which they began."""
         return self._active
 
     def begin(self, change: Change) -> None:

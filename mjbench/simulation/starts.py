@@ -169,7 +169,6 @@ class Starts:
 
 
 def settle_s(model: mujoco.MjModel, plan: StartPlan) -> float:
-    """Return the simulated seconds for which a plan lets a model settle."""
     if plan.settle_s is not None:
         return plan.settle_s
     return KEYFRAME_SETTLE_S if model.nkey else DEFAULT_SETTLE_S

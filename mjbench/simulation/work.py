@@ -85,7 +85,6 @@ class Observation:
       healthy: (nbatch,) bool: simulations that raised no warning of a bad state and ended in a
         finite one; the others are called diverged.
       work: mean over the steps of the healthy simulations.
-      start_contacts: contacts at the first simulation's start.
       summed_iterations: solver iterations of a step, summed over constraint islands.
       solver_limited: share of the steps whose solver stopped at its limit of iterations.
       asleep: mean share of the model's trees that slept; None where sleeping is not enabled.
@@ -231,7 +230,6 @@ def states_after(workload: Workload, nsteps: Sequence[int]) -> np.ndarray:
 
 
 def step_outputs(workload: Workload) -> StepOutputs:
-    """Return what the plain loop returns of every step, as the workload asks for."""
     outputs = StepOutputs.empty(workload)
     if outputs.state is None:
         return outputs

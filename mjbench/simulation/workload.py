@@ -114,7 +114,6 @@ class Workload:
         )
 
     def returning(self, returns: Product) -> "Workload":
-        """Return a copy whose runs return `returns`."""
         return dataclasses.replace(
             self,
             initial_state=self.initial_state.copy(),
@@ -123,7 +122,6 @@ class Workload:
         )
 
     def first(self, ncontrol: int) -> "Workload":
-        """Return a copy that ends after its first `ncontrol` controls."""
         return dataclasses.replace(
             self,
             initial_state=self.initial_state.copy(),
@@ -292,7 +290,6 @@ class PortableWorkload:
         )
 
     def digest(self) -> str:
-        """Return a short name for its start states and controls."""
         content = hashlib.blake2b(str(self.hold).encode(), digest_size=8)
         for name, values in (*sorted(self.fields.items()), ("control", self.control)):
             content.update(f" {name} {values.shape} {values.dtype}".encode())

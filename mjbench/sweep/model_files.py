@@ -39,7 +39,6 @@ class CarriedModel:
 
 
 def content_digest(source: ModelSource) -> str:
-    """Return a digest of a model's own file alone, in hexadecimal."""
     return hashlib.sha256(_content(source.name, source.path)).hexdigest()
 
 

@@ -102,7 +102,6 @@ class BuildRun:
         return rounding_check.check(traced.run, steps, self._states, after, of_same_model)
 
     def prepare(self) -> None:
-        """Prepare blocks, each of which steps the first simulations."""
         run, block = self._reference.traced.run, self._reference.block
         control = run.control[: block.nbatch, : block.nstep // run.hold]
         self.process.prepare(self._steps(run.states[0, : block.nbatch], control, run.hold))
@@ -211,7 +210,6 @@ def warm_up(
 
 
 def seconds_before_steady(blocks_ns: Sequence[int]) -> float:
-    """Return how long blocks took before the first that was about as fast as the last ones."""
     steady_ns = _NEARLY_STEADY * statistics.median(blocks_ns[-_WINDOW:])
     return sum(itertools.takewhile(lambda ns: ns > steady_ns, blocks_ns)) / 1e9
 

@@ -121,7 +121,6 @@ def prepare(
 
 
 def block_size(run: ReferenceRun, step_s: float) -> RunSize:
-    """Return the size of a timed block: first steps of first simulations."""
     nbatch, nstep = run.states.shape[1], len(run.states) - 1
     fitting = max(_MIN_BLOCK_NSTEP, int(_BLOCK_S / step_s))
     block_nstep = min(nstep, whole_holds(fitting, run.hold))

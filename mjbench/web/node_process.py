@@ -119,7 +119,6 @@ class NodeProcess:
         return self._answers.process.pid
 
     def instantiate(self, script: Path, nthread: int) -> Instantiated:
-        """Import and instantiate a build; one with threads starts so many workers."""
         arguments = {"script": str(script), "nthread": nthread}
         return self._call(Instantiated, "instantiate", "instantiating the module", **arguments)
 
@@ -131,7 +130,6 @@ class NodeProcess:
         return self._call(float, "load", "loading the model", **arguments)
 
     def record(self, steps: StepsInFiles, points: Sequence[int], states_file: Path) -> None:
-        """Step a workload; write the states after some numbers of steps to a file."""
         arguments = {**asdict(steps), "points": list(points), "states_file": str(states_file)}
         self._call(type(None), "record", "stepping the model", **arguments)
 
@@ -147,7 +145,6 @@ class NodeProcess:
         return ns
 
     def save(self, states_file: Path) -> None:
-        """Write the final states of the last block to a file."""
         self._call(type(None), "save", "saving states", states_file=str(states_file))
 
     def memory(self) -> Memory:

@@ -65,7 +65,6 @@ def cache_folder() -> Path:
 
 
 def install_command(version: str) -> str:
-    """Return the command by which npm installs a release where `find` looks for it."""
     prefix = shlex.quote(str(cache_folder() / version))
     return f"npm install --no-package-lock --prefix {prefix} {NAME}@{version}"
 

@@ -368,7 +368,6 @@ class StepClock:
     # Environments and garbage collection
 
     def install_environment(self, module: ModuleType, class_name: str, method: str) -> None:
-        """Note when an environment begins a step."""
         owner = getattr(module, class_name, None)
         original = getattr(owner, method, None)
         if owner is None or original is None:
