@@ -200,14 +200,8 @@ def _has_building(loop: LoopTime) -> bool:
 def _of_building(loop: LoopTime) -> Remedy:
     line = loop.building
     assert line is not None, "models are built"
-    return _remedy(
-        loop,
-        RemedyKind.ACTIVITY,
-        Activity.BUILDING,
-        line.place,
-        _BUILDING_ADVICE,
-        line.share,
-    )
+    kind, activity = RemedyKind.ACTIVITY, Activity.BUILDING
+    return _remedy(loop, kind, activity, line.place, _BUILDING_ADVICE, line.share)
 
 
 def _functions(loop: LoopTime) -> Iterator[list[LineTime]]:

@@ -58,14 +58,6 @@ def _is_of_stepped_data(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) 
     return math.isclose(count_of(calls), count_of(of_same), rel_tol=_ABOUT)
 
 
-def _is_centered(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
-    return "True" in calls[0].place.text
-
-
-def _has_several_simulations(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
-    return any(call.all_steps > call.steps for call in calls)
-
-
 def _are_several_a_step(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
     steps = [each for each in of_loop if each.callee == "mj_step"]
     return count_of(calls) > (1 + _ABOUT) * count_of(steps)
@@ -77,16 +69,6 @@ def _are_spread(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
     loop_ns = max(call.last_ns for call in of_loop) - begin_ns
     calls_ns = max(call.last_ns for call in calls) - min(call.first_ns for call in calls)
     return calls_ns >= _LEAST_SPREAD * loop_ns
-
-
-def _takes_one_step(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
-    return all(call.steps == call.calls for call in calls)
-
-
-def _takes_one_step_of_one_simulation(
-    calls: Sequence[CallTime], of_loop: Sequence[CallTime]
-) -> bool:
-    return all(call.all_steps == call.calls for call in calls)
 
 
 def count_of(calls: Sequence[CallTime]) -> float:
@@ -125,7 +107,7 @@ CALL_REMEDIES = (
         " leaves out sensors",
         effect="derivatives, which are less exact",
         trial=Trial.UNCENTERED,
-        applies=_is_centered,
+        applies=lambda calls, of_loop: "True" in calls[0].place.text,
     ),
     CallRemedy(
         callees=("mj_ray",),
@@ -204,7 +186,7 @@ CALL_REMEDIES = (
         text="rollout takes these simulations one after the other: give it a list with an MjData"
         " for each core, and keep a pool, rollout.Rollout(nthread=n)",
         trial=Trial.MORE_THREADS,
-        applies=_has_several_simulations,
+        applies=lambda calls, of_loop: any(c.all_steps > c.steps for c in calls),
     ),
     CallRemedy(
         callees=("rollout",),
@@ -212,7 +194,7 @@ CALL_REMEDIES = (
         " mj_step(model, data)",
         effect="later states within the solver's tolerance: rollout begins without a warm start",
         trial=Trial.NO_ROLLOUT,
-        applies=_takes_one_step_of_one_simulation,
+        applies=lambda calls, of_loop: all(c.all_steps == c.calls for c in calls),
     ),
     CallRemedy(
         callees=("Rollout.rollout",),
@@ -220,7 +202,7 @@ CALL_REMEDIES = (
         " takes controls",
         effect="later states within the solver's tolerance: rollout begins without a warm start",
         trial=Trial.BATCH_OR_ROLLOUT,
-        applies=_takes_one_step,
+        applies=lambda calls, of_loop: all(c.steps == c.calls for c in calls),
     ),
     CallRemedy(
         callees=(call_clock.PROCESS_START,),
