@@ -83,12 +83,7 @@ class ContactJudge:
                 self._add_pair(problem, pair, own, in_c, rest)
 
     def _add_pair(
-        self,
-        problem: ConstraintProblem,
-        pair: Types,
-        own: Contacts,
-        in_c: Contacts,
-        rest: Contacts,
+        self, problem: ConstraintProblem, pair: Types, own: Contacts, in_c: Contacts, rest: Contacts
     ) -> None:
         states = self._pairs.setdefault(pair, _PairStates())
         states.counts.append((len(own.simulation), len(in_c.simulation)))

@@ -16,11 +16,7 @@ from mjbench.comparison.judged_contacts import MAX_ROUNDING_EFFECT, ContactJudge
 from mjbench.paths.accelerated import StepOutcome
 from mjbench.simulation import agreement, compat, trajectory
 from mjbench.simulation import workload as workloads
-from mjbench.simulation.constraint_problem import (
-    ConstraintProblem,
-    Solution,
-    without_constraints,
-)
+from mjbench.simulation.constraint_problem import ConstraintProblem, Solution, without_constraints
 from mjbench.simulation.contacts import Contacts
 from mjbench.simulation.judgement import (
     EngineAnswer,

@@ -222,10 +222,5 @@ class ScalingRecord:
 
 
 RECORD_TYPES: Mapping[str, type] = {
-    kind.record_type: kind
-    for kind in (
-        ModelRecord,
-        MeasurementRecord,
-        ScalingRecord,
-    )
+    kind.record_type: kind for kind in (ModelRecord, MeasurementRecord, ScalingRecord)
 }

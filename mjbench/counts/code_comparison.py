@@ -74,8 +74,7 @@ def compare(
     of_engine = {*functions.changes, *functions.old_names.values()}
     elsewhere = [name for name in {**baseline, **candidate} if name not in of_engine]
     return CodeChanges(
-        {**_file_changes(elsewhere, baseline, candidate), **functions.changes},
-        functions.old_names,
+        {**_file_changes(elsewhere, baseline, candidate), **functions.changes}, functions.old_names
     )
 
 

@@ -19,13 +19,7 @@ import mujoco
 
 from mjbench import extras
 from mjbench.environment.source import EnvironmentSource, Origin
-from mjbench.errors import (
-    InputError,
-    MjbenchError,
-    describe,
-    shown,
-    suggestion,
-)
+from mjbench.errors import InputError, MjbenchError, describe, shown, suggestion
 
 # The module of dm_control that has the release of MuJoCo which its bindings were generated from.
 _CONSTANTS = "dm_control.mujoco.wrapper.mjbindings.constants"

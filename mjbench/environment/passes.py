@@ -18,13 +18,7 @@ from mjbench.environment.construction import as_input_error
 from mjbench.environment.engine import Binding
 from mjbench.environment.recording import EngineWatch
 from mjbench.environment.repetition import Fingerprint
-from mjbench.environment.timer import (
-    ClockNs,
-    LayerTime,
-    LayerTimer,
-    engine_timed,
-    functions_timed,
-)
+from mjbench.environment.timer import ClockNs, LayerTime, LayerTimer, engine_timed, functions_timed
 from mjbench.host.isolate import Channel
 from mjbench.measuring import timing
 from mjbench.measuring.timing import Contender

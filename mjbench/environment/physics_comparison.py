@@ -100,11 +100,7 @@ def physics_of(recording: Recording, seed: int, nthread: int) -> PhysicsAlone | 
 
 
 def _assembled(
-    recording: Recording,
-    usable: dict[int, StepTrace],
-    frame_skip: int,
-    seed: int,
-    nthread: int,
+    recording: Recording, usable: dict[int, StepTrace], frame_skip: int, seed: int, nthread: int
 ) -> PhysicsAlone:
     """Return the physics of the usable steps of a recording, by their number."""
     runs = _runs(usable)

@@ -21,12 +21,7 @@ from mjbench.bounds import (
     PositiveInt,
 )
 from mjbench.environment.construction import ReleaseMismatch
-from mjbench.environment.layer_shares import (
-    LayerSamples,
-    LayerShare,
-    LayerTimes,
-    TimerEffect,
-)
+from mjbench.environment.layer_shares import LayerSamples, LayerShare, LayerTimes, TimerEffect
 from mjbench.environment.layers import Layer
 from mjbench.environment.recording import ModelChange
 from mjbench.environment.repetition import FieldDifference

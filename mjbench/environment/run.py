@@ -16,19 +16,9 @@ import numpy as np
 
 from mjbench.comparison.messages import AgreementReport
 from mjbench.comparison.plan import Variant
-from mjbench.environment import (
-    adapters,
-    construction,
-    engine,
-    physics_comparison,
-)
+from mjbench.environment import adapters, construction, engine, physics_comparison
 from mjbench.environment.adapters import EnvironmentAdapter
-from mjbench.environment.passes import (
-    EnvironmentPasses,
-    Pass,
-    in_random_order,
-    send_rounds,
-)
+from mjbench.environment.passes import EnvironmentPasses, Pass, in_random_order, send_rounds
 from mjbench.environment.physics_comparison import PhysicsAlone, PhysicsComparison
 from mjbench.environment.recording import EngineWatch, Recording, StepTrace
 from mjbench.environment.records import EnvironmentFacts, EnvironmentRecord, PhysicsCheck

@@ -260,11 +260,7 @@ def make({names}):
 
 
 def compile_loop(
-    habit: Habit,
-    model: mujoco.MjModel,
-    nstep: int,
-    file: str = "",
-    start: Start = reset_to_start,
+    habit: Habit, model: mujoco.MjModel, nstep: int, file: str = "", start: Start = reset_to_start
 ) -> CompiledLoop:
     """Return the loop with a habit in it, of `nstep` steps from where `start` brings an MjData.
 

@@ -39,14 +39,11 @@ _INDEPENDENT = {
 }
 # Functions that read what `mj_comPos` computes.
 _JACOBIANS = {
-    *("mj_jacSite", "mj_jacGeom", "mj_jacBody", "mj_jacBodyCom", "mj_jacSubtreeCom", "mj_jac"),
+    *("mj_jacSite", "mj_jacGeom", "mj_jacBody", "mj_jacBodyCom", "mj_jacSubtreeCom", "mj_jac")
 }
 
 
-@rule(
-    "MJB007",
-    "mj_forward after mj_step computes another step's worth, of which little is read",
-)
+@rule("MJB007", "mj_forward after mj_step computes another step's worth, of which little is read")
 def forward_after_step(script: SteppingScript) -> Iterator[Match]:
     """Yield calls of mj_forward after mj_step of which a script reads nothing, or positions.
 

@@ -22,10 +22,7 @@ _PHYSICS_LOADERS = ("from_mjcf_model", "from_xml_path", "from_xml_string")
 _RENDERERS = {"mujoco.Renderer", "mujoco.renderer.Renderer"}
 
 
-@rule(
-    "MJB005",
-    "a new MjData for every episode; create one and call mj_resetData",
-)
+@rule("MJB005", "a new MjData for every episode; create one and call mj_resetData")
 def new_data_per_episode(script: SteppingScript) -> Iterator[Match]:
     """Yield each new MjData of an episode, but not one of a model that is new as well.
 
@@ -120,10 +117,7 @@ def compiled_models(script: SteppingScript) -> Iterator[Match]:
                 yield Match(call, callee=last_name(call.func))
 
 
-@rule(
-    "MJB012",
-    "a new Renderer in every iteration; create one before the loop, and close it after",
-)
+@rule("MJB012", "a new Renderer in every iteration; create one before the loop, and close it after")
 def new_renderers(script: SteppingScript) -> Iterator[Match]:
     """Yield each Renderer that a loop which steps creates in every iteration.
 

@@ -111,9 +111,7 @@ def _encoded(document: Any, like: bytes) -> bytes:
     """Return a document as JSON, laid out like another one: indentation, escapes, line ends."""
     indent = re.match(rb"\{(?P<end>\r?\n)(?P<indent>[ \t]+)", like)
     text = json.dumps(
-        document,
-        ensure_ascii=like.isascii(),
-        indent=indent["indent"].decode() if indent else None,
+        document, ensure_ascii=like.isascii(), indent=indent["indent"].decode() if indent else None
     )
     content = text.replace("\n", indent["end"].decode() if indent else "\n").encode()
     return content + like[len(like.rstrip(b"\r\n")) :]

@@ -147,9 +147,7 @@ def _functions(model: mujoco.MjModel) -> Iterator[tuple[str, str, int, Function]
 
 
 @contextlib.contextmanager
-def _needed_sensors(
-    model: mujoco.MjModel,
-) -> Iterator[Callable[[np.ndarray], Callable[[], None]]]:
+def _needed_sensors(model: mujoco.MjModel) -> Iterator[Callable[[np.ndarray], Callable[[], None]]]:
     """Yield what makes a preparation of the model in which only some sensors are computed."""
     needs = np.array(model.sensor_needstage)
 

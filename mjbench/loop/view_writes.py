@@ -8,14 +8,7 @@ import ast
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.loop.name_bindings import bound_by
-from mjbench.loop.script_syntax import (
-    FUNCTIONS,
-    WHOLE,
-    dotted_name,
-    is_input,
-    last_name,
-    peeled,
-)
+from mjbench.loop.script_syntax import FUNCTIONS, WHOLE, dotted_name, is_input, last_name, peeled
 
 # Methods of an array that write to it, and functions that write to an argument.
 WRITING_METHODS = {"fill", "itemset", "partition", "put", "resize", "setfield", "setflags", "sort"}

@@ -9,14 +9,7 @@ import numpy as np
 
 from mjbench.host import machine
 from mjbench.paths import snippets
-from mjbench.paths.base import (
-    Option,
-    Options,
-    Prepared,
-    Resources,
-    SteppingPath,
-    prepared_arrays,
-)
+from mjbench.paths.base import Option, Options, Prepared, Resources, SteppingPath, prepared_arrays
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Product, StepOutputs, Workload
 

@@ -16,14 +16,7 @@ from mjbench.simulation import compat
 from mjbench.simulation.workload import Product, StepOutputs, Workload
 
 # Inputs that a rollout resets to the model's defaults unless they are part of the control.
-_USER_INPUTS = (
-    "QFRC_APPLIED",
-    "XFRC_APPLIED",
-    "EQ_ACTIVE",
-    "MOCAP_POS",
-    "MOCAP_QUAT",
-    "USERDATA",
-)
+_USER_INPUTS = ("QFRC_APPLIED", "XFRC_APPLIED", "EQ_ACTIVE", "MOCAP_POS", "MOCAP_QUAT", "USERDATA")
 
 
 class Rollout(SteppingPath):

@@ -188,9 +188,7 @@ def _question(context: _Context) -> Question:
         simulations = sum(call.all_steps for call in calls) / steps
         steps_of_call = steps / max(1.0, count_of(calls))
         return Question(
-            remedy.trial,
-            simulations=max(1, round(simulations)),
-            steps=max(1, round(steps_of_call)),
+            remedy.trial, simulations=max(1, round(simulations)), steps=max(1, round(steps_of_call))
         )
     if remedy.trial == Trial.RAYS:
         of_step = count_of(calls) / context.nstep if context.nstep else _USUAL_RAYS

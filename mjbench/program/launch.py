@@ -24,12 +24,7 @@ from mjbench.program import activities, calls, gil_waits, recorded_models, sampl
 from mjbench.program.activities import Place
 from mjbench.program.calls import ProgramCalls
 from mjbench.program.gil_waits import GilWait
-from mjbench.program.profiling import (
-    ProcessorClock,
-    ProcessorUse,
-    Profiling,
-    Sampling,
-)
+from mjbench.program.profiling import ProcessorClock, ProcessorUse, Profiling, Sampling
 from mjbench.program.recorded_models import RecordedModel
 from mjbench.program.samples import Frame, ThreadSamples
 from mjbench.program.step_times import StepTimes

@@ -97,10 +97,9 @@ class PhysicsCost:
     @property
     def main_cost(self) -> Cost | None:
         """What costs most in that stage; None where the stage has no notable parts."""
-        kinds = {
-            "sensors": (CostKind.SENSORS,),
-            "collision": (CostKind.PAIR, CostKind.TYPES),
-        }.get(self.main_stage[0], ())
+        kinds = {"sensors": (CostKind.SENSORS,), "collision": (CostKind.PAIR, CostKind.TYPES)}.get(
+            self.main_stage[0], ()
+        )
         return next((cost for cost in self.costs if cost.kind in kinds), None)
 
 
@@ -183,10 +182,7 @@ def _pairs(
 
 
 def _weights(
-    model: mujoco.MjModel,
-    states: np.ndarray,
-    pairs: Sequence[tuple[int, int]],
-    far: Sequence[int],
+    model: mujoco.MjModel, states: np.ndarray, pairs: Sequence[tuple[int, int]], far: Sequence[int]
 ) -> dict[tuple[int, int], float]:
     """Return the seconds that each pair adds to `mj_collision`, more than one that is far apart."""
     contype, conaffinity = np.array(model.geom_contype), np.array(model.geom_conaffinity)

@@ -322,12 +322,7 @@ def _creating(
     return Way(lambda data: use(create(data), data), create, use)
 
 
-@_of(
-    Trial.NEW_DATA_OR_RESET,
-    Trial.NEW_DATA_OR_COPY,
-    Trial.COPY_OR_COPY,
-    Trial.DEEP_COPY_OR_COPY,
-)
+@_of(Trial.NEW_DATA_OR_RESET, Trial.NEW_DATA_OR_COPY, Trial.COPY_OR_COPY, Trial.DEEP_COPY_OR_COPY)
 def _new_data(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
     scratch = mujoco.MjData(model)
     is_copy = question.trial != Trial.NEW_DATA_OR_RESET

@@ -123,9 +123,7 @@ class Workload:
 
     def first(self, ncontrol: int) -> "Workload":
         return dataclasses.replace(
-            self,
-            initial_state=self.initial_state.copy(),
-            control=self.control[:, :ncontrol].copy(),
+            self, initial_state=self.initial_state.copy(), control=self.control[:, :ncontrol].copy()
         )
 
 
@@ -167,8 +165,7 @@ class StepOutputs:
         """Return the arrays of some simulations, which share their memory with these."""
         state, sensordata = self.state, self.sensordata
         return StepOutputs(
-            None if state is None else state[rows],
-            None if sensordata is None else sensordata[rows],
+            None if state is None else state[rows], None if sensordata is None else sensordata[rows]
         )
 
     def clear(self) -> None:

@@ -67,8 +67,7 @@ class NodeState:
 
 
 def calibrate(
-    sleep: Callable[[float], None] = time.sleep,
-    clock: Callable[[], float] = time.perf_counter,
+    sleep: Callable[[float], None] = time.sleep, clock: Callable[[], float] = time.perf_counter
 ) -> NodeState:
     """Look at this machine for about a second."""
     others = neighbours.measuring_now()

@@ -74,9 +74,7 @@ def known_versions() -> frozenset[str]:
 
 
 def load(
-    path: Path,
-    check: CheckCommand,
-    known: Callable[[], Collection[str]] = known_versions,
+    path: Path, check: CheckCommand, known: Callable[[], Collection[str]] = known_versions
 ) -> Plan:
     """Read a plan.
 

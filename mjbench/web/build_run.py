@@ -187,9 +187,7 @@ class BuildRun:
 
 
 def warm_up(
-    time_block: Callable[[], int],
-    least_s: float,
-    clock: Callable[[], float] = time.perf_counter,
+    time_block: Callable[[], int], least_s: float, clock: Callable[[], float] = time.perf_counter
 ) -> list[int]:
     """Run blocks until they are steady: until they get no faster, or for ten seconds.
 

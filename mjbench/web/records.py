@@ -10,13 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
-from mjbench.bounds import (
-    NonNegativeFloat,
-    NonNegativeInt,
-    PositiveFloat,
-    PositiveInt,
-    Version,
-)
+from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, Version
 from mjbench.measuring import stats
 from mjbench.measuring.stats import Estimate
 from mjbench.simulation.starts import Starts
