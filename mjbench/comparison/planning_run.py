@@ -207,7 +207,10 @@ class _Loop:
         planner = Planner(request.settings, np.array(data.ctrl), low, high)
         control_s = request.hold * float(model.opt.timestep)
         nplan = max(4, round(request.duration_s / control_s))
-        given = self._given_starts()
+        given = None
+        if request.states_file is not None:
+            plan = StartPlan(file=request.states_file)
+            given = LoopStarts(model, plan, request.hold, request.settings.seed)
         in_turn = None if given is None else given.in_turn()
         start = np.empty(compat.state_size(model))
         states = np.empty((nplan, compat.state_size(model, compat.FULLPHYSICS)))
@@ -237,14 +240,6 @@ class _Loop:
             achieved=task.is_achieved(last) if given is None else None,
             state_digest=agreement.digest(states),
             starts=None if given is None else given.starts,
-        )
-
-    def _given_starts(self) -> LoopStarts | None:
-        request = self._request
-        if request.states_file is None:
-            return None
-        return LoopStarts(
-            self._model, StartPlan(file=request.states_file), request.hold, request.settings.seed
         )
 
     def _costs(
