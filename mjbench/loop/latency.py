@@ -174,6 +174,7 @@ def row(model: str, samples: StepSamples, deadline_s: float | None) -> LatencyRo
     """Return what the steps of one pace say of latency.
 
     Args:
+      deadline_s: by which a step should end; None for the time between two paced steps, or the
         model's timestep.
     """
     latency_ns = samples.latency_ns

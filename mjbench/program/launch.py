@@ -63,7 +63,6 @@ class ProgramObservation:
     Attributes:
       paused_share: share of time for which the profiler stopped a process of the program, summed
         over processes; None where that cannot be seen.
-        seen, as of a program that ran before.
       problem: why there are no samples, in one line; empty where there are.
     """
 
@@ -121,6 +120,7 @@ def run(
     """Run a program to its end, and return what was seen.
 
     Args:
+      seconds: after its first step, for which it runs before it is ended as by Ctrl-C; None to let
         it run.
       most_s: seconds after which it is ended in any case.
 
