@@ -60,10 +60,8 @@ class Programs:
     """What an engine compiled of a model.
 
     Attributes:
-      timed: the program that is timed.
       smooth: single steps of `probe_workload` without constraints.
       converged: the same with constraints, and a solver that goes on to the solution.
-      is_deterministic: see `Compiled`.
     """
 
     timed: SteppingProgram
@@ -77,9 +75,7 @@ class CheckedRun:
     """A compiled run beside the reference run.
 
     Attributes:
-      judgement: whether it does what C does.
       final_fields: (nbatch, size) arrays by MjData field, after the last step of the compiled run.
-      unconstrained_nstep: steps of the run before the first on which a constraint acted.
       final_shadow: difference of the shadow from C at the end of the run, the largest over
         simulations; `final_shadow_median` is the median.
     """
@@ -134,13 +130,7 @@ def check_run(
 
 
 class _Check:
-    """The reference run, and what the compiled programs make of it.
-
-    Attributes:
-      reference: the run in C.
-      judged: single steps from its states.
-      final_fields: (nbatch, size) arrays by MjData field, after the compiled run.
-    """
+    """The reference run, and what the compiled programs make of it."""
 
     def __init__(self, workload: Workload, programs: Programs, precision: Precision):
         self._workload, self._programs, self._precision = workload, programs, precision

@@ -27,7 +27,6 @@ class ModelChildren:
     """The children of one model's comparison, and what they have said so far.
 
     Attributes:
-      files: that the child writes.
       reference: what the child said of the model and its reference run; None before.
       ended: how the last child ended that every path needs; None before, and where the user
         interrupted.

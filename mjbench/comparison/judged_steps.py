@@ -79,12 +79,7 @@ class JudgedConstraints:
 
 @dataclass(frozen=True)
 class Budget:
-    """How long states are judged: no further one is begun after that.
-
-    Attributes:
-      on_state: called before each state.
-      clock: returns seconds.
-    """
+    """How long states are judged: no further one is begun after that."""
 
     limit_s: float = JUDGING_S
     on_state: Callable[[], None] = lambda: None

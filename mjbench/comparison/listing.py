@@ -14,11 +14,7 @@ from mjbench.status import Status
 
 @dataclass(frozen=True)
 class ListedModel:
-    """A model and its facts.
-
-    Attributes:
-      facts: None where it could not be loaded.
-    """
+    """A model and its facts."""
 
     model: str
     status: Status

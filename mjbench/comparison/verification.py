@@ -34,11 +34,9 @@ class ReferenceCase:
       workload: without diverged simulations.
       final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION after the reference run.
       outputs: of the reference run, of every step, as the workload asks for.
-      resources: MjData, arrays and pools.
       numbers: (nbatch,) of the simulations, as they were before they were reordered.
       label: how it differs from what the user asked for, such as `with every input set`; empty for
         the user's own.
-      start_contacts: contacts at the first simulation's start.
     """
 
     workload: Workload

@@ -70,7 +70,6 @@ class ModelCount(InstructionsRecord):
     Of an operation around the step, it is what doing it once costs.
 
     Attributes:
-      operation: name of the operation; empty for a step.
       places: where the code of each of the functions lies that were executed, by name.
       calls: (caller, callee) of them.
       healthy: (nbatch,) bool: the simulations that did not diverge; None where the model was not

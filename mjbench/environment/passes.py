@@ -57,7 +57,6 @@ class Pass:
 
     Attributes:
       step_ns: (nstep,) of each step of the environment.
-      lengths: steps of each episode that ended.
       returned: fingerprint of what the steps returned; of nothing where passes took turns.
       layers: what each function that was called took, with the timer's cost, where it was timed.
     """

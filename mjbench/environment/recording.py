@@ -122,11 +122,7 @@ class _Call:
 
 @dataclass(eq=False)
 class _OpenStep:
-    """A step of the environment that is being taken.
-
-    Attributes:
-      model: of its first call, as `data` and `reader` are; None before it.
-    """
+    """A step of the environment that is being taken."""
 
     model: Any = None
     data: Any = None
@@ -269,7 +265,6 @@ class _ModelVersions:
     """Numbers the contents that an environment's model has had.
 
     Attributes:
-      moment: when the next change is made.
       most_used: number of the content that most steps were taken with, and a copy of it.
     """
 
@@ -303,12 +298,7 @@ class _ModelVersions:
 
 
 class _PlainSteps:
-    """Repeats calls on an MjData of its own.
-
-    Attributes:
-      checked: calls that were repeated.
-      difference: the first that differs, with the number of the environment's step.
-    """
+    """Repeats calls on an MjData of its own."""
 
     def __init__(self, step: EngineFunction):
         self.checked = 0

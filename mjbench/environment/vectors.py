@@ -46,11 +46,7 @@ _FIELDS = ("observation", "reward", "terminated", "truncated")
 
 @dataclass(frozen=True)
 class VectorRequest:
-    """What a child is to measure.
-
-    Attributes:
-      repeats: whether one environment did the same again.
-    """
+    """What a child is to measure."""
 
     source: EnvironmentSource
     plan: EnvironmentPlan
@@ -284,11 +280,7 @@ def _after_reset(returned: tuple[Any, Any]) -> tuple[Any, float, bool, bool]:
 
 @dataclass
 class _VectorEnvironment:
-    """The environments of a vectorised form, to be timed.
-
-    Attributes:
-      batched: actions of all environments, for each step.
-    """
+    """The environments of a vectorised form, to be timed."""
 
     environments: Any
     singles: Sequence[_Single]

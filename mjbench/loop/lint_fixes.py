@@ -77,7 +77,6 @@ class LintedFile:
       before: as it is stored.
       after: as it is with all changes; `before` itself where there are none.
       fixed: number of findings that the changes remove.
-      findings: that remain, in the order of its lines.
       unfixed: those of them that have a remedy.
     """
 

@@ -94,7 +94,6 @@ class Launch:
     """From a child: what one launch measured.
 
     Attributes:
-      nstep: steps of a run of the bare loop.
       bare_ns: a step of it; the median over quads.
       added_ns: to each step by a habit, by its name; medians over quads.
     """

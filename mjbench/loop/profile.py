@@ -47,14 +47,11 @@ class ProfiledSteps:
     """Where a step's time goes, without rendering; from the child that steps.
 
     Attributes:
-      timestep: of the model, in seconds.
       loop_ns: a step of the plain Python loop.
       engine_ns: a step in one call for many steps.
       clock_ns: what the timer of MuJoCo's Python package adds to a step; None in releases that
         install none.
-      work: contacts, constraints and solver iterations per step.
       stages: share of a step by stage; they sum up to 1.
-      sensors: what sensors cost of a step, by type and stage.
       is_python_resolved: whether the loop certainly takes longer than one call, round by round.
       warnings: of MuJoCo that these steps raised, by name; the simulation did not diverge.
       starts: where start states came from; None in older files, for keyframe 0.

@@ -49,9 +49,6 @@ class RecordedWindow:
     program sets only controls between its steps. If it changes the state itself, as by a reset, a
     new segment begins. If it sets another input, such as a force, the segment goes on, and
     `changed_inputs` names the MjData field.
-
-    Attributes:
-      digest: of the model when the window began.
     """
 
     def __init__(

@@ -97,10 +97,8 @@ class SteppingScript:
     Attributes:
       calls: of functions and methods, everywhere in it.
       values: that are assigned, by their targets.
-      loops: that step.
       environment_loops: those of the others that step an environment.
       episode_loops: those of `loops`, all `for`, that have another one inside.
-      methods: that step, the engine or an environment.
       comprehensions: list comprehensions that step either.
     """
 

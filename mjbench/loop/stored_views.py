@@ -59,7 +59,6 @@ class Store:
     """Where a statement or a call stores something.
 
     Attributes:
-      place: the list, the dict or the attribute.
       key: under which it is stored in `place`; None for one more entry, and for an attribute.
     """
 

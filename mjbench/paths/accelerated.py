@@ -65,7 +65,6 @@ class Compiled(Prepared):
       advance: the same program as `run`, called with any states, controls and number of steps.
       reload: puts the workload's start states and controls on the device again, after its
         simulations were reordered; not timed.
-      device: such as `cpu` or `NVIDIA H200`.
       trace_s: seconds from Python to the compiler's input; None without such a stage.
       is_deterministic: whether a timed run repeats the checked one to the last bit: where both are
         one program on a CPU. A GPU adds in any order.

@@ -33,7 +33,6 @@ class Option:
     """An option of a path.
 
     Attributes:
-      summary: what it does, in a few words.
       values: values that are tried unless the user names others; None is the path's own default.
       allowed: all possible values; empty if any value will do.
     """

@@ -19,7 +19,6 @@ class RecordedModel:
     """A model of a program.
 
     Attributes:
-      mjb: the model, as `mj_saveModel` writes it.
       states: (count, mj_stateSize) mjSTATE_INTEGRATION of states that the program was in.
       copied: likewise, of those that it copied; none where it copies none.
       release: of MuJoCo that the program used; others cannot load the model.

@@ -24,7 +24,6 @@ class CallRemedy:
     """What to do about calls of some functions in a loop.
 
     Attributes:
-      callees: the functions, as the call clock names them.
       text: what to do; `{count}` stands for the number of calls.
       trial: that measures what replaces the call; None where nothing does.
       codes: of lint's rules for the same; a finding's own message is shown instead of `text`.

@@ -49,12 +49,7 @@ class Header:
 
 @dataclass(frozen=True)
 class Engine:
-    """The MuJoCo that a program used.
-
-    Attributes:
-      timers: indices by name.
-      warnings: names by number.
-    """
+    """The MuJoCo that a program used."""
 
     version: str = ""
     timers: Mapping[str, int] = field(default_factory=dict)

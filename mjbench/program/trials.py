@@ -67,7 +67,6 @@ class Question:
     """What to measure.
 
     Attributes:
-      functions: of the engine, for `Trial.FUNCTIONS`.
       simulations: in turn or at once; rays, for `Trial.RAYS`.
       steps: of each simulation, for trials of rollout; after each new MjData; of each call, for
         `Trial.NO_TIMER`; before the functions of `Trial.FUNCTIONS`.

@@ -35,7 +35,6 @@ class Catalogue:
     """The releases known here.
 
     Attributes:
-      releases: in the order of upload.
       problem: why the package index is not among the sources; empty if it is.
     """
 

@@ -19,10 +19,8 @@ class KnownCause:
     """Why models or operations changed in a release.
 
     Attributes:
-      release: in which they did.
       series: regular expression that matches the whole names of the models and operations.
       commit: by which the changelog names the item; empty where it names none.
-      text: what changed, in our words.
     """
 
     release: str

@@ -93,7 +93,6 @@ class MovableInstall:
       site: the folder that holds the package and its metadata, as installed.
       images: what changes in each library that moves, by the name of its file.
       versions: of the files that were read, by name (see `file_version`).
-      digest: a short name for the content of all libraries that move.
     """
 
     site: Path

@@ -36,7 +36,6 @@ class Revision:
     """A revision that a user named.
 
     Attributes:
-      name: as the user named it, such as `main`.
       commit: its full hash; empty for WORKTREE.
     """
 
@@ -66,11 +65,7 @@ class Commit:
 
 
 class Repository:
-    """The git repository around a folder.
-
-    Attributes:
-      top: the folder of its checkout.
-    """
+    """The git repository around a folder."""
 
     def __init__(self, folder: Path):
         """Find the repository; InputError outside of one, MachineError without git."""

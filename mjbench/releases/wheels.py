@@ -30,8 +30,6 @@ class Wheel:
 
     Attributes:
       project: such as `mujoco-core`.
-      version: of the project.
-      tags: the Pythons and platforms that it is for.
     """
 
     file: Path

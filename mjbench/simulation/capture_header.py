@@ -61,7 +61,6 @@ class CaptureHeader:
     Attributes:
       digests: of the models that were stepped (see `model_digest`); several where the program
         changes its model.
-      steps: steps of the model in the program during the capture.
       changed_inputs: MjData fields, other than the controls, that the program sets between steps.
     """
 

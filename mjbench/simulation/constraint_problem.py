@@ -62,7 +62,6 @@ class ConstraintProblem:
     """The constraint problem of one state of a model after the other.
 
     Attributes:
-      model: with the user's own settings.
       own: C's solution with its own contacts, of the present state.
       contacts: those of C, in simulation 0.
     """

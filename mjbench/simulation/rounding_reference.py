@@ -23,8 +23,6 @@ class ReferenceRun:
     """A run of C, and of its shadow.
 
     Attributes:
-      columns: of each MjData field in a row of `states`.
-      control: (nbatch, ncontrol, nu).
       has_reset: whether an MjData must be reset between simulations.
       states: (nstep + 1, nbatch, nstate) rows of mjSTATE_INTEGRATION, with the start.
       unconstrained_nstep: steps before the first on which a constraint acted in any simulation;

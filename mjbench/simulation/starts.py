@@ -53,8 +53,6 @@ class StartPlan:
     Attributes:
       settle_s: simulated seconds before the first start; 0 for keyframe 0 itself, None for the
         model's default (see `settle_s`).
-      file: the user's own start states instead (see `state_file`).
-      controls_file: the user's own controls (see `given_controls`).
     """
 
     settle_s: float | None = None

@@ -35,7 +35,6 @@ class RecordedStates:
     Attributes:
       fields: by MjData field, each (nrow, size).
       segment: (nrow,) segment of each row; rows of one segment are consecutive steps.
-      header: None where the states were not captured.
     """
 
     fields: Mapping[str, np.ndarray]

@@ -27,7 +27,6 @@ class Command:
 
     Attributes:
       options: that the plan can set, by their names without dashes, such as `time-limit`.
-      name: of the command, and of its group before it.
       needs_quiet: whether anything else on the machine would spoil the result.
       together: what cells must have in common to be measured by one command line.
       most: more are not measured at once.

@@ -43,9 +43,7 @@ class Plan:
     """A plan, complete and checked.
 
     Attributes:
-      releases: each version once, in the order of the plan.
       pairs: baseline and candidate of each comparison of releases.
-      paths: that releases are compared by.
       metrics: that they are compared by; of paths other than the plain loop, only the time.
       machines: labels of machines, each of which measures all cells; empty for one on any machine.
     """

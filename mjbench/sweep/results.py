@@ -65,7 +65,6 @@ class CellOutcome:
 
     Attributes:
       status: the worst of its records.
-      detail: of the record with this status, in one line; empty when ok.
       seconds: that it took; None where its records do not say.
     """
 
@@ -101,9 +100,6 @@ class Collector:
     """Takes the lines of one command, and gives its cells in their order as they are complete.
 
     Lines that are not those of a run file raise InputError.
-
-    Attributes:
-      missing: the cells that it has not given yet.
     """
 
     def __init__(self, cells: Sequence[Cell]):

@@ -21,9 +21,7 @@ class NodeRecord:
     """What a node did.
 
     Attributes:
-      measured_s: seconds of its commands that delivered them.
       busy_s: seconds for which it was not quiet before.
-      objection: why it was not, the last time; empty if it always was.
     """
 
     name: str

@@ -32,12 +32,7 @@ _NEARLY_STEADY = 1.1
 
 @dataclass(frozen=True)
 class Engine:
-    """The builds of a release, and what runs them.
-
-    Attributes:
-      limit_s: seconds without an answer after which a process is killed.
-      nthread: workers of a build with threads.
-    """
+    """The builds of a release, and what runs them."""
 
     package: NpmPackage
     node: NodeProgram
@@ -50,9 +45,6 @@ class BuildRun:
 
     Its methods raise NodeError where a process fails, crashes or hangs, and MachineError where none
     can be started or files cannot be written.
-
-    Attributes:
-      variant: the build's path, and its options.
     """
 
     def __init__(

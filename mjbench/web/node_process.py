@@ -95,10 +95,6 @@ class NodeProcess:
 
     What it is asked for raises NodeError where that fails, or where the process crashes or does not
     answer in time.
-
-    Attributes:
-      name: for error messages, such as `wasm (cartpole)`.
-      limit_s: seconds without an answer after which it is killed.
     """
 
     def __init__(self, node: NodeProgram, name: str, folder: Path, limit_s: float):

@@ -81,13 +81,7 @@ class Burst:
 
 
 class CallBursts:
-    """Bursts of calls that are paced by themselves, such as those of JAX.
-
-    Attributes:
-      to_pass: calls that are to pass without being timed.
-      call_cost_ns: what a call costs that is timed.
-      passed_cost_ns: what one costs that is passed on.
-    """
+    """Bursts of calls that are paced by themselves, such as those of JAX."""
 
     def __init__(
         self,
