@@ -175,24 +175,18 @@ def supported_fields(
     return supported
 
 
-@dataclass(frozen=True, eq=False)
-class _SavedWorkload:
-    workload: PortableWorkload
-    returns: Product
-    peaks: Peaks
-
-
 def save_workload(workload: Workload, peaks: Peaks, file: pathlib.Path) -> None:
     """Write a workload and the peaks of its reference run to a file, for another process."""
-    file.write_bytes(pickle.dumps(_SavedWorkload(portable(workload), workload.returns, peaks)))
+    file.write_bytes(pickle.dumps((portable(workload), workload.returns, peaks)))
 
 
 def load_workload(model: mujoco.MjModel, file: pathlib.Path) -> tuple[Workload, Resources]:
     """Return the workload that `save_workload` wrote, and resources that hold its peaks."""
-    saved: _SavedWorkload = pickle.loads(file.read_bytes())
-    workload = restore(model, saved.workload).returning(saved.returns)
+    saved: tuple[PortableWorkload, Product, Peaks] = pickle.loads(file.read_bytes())
+    own, returns, peaks = saved
+    workload = restore(model, own).returning(returns)
     resources = Resources(workload)
-    resources.get_or_create("peaks", lambda: saved.peaks)
+    resources.get_or_create("peaks", lambda: peaks)
     return workload, resources
 
 

@@ -72,47 +72,37 @@ class MeasuredRatios:
         return None if ratio is None else ratio.saved
 
 
-@dataclass(frozen=True)
-class _Request:
-    model: RecordedModel
-    questions: Sequence[Question]
-
-
 def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> MeasuredRatios:
     """Return the ratio of each question that could be measured."""
     model = loadable(models)
     if model is None:
         return MeasuredRatios({})
-    ratios: dict[Question, TimeRatio] = {}
-    computes_forces: bool | None = None
+    messages: list[MeasuredRatios] = []
     # a library of OpenGL that does not work, or crashes, must not cost the other answers
     for backend in dict.fromkeys(["", *(question.backend for question in questions)]):
-        messages: list[MeasuredRatios] = []
         isolate.run(
             answer,
-            (_Request(model, [question for question in questions if question.backend == backend]),),
+            (model, [question for question in questions if question.backend == backend]),
             messages.append,
             LIMIT_S,
             environment={"MUJOCO_GL": backend, "PYOPENGL_PLATFORM": None} if backend else None,
         )
-        for message in messages:
-            ratios.update(message.ratios)
-            if message.computes_forces is not None:
-                computes_forces = message.computes_forces
-    return MeasuredRatios(ratios, computes_forces)
+    ratios = {asked: ratio for each in messages for asked, ratio in each.ratios.items()}
+    computes = [each.computes_forces for each in messages if each.computes_forces is not None]
+    return MeasuredRatios(ratios, computes[-1] if computes else None)
 
 
-def answer(request: _Request, channel: Channel) -> None:
+def answer(recorded: RecordedModel, questions: Sequence[Question], channel: Channel) -> None:
     """Send what each question comes to, one by one; runs in a child."""
-    model = request.model.load()
+    model = recorded.load()
     data = mujoco.MjData(model)
-    for state in request.model.states[:1]:
+    for state in recorded.states[:1]:
         compat.set_state(model, data, state)
     mujoco.mj_step(model, data)
     channel.send(MeasuredRatios({}, bool(data.cacc.any())))
-    for question in request.questions:
+    for question in questions:
         try:
-            ratio = _ratio(model, request.model, question)
+            ratio = _ratio(model, recorded, question)
         except (MjbenchError, mujoco.FatalError, *trials.LACKING):
             continue  # this release, this model, or this machine lacks something
         channel.send(MeasuredRatios({question: ratio}))

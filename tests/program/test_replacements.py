@@ -46,7 +46,7 @@ def quick(monkeypatch):
 
 def answers(questions, model=MODEL):
     channel = Channel()
-    replacements.answer(replacements._Request(recorded(model), questions), channel)
+    replacements.answer(recorded(model), questions, channel)
     return channel.sent
 
 
