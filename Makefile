@@ -9,6 +9,10 @@ STAMP := $(VENV)/.up-to-date
 UPGRADE := build/upgrade
 SITE := build/site
 LAB := build/lab/mujoco-lab.html
+
+# Tests start a thousand processes, each of which would compile what it imports again.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: help bench test tests lint style types types-darwin pages upgrade site lab c-floor docs-commands slowdown soak fuzz verdicts foreign gpu clean
 
 help:

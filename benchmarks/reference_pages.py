@@ -97,7 +97,6 @@ def setting_lines() -> Iterator[str]:
 
 def key_lines() -> Iterator[str]:
     """Yield which type each line and document has, then a section for each type."""
-    from mjbench.cli.command_names import EARLIER
     from mjbench.report.json_schemas import json_schemas
     from mjbench.report.kinds import RECORD_TYPES
     from mjbench.store.runs import RunHeader
@@ -115,13 +114,7 @@ def key_lines() -> Iterator[str]:
     yield ""
     yield "## Documents"
     yield ""
-    titles = {
-        name: f"mjbench {' '.join(words).removesuffix('=')} --json"
-        for name, words in EARLIER.items()
-    }
-    documents = (
-        (f"`{titles.get(name, s['title'])}`", link(s)) for name, s in schemas.items() if "$ref" in s
-    )
+    documents = ((f"`{s['title']}`", link(s)) for s in schemas.values() if "$ref" in s)
     yield from markdown.table_lines(["written by", "keys"], documents)
     yield ""
     yield "## Types"

@@ -107,11 +107,20 @@ class RunContext:
                 return
             if self._session.file is not None and error is None:
                 self.out.print(f"\nRun file: {self._session.file}", soft_wrap=True)
-            for note in self._session.notes():
+            for note in self._disturbances(self._session):
                 if error is None:
                     self.out.print(note, soft_wrap=True)
                 else:
                     report_line(note)
+
+    def _disturbances(self, session: "Session") -> Sequence[str]:
+        """Store what disturbed the run; return it in sentences."""
+        try:
+            disturbance = session.end()
+        except MachineError as error:
+            self._write_error = self._write_error or error
+            return ()
+        return () if disturbance is None else disturbance.sentences
 
     @property
     def session(self) -> "Session":

@@ -99,6 +99,19 @@ class Numbers(Text[list[int]]):
         return list(dict.fromkeys(parsed(text, lambda word: _within(int(word), self._bounds))))
 
 
+class Count(Text[int]):
+    """A whole number."""
+
+    name = "N"
+
+    def __init__(self, bounds: Bounds = limits.COUNT) -> None:
+        self._bounds = bounds
+        self.expected = f"a whole number, {bounds}"
+
+    def _parse(self, text: str) -> int:
+        return _within(int(text), self._bounds)
+
+
 class LargeCount(Text[int]):
     """A whole number, also written as `1e9`."""
 
@@ -262,6 +275,23 @@ def mode(flag: str, text: str) -> Callable[[Callable[..., None]], Callable[..., 
     return click.option(flag, is_flag=True, expose_value=False, help=f"{text} ({flag} --help)")
 
 
+def budget(default_s: float, text: str, zero: bool = False) -> Callable[..., Any]:
+    """Return the option --budget of a command, which gets `budget_s`.
+
+    Args:
+      text: what the time is for, for the help.
+      zero: whether it may be 0, for as little as possible.
+    """
+    return click.option(
+        "--budget",
+        "budget_s",
+        type=Seconds(zero),
+        default=f"{default_s:g}s",
+        show_default=True,
+        help=text,
+    )
+
+
 def check_sizes(nstep: int | None, hold: int) -> None:
     """Refuse a number of steps that is not a multiple of hold."""
     if nstep and nstep % hold:
@@ -304,8 +334,7 @@ def _verdict_plan(
     return VerdictPlan(min_effect, confidence, precision, time_limit, sizes, as_shipped)
 
 
-COUNT = click.IntRange(int(limits.COUNT.least), int(limits.COUNT.most))
-SEED_NUMBER = click.IntRange(int(limits.SEED.least), int(limits.SEED.most))
+COUNT, SEED_NUMBER = Count(), Count(limits.SEED)
 JSON = click.option(
     "--json", "json_file", metavar="FILE|-", help="Write results as JSON to FILE, or - for stdout."
 )

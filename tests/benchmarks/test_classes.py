@@ -27,15 +27,15 @@ import pytest
 from commands import ROOT
 
 import benchmarks
-from benchmarks import mjx, reference, stored
+from benchmarks import instructions, mjx, reference, stored
 from mjbench.errors import MachineError
 from mjbench.paired.moved_check import Averaging
 from mjbench.releases import installs
 from mjbench.simulation import models
 
 PREFIXES = ("time_", "timeraw_", "track_", "peakmem_")
-# Models whose ratio to the reference release is measured: one with contacts and one without.
-RATIO_MODELS = ("cartpole", "cube_table")
+# Models that are counted, and compared with the reference release: with contacts and without.
+FEW_MODELS = ("cartpole", "cube_table")
 # Units of what may be 0: counts of a model without contact, and a drift of nothing. A ratio, a time
 # or a number of instructions that is 0 was never measured.
 ZERO_IS_POSSIBLE = {"contacts/step", "constraints/step", "iterations/step", "SI"}
@@ -108,8 +108,8 @@ class Case:
     @property
     def is_heavy(self) -> bool:
         """Whether it takes long, and another case shows as well that the benchmark works."""
-        if self.kind is reference.Reference:
-            return self.model not in RATIO_MODELS
+        if self.kind in (instructions.Instructions, reference.Reference):
+            return self.model not in FEW_MODELS
         return self.model in stored.HEAVY or self.params[1:] == (mjx.NBATCH,)
 
     @property
@@ -230,9 +230,9 @@ def test_what_is_tracked_is_a_number_that_was_measured(
 ) -> None:
     if exact.kind is reference.Reference:
         request.getfixturevalue("reference_release")
+    if exact.kind is instructions.Instructions:
+        monkeypatch.setattr(models, "shipped", lambda: FEW_MODELS)
     # any number will do, not a precise one
-    light = stored.light()
-    monkeypatch.setattr("benchmarks.instructions.models.shipped", lambda: light)
     monkeypatch.setattr("benchmarks.instructions.NBATCH", 1)
     monkeypatch.setattr("benchmarks.instructions.stored.nstep_of", lambda name: stored.HEAVY_NSTEP)
     monkeypatch.setattr("benchmarks.mjx.NBATCH", 2)

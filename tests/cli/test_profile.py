@@ -25,7 +25,7 @@ def test_it_measures_and_writes_json(tmp_path: Path) -> None:
     assert "constraint solver" in again.stderr
 
 
-def test_a_model_that_does_not_load_costs_its_row(tmp_path: Path) -> None:
+def test_a_model_that_does_not_load_costs_its_row(tmp_path: Path, inline: None) -> None:
     (tmp_path / "broken.xml").write_text("<mujoco><nothing/></mujoco>")
     done = mjbench("profile", "broken.xml", "--json", "out.json", cwd=tmp_path)
     assert done.returncode == 2

@@ -173,9 +173,9 @@ def test_a_range_has_all_releases_between(tmp_path: Path, text: str) -> None:
         ),
         (
             f'{RELEASES}[versions]\nnstep = "many"',
-            "line 3: versions.nstep: 'many' is not a valid int",
+            "line 3: versions.nstep: 'many' is not a whole number",
         ),
-        (f"{RELEASES}[versions]\nnstep = 0", "versions.nstep: 0 is not in the range"),
+        (f"{RELEASES}[versions]\nnstep = 0", "versions.nstep: '0' is not a whole number"),
         (
             f'{RELEASES}[versions]\nmin-effect = "tea"',
             "versions.min-effect: 'tea' is not a percent",
