@@ -338,7 +338,7 @@ def _verdict_plan(
 
 def metric_option(*metrics: Metric) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that adds the option --metric to a command, with these metrics."""
-    meanings = "; ".join(f"{metric}, {METRICS[metric].meaning}" for metric in metrics)
+    meanings = "; ".join(f"`{metric}`, {METRICS[metric].meaning}" for metric in metrics)
     help_text = f"What to compare: {meanings}."
     if Metric.INSTRUCTIONS in metrics:
         help_text += (

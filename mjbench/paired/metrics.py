@@ -88,7 +88,7 @@ _ALL = (
     ),
     _operation(Metric.LOAD, "loading the model"),
     _operation(Metric.RESET, "mj_resetData"),
-    _operation(Metric.RAYS, "mj_ray"),
+    _operation(Metric.RAYS, "casting rays"),
     _operation(Metric.ROLLOUT, "a call of rollout with 5 steps of each simulation"),
     _operation(Metric.BATCH, "a call of Batch.rollout with 5 steps of each simulation"),
     MetricSpec(
