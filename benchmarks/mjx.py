@@ -29,11 +29,11 @@ from mjbench.status import Status
 if TYPE_CHECKING:
     from mjbench.comparison.records import MeasurementRecord
 
-NBATCH, NSTEP = 1024, 100
-# Of the comparison with the handwritten program: steps of a block, and pairs of blocks. The ratios
-# of the pairs of one run had a standard deviation of 8 % (2-core virtual machine), which the median
-# of 240 brings down to about 0.7 %.
-HANDWRITTEN_NSTEP, ROUNDS = 20, 240
+# Simulations of a block, and steps of each.
+NBATCH, NSTEP = 1024, 20
+# Pairs of blocks, one of each program. The ratios of the pairs of one run had a standard deviation
+# of 8 % (2-core virtual machine), which the median of 240 brings down to about 0.7 %.
+ROUNDS = 240
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class ByHand(Tracked):
         return isolate.call(
             compare_with_handwritten,
             NBATCH,
-            HANDWRITTEN_NSTEP,
+            NSTEP,
             ROUNDS,
             limit_s=self.timeout,
             environment=_mjx_path().environment(),
@@ -189,7 +189,7 @@ def _measure(model: str, nbatch: int) -> MjxTimes:
     records: list[MeasurementRecord] = []
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "workload.pickle"
-        stored_workload = stored.stored_workload(model, nbatch)
+        stored_workload = stored.stored_workload(model, nbatch, NSTEP)
         save_workload(stored_workload, work.observe(stored_workload).peaks, file)
         # not named, so not compiled once more with a cache
         source, variant = models.resolve(model), Variant("mjx", {})

@@ -2,10 +2,11 @@
 
     python -m benchmarks.revisions_planted [--pairs 20] [--json FILE]
 
-plants four changes in a scratch repository: 1 % and 5 % more work, a copy in a loop, an import that
-moved into a function. Each must be called slower. Then it compares revisions in which comments,
-docstrings and empty lines changed; none may be called different. A comparison takes ten seconds, on
-an idle machine.
+plants changes in a scratch repository: 1 % and 5 % more work, a copy in a loop, an import that
+moved into a function. Each must be called slower. A leak of 1 MB in 1,000 calls must be found by
+`--metric growth`, and not by time. Then it compares revisions in which comments, docstrings and
+empty lines changed; none may be called different. A comparison takes ten seconds, on an idle
+machine.
 
 The exit code is 1 if one is missed or falsely called different, and 0 otherwise.
 """
@@ -20,9 +21,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench.paired import function_verdict, revision_sides
-from mjbench.paired.outcomes import Verdict
+from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.revision_sides import RevisionComparison
+from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.revisions import Repository
@@ -90,6 +92,7 @@ class Case:
     function: str
     text: str
     is_slower: bool
+    metric: Metric = Metric.TIME
 
 
 @dataclass(frozen=True)
@@ -102,7 +105,7 @@ class Result:
 
 
 def planted() -> Iterator[Case]:
-    """Yield the revisions that are slower."""
+    """Yield the revisions that are slower, or leak."""
     for name, divisor in (("1 % more work", 100), ("5 % more work", 20)):
         text = BASE.replace("    return total", _MORE_WORK.format(divisor))
         yield Case(name, "work", text, is_slower=True)
@@ -111,6 +114,10 @@ def planted() -> Iterator[Case]:
     yield Case("a copy in a loop", "step", text, is_slower=True)
     text = BASE.replace("def parse(text):\n", "def parse(text):\n    import json\n")
     yield Case("an import moved into a function", "parse", text, is_slower=True)
+    kept = f"{step}    KEPT.append(bytearray(1000))\n"
+    text = f"KEPT = []\n{BASE.replace(step, kept)}"
+    for metric in (Metric.GROWTH, Metric.TIME):
+        yield Case("a leak", "step", text, metric == Metric.GROWTH, metric)
 
 
 def unchanged(count: int) -> Iterator[Case]:
@@ -135,7 +142,8 @@ def decide(pool: WorkerPool, top: Path, number: int, case: Case) -> VerdictRecor
     function = revision_sides.parse_function(f"bench.py::{case.function}", top, top)
     comparison = RevisionComparison(repository, baseline, candidate, [function], top)
     (targets,) = revision_sides.check_out(pool, comparison)
-    return function_verdict.decide(pool, targets, VerdictPlan())
+    plan = VerdictPlan(sizes=Sizes(metric=case.metric))
+    return function_verdict.decide(pool, targets, plan)
 
 
 def is_wrong(case: Case, record: VerdictRecord) -> bool:
@@ -174,7 +182,7 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
                 record = decide(pool, top, number, case)
             mark = "WRONG: " if is_wrong(case, record) else ""
             line = describe_verdict(record.row())
-            print(f"{mark}{case.name}: {line}; {record.seconds:.0f} s", flush=True)
+            print(f"{mark}{case.name}, {case.metric}: {line}; {record.seconds:.0f} s", flush=True)
             wrong += bool(mark)
             results.append(
                 {"case": case.name, "is_slower": case.is_slower, "verdict": record.row()}

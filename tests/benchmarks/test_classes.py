@@ -237,7 +237,7 @@ def test_what_is_tracked_is_a_number_that_was_measured(
     for kind in (instructions.Instructions, reference.Reference):
         monkeypatch.setattr(kind, "params", [*FEW_MODELS])
     monkeypatch.setattr("benchmarks.mjx.NBATCH", 2)
-    monkeypatch.setattr("benchmarks.mjx.HANDWRITTEN_NSTEP", 2)
+    monkeypatch.setattr("benchmarks.mjx.NSTEP", 2)
     monkeypatch.setattr("benchmarks.mjx.ROUNDS", 3)
     as_shipped = Averaging(False)
     monkeypatch.setattr("mjbench.paired.moved_check.averaging", lambda *arguments: as_shipped)
