@@ -109,16 +109,11 @@ def stored(request: PlanningRequest, records: Sequence[object]) -> list[Planning
 def run(
     request: PlanningRequest, import_from: str | None = None, limit_s: float = TIME_LIMIT_S
 ) -> list[PlanningRow]:
-    """Run a planner in a child process (see `isolate.call`), and return a row for each variant.
-
-    Raises:
-      MjbenchError: the child failed.
-    """
+    """Run a planner in a child, and return a row for each variant; MjbenchError if it fails."""
     return isolate.call(plan_in_child, request, limit_s=limit_s, import_from=import_from)
 
 
 def plan_in_child(request: PlanningRequest, channel: Channel) -> list[PlanningRow]:
-    """Run the loop; return a row for each variant."""
     channel.doing("loading the model")
     model = models.load(request.source)
     if not model.nu:
@@ -133,8 +128,6 @@ def plan_in_child(request: PlanningRequest, channel: Channel) -> list[PlanningRo
 
 
 class _PlannedPath:
-    """A path that rolls out candidates, and how long its plans took."""
-
     def __init__(self, variant: Variant, model: mujoco.MjModel, request: PlanningRequest):
         samples, knots = request.settings.samples, request.settings.knots
         nstate = compat.state_size(model)
@@ -155,10 +148,7 @@ class _PlannedPath:
     def roll_out(
         self, start: np.ndarray, candidates: np.ndarray, cost: Callable[[np.ndarray], np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the (samples, nstep, nphysics) states of candidates, and their (samples,) costs.
-
-        None where the path fails.
-        """
+        """Return (samples, nstep, nphysics) states and (samples,) costs; None if the path fails."""
         try:
             workload = self._workload
             if self._prepared is None:
@@ -193,11 +183,9 @@ class _PlannedPath:
         self._prepared.run()
 
     def fail(self, status: Status, detail: str) -> None:
-        """Note why its plans do not count."""
         self.status, self.detail = status, detail
 
     def row(self, of_loop: PlanningRow, base: "_PlannedPath") -> PlanningRow:
-        """Return its plans, beside those of the plain loop."""
         row = dataclasses.replace(
             of_loop,
             path=self._variant.path,
@@ -214,13 +202,10 @@ class _PlannedPath:
         return dataclasses.replace(row, plan_s=plan_s, plans_per_s=1 / plan_s, speedup=speedup)
 
     def close(self) -> None:
-        """Stop its workers and pools."""
         self._resources.close()
 
 
 class _Loop:
-    """The closed loop of a planner and a model."""
-
     def __init__(
         self, model: mujoco.MjModel, request: PlanningRequest, planned: Sequence[_PlannedPath]
     ):
@@ -242,7 +227,10 @@ class _Loop:
         planner = Planner(request.settings, np.array(data.ctrl), low, high)
         control_s = request.hold * float(model.opt.timestep)
         nplan = max(LEAST_NPLAN, round(request.duration_s / control_s))
-        given = self._given_starts()
+        given = None
+        if request.states_file is not None:
+            plan = StartPlan(file=request.states_file)
+            given = LoopStarts(model, plan, request.hold, request.settings.seed)
         in_turn = None if given is None else given.in_turn()
         start = np.empty(compat.state_size(model))
         states = np.empty((nplan, compat.state_size(model, compat.FULLPHYSICS)))
@@ -280,24 +268,10 @@ class _Loop:
             starts=None if given is None else given.starts,
         )
 
-    def _given_starts(self) -> LoopStarts | None:
-        """Return the user's own states to plan from; None where there are none."""
-        request = self._request
-        if request.states_file is None:
-            return None
-        return LoopStarts(
-            self._model, StartPlan(file=request.states_file), request.hold, request.settings.seed
-        )
-
     def _costs(
         self, start: np.ndarray, candidates: np.ndarray, shuffle: Callable[[list[int]], None]
     ) -> np.ndarray:
-        """Return the (samples,) costs of candidates, after every path has rolled them out in turn.
-
-        Raises:
-          InputError: the plain loop cannot roll them out.
-          MachineError: a path has changed the model.
-        """
+        """Return the (samples,) costs of candidates, which every path has rolled out in turn."""
 
         def cost(physics: np.ndarray) -> np.ndarray:
             return self._task.cost(PlannerStates.of(self._columns, physics), candidates)

@@ -89,7 +89,6 @@ class OverheadRow:
 
     @property
     def is_measured(self) -> bool:
-        """Whether all figures are there."""
         return None not in (self.bare_ns, self.engine_ns, self.binding_ns, self.nstep, self.costs)
 
 
@@ -98,7 +97,6 @@ class Launch:
     """From a child: what one launch measured.
 
     Attributes:
-      nstep: steps of a run of the bare loop.
       bare_ns: a step of it; the median over quads.
       added_ns: to each step by a habit, by its name; medians over quads.
     """

@@ -50,14 +50,11 @@ class ProfiledSteps:
     """Where a step's time goes, without rendering; from the child that steps.
 
     Attributes:
-      timestep: of the model, in seconds.
       loop_ns: a step of the plain Python loop.
       engine_ns: a step in one call for many steps.
       clock_ns: what the timer of MuJoCo's Python package adds to a step; None in releases that
         install none.
-      work: contacts, constraints and solver iterations per step.
       stages: share of a step by stage; they sum up to 1.
-      sensors: what sensors cost of a step, by type and stage.
       is_python_resolved: whether the loop certainly takes longer than one call, round by round.
       warnings: of MuJoCo that these steps raised, by name; the simulation did not diverge.
       starts: where start states came from; None in older files, for keyframe 0.
@@ -124,7 +121,6 @@ class ProfileRow:
     simulated_second: Mapping[str, float] | None = None
 
     def __post_init__(self) -> None:
-        """Raise ValueError unless what was measured is there."""
         names = ("timestep", "loop_ns", "engine_ns", "work", "stages", "warnings", "frames")
         check_measured(self, *names)
 
@@ -139,7 +135,6 @@ class ProfileRow:
 
 
 def row(model: str, steps: ProfiledSteps, frames: Sequence[FrameTime]) -> ProfileRow:
-    """Return what was measured of a model, and what follows from it."""
     nstep = 1 / steps.timestep
     simulated_second = {
         "physics": steps.engine_ns * 1e-9 * nstep,
@@ -272,11 +267,7 @@ def stages(model: mujoco.MjModel, block: Block) -> dict[str, float]:
 
 
 def timer_shares(model: mujoco.MjModel, block: Block) -> dict[str, float]:
-    """Return the share of a step by stage, from the engine's timers.
-
-    It is of the fastest third of the blocks: what disturbs a block prolongs the step as a whole,
-    and one stage at random.
-    """
+    """Return the share of a step by stage from the timers, in the fastest third of the blocks."""
     data, start = mujoco.MjData(model), block.new_start()
     needs_clock = not has_clock(model)
     if needs_clock:

@@ -83,7 +83,6 @@ def render(source: ModelSource, backend: str, budget_s: float, channel: Channel)
 
 
 def _not_available(backend: str, error: Exception) -> MachineError:
-    """Return the error of a backend that does not work: why, and what to install."""
     package = _PACKAGES.get(backend)
     advice = f"; it needs the system's {package}" if package else ""
     return MachineError(f"{type(error).__name__}: {one_line(error)}{advice}")

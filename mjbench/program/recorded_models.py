@@ -19,7 +19,6 @@ class RecordedModel:
     """A model of a program.
 
     Attributes:
-      mjb: the model, as `mj_saveModel` writes it.
       states: (count, mj_stateSize) mjSTATE_INTEGRATION of states that the program was in.
       copied: likewise, of those that it copied; none where it copies none.
       release: of MuJoCo that the program used; others cannot load the model.
@@ -68,5 +67,4 @@ def _read(file: Path, release: str) -> RecordedModel:
 
 
 def _states(file: Path, size: int) -> np.ndarray:
-    """Return (count, size) states of a file; none where there is none."""
     return np.fromfile(file).reshape(-1, size) if file.is_file() else np.empty((0, size))

@@ -76,25 +76,12 @@ class MeasuredRatios:
         return None if ratio is None else ratio.saved
 
 
-@dataclass(frozen=True)
-class _Request:
-    """To the child: on which models to measure what."""
-
-    model: RecordedModel
-    questions: Sequence[Question]
-
-
 def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> MeasuredRatios:
-    """Return the ratio of each question that could be measured.
-
-    Args:
-      models: of the program; the first that this process's MuJoCo can load is used.
-    """
+    """Return the ratio of each question that could be measured."""
     model = loadable(models)
     if model is None:
         return MeasuredRatios({})
-    ratios: dict[Question, list[TimeRatio]] = defaultdict(list)
-    computes_forces: bool | None = None
+    messages: list[MeasuredRatios] = []
     threaded = [question for question in questions if question.trial in trials.ON_THREADS]
     others = [question for question in questions if question not in threaded]
     # a library of OpenGL that does not work, or crashes, must not cost the other answers
@@ -102,42 +89,44 @@ def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> M
     of_launches = [(b, [each for each in others if each.backend == b]) for b in backends]
     of_launches += [("", threaded)] * (LAUNCHES_OF_THREADS if threaded else 0)
     for backend, of_launch in of_launches:
-        messages: list[MeasuredRatios] = []
         isolate.run(
             answer,
-            (_Request(model, of_launch),),
+            (model, of_launch),
             messages.append,
             LIMIT_S,
             environment={"MUJOCO_GL": backend, "PYOPENGL_PLATFORM": None} if backend else None,
         )
-        for message in messages:
-            for question, ratio in message.ratios.items():
-                ratios[question].append(ratio)
-            if message.computes_forces is not None:
-                computes_forces = message.computes_forces
-    by_estimate = {each: sorted(ratios[each], key=lambda ratio: ratio.estimate) for each in ratios}
-    medians = {each: listed[len(listed) // 2] for each, listed in by_estimate.items()}
-    return MeasuredRatios(medians, computes_forces)
+    launches: dict[Question, list[TimeRatio]] = defaultdict(list)
+    for message in messages:
+        for question, ratio in message.ratios.items():
+            launches[question].append(ratio)
+    computes = [each.computes_forces for each in messages if each.computes_forces is not None]
+    return MeasuredRatios(
+        {
+            question: sorted(ratios, key=lambda ratio: ratio.estimate)[len(ratios) // 2]
+            for question, ratios in launches.items()
+        },
+        computes[-1] if computes else None,
+    )
 
 
-def answer(request: _Request, channel: Channel) -> None:
+def answer(recorded: RecordedModel, questions: Sequence[Question], channel: Channel) -> None:
     """Send what each question comes to, one by one; runs in a child."""
-    model = request.model.load()
+    model = recorded.load()
     data = mujoco.MjData(model)
-    for state in request.model.states[:1]:
+    for state in recorded.states[:1]:
         compat.set_state(model, data, state)
     mujoco.mj_step(model, data)
     channel.send(MeasuredRatios({}, bool(data.cacc.any())))
-    for question in request.questions:
+    for question in questions:
         try:
-            ratio = _ratio(model, request.model, question)
+            ratio = _ratio(model, recorded, question)
         except (MjbenchError, mujoco.FatalError, *trials.LACKING):
             continue  # this release, this model, or this machine lacks something
         channel.send(MeasuredRatios({question: ratio}))
 
 
 def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -> TimeRatio:
-    """Return the ratio of the times, over all states in turn."""
     present, suggested = trials.ways(model, question)
     is_of_copies = question.trial in trials.COPIERS and len(recorded.copied) > 0
     states = recorded.copied if is_of_copies else recorded.states

@@ -75,10 +75,9 @@ def install(
 
 
 def build(name: str, source: Path, target: Path) -> None:
-    """Build the wheel of a source tree into a folder; `name` is what people call it.
+    """Build the wheel of a source tree into a folder; BuildError if it cannot be built.
 
-    Raises:
-      BuildError: it cannot be built.
+    `name` is what people call it.
     """
     arguments = ("--no-deps", f"--wheel-dir={target}", str(source))
     if problem := run(f"building {name}", "wheel", *arguments):
@@ -138,7 +137,6 @@ def _reason(stderr: str) -> str:
 
 
 def _error(version: str, local: bool, reason: str) -> InputError | MachineError:
-    """Return the error that stands for a failure of pip, which was given local wheels or none."""
     try:
         files_of = package_index.files()
     except MachineError as error:

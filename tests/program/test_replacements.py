@@ -46,7 +46,7 @@ def quick(monkeypatch):
 
 def answers(questions, model=MODEL):
     channel = Channel()
-    replacements.answer(replacements._Request(recorded(model), questions), channel)
+    replacements.answer(recorded(model), questions, channel)
     return channel.sent
 
 
@@ -97,7 +97,7 @@ def test_of_a_pair_on_threads_the_median_launch_counts(monkeypatch):
     estimates = iter((0.9, 0.5, 1.4, 0.6))
 
     def launch(function, arguments, on_message, *_, **__):
-        for question in arguments[0].questions:
+        for question in arguments[1]:
             estimate = next(estimates)
             ratio = replacements.TimeRatio(estimate, estimate, estimate, 0.0)
             on_message(replacements.MeasuredRatios({question: ratio}))

@@ -51,12 +51,10 @@ class Watch:
     def __init__(
         self, folder: str, calls: CallClock, now_ns: Callable[[], int] = time.perf_counter_ns
     ) -> None:
-        """Begin to watch."""
         self._folder, self._calls, self._now_ns = folder, calls, now_ns
         self.begin_process()
 
     def begin_process(self) -> None:
-        """Begin anew, in a process that was forked."""
         self._active: dict[int, int] = {}  # thread by the MjData that it steps
         self._warnings: dict[int, list[int]] = {}
         # number by model, and its states by kind; None for a model that is too large
@@ -65,7 +63,7 @@ class Watch:
         self.next_look_ns = 0
 
     def install_copies(self, module: ModuleType) -> None:
-        """Note copies of environments, which begin anew, in the module `gymnasium.utils.ezpickle`.
+        """Note copies of environments (`gymnasium.utils.ezpickle`), which begin anew.
 
         That of an environment that has not stepped yet is as its original.
         """
@@ -90,7 +88,6 @@ class Watch:
         self._active[data] = thread
 
     def leave(self, data: int) -> None:
-        """Note that the step ended."""
         self._active.pop(data, None)
 
     def note_turns(self, simulations: int, frame: FrameType, now_ns: int) -> None:
@@ -170,7 +167,6 @@ class Watch:
 
 
 def _resident_bytes() -> int:
-    """Return the memory of this process; 0 where the system does not say."""
     try:
         with open("/proc/self/statm", "rb") as file:
             return int(file.read().split()[1]) * mmap.PAGESIZE
