@@ -66,7 +66,7 @@ def profile(
         its default.
       states: a file of start states, or arrays by MjData field, as `mjbench.record` returns and
         `mjbench.capture` stores them, instead; None for none.
-      budget_s: seconds for the steps; frames come on top.
+      budget_s: seconds for the steps, and half of it for the frames of each backend.
       time_limit_s: a child process that reports nothing for this long is killed.
       wait: whether to wait until no other mjbench measures on this machine.
 

@@ -77,6 +77,7 @@ def checkup(
             each=report.part_sections,
             summary=report.summary,
             code=code,
+            has_results=False,  # parts are printed as they end
             to_stderr=isinstance(source, targets.ProgramFile) or markdown_file == "-",
         )
         named = NamedRun(run.session.file or output.results, run.session.run())

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @mode("--habits", "What does each habit of a Python loop cost?")
 @mode("--instructions", "Count instructions by function; needs valgrind.")
 @models_argument("cartpole")
-@budget(4, "Time for the steps of each model; frames come on top.")
+@budget(4, "Time for the steps of each model, and half of it for the frames of each backend.")
 @with_options(LOOP_STARTS, LIMIT, STORING)
 def profile(
     sources: "list[ModelSource]",

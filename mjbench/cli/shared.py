@@ -14,6 +14,8 @@ from mjbench.cli.context import OutputOptions
 from mjbench.errors import InputError, one_line
 from mjbench.limits import TIME_LIMIT_S, Bounds
 from mjbench.paired import outcomes
+from mjbench.paired.metrics import METRICS
+from mjbench.paired.outcomes import Metric
 
 if TYPE_CHECKING:
     from mjbench.paired.run_sizes import Sizes
@@ -332,6 +334,25 @@ def _verdict_plan(
     from mjbench.paired.verdict import VerdictPlan
 
     return VerdictPlan(min_effect, confidence, precision, time_limit, sizes, as_shipped)
+
+
+def metric_option(*metrics: Metric) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that adds the option --metric to a command, with these metrics."""
+    meanings = "; ".join(f"`{metric}`, {METRICS[metric].meaning}" for metric in metrics)
+    help_text = f"What to compare: {meanings}."
+    if Metric.INSTRUCTIONS in metrics:
+        help_text += (
+            " Instruction counts repeat within 0.1 %. They do not need a quiet machine, but they"
+            " need valgrind, and --confidence, --precision, --budget and --as-shipped do not apply."
+        )
+    return click.option(
+        "--metric",
+        metavar="METRIC",
+        type=click.Choice([metric.value for metric in metrics]),
+        default=Metric.TIME.value,
+        show_default=True,
+        help=help_text,
+    )
 
 
 COUNT, SEED_NUMBER = Count(), Count(limits.SEED)

@@ -8,7 +8,8 @@ interval is Student's t over launches, which differ by their memory layout.
 import gc
 import random
 import statistics
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -25,9 +26,10 @@ from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
 from mjbench.status import Status
 
-# A block of the bare loop, in seconds; the fewest and most quads of each habit in a launch;
-# launches, and seconds for all of them.
-BLOCK_S, LEAST_QUADS, MOST_QUADS, LAUNCHES, BUDGET_S = 0.001, 4, 12, 6, 30.0
+# A block of the bare loop, in seconds; the most quads of each habit in a launch.
+BLOCK_S, MOST_QUADS = 0.001, 12
+# The fewest and most launches, and seconds for all of them.
+LEAST_LAUNCHES, LAUNCHES, BUDGET_S = 3, 6, 30.0
 LEAST_NSTEP = 10
 CONFIDENCE = 0.95
 _BLOCKS_PER_QUAD = 4
@@ -111,22 +113,26 @@ def measure(
     launches: int = LAUNCHES,
     starts: StartPlan = DEFAULT_STARTS,
     budget_s: float = BUDGET_S,
+    clock: Callable[[], float] = time.monotonic,
 ) -> OverheadRow:
     """Return what every habit costs on a model.
 
     Args:
       limit_s: a launch is killed after this long without a message.
-      launches: processes that measure, one after the other.
-      budget_s: for the blocks of all launches, unless the fewest take longer.
+      launches: processes that measure, one after the other, at most.
+      budget_s: seconds after which no launch begins, once there are a few.
 
     Raises:
       InputError: the model cannot be loaded, or the file does not fit it.
       MachineError: a launch crashed or hung.
     """
-    measured = [
-        isolate.call(launch, source, starts, seed, budget_s / launches, limit_s=limit_s)
-        for seed in range(launches)
-    ]
+    measured: list[Launch] = []
+    end_s = clock() + budget_s
+    for seed in range(launches):
+        if seed >= LEAST_LAUNCHES and clock() > end_s:
+            break
+        blocks_s = budget_s / launches
+        measured.append(isolate.call(launch, source, starts, seed, blocks_s, limit_s=limit_s))
     bare_ns = statistics.median(launch.bare_ns for launch in measured)
     added_ns = {
         name: [launch.added_ns[name] for launch in measured] for name in measured[0].added_ns
@@ -179,7 +185,7 @@ def launch(
 
 def quads(budget_s: float, quad_s: float) -> int:
     """Return how many quads of a habit a launch times, each of which takes about `quad_s`."""
-    return max(LEAST_QUADS, min(MOST_QUADS, int(budget_s / quad_s)))
+    return max(1, min(MOST_QUADS, int(budget_s / quad_s)))
 
 
 def _cost(

@@ -36,8 +36,9 @@ from mjbench.status import Status
 
 # A block, in seconds; the fewest and most rounds of blocks.
 BLOCK_S, LEAST_ROUNDS, MOST_ROUNDS = 0.004, 15, 200
-# Seconds for the steps of a model; the shares of the loop, and of each kind of parts.
-BUDGET_S, LOOP_SHARE, PART_SHARE = 4.0, 0.5, 0.125
+# Seconds for the steps of a model; the shares of the loop, and of each kind of parts; what the
+# frames of a backend may take on top, as a share.
+BUDGET_S, LOOP_SHARE, PART_SHARE, FRAME_SHARE = 4.0, 0.5, 0.125, 0.5
 # Seconds for the sensors of a stage, where only stages are asked for.
 BRIEF_S = 0.05
 # Frames for each second of simulated time, where physics, Python and rendering are compared.
@@ -162,14 +163,17 @@ def measure(
     """Return the profile of a model; a child that is silent for `limit_s` seconds is killed.
 
     Args:
-      budget_s: for the steps; the frames come on top.
+      budget_s: for the steps; the frames of each backend have half as much.
 
     Raises:
       InputError: it cannot be loaded, diverges, or the file does not fit it.
       MachineError: the process that steps it crashed or hung.
     """
     steps = isolate.call(step, source, starts, budget_s, limit_s=limit_s)
-    frames = [rendering.measure(source, backend, limit_s) for backend in rendering.BACKENDS]
+    frame_s = FRAME_SHARE * budget_s
+    frames = [
+        rendering.measure(source, backend, limit_s, frame_s) for backend in rendering.BACKENDS
+    ]
     return row(source.name, steps, frames)
 
 

@@ -92,6 +92,7 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
         sections = [replace(section, is_open=True) for section in sections]
         if len(main) <= _MOST_CONCLUSIONS:  # they are those of the report
             sections = [replace(section, conclusions=()) for section in sections]
+            sections = [each for each in sections if _has_content(each)] or sections
     if not (sections or summaries):
         main.append(Conclusion("Nothing was measured.", Tone.UNSURE))
     if len(chosen) < len(parts):
@@ -105,6 +106,11 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
         summaries,
         _machines(named_runs, results.machines),
     )
+
+
+def _has_content(section: Section) -> bool:
+    """Return whether a section says more than its conclusions."""
+    return bool(section.facts or section.tables or section.figures or section.notes)
 
 
 def title(named_runs: Sequence[NamedRun]) -> str:

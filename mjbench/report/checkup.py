@@ -94,6 +94,7 @@ def list_section(run: Run) -> Section:
             for number, item in enumerate(listed_items, 1)
             if item.snippet
         ],
+        is_open=True,
     )
 
 

@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import METRICS
 from mjbench.paths import BASE
 from mjbench.releases.installs import INSTALLED
 from mjbench.sweep import model_files
@@ -83,7 +83,7 @@ def _cells(plan: Plan, kind: CellKind, model: str, machine: str, content: str) -
     cell = replace(cell, installed=installed)
     if kind == CellKind.VERSIONS:
         for metric in plan.metrics:
-            for path in plan.paths if metric == Metric.TIME else (BASE,):
+            for path in (BASE,) if METRICS[metric].refusal else plan.paths:
                 compared = replace(cell, path=path, metric=metric)
                 for old, new in plan.pairs:
                     yield replace(compared, release=new.version, baseline=old.version)

@@ -13,6 +13,7 @@ from mjbench.comparison import selection
 from mjbench.errors import InputError, MachineError, shown, suggestion
 from mjbench.limits import MAX_SECONDS
 from mjbench.paired import targets
+from mjbench.paired.metrics import METRICS
 from mjbench.paired.outcomes import Metric
 from mjbench.paths import BASE
 from mjbench.releases import bundle, install_check, installs, package_index
@@ -94,8 +95,8 @@ def load(
                 "releases",
             )
     paths, metrics = _paths(file), _metrics(file)
-    if BASE not in paths and set(metrics) != {Metric.TIME}:
-        raise file.error(f"p99 and instructions are of {BASE} only: add it", "", "paths")
+    if BASE not in paths and any(METRICS[metric].refusal for metric in metrics):
+        raise file.error(f"all metrics but time are of {BASE} only: add it", "", "paths")
     return Plan(
         models=_models(file),
         releases=releases,

@@ -160,6 +160,7 @@ def test_without_a_terminal_the_first_results_are_lines_on_standard_error(
     assert err.startswith("First results; the final ones follow.\n")
     assert str(ROLLOUT) in err
     shown_by(lines, derived(raced()))
+    shown_by(PhaseLines(has_results=False), derived(raced()))
     assert capsys.readouterr() == ("", "")
 
 

@@ -150,7 +150,7 @@ def test_a_range_has_all_releases_between(tmp_path: Path, text: str) -> None:
         (f'{RELEASES}metrics = ["tmie"]', "metrics: no metric tmie (did you mean time?)"),
         (
             f'{RELEASES}paths = ["rollout"]\nmetrics = ["p99"]',
-            "line 2: paths: p99 and instructions are of python_loop only",
+            "line 2: paths: all metrics but time are of python_loop only",
         ),
         (f'{RELEASES}machines = [" "]', "machines: ' ' is not a label"),
         ("", "releases: [versions] needs 2 or more"),
