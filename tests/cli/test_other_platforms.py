@@ -31,7 +31,6 @@ MACOS = {
     "placement": ["doctor", "--placement", "cartpole", "--results", "runs"],
     "merge": ["results", "merge", RUN, "-o", "set.jsonl"],
     "profile": ["profile", "cartpole"],
-    "overhead": ["profile", "--habits", "cartpole"],
     "models": ["models", "cartpole"],
     "releases": ["releases", "installs"],
     "instructions": ["profile", "--instructions", "cartpole"],
