@@ -11,7 +11,7 @@ import pytest
 import mjbench
 from mjbench.errors import InputError, MachineError
 from mjbench.host import child
-from mjbench.loop import profile, rendering
+from mjbench.loop import rendering
 from mjbench.paired.outcomes import Metric
 from mjbench.simulation import models
 from mjbench.status import Status
@@ -71,9 +71,8 @@ def test_releases_are_compared() -> None:
 
 
 def test_a_step_is_profiled(model: Any, monkeypatch: pytest.MonkeyPatch, inline: None) -> None:
-    monkeypatch.setattr(profile, "BUDGET_S", 0.05)
     monkeypatch.setattr(rendering, "BACKENDS", ())
-    profiled = mjbench.profile(model)
+    profiled = mjbench.profile(model, budget_s=0.05)
     assert profiled.steps.loop_ns > 0
     assert sum(profiled.stages.values()) == pytest.approx(1.0)
     assert profiled.row.python_ns == profiled.steps.python_ns

@@ -57,7 +57,7 @@ def test_physics_that_a_plain_loop_does_not_repeat_is_a_finding(
         (["env", "no_such_module:make"], "no module no_such_module"),
         (["env", "example_environments:mak"], "did you mean make"),
         (["env", "example_environments:number"], "int is no environment"),
-        (["env", "a:make", "--steps", "0"], "0 is not in the range"),
+        (["env", "a:make", "--steps", "0"], "'0' is not a whole number, at least 1"),
         (["env", "a:make", "--no-vector", "--num-envs", "2"], "not both"),
     ],
 )

@@ -8,7 +8,8 @@ from commands import mjbench
 
 
 def test_it_measures_and_writes_json(tmp_path: Path) -> None:
-    done = mjbench("profile", "cartpole", "--json", "out.json", cwd=tmp_path)
+    words = ("profile", "cartpole", "--budget", "0.1s")
+    done = mjbench(*words, "--json", "out.json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
     assert row["loop_ns"] > 0

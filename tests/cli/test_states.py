@@ -128,7 +128,7 @@ def test_profile_is_given_the_file_and_stores_its_digest(
     given: list[Any] = []
 
     def measure(*arguments: Any) -> profile.ProfileRow:
-        given.append(arguments[-1])
+        given.append(arguments[2])
         return step_profile()
 
     monkeypatch.setattr(profile, "measure", measure)
