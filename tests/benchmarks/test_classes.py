@@ -253,7 +253,6 @@ def test_what_is_tracked_is_a_number_that_was_measured(
     monkeypatch.setattr("benchmarks.instructions.stored.nstep_of", lambda name: stored.HEAVY_NSTEP)
     monkeypatch.setattr(accelerated_run, "run", measure_nothing)
     monkeypatch.setattr("benchmarks.reference.LAUNCHES", 2)
-    monkeypatch.setattr(mjx.Mjx, "params", (["cartpole"], [1]))
     for kind in (instructions.Instructions, reference.Reference):
         monkeypatch.setattr(kind, "params", [*FEW_MODELS])
     monkeypatch.setattr("benchmarks.mjx.NBATCH", 2)
