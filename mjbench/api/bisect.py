@@ -16,7 +16,6 @@ _USUAL_TRIALS = 8
 
 
 def bisection(comparison: RevisionComparison, plan: VerdictPlan) -> Measurement:
-    """Return the measurement of a search for the commits that changed a function's time."""
     plan = replace(plan, as_shipped=True)
     (function,) = comparison.functions
 

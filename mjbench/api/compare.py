@@ -225,7 +225,6 @@ def _section_so_far(records: Sequence[Record]) -> Section | None:
 
 
 def _option_texts(options: Mapping[str, Any]) -> list[str]:
-    """Return options as the command line has them, such as `pool=new,kept`."""
     several = {
         name: [values] if isinstance(values, str) or not isinstance(values, Iterable) else values
         for name, values in options.items()

@@ -17,7 +17,6 @@ from mjbench.units import percent_change
 
 
 def revision_verdicts(comparison: RevisionComparison, plan: VerdictPlan) -> Measurement:
-    """Return the measurement of verdicts on functions in two revisions."""
     plan = replace(plan, family=len(comparison.functions), as_shipped=True)
     revisions = comparison.baseline, comparison.candidate
 

@@ -33,7 +33,6 @@ class Observer:
     """Passes the progress of a measurement on to a function; commands show more."""
 
     def __init__(self, on_progress: Progress | None = None):
-        """Take the function; None where nobody asks."""
         self._on_progress = on_progress or progress.ignore
 
     def __call__(self, name: str, share: float) -> None:
@@ -102,7 +101,6 @@ def pinning_notes() -> list[str]:
 def input_files(
     sources: Sequence[ModelSource], releases: Sequence[ReleaseSpec], starts: StartPlan
 ) -> list[Path]:
-    """Return the files of models, releases and start states."""
     wheels = [wheel for release in releases for wheel in release.wheels]
     return [*(source.path for source in sources), *wheels, *starts.files]
 
@@ -150,7 +148,6 @@ def finished(records: Sequence[Record]) -> list[Record]:
 
 
 def by_name(records: Sequence[Record], attribute: str) -> Mapping[str, Sequence[Record]]:
-    """Return records by what an attribute of theirs names."""
     named: dict[str, list[Record]] = {}
     for record in records:
         named.setdefault(getattr(record, attribute), []).append(record)
@@ -222,7 +219,6 @@ class Session:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        """Stop measuring."""
         self._closing.close()
 
     def _enter(self, presence: Presence, wait: bool) -> Sequence[Neighbour]:
@@ -278,7 +274,6 @@ class Session:
             self._file.append(record)
 
     def run(self, records: Sequence[Record] | None = None) -> Run:
-        """Return the run as its file holds it, with all of its records or with some."""
         return Run(self.header, tuple(self.records if records is None else records))
 
     def notes(self) -> Iterator[str]:

@@ -50,7 +50,6 @@ def plan(
 
 
 def _states_file(states: "States", folder: Path) -> Path:
-    """Return the file of start states; arrays are stored in one."""
     if isinstance(states, str | os.PathLike):
         return Path(states)
     if not isinstance(states, Mapping):
@@ -67,7 +66,6 @@ def _states_file(states: "States", folder: Path) -> Path:
 
 
 def _actions_file(actions: "Actions", folder: Path) -> Path:
-    """Return the file of controls; an array is stored in one."""
     if isinstance(actions, str | os.PathLike):
         return Path(actions)
     file = folder / "actions.npy"
@@ -80,7 +78,6 @@ def _actions_file(actions: "Actions", folder: Path) -> Path:
 
 @contextlib.contextmanager
 def _refusing(name: str) -> Iterator[None]:
-    """Turn an error in converting values to arrays into an InputError."""
     try:
         yield
     except (TypeError, ValueError) as error:

@@ -115,7 +115,6 @@ class RunContext:
 
     @property
     def session(self) -> "Session":
-        """What it measures."""
         assert self._session is not None, "this command measures nothing"
         return self._session
 
@@ -156,7 +155,6 @@ class RunContext:
         self._hides_code = False
 
     def table(self, table: "DataTable") -> None:
-        """Print a table alone."""
         from mjbench.pages import terminal
 
         terminal.print_lines(self.out, terminal.table_parts(table, self.out.width))

@@ -76,7 +76,6 @@ def _mujoco_conditions() -> "Iterator[Condition]":
 
 
 def _rendering() -> "Condition":
-    """Return which backends render, and how fast."""
     from mjbench.host.conditions import Condition, Grade
     from mjbench.loop import rendering
     from mjbench.simulation import models
@@ -91,7 +90,6 @@ def _rendering() -> "Condition":
 
 
 def _noise() -> "NoiseRow":
-    """Return what a comparison of the cart-pole with itself shows."""
     from mjbench.errors import MjbenchError
     from mjbench.paired import machine_check
     from mjbench.paired.worker_pool import WorkerPool

@@ -125,7 +125,6 @@ def env(
 
 
 def _measure_environment(source: "EnvironmentSource", plan: "EnvironmentPlan") -> "Item":
-    """Return what was measured of an environment, or why nothing was."""
     from mjbench.api.session import Item
     from mjbench.environment import measurement
     from mjbench.environment.records import EnvironmentRecord
@@ -140,5 +139,4 @@ def _measure_environment(source: "EnvironmentSource", plan: "EnvironmentPlan") -
 
 
 def _doubled(most: int) -> list[int]:
-    """Return 1, 2, 4, … and `most`."""
     return sorted({most, *(2**i for i in range(most.bit_length()) if 2**i <= most)})

@@ -98,7 +98,6 @@ def command_line() -> tuple[str, ...]:
 
 
 def _check_folder() -> None:
-    """Refuse a current folder that was removed: paths and child processes need it."""
     try:
         os.getcwd()  # noqa: PTH109 - Path.cwd() is the same call
     except FileNotFoundError:
@@ -159,7 +158,6 @@ def describe_unforeseen(error: Exception) -> str:
 
 
 def _is_of_rendering(error: BaseException) -> bool:
-    """Return whether an error was raised while a rendering library was loaded."""
     import traceback
 
     files = (frame.filename for frame in traceback.extract_tb(error.__traceback__))

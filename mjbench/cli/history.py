@@ -122,7 +122,6 @@ def history(
 
 
 def _link(plots: Path | None, output: Path | None) -> str:
-    """Return the folder of plots as a page is to link it; empty without any."""
     if plots is None:
         return ""
     base = output.parent if output else Path()
@@ -146,7 +145,6 @@ class _Selection:
     operations: Sequence["Operation"]
 
     def arguments(self) -> dict[str, object]:
-        """Return what a run file's header says of it."""
         return {
             "reference": self.reference.key,
             "releases": [release.key for release in self.releases],
@@ -310,7 +308,6 @@ def _measure_releases(
 
 
 def _tasks(selection: _Selection, release: "ReleaseSpec") -> list["ReleaseTask"]:
-    """Return what is timed in a release: the steps of models, and operations."""
     from mjbench.paired.release_tasks import OperationTask, StepTask
     from mjbench.simulation import models
 
@@ -403,7 +400,6 @@ def _releases_to_count(selection: _Selection, done: set[tuple[str, str, str]]) -
 
 
 def _requests(selection: _Selection) -> list["OperationRequest"]:
-    """Return what is asked of each release beside the steps of models."""
     from mjbench.counts.counted_program import OperationRequest
     from mjbench.simulation import models
 

@@ -33,7 +33,6 @@ class OutputFile:
 
     @property
     def is_wanted(self) -> bool:
-        """Whether there is anywhere to write."""
         return self._is_stdout or self._file is not None
 
     def open(self) -> None:
@@ -51,7 +50,6 @@ class OutputFile:
             self._partial = files.create_beside(self._target)
 
     def write(self, text: str) -> None:
-        """Write the whole text."""
         if self._file is None:
             if sys.stdout is None:
                 raise MachineError("cannot write to standard output: it is closed")

@@ -65,7 +65,6 @@ class _Phases(logging.Handler):
 
 @contextlib.contextmanager
 def _logged_to(observer: Observer) -> Iterator[Observer]:
-    """Show in the block what mjbench logs."""
     logger, handler = logging.getLogger("mjbench"), _Phases(observer)
     level = logger.level
     logger.addHandler(handler)
@@ -79,7 +78,6 @@ def _logged_to(observer: Observer) -> Iterator[Observer]:
 
 @contextlib.contextmanager
 def progress(out: Console) -> Iterator[Observer]:
-    """Yield what shows progress: a bar, which is gone at the end, or lines."""
     if not out.is_terminal or out.is_dumb_terminal:
         with _logged_to(PhaseLines()) as observer:
             yield observer

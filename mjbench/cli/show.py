@@ -112,7 +112,6 @@ def show(
 
 
 def _print(files: Sequence[Path], code: bool, json_file: str | None) -> None:
-    """Print runs, and write their JSON document."""
     from mjbench.report.kinds import RECORD_TYPES
     from mjbench.store import run_set
 
@@ -152,7 +151,6 @@ def _print_set(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:
 
 
 def _shown(run: RunContext, stored: "Run", code: bool) -> object:
-    """Print a run; return its JSON document."""
     from mjbench.report import kinds
 
     if not stored.records:

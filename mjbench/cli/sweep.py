@@ -138,7 +138,6 @@ def _measure(
     file: "RunSetFile",
     address: str | None,
 ) -> "Summary":
-    """Measure what is missing on a cluster."""
     from mjbench.cli.progress import progress
     from mjbench.sweep.ray_cluster import RayCluster
     from mjbench.sweep.run import Sweep
@@ -160,11 +159,6 @@ def _measure(
 
 
 def _open(target: Path, on_error: contextlib.ExitStack) -> "RunSetFile":
-    """Open a run set, or create it.
-
-    Args:
-      on_error: removes the file again if it was created here and has no result.
-    """
     from mjbench.errors import writing
     from mjbench.store.run_set import RunSetFile
 

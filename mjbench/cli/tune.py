@@ -167,7 +167,6 @@ def tune(
 def _check_engine(
     engine: str, nbatch: int | None, only: str | None, skip: list[str] | None
 ) -> None:
-    """Refuse options that another engine has."""
     if engine == "c" and nbatch is not None:
         raise InputError("--nbatch needs --engine mjx or warp")
     if engine != "c" and only is not None:
@@ -185,7 +184,6 @@ def _see_whether_writable(output: OutputFile) -> None:
 
 
 def _write(run: RunContext, source: "ModelSource", target: Path, limit_s: float) -> None:
-    """Write the MJCF file with the fastest settings that are recommended."""
     from mjbench.tuning import variants
     from mjbench.tuning.records import TuneRecord
     from mjbench.tuning.settings import edits_of

@@ -111,7 +111,6 @@ def web(
 def _engine(
     release: "ReleaseSpec | None", package_folder: Path | None, node_command: str, limit_s: float
 ) -> "Engine":
-    """Return the builds of a release, and the Node that runs them."""
     from mjbench.host import machine
     from mjbench.web import node_process, npm_package
     from mjbench.web.build_run import Engine

@@ -61,7 +61,6 @@ def shared_folder() -> Path:
 
 
 def measuring_now(folder: Path | None = None) -> list[Neighbour]:
-    """Return the processes that measure, without taking part; none where nothing is noticed."""
     if sys.platform == "win32":
         return []
     folder = folder or shared_folder()
@@ -145,7 +144,6 @@ class Presence:
 
 
 def _others(folder: Path) -> Iterator[tuple[Path, Neighbour]]:
-    """Yield the files of processes that measure; remove those of processes that are gone."""
     for path in sorted(folder.iterdir()):
         if not _NAME.fullmatch(path.name):
             continue

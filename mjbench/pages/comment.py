@@ -38,12 +38,10 @@ class _Outcome(Enum):
 
     @property
     def mark(self) -> str:
-        """The sign before it."""
         return self.value[0]
 
     @property
     def word(self) -> str:
-        """What the headline calls it."""
         return self.value[1]
 
 
@@ -86,7 +84,6 @@ def render(run: Run) -> Iterator[str]:
 
 
 def text(run: Run) -> str:
-    """Return a comment that is not too long; see `render`."""
     whole = "\n".join(render(run)) + "\n"
     if len(whole) <= _MOST_CHARACTERS:
         return whole
@@ -121,7 +118,6 @@ def _headline(judged: Sequence[_Judged]) -> str:
 
 
 def _sides(rows: Sequence[VerdictRow], confidence: float) -> Iterator[str]:
-    """Yield what was compared, and how."""
     pairs = dict.fromkeys(tuple(_side(row, number) for number in (0, 1)) for row in rows)
     for old, new in pairs:
         yield (

@@ -75,7 +75,6 @@ def cautions(stored: RunSet) -> list[str]:
 
 
 def _prefixed(runs: Sequence[Run]) -> list[tuple[Run, str]]:
-    """Return runs, each with what the names of its metrics begin with."""
     machines = identify([run.header.machine for run in runs])
     has_several = len(set(machines)) > 1
     return [
@@ -113,7 +112,6 @@ def _ratios(run: Run) -> Iterator[ExportedMetric]:
 
 
 def as_csv(stored: RunSet) -> str:
-    """Return results as CSV."""
     table = rows.of_set(stored)
     return csv_text([list(table[0]) if table else [], *(row.values() for row in table)])
 

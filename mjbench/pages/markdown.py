@@ -54,7 +54,6 @@ def render(report: Report) -> Iterator[str]:
 
 
 def _folded(heading: str, lines: Iterable[str]) -> Iterator[str]:
-    """Yield lines below a heading that opens them."""
     yield ""
     yield f"<details><summary>{html.escape(heading, quote=False)}</summary>"
     yield ""
@@ -125,7 +124,6 @@ def _conclusions(conclusions: Iterable[tuple[str, Tone]]) -> Iterator[str]:
 
 
 def data_table(table: DataTable) -> Iterator[str]:
-    """Yield the lines of a table, without empty columns and bars."""
     table = table.filled_columns(with_bars=False)
     headings = [escaped(column.title) or " " for column in table.columns]
     right = {escaped(column.title) for column in table.columns if column.is_number}
@@ -140,7 +138,6 @@ def escaped(text: str) -> str:
 
 
 def code(text: str) -> str:
-    """Return a text as one line of code, whatever backticks it has; nothing for nothing."""
     line = _line(text)
     if not line:
         return ""

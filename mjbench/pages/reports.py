@@ -99,14 +99,12 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
 
 
 def title(named_runs: Sequence[NamedRun]) -> str:
-    """Return the command with what it measured; of several runs, the commands."""
     if len(named_runs) != 1:
         return f"mjbench {', '.join(dict.fromkeys(n.run.header.command for n in named_runs))}"
     return one_line(named_runs[0].command, _TITLE_LENGTH)
 
 
 def _subtitle(named_runs: Sequence[NamedRun]) -> str:
-    """Return when, where and with which versions runs were measured."""
     days = sorted({named.run.header.began[:10] for named in named_runs} - {""})
     machines = [named.run.header.machine for named in named_runs]
     parts = [
@@ -165,7 +163,6 @@ def _with_fewer_figures(*groups: Sequence[Section]) -> list[list[Section]]:
 
 
 def _history_parts(named_runs: Sequence[NamedRun]) -> list[_Part]:
-    """Return the sections of the history that runs with ratios of releases hold."""
     timed = [named for named in named_runs if named.run.of_type(RatioRecord)]
     if not timed:
         return []

@@ -266,7 +266,6 @@ def _releases_page(measured: SpeedHistory, releases: Sequence[str]) -> Iterator[
 
 
 def _reports_page(runs: Sequence[NamedRun]) -> Iterator[str]:
-    """Yield a page that links the report of each run, the newest first."""
     yield "# Reports\n"
     yield "One report for each run file or set: charts, tables, and the command that gave them.\n"
     rows = [
@@ -282,7 +281,6 @@ def _reports_page(runs: Sequence[NamedRun]) -> Iterator[str]:
 
 
 def _name(named_runs: Sequence[NamedRun]) -> str:
-    """Return what a report is called: its command; where that is not known, its file."""
     if len(named_runs) > 1:
         return f"{reports.title(named_runs)} ({len(named_runs)} runs)"
     known = named_runs[0].run.header.command_line
@@ -299,7 +297,6 @@ def _remark(named: NamedRun) -> str:
 
 
 def _by_file(runs: Sequence[NamedRun]) -> dict[Path, list[NamedRun]]:
-    """Return the runs of each file: of a run set, several."""
     by_file: dict[Path, list[NamedRun]] = {}
     for named in runs:
         by_file.setdefault(named.file, []).append(named)
@@ -363,7 +360,6 @@ def _in_order(names: Sequence[str], readme: Path) -> list[str]:
 
 
 def _summary(runs: Sequence[NamedRun]) -> Iterator[str]:
-    """Yield what a file comes to: what one run advises as a table, anything else as sentences."""
     advice = comparison.advice_table([r for each in runs for r in derive_all(each.run.records)])
     conclusions = reports.build(runs).conclusions
     is_bad = any(conclusion.tone == Tone.BAD for conclusion in conclusions)
@@ -376,7 +372,6 @@ def _summary(runs: Sequence[NamedRun]) -> Iterator[str]:
 
 
 def _toctree(caption: str, names: Sequence[str]) -> Iterator[str]:
-    """Yield a group of the navigation; nothing without pages."""
     if not names:
         return
     yield "\n```{toctree}"

@@ -39,12 +39,10 @@ class SideBySide:
 
     @property
     def has_several(self) -> bool:
-        """Whether the runs are of more than one machine."""
         return len(set(self.machines)) > 1
 
 
 def side_by_side(runs: Sequence[Run]) -> SideBySide:
-    """Return the results of runs, side by side."""
     machines = identify([run.header.machine for run in runs])
     names = [machine.name for machine in machines]
     decided = across_machines.decide(across_machines.rows_of(runs, names))
@@ -99,7 +97,6 @@ def section(results: SideBySide) -> Section | None:
 
 
 def _verdicts(results: SideBySide) -> Iterator[Conclusion]:
-    """Yield what all verdicts come to together, then the comparisons with a change."""
     if not results.verdicts.comparisons:
         return
     yield Conclusion(verdicts.describe_all_machines(results.verdicts))
@@ -134,7 +131,6 @@ def _tone(comparison: MachineComparison) -> Tone:
 
 
 def _counts(results: SideBySide) -> Iterator[DataTable]:
-    """Yield a table of comparisons: on how many machines they came out as what."""
     comparisons = named_comparisons(results)
     if not comparisons:
         return

@@ -159,7 +159,6 @@ def advise_clock(model_results: ModelResults) -> ClockAdvice | None:
 def _choose(
     model_results: ModelResults, race: RaceRecord, standing: Standing, base: PathResult
 ) -> _Choice:
-    """Return the C path to use of those that compete with each other."""
     winner = race.winner(standing)
     chosen = model_results.timed(race.variants[winner]) or base
     has_figures = race.has_final_figures(chosen.variant)
@@ -334,7 +333,6 @@ def described(variant: Variant) -> str:
 
 
 def _reasons(advice: Advice) -> list[str]:
-    """Return why a path is advised, in clauses."""
     reasons = []
     match advice.reason:
         case Reason.SIMPLER | Reason.NO_GAIN if advice.is_certain:
@@ -364,7 +362,6 @@ def _times(speedup: Ratio, baseline: str) -> str:
 
 
 def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> str:
-    """Return how many threads a path should have."""
     threads = "one thread" if row.nthread == 1 else f"{row.nthread} threads"
     name = paths.title(row.path)
     begin = f"{name}{_size(row.nbatch, names_size)}: {threads}"

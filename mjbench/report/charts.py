@@ -46,7 +46,6 @@ def values(table: DataTable) -> list[dict[str, Cell]]:
 
 
 def layer(mark: str, encoding: Mapping[str, Spec], **properties: Any) -> Spec:
-    """Return marks of one kind: how they are drawn, and what of the data each channel shows."""
     return {"mark": {"type": mark, **properties}, "encoding": dict(encoding)}
 
 
@@ -138,7 +137,6 @@ def page_colours() -> Spec:
 
 
 def rule_at(value: float, axis: str = "x") -> Spec:
-    """Return a dashed line at a value."""
     return {
         "mark": {"type": "rule", "color": GREY, "strokeDash": [4, 4], "aria": False},
         "data": {"values": [{"value": value}]},

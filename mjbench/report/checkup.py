@@ -53,12 +53,10 @@ class CheckupDocument:
 
     @classmethod
     def of(cls, run: Run) -> "CheckupDocument":
-        """Return the document of a check-up."""
         return cls(machine=run.header.machine, parts=run.of_type(CheckedPart), items=items(run))
 
 
 def sections(run: Run) -> Iterator[Section]:
-    """Yield the list, and what each part came to."""
     if run.of_type(CheckedPart):
         yield list_section(run)
         yield from part_sections(run)
@@ -125,12 +123,10 @@ def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> It
 
 
 def _is_read_only(run: Run) -> bool:
-    """Return whether only source code was read, so that nothing is known of gains."""
     return all(part.part == CheckupPart.SOURCE for part in run.of_type(CheckedPart))
 
 
 def _failure(part: CheckedPart) -> str:
-    """Return how a part failed, and why."""
     return part.detail if part.status == Status.INPUT else f"{part.status}: {part.detail}"
 
 
@@ -162,7 +158,6 @@ def _combined(run: Run, least: float = 1.0) -> str:
 
 
 def _described(combination: Combination) -> str:
-    """Return what a combination is made of."""
     parts = []
     if combination.variant.path != paths.BASE:
         parts.append(advice.described(combination.variant))
@@ -187,7 +182,6 @@ def _is_certain(run: Run) -> bool:
 
 
 def _is_decided(record: TuneRecord) -> bool:
-    """Return whether no setting that keeps results may still be faster."""
     return not (record.untried or record.withdrawn or any(map(_may_gain, record.attempts)))
 
 
@@ -200,7 +194,6 @@ def _may_gain(attempt: Attempt) -> bool:
 
 
 def _why_nothing(run: Run) -> str:
-    """Return why nothing gains, for what was measured."""
     reasons = []
     for row in run.of_type(ProfileRow):
         if row.steps is not None:
@@ -262,7 +255,6 @@ def _table(listed_items: Sequence[CheckupItem]) -> DataTable:
 def _notes(
     run: Run, parts: Sequence[CheckedPart], listed_items: Sequence[CheckupItem]
 ) -> Iterator[str]:
-    """Yield how gains go together, which commands look closer, and what was not tried."""
     yield from _overlaps(listed_items)
     numbers = defaultdict[str, list[str]](list)
     for number, item in enumerate(listed_items, 1):
@@ -343,7 +335,6 @@ def _not_tried(run: Run, parts: Sequence[CheckedPart]) -> Iterator[str]:
 
 
 def _lines(run: Run, part: CheckedPart) -> Iterator[str]:
-    """Yield what a part came to."""
     if part.status not in (Status.OK, Status.INTERRUPTED):
         yield _failure(part)
         return
@@ -373,7 +364,6 @@ def _without_name(sentence: str, record: EnvironmentRecord) -> str:
 
 
 def _step_lines(rows: Sequence[ProfileRow]) -> Iterator[str]:
-    """Yield where a step's time goes, and what its states are like."""
     for row in rows:
         steps = row.steps
         if steps is None:
@@ -386,7 +376,6 @@ def _step_lines(rows: Sequence[ProfileRow]) -> Iterator[str]:
 
 
 def _path_lines(all_results: Sequence[ModelResults]) -> Iterator[str]:
-    """Yield what the race of ways of stepping says."""
     for results in all_results:
         for row in advice.advise(results):
             yield advice.conclusion(row)

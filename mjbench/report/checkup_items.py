@@ -98,7 +98,6 @@ def _wrong_of_model(run: Run, target: str) -> Iterator[CheckupItem]:
 
 
 def _limit_raised(line: str) -> str:
-    """Return a line about the solver's limit of iterations with what to do about it."""
     return f"{line}; raise iterations in <option> until they do not"
 
 
@@ -166,7 +165,6 @@ def far_settings(record: TuneRecord, target: str) -> Iterator[str]:
 
 
 def _time(recommendation: Recommendation) -> float:
-    """Return the time that settings take, as a multiple of the present time."""
     return recommendation.ratio.estimate
 
 

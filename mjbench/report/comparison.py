@@ -81,7 +81,6 @@ def sections_together(models: Sequence[ModelResults]) -> Iterator[Section]:
 def _crossover_section(
     heading: str, model_of: Mapping[str, str], models: Sequence[ModelResults]
 ) -> Section:
-    """Return a section of conclusions, each with its model, and a figure of each model."""
     return Section(
         heading=heading,
         conclusions=[Conclusion(text) for text in model_of],
@@ -176,7 +175,6 @@ def _conclusions(model_results: ModelResults, names_size: bool) -> Iterator[Conc
 
 
 def _advice_conclusion(models: Sequence[ModelResults]) -> Conclusion:
-    """Return what the advice for several models comes to."""
     advice = [row for model_results in models for row in advise(model_results)]
     speedups = [row.speedup.estimate if row.speedup else 1.0 for row in advice]
     ncertain = sum(row.is_certain for row in advice)
@@ -189,7 +187,6 @@ def _advice_conclusion(models: Sequence[ModelResults]) -> Conclusion:
 
 
 def advice_table(models: Sequence[ModelResults]) -> DataTable:
-    """Return what is advised on every model, one row a model and loop."""
     advice = [row for model_results in models for row in advise(model_results)]
     sizes = {(row.model, row.nbatch) for row in advice}
     has_sizes = len({name for name, _ in sizes}) < len(sizes)
@@ -251,7 +248,6 @@ def marks(model_results: ModelResults) -> dict[str, str]:
 
 
 def heading(model: ModelRecord) -> str:
-    """Return the name of a model with the sizes of its comparison."""
     if model.facts is None or model.work is None:
         return model.model
     simulations = count_of(model.nbatch or 0, "simulation")
@@ -353,7 +349,6 @@ _AGREES = "yes"
 
 
 def agrees(result: PathResult) -> str:
-    """Return whether a path agrees, or why that is not known, in a few words."""
     if result.status == Status.OK:
         return _AGREES if result.judgement is None else result.judgement.answer.value
     return "NO" if result.status == Status.DISAGREES else str(result.status)
@@ -385,7 +380,6 @@ def _break_even(result: PathResult) -> str:
 
 
 def _memory(result: PathResult) -> str:
-    """Return the most memory that the process had, and that of the GPU."""
     sizes = {"": result.memory_bytes, "GPU ": result.gpu_memory_bytes}
     return ", ".join(f"{kind}{n / 2**20:,.0f} MiB" for kind, n in sizes.items() if n)
 
@@ -427,7 +421,6 @@ def _race_notes(model_results: ModelResults) -> list[str]:
 
 
 def _why_cut_short(count: int) -> str:
-    """Return why a race ended before it was decided."""
     if count >= MAX_LAUNCHES:
         return f"The race ended undecided after {count} launches, its most."
     launches = count_of(count, "launch") if count == 1 else f"{count} launches"
@@ -435,7 +428,6 @@ def _why_cut_short(count: int) -> str:
 
 
 def _buffer_lines(results: Sequence[PathResult]) -> list[str]:
-    """Return sizes of buffers that sufficed, to paste into a call of make_data."""
     return [
         f"{result.path}: {keyword_arguments(result.buffer_sizes).removeprefix(', ')} suffice for"
         f" {result.nbatch} simulations like these: twice what this run needed at most"
@@ -452,7 +444,6 @@ def _cores_note(model_results: ModelResults) -> list[str]:
 
 
 def _unavailable_lines(results: Sequence[PathResult]) -> list[str]:
-    """Return why some paths were not compared, a line for each reason."""
     paths_by_reason: dict[str, list[str]] = {}
     for result in filter(_is_unavailable, results):
         names = paths_by_reason.setdefault(result.detail, [])
@@ -464,7 +455,6 @@ def _unavailable_lines(results: Sequence[PathResult]) -> list[str]:
 
 
 def _snippets(all_advice: Sequence[Advice]) -> Iterator[Snippet]:
-    """Yield the Python of the paths that are advised, each once."""
     for snippet in dict.fromkeys(advice.snippet for advice in all_advice):
         same = [advice for advice in all_advice if advice.snippet == snippet]
         loops = " and ".join(dict.fromkeys(f"{advice.loop} loop" for advice in same))

@@ -125,7 +125,6 @@ def _signed(instructions: float) -> str:
 
 
 def _further_functions(row: ExplainRecord, top: int) -> list[str]:
-    """Return what the functions come to that are not listed."""
     further = row.functions[top:]
     if not further:
         return []

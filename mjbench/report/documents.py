@@ -62,7 +62,6 @@ class CompareDocument:
 
     @classmethod
     def of(cls, machine: Machine, models: Sequence[ModelResults]) -> "CompareDocument":
-        """Return the document of a comparison's results."""
         results = [result for model_results in models for result in model_results.results]
         return cls(
             machine=machine,
@@ -105,7 +104,6 @@ class ModelRow:
 
     @classmethod
     def of(cls, listed: ListedModel) -> "ModelRow":
-        """Return the row of a listed model."""
         facts = vars(listed.facts) if listed.facts else {}
         return cls(listed.model, listed.status, listed.detail, **facts)
 
@@ -193,7 +191,6 @@ class RunSetDocument:
 
     @classmethod
     def of(cls, runs: Sequence[Run], results: SideBySide) -> "RunSetDocument":
-        """Return the document of a set's runs."""
         named = zip(runs, results.machines, strict=True)
         return cls(
             runs=[

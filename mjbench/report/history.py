@@ -217,7 +217,6 @@ def conclusions(history: SpeedHistory) -> Iterator[str]:
 
 
 def _range(log_ratios: Sequence[float]) -> str:
-    """Return in brackets how large changes are, smallest to largest; empty without any."""
     if not log_ratios:
         return ""
     ends = sorted(log_ratios, key=abs)[:: max(1, len(log_ratios) - 1)]

@@ -70,7 +70,6 @@ def figure(history: SpeedHistory, series: SpeedSeries) -> Figure:
 
 
 def specification(history: SpeedHistory, series: SpeedSeries) -> Spec:
-    """Return the plot of a model, in Vega-Lite."""
     releases = [release for release in history.releases() if history.lists(release)]
     reference = series.measured[-1].record.reference
     panels = [

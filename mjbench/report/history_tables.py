@@ -90,7 +90,6 @@ def pairs(
 
 
 def _instruction_ratio(counts: ExplainRecord | None) -> float | None:
-    """Return new over old instructions; None where they were not counted."""
     return None if counts is None else counts.instruction_ratio
 
 
@@ -121,7 +120,6 @@ def _functions(counts: ExplainRecord | None) -> str:
 
 
 def excursions(history: SpeedHistory) -> DataTable:
-    """Return the single releases that are off."""
     return DataTable(
         "Single releases that are off",
         (
@@ -141,7 +139,6 @@ def excursions(history: SpeedHistory) -> DataTable:
 
 
 def drifts(history: SpeedHistory) -> DataTable:
-    """Return slow changes."""
     return DataTable(
         "Drifts",
         (Column("releases"), Column("model or operation"), Column("time", formats.log_change)),
@@ -194,7 +191,6 @@ def _shipped_change(
 
 
 def totals(history: SpeedHistory) -> DataTable:
-    """Return the change from the first release to the last."""
     return DataTable.of(
         "From the first release to the last",
         [series for series in history.all_series if len(series.measured) > 1],
@@ -223,13 +219,11 @@ def _by_release(
 
 
 def step_times(history: SpeedHistory) -> DataTable:
-    """Return microseconds of a step, by release and model."""
     columns = [_times(series) for series in history.models]
     return _by_release("Time of a step", history, history.models, columns)
 
 
 def operation_times(history: SpeedHistory) -> DataTable:
-    """Return microseconds of operations, by release."""
     columns = [_times(series) for series in history.operations]
     return _by_release("Time of operations", history, history.operations, columns)
 
@@ -277,7 +271,6 @@ def _mark(difference: float) -> str:
 
 
 def work(history: SpeedHistory) -> DataTable:
-    """Return the releases in which work or results changed."""
     return DataTable(
         "Releases that compute something else",
         (Column("release"), Column("model or operation"), Column("what changed", wraps=True)),
@@ -294,7 +287,6 @@ def work(history: SpeedHistory) -> DataTable:
 
 
 def failures(history: SpeedHistory) -> DataTable:
-    """Return what a release failed in."""
     return DataTable.of(
         "Measurements that failed",
         [record for record in history.failures if history.lists(record.release)],

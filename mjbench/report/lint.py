@@ -78,7 +78,6 @@ def _github_value(text: str) -> str:
 
 
 def as_json(document: LintDocument) -> str:
-    """Return findings as `--json` writes them."""
     return json.dumps(to_json(document), indent=1) + "\n"
 
 
@@ -130,7 +129,6 @@ def _sarif_result(finding: Finding) -> Mapping[str, Any]:
 
 
 def _uri(file: str) -> str:
-    """Return the address of a file; of a relative name it is relative, too."""
     path = Path(file)
     if path.is_absolute():
         return path.as_uri()

@@ -21,7 +21,6 @@ _MOST_HABITS = 12
 
 
 def sections(rows: Sequence[OverheadRow]) -> Iterator[Section]:
-    """Yield a section for each model whose loop was measured, or was to be."""
     for row in rows:
         if row.is_measured:
             yield _section(row)
@@ -85,7 +84,6 @@ def _table(table: OverheadRow) -> DataTable:
 
 
 def _snippets(cost: HabitCost) -> Iterator[Snippet]:
-    """Yield the loop of a habit, and that of its cheaper form."""
     yield Snippet(cost.source, cost.code)
     if cost.cheaper in habits.BY_NAME:  # a later version may know others
         yield Snippet(f"cheaper, {cost.cheaper}", habits.script(habits.BY_NAME[cost.cheaper]))

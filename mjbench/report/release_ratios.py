@@ -59,7 +59,6 @@ def _failed_alike(records: Sequence[RatioRecord]) -> bool:
 
 
 def _work(record: RatioRecord) -> str:
-    """Return how the work differs from that of the reference."""
     if not isinstance(record, StepRatioRecord):
         is_same = record.drift is not None and record.drift <= agreement.ROUNDING
         return "the same result" if is_same else "another result"

@@ -72,7 +72,6 @@ def _conclusion(rows: Sequence[SelfcheckRow], confidence: float) -> Conclusion:
 
 
 def _slowdown_table(rows: Sequence[SelfcheckRow]) -> DataTable:
-    """Return the table of trials in which both targets are the same build."""
     return _table(
         "Known slowdowns",
         "slowdown",
@@ -105,7 +104,6 @@ def _table(
     rows: Sequence[SelfcheckRow],
     *shares: tuple[Column, Callable[[SelfcheckRow], Cell]],
 ) -> DataTable:
-    """Return a table of trials; `case` heads what differs, `shares` are what it is about."""
     return DataTable.of(
         title,
         rows,

@@ -65,11 +65,9 @@ class SpeedHistory:
 
     @property
     def all_series(self) -> Sequence[SpeedSeries]:
-        """The models, then the operations."""
         return [*self.models, *self.operations]
 
     def releases(self) -> list[str]:
-        """Return the releases that anything was measured in, in their order."""
         releases = {each.release for series in self.all_series for each in series.measured}
         return speed_history.in_order(releases)
 
@@ -143,12 +141,10 @@ class Listed:
 
     @property
     def title(self) -> str:
-        """What changed, for people."""
         return title(self.after.record)
 
     @property
     def work_changes(self) -> list[str]:
-        """How the work changed; empty where it did not, and where that is not known."""
         return speed_history.work_changes(self.before, self.after)
 
     @property
@@ -167,7 +163,6 @@ class Listed:
 
     @property
     def has_same_code(self) -> bool:
-        """Whether both releases are known to execute the same machine code."""
         code = self.counts.code if self.counts else None
         if code is None or any(change in code for change in OTHER_CODE):
             return False

@@ -77,7 +77,6 @@ class TunedRow:
 
 
 def rows(record: TuneRecord) -> list[TunedRow]:
-    """Return the recommendations of a search, a row each."""
     return [
         TunedRow(
             record.model,
@@ -92,7 +91,6 @@ def rows(record: TuneRecord) -> list[TunedRow]:
 
 
 def sections(records: Sequence[TuneRecord]) -> Iterator[Section]:
-    """Yield a section for each model for which settings were searched."""
     for record in records:
         tone = Tone.GOOD if record.best() is not None else Tone.NEUTRAL
         first = Conclusion(conclusion(record), tone if record.status == Status.OK else Tone.BAD)
@@ -146,7 +144,6 @@ def slow_lines(settings: Sequence[Setting]) -> list[str]:
 
 
 def _is_measured(record: TuneRecord) -> bool:
-    """Return whether there is more to say than the conclusion."""
     batch = record.batch
     return record.present is not None or (
         batch is not None and batch.facts is not None and batch.present is not None
@@ -267,7 +264,6 @@ def _front_table(record: TuneRecord) -> DataTable:
 
 
 def _alone_table(record: TuneRecord, attempts: Sequence[Attempt]) -> DataTable:
-    """Return what settings do alone."""
     return DataTable.of(
         "Settings that alone are certainly faster",
         [(each, each.settings[0]) for each in attempts],
@@ -286,19 +282,16 @@ def _alone_table(record: TuneRecord, attempts: Sequence[Attempt]) -> DataTable:
 
 
 def subject(record: TuneRecord) -> str:
-    """Return the model, and the engine that is not C."""
     if record.batch is None:
         return record.model
     return f"{record.model} on {_ENGINES.get(record.engine, record.engine)}"
 
 
 def error_name(record: TuneRecord) -> str:
-    """Return what the error of settings is called."""
     return "error" if record.batch is None else "transfer error"
 
 
 def conclusion(record: TuneRecord) -> str:
-    """Return what a search came to, in one sentence; what changes no result comes first."""
     model = subject(record)
     if record.status == Status.INTERRUPTED and not record.front:
         return f"{model}: interrupted before settings could be recommended"
@@ -321,7 +314,6 @@ def advised(record: TuneRecord) -> list[Recommendation]:
 
 
 def _part(each: Recommendation, record: TuneRecord) -> str:
-    """Return what a recommendation comes to."""
     return (
         f"{formats.factor(1 / each.ratio.estimate)} times as fast{_results(each, record)}:"
         f" {label(each.settings)}"
@@ -329,7 +321,6 @@ def _part(each: Recommendation, record: TuneRecord) -> str:
 
 
 def _within(record: TuneRecord) -> str:
-    """Return the error that is allowed, as a sentence goes on."""
     if record.only == Effect.FREE:
         return " with the same results"
     if record.only == Effect.EQUIVALENT:
@@ -360,7 +351,6 @@ def _results(each: Recommendation, record: TuneRecord) -> str:
 
 
 def _result(effect: Effect, sensor_share: float) -> str:
-    """Return what settings do to the results, for a cell of a table."""
     sensors = _sensors(sensor_share) if effect == Effect.EQUIVALENT else ""
     return f"{_RESULTS[effect]}; {sensors}" if sensors else _RESULTS[effect]
 
@@ -418,7 +408,6 @@ def why(attempt: Attempt, record: TuneRecord) -> str:
 
 
 def _saved(by_stage: Mapping[str, float]) -> str:
-    """Return the stages that account for most of what is saved; empty for nothing."""
     most = [(stage, share) for stage, share in by_stage.items() if share > 0][:_MOST_STAGES]
     return ", ".join(f"{100 * share:.0f} % less in {stage}" for stage, share in most)
 
@@ -433,7 +422,6 @@ def changes(attempt: Attempt) -> str:
 
 
 def to_apply(settings: Sequence[Setting]) -> Iterator[Snippet]:
-    """Yield the MJCF and the Python that make some settings."""
     edits, name = edits_of(settings), label(settings)
     if mjcf := [*_mjcf(edits)]:
         yield Snippet(f"To apply {name}, in the model, last in <mujoco>", "\n".join(mjcf))
@@ -464,7 +452,6 @@ def _attributes(edits: Sequence[Edit], part: Part) -> str:
 
 
 def _code(loop: LoopChange) -> list[str]:
-    """Return the Python that a change of the loop stands for."""
     code = [package_timer.OFF_SNIPPET] if loop.is_clock_off else []
     if loop.engine_threads:
         code.append(f"mujoco.mju_threadpool(data, {loop.engine_threads})")

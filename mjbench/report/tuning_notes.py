@@ -15,7 +15,6 @@ _MOST_FAILED = 12
 
 
 def notes(record: TuneRecord) -> list[str]:
-    """Return what the figures rest on, and what was not recommended, a line each."""
     lines, starts = _basis(record)
     if record.no_reference:
         lines.append(
@@ -107,7 +106,6 @@ def in_units(error: Distance) -> str:
 
 
 def _length(metres: float) -> str:
-    """Return a length in the unit that suits it."""
     for unit, size in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
         if metres >= size:
             return f"{plain(metres / size, 2)} {unit}"

@@ -98,7 +98,6 @@ def _deciding_s(row: VerdictRow, min_effect: float) -> float | None:
 
 
 def _conclusions(rows: Sequence[VerdictRow], confidence: float) -> Iterator[Conclusion]:
-    """Yield what all comparisons come to together, then each of them."""
     tones = [_tone(row) for row in rows]
     if len(rows) > 1 and all(has_evidence(row) for row in rows):
         together = describe_family(family.decide(rows, confidence), confidence)
@@ -252,7 +251,6 @@ def describe_change(row: VerdictRow) -> str:
 
 
 def _describe_results(row: VerdictRow) -> str:
-    """Return how the results of a function compare; empty for a model."""
     match row.results:
         case None:
             return ""
@@ -277,7 +275,6 @@ def _same_work(row: VerdictRow) -> str:
 
 
 def notes(row: VerdictRow) -> list[str]:
-    """Return which states or code a comparison was of, and what MuJoCo warned of, a line each."""
     return [*_starts_lines(row), *_warning_lines(row), *_revision_lines(row)]
 
 
@@ -333,7 +330,6 @@ def _warning_lines(row: VerdictRow) -> list[str]:
 
 
 def describe_targets(row: VerdictRow | MachineComparison) -> str:
-    """Return what differs between the two targets, such as `3.3.0 → 4.0.0`."""
     baseline, candidate = (_settings(target) for target in row.sides)
     keys = [k for k in {**baseline, **candidate} if baseline.get(k) != candidate.get(k)]
     if keys in (["release"], ["rev"], []):
@@ -410,7 +406,6 @@ def _times(factor: float) -> str:
 
 
 def _settings(target: TargetRow) -> Mapping[str, Any]:
-    """Return what was chosen for a target, by name."""
     return {
         **({"rev": target.revision} if target.revision else {}),
         "release": target.release,

@@ -31,7 +31,6 @@ class MachineKind:
 
     @classmethod
     def of(cls, machine: Machine) -> "MachineKind":
-        """Return the kind of a machine."""
         return cls(machine.cpu, machine.architecture, machine.usable_cores, machine.hypervisor)
 
 
@@ -60,7 +59,6 @@ class RunSoftware:
 
     @classmethod
     def of(cls, machine: Machine) -> "RunSoftware":
-        """Return the software of a machine."""
         versions, flags = (tuple(sorted(d.items())) for d in (machine.versions, machine.flags))
         return cls(machine.python, versions, flags)
 

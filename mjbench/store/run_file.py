@@ -193,5 +193,4 @@ def _contents(files: Sequence[InputFile]) -> dict[str, str]:
 
 
 def _quoted(value: Any) -> str:
-    """Return a value for a message; what is missing is `nothing`."""
     return "nothing" if value is None else one_line(value, 80)

@@ -120,7 +120,6 @@ def distinct(sections: Iterable[RunSection]) -> tuple[RunSection, ...]:
 
 
 def _joined(sections: Sequence[RunSection]) -> Run:
-    """Return the run that sections are parts of."""
     first, *others = sections
     if not others:
         return first.run

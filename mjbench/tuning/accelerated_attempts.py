@@ -163,7 +163,6 @@ class EngineMeasurements:
 
 
 def _memory_bytes() -> int:
-    """Return how much memory a child may take now."""
     return int(CHILD_MEMORY_SHARE * machine.available_memory_bytes())
 
 
@@ -257,7 +256,6 @@ class _Case:
     channel: Channel
 
     def present(self) -> _Compiled:
-        """Return the present settings, with buffers of the engine's own sizes if they suffice."""
         try:
             return self._compiled((), self.baseline.default_sizes)
         except OverflowedError:
@@ -349,7 +347,6 @@ def _runs(
 
 
 def _error(model: mujoco.MjModel, baseline: EngineBaseline, runs: Trajectories) -> Distance:
-    """Return how far runs are from C's."""
     return distance.distance(model, baseline.motion, runs, baseline.runs)
 
 

@@ -135,12 +135,10 @@ def _add_if_faster(front: list[Attempt], attempt: Attempt, factor: float = DISTI
 
 
 def rank_of(attempt: Attempt) -> tuple[int, float]:
-    """Return what attempts are sorted by: their effect, then their time."""
     return effect_of(attempt).rank, time_ratio_of(attempt)
 
 
 def effect_of(attempt: Attempt) -> Effect:
-    """Return what settings that did not fail do to the motion."""
     assert attempt.accuracy is not None, "it did not fail"
     return attempt.accuracy.effect
 
@@ -156,12 +154,10 @@ def error_of(attempt: Attempt) -> float:
 
 
 def time_ratio_of(attempt: Attempt) -> float:
-    """Return the time of settings that were timed, over that of the present ones."""
     assert attempt.time_ratio is not None, "it was timed"
     return attempt.time_ratio
 
 
 def _dominates(one: Attempt, other: Attempt) -> bool:
-    """Return whether one is as fast and as near as another, and better in one of the two."""
     pair = (time_ratio_of(one), error_of(one)), (time_ratio_of(other), error_of(other))
     return all(mine <= theirs for mine, theirs in zip(*pair, strict=True)) and pair[0] != pair[1]

@@ -145,7 +145,6 @@ def _bounds(name: str, used: Usage, what: str, least: int = 1) -> list[Setting]:
 
 
 def keyword(model: mujoco.MjModel, name: str) -> str:
-    """Return the present value of an option that holds an enum, in lower case."""
     enum, prefix = model_options.ENUMS[name]
     return compat.enum_name(getattr(mujoco, enum), getattr(model.opt, name), prefix)
 
@@ -174,8 +173,6 @@ def _can_step(model: mujoco.MjModel) -> bool:
 
 
 def flag(name: str, applies: Condition = _always, loses: str = "") -> Values:
-    """Return what offers the other value of a flag, where it applies and the engine takes it."""
-
     def values(observed: ObservedModel) -> list[Setting]:
         enabled = compat.flag_enabled(observed.model, name)
         if enabled is None or not applies(observed):
@@ -190,7 +187,6 @@ def flag(name: str, applies: Condition = _always, loses: str = "") -> Values:
 
 
 def disabled(name: str, applies: Condition = _always, loses: str = "") -> Values:
-    """Return what offers to disable a flag that is enabled."""
     other = flag(name, applies, loses)
     return lambda o: other(o) if compat.flag_enabled(o.model, name) else []
 

@@ -288,5 +288,4 @@ def known(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def find(name: str) -> Knob:
-    """Return the knob of a name."""
     return {knob.name: knob for knob in KNOBS}[name]

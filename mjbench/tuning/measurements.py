@@ -75,7 +75,6 @@ class CMeasurements:
         hold: int = HOLD,
         limit_s: float = SILENCE_S,
     ):
-        """Measure nothing yet."""
         self._source = ModelSource(source.name, source.path.resolve())
         self._starts, self._hold = starts, hold
         self._limit_s, self._long_s = limit_s, max(RUNS_SILENCE_S, limit_s)

@@ -87,7 +87,6 @@ class Search(abc.ABC, Generic[Measurements]):
         advance: Advance = lambda done, text, share: None,
         clock: Callable[[], float] = time.monotonic,
     ):
-        """Measure nothing yet."""
         self._measure = measurements
         self._record = replace(record, seed=plan.seed, max_error=plan.max_error, only=plan.only)
         self._plan, self._advance, self._clock = plan, advance, clock
@@ -114,7 +113,6 @@ class Search(abc.ABC, Generic[Measurements]):
         return replace(self._record, status=status, detail=detail, seconds=self._spent_s())
 
     def _detail_of(self, error: MjbenchError) -> str:
-        """Return what went wrong, without the name of the model."""
         return failure_of(error).detail.removeprefix(f"{self._record.model}: ")
 
     @abc.abstractmethod
@@ -133,7 +131,6 @@ class Search(abc.ABC, Generic[Measurements]):
         return self._clock() - self._begin_s
 
     def _set(self, **changes: Any) -> None:
-        """Change fields of the record."""
         self._record = replace(self._record, **changes)
 
     def _note(self, attempt: Attempt) -> None:

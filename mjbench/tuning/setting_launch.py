@@ -218,7 +218,6 @@ def _effect(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Ef
 
 
 def check_loop(model: mujoco.MjModel, loop: LoopChange, trials: Trials, runs: Trajectories) -> None:
-    """Refuse a change of the loop with which it reaches other states."""
     of_loop = prepared(model, trials, paths.find(loop.path), loop.options)
     if not np.array_equal(of_loop.verified_states().values, runs.points[:, -1]):
         raise InputError("the loop reaches other final states with it")

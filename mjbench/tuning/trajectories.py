@@ -37,16 +37,13 @@ class Trials:
 
     @property
     def nrun(self) -> int:
-        """Number of runs."""
         return int(self.control.shape[0])
 
     @property
     def ncontrol(self) -> int:
-        """Controls of each run."""
         return int(self.control.shape[1])
 
     def only(self, runs: np.ndarray) -> "Trials":
-        """Return the trials of some runs, by index or mask."""
         return replace(self, initial_state=self.initial_state[runs], control=self.control[runs])
 
     def first(self, ncontrol: int) -> "Trials":
@@ -73,7 +70,6 @@ class Trajectories:
     diverged: np.ndarray
 
     def only(self, runs: np.ndarray) -> "Trajectories":
-        """Return some runs, by index or mask."""
         return Trajectories(
             self.qpos[runs],
             self.qvel[runs],
