@@ -214,11 +214,7 @@ class _Parts:
         doing: str,
         measure: Callable[[CheckedPart], tuple[CheckedPart, Sequence[Record]]],
     ) -> Item:
-        """Return what a part comes to, or why it failed; what is unavailable is no failure.
-
-        Args:
-          measure: returns the part's record, with what it holds, and the records that follow it.
-        """
+        """Return what a part comes to, or why it failed; what is unavailable is no failure."""
         name, begin_s = self.source.name, self.clock()
         self.observer.begin(f"{name}: {doing}")
         begun = CheckedPart(

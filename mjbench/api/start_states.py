@@ -30,12 +30,6 @@ def plan(
 ) -> Iterator[StartPlan]:
     """Yield where start states and controls come from; arrays are in files while the block lasts.
 
-    Args:
-      settle_s: simulated seconds for which a model moves before its first start; None for its
-        default.
-      states: start states of the program's own instead; None for none.
-      actions: controls of the program's own instead of random ones; None for none.
-
     Raises:
       InputError: both `settle_s` and `states` are given, they are not arrays, or there is no such
         file.

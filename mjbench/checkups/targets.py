@@ -78,10 +78,6 @@ def may_be_target(word: str) -> bool:
 def recognized(name: str, arguments: tuple[str, ...], folder: Path) -> CheckedSource:
     """Return what a name stands for.
 
-    Args:
-      arguments: of a program.
-      folder: that a function is imported from.
-
     Raises:
       InputError: it stands for nothing that can be checked, or for more than one thing.
     """

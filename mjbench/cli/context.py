@@ -64,9 +64,6 @@ class RunContext:
         """Prepare a command.
 
         Args:
-          json_file: file for the JSON document, `-` for standard output.
-          inputs: files that the command reads, and so must not write.
-          session: None for a command that measures nothing.
           to_stderr: whether people read standard error, because standard output is another
             program's.
 

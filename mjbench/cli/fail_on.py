@@ -53,11 +53,7 @@ class FailOn:
     allow_inconclusive: bool = False
 
     def exit_code(self, rows: Sequence["VerdictRow"], confidence: float) -> ExitCode:
-        """Return the exit code that verdicts stand for; a failure outweighs a finding.
-
-        Args:
-          confidence: of the whole family (see `family.decide`).
-        """
+        """Return the exit code that verdicts stand for; a failure outweighs a finding."""
         from mjbench.paired import family
 
         code = exit_code(row.status for row in rows)
@@ -127,11 +123,7 @@ FAIL_ON = as_one(
 def measure_verdicts(
     measurement: "Measurement", confidence: float, fail_on: FailOn, output: OutputOptions
 ) -> None:
-    """Measure verdicts, print and store them, and end with their exit code.
-
-    Args:
-      confidence: of the whole family (see `family.decide`).
-    """
+    """Measure verdicts, print and store them, and end with their exit code."""
     from mjbench.paired.records import VerdictRecord
     from mjbench.report.kinds import VERDICT
 

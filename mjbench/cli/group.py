@@ -197,11 +197,7 @@ def _write_details(error: Exception) -> str | None:
 
 
 def _flush_output(is_failure: bool = False) -> None:
-    """Write out what standard output holds; end with exit code 3 where that fails.
-
-    Args:
-      is_failure: whether a failure, perhaps the same one, was reported before.
-    """
+    """Write out what standard output holds; end with exit code 3 where that fails."""
     try:
         sys.stdout.flush()
     except (AttributeError, ValueError):  # there is none, or it is closed

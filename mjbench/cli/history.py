@@ -181,12 +181,7 @@ def _select(
 
 
 def _releases(names: Sequence[str], since: str | None, history: Path | None) -> list["ReleaseSpec"]:
-    """Return the releases that arguments name, or those of the git history.
-
-    Args:
-      since: first release of the history to return; None for all.
-      history: a git bundle; None for the checkout's.
-    """
+    """Return the releases that arguments name, or those of the git history."""
     from mjbench.releases import bundle, installs
     from mjbench.releases.release import OLDEST, version_key
 
@@ -383,11 +378,7 @@ def _explain_releases(
 
 
 def _releases_to_count(selection: _Selection, done: set[tuple[str, str, str]]) -> set[str]:
-    """Return the releases of which some change is not known yet.
-
-    Args:
-      done: old release, new release and series of the changes that are known.
-    """
+    """Return the releases of which some change is not known yet."""
     selected = [source.name for source in selection.sources]
     selected += [operation.name for operation in selection.operations]
     versions = [release.version for release in selection.releases]

@@ -17,10 +17,6 @@ class OutputFile:
     def __init__(self, option: str, name: str | None, inputs: Iterable[Path]):
         """Take a name that a user gave.
 
-        Args:
-          option: the option, such as `--json`.
-          name: `-` for standard output, None for nothing at all.
-
         Raises:
           InputError: it is one of the inputs.
         """

@@ -174,10 +174,6 @@ def start(
 ) -> ChildConnection:
     """Start a child with a connection.
 
-    Args:
-      command: program and arguments, for the descriptor of the child's end.
-      arguments: further ones of `child.Child`.
-
     Raises:
       MachineError: no process can be started, or the file cannot be written.
     """

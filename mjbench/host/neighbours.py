@@ -96,11 +96,7 @@ class Presence:
         on_wait: Callable[[Sequence[Neighbour]], None] = lambda others: None,
         sleep: Callable[[float], None] = time.sleep,
     ) -> list[Neighbour]:
-        """Begin to measure; return the others that measure now.
-
-        Args:
-          on_wait: called once with the others that are waited for.
-        """
+        """Begin to measure; return the others that measure now."""
         if sys.platform == "win32":  # it has no such locks, and no command there measures
             return []
         has_waited = False

@@ -33,9 +33,6 @@ def calls_per_block(block_s: Callable[[int], float]) -> int:
 
     A pause of the process must not pass for a call that takes long, so the shortest of some times
     counts.
-
-    Args:
-      block_s: makes some calls, and returns how many seconds they took.
     """
     calls = 1
     while calls < MOST_CALLS:

@@ -134,9 +134,6 @@ def _render(source: Path, rendered: Path) -> list[str]:
 def write_source(project: Project, source: Path) -> list[str]:
     """Write the pages that Sphinx renders, and its configuration; return what was left out.
 
-    Args:
-      source: a folder, empty or to be created.
-
     Raises:
       MachineError: a page cannot be written, or a document cannot be copied.
     """

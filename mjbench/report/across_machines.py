@@ -66,12 +66,7 @@ def tables_by_machine(results: SideBySide) -> Iterator[DataTable]:
 
 
 def by_machine(title: str, subject: str, cells: Mapping[str, Mapping[str, str]]) -> DataTable:
-    """Return a table with a column for each machine, or, where that is too wide, a row a cell.
-
-    Args:
-      subject: heading of the first column.
-      cells: of each row, by its name and by machine; of those that measured it.
-    """
+    """Return a table with a column for each machine, or, where that is too wide, a row a cell."""
     machines = list(dict.fromkeys(machine for row in cells.values() for machine in row))
     headings = [subject, *machines]
     rows = [[name, *(row.get(each, "–") for each in machines)] for name, row in cells.items()]

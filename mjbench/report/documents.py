@@ -31,11 +31,7 @@ from mjbench.store.runs import SCHEMA, Run
 
 
 def results_document(result: type, schema: int = SCHEMA, has_machine: bool = True) -> type:
-    """Return the document of a command whose results are of one type: `schema` and `results`.
-
-    Args:
-      has_machine: whether it says on which `machine` they were measured.
-    """
+    """Return the document of a command whose results are of one type: `schema` and `results`."""
     machine = [("machine", Machine)] if has_machine else []
     document = make_dataclass(
         f"{result.__name__}Results",

@@ -58,8 +58,6 @@ def read_each(
 
     Args:
       files: in the order that they were written; of several builds of a release the last counts.
-      causes: a table of causes that no measurement names; None for none.
-      since: the first release whose changes are listed; None for all.
 
     Returns:
       One of each machine, in the order that they were first measured.

@@ -115,9 +115,6 @@ class PathResult(MeasurementRecord):
         """Return how many steps take another path as long as compiling and they take this one.
 
         It is infinity where the other path is faster, or nothing is compiled.
-
-        Args:
-          other_ns: nanoseconds of a step of the other path.
         """
         if self.step_ns is None or self.compile_s is None or self.step_ns >= other_ns:
             return math.inf
@@ -266,12 +263,7 @@ def _result(
     base_ns: float | None,
     speedup: tuple[Ratio, int] | None,
 ) -> PathResult:
-    """Return the result of a variant.
-
-    Args:
-      base_ns: nanoseconds of a step of the plain loop.
-      speedup: over the plain loop, and from how many launches.
-    """
+    """Return the result of a variant."""
     untimed = PathResult(**vars(record), starts=model.starts)
     if not record.agrees or record.status != Status.OK or speedup is None or base_ns is None:
         return untimed

@@ -15,11 +15,7 @@ _MANY = 0.2
 def section(
     rows: Sequence[SelfcheckRow], confidence: float, min_effect: float = MIN_EFFECT
 ) -> Section:
-    """Return what trials come to: a table of slowdowns and one of builds, each if there is any.
-
-    Args:
-      min_effect: the smallest change that matters, as a share.
-    """
+    """Return what trials come to: a table of slowdowns and one of builds, each if there is any."""
     between = [row for row in rows if row.arm == Arm.BETWEEN_BUILDS]
     slowdowns = [row for row in rows if row.arm != Arm.BETWEEN_BUILDS]
     problems = dict.fromkeys(row.problem for row in rows if row.problem)

@@ -173,11 +173,7 @@ class Listed:
 def listed_changes(
     history: SpeedHistory, all_series: Sequence[SpeedSeries], only: str | None = None
 ) -> list[Listed]:
-    """Return change points of models or operations: by release, and of one the largest first.
-
-    Args:
-      only: the release that they came with; None for all.
-    """
+    """Return change points of models or operations: by release, and of one the largest first."""
     listed = [
         Listed(
             series,

@@ -54,11 +54,7 @@ _COLOURS = {
 def section(
     rows: Sequence[VerdictRow], confidence: float, min_effect: float = MIN_EFFECT
 ) -> Section:
-    """Return what comparisons come to, decided together (see `family.decide`).
-
-    Args:
-      min_effect: the smallest change that matters, as a share.
-    """
+    """Return what comparisons come to, decided together (see `family.decide`)."""
     return Section(
         heading="Verdicts",
         conclusions=[*_conclusions(rows, confidence)],

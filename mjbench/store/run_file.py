@@ -155,11 +155,7 @@ def check_continues(path: Path, stored: RunHeader, now: RunHeader) -> None:
 
 
 def _identity(header: RunHeader, other: RunHeader) -> dict[str, Any]:
-    """Return what must be the same for records to stand side by side, by a name for people.
-
-    Args:
-      other: a label or a host counts where both have one.
-    """
+    """Return what must be the same for records to stand side by side, by a name for people."""
     machine = header.machine
     return {
         "the command": header.command,

@@ -123,11 +123,7 @@ class EngineSearch(Search[EngineMeasurements]):
             self._recommend(first, second, ratio, samples)
 
     def _simplest(self, front: Sequence[Recommendation]) -> Iterator[Recommendation]:
-        """Yield recommendations, without those that only add settings of no certain gain.
-
-        Args:
-          front: recommendations, those of fewer settings first.
-        """
+        """Yield recommendations, without those that only add settings of no certain gain."""
         for number, each in enumerate(front):
             labels = {setting.label for setting in each.settings}
             simpler = [

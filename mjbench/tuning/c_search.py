@@ -277,12 +277,7 @@ class CSearch(Search[CMeasurements]):
     def _confirmed(
         self, new: Sequence[Attempt], first_error: float, error: float
     ) -> list[tuple[Attempt, Attempt]]:
-        """Return settings that do the same from new starts, with what they do; withdraw others.
-
-        Args:
-          first_error: that is tolerated in the search.
-          error: that is tolerated from the new starts.
-        """
+        """Return settings that do the same from new starts, with what they do; withdraw others."""
         seconds = self._measure.launch(self._request([each.settings for each in new], nrun=None))
         for late in new[len(seconds) :]:
             self._withdraw(late.settings, "no time to run them from new starts")

@@ -96,9 +96,6 @@ def pareto_front(
     They are the fastest free one, the fastest equivalent one if it is faster, and approximate ones
     that are faster still, from the most accurate on; with the fastest one that is within the error
     allowed.
-
-    Args:
-      attempts: on which all combinations are.
     """
     front: list[Attempt] = []
     allowed = [each for each in attempts if is_allowed(each, max_error, present_error)]

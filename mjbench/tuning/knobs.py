@@ -265,11 +265,7 @@ def settings(observed: ObservedModel) -> dict[str, tuple[Setting, ...]]:
 
 
 def likely_gain(setting: Setting, stages: Mapping[str, float]) -> float:
-    """Return the share of the time that a setting may save at most: what is tried first.
-
-    Args:
-      stages: share of a step by stage; empty where it is not known.
-    """
+    """Return the share of the time that a setting may save at most: what is tried first."""
     knob = find(setting.knob)
     if setting.saves or not knob.stages or not stages:
         return setting.saves or _UNKNOWN_GAIN

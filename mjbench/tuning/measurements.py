@@ -147,12 +147,6 @@ class SettingTargets(Targets[SettingLaunch]):
         left_s: Callable[[], float],
         rng: random.Random,
     ):
-        """Launch nothing yet.
-
-        Args:
-          timed_s: seconds for which a launch times each setting.
-          left_s: seconds after which a launch that begins now begins no other setting.
-        """
         self._try_settings, self._settings, self._timed_s = try_settings, settings, timed_s
         self._left_s, self._rng = left_s, rng
         self._is_first = True

@@ -134,9 +134,6 @@ def points(ncontrol: int) -> list[int]:
 def run(model: mujoco.MjModel, trials: Trials, nthread: int | None = None) -> Trajectories:
     """Return the runs of a model.
 
-    Args:
-      nthread: threads to step with; None for as many as there are cores.
-
     Raises:
       InputError: its states have other sizes, or its timestep does not divide a control's time.
     """
