@@ -165,7 +165,6 @@ def compare(
 
 
 def measurement(sources: Sequence[ModelSource], plans: Sequence[ComparisonPlan]) -> Measurement:
-    """Return the comparison of models, each at the sizes of some plans."""
     arguments = {**to_json(plans[0]), "models": [source.name for source in sources]}
     arguments["nbatch"] = [plan.nbatch for plan in plans]
     files = [source.path for source in sources]

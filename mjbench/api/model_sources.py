@@ -25,7 +25,6 @@ Model: TypeAlias = "str | os.PathLike[str] | mujoco.MjModel | mujoco.MjSpec"
 
 
 def named(model: "Model") -> ModelSource:
-    """Return the source of a model that has a name or a file."""
     if isinstance(model, str | os.PathLike):
         return models.resolve(os.fspath(model))
     raise InputError(

@@ -36,7 +36,6 @@ class Observer:
         self._on_progress = on_progress or progress.ignore
 
     def __call__(self, name: str, share: float) -> None:
-        """Note what is measured now, and the share of all work that is done."""
         self._on_progress(name, share)
 
     def begin(self, phase: str) -> None:

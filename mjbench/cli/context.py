@@ -242,7 +242,6 @@ def _measure_items(
     each: "Sections | None",
     code: bool,
 ) -> None:
-    """Store items as they are measured, and print what each comes to."""
     unshown: list[Record] = []
 
     def show() -> None:

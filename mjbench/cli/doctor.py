@@ -57,7 +57,6 @@ def doctor(json_file: str | None) -> None:
 
 
 def _mujoco_conditions() -> "Iterator[Condition]":
-    """Yield what MuJoCo's timer costs here, and which tools are missing."""
     from mjbench.counts import instructions
     from mjbench.host.conditions import Condition, Grade
     from mjbench.paired import machine_check

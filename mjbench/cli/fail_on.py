@@ -74,7 +74,6 @@ class FailOn:
         return self._code(is_there, is_speed_open, any(row.changed_work is None for row in rows))
 
     def of_differences(self, rows: Sequence["RunDifference"]) -> ExitCode:
-        """Return the exit code that differences of two stored runs stand for."""
         verdicts = {row.verdict for row in rows}
         is_there = {
             GateFinding.SLOWER: Verdict.SLOWER in verdicts,
@@ -123,7 +122,6 @@ FAIL_ON = as_one(
 def measure_verdicts(
     measurement: "Measurement", confidence: float, fail_on: FailOn, output: OutputOptions
 ) -> None:
-    """Measure verdicts, print and store them, and end with their exit code."""
     from mjbench.paired.records import VerdictRecord
     from mjbench.report.kinds import VERDICT
 

@@ -125,7 +125,6 @@ def _errors_reported() -> Iterator[None]:
 
 
 def report_line(text: str) -> None:
-    """Write one line for people to standard error."""
     click.echo(f"mjbench: {printable(text)}", err=True)
 
 

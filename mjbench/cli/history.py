@@ -181,7 +181,6 @@ def _select(
 
 
 def _releases(names: Sequence[str], since: str | None, history: Path | None) -> list["ReleaseSpec"]:
-    """Return the releases that arguments name, or those of the git history."""
     from mjbench.releases import bundle, installs
     from mjbench.releases.release import OLDEST, version_key
 
@@ -273,7 +272,6 @@ def measure(selection: _Selection, output: OutputOptions) -> None:
 def _measure_releases(
     selection: _Selection, earlier: "Sequence[Record]", observer: "Observer"
 ) -> "Iterator[Item]":
-    """Yield what is measured of one release after the other."""
     from mjbench.api.session import Item
     from mjbench.paired import release_ratio
     from mjbench.paired.worker_pool import WorkerPool

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 
 def show(old: Path, new: Path, across: bool, fail_on: FailOn, json_file: str | None) -> None:
-    """Print how speeds differ, and end with the exit code."""
     from mjbench.report.documents import DiffDocument
     from mjbench.report.kinds import RECORD_TYPES
     from mjbench.report.run_differences import differences, differences_section

@@ -103,7 +103,6 @@ def check_command(arguments: Sequence[str]) -> None:
 def _sweep(
     run: RunContext, matrix: "Matrix", target: Path, address: str | None, retry: bool
 ) -> None:
-    """Measure what is missing, and end with the exit code."""
     from mjbench.report import sweep as report
     from mjbench.report.content import Conclusion, Section
 

@@ -46,7 +46,6 @@ class ChildProcess(ABC):
     pid: int
 
     def __init__(self, mark: str):
-        """Set the mark of what the child starts."""
         self._mark = mark
         self._has_ended = False
 
@@ -172,7 +171,6 @@ def _undisturbed() -> Iterator[None]:
 
 
 def new_mark() -> str:
-    """Return a mark for one more child."""
     return f"{_OWN_MARK}-{uuid.uuid4().hex}"
 
 

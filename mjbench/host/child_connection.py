@@ -124,7 +124,6 @@ class ChildConnection:
         return ChildError(ending, cause, doing + child.last_line(self._output_file), self._name)
 
     def end(self) -> None:
-        """End the child, whatever it is doing."""
         try:
             self.process.end()
         finally:

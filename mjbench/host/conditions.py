@@ -55,7 +55,6 @@ class Condition:
 
 
 def all_conditions(others: Sequence[Neighbour]) -> Iterator[Condition]:
-    """Yield every condition that applies to this machine."""
     for condition in (
         cores(),
         governor(),
@@ -211,7 +210,6 @@ def other_mjbench(others: Sequence[Neighbour]) -> Condition:
 
 
 def timer(clock: Callable[[], int] = time.perf_counter_ns) -> Condition:
-    """Return the smallest step of the clock, and what reading it costs."""
     readings = [clock() for _ in range(2000)]
     steps = [b - a for a, b in itertools.pairwise(readings)]
     moves = [step for step in steps if step > 0]

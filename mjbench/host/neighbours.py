@@ -116,7 +116,6 @@ class Presence:
             return []
 
     def later_neighbours(self) -> list[Neighbour]:
-        """Return the others that began to measure after this process did."""
         if self._file is None:
             return []
         try:
@@ -202,7 +201,6 @@ def _entry_lock(path: Path, sleep: Callable[[float], None]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _opened(path: Path, flags: int) -> Iterator[int]:
-    """Yield the descriptor of a regular file."""
     descriptor = os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK)
     try:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):

@@ -23,7 +23,6 @@ def nothing() -> None:
 
 
 def repeat(function: Function, calls: int) -> None:
-    """Call a function some times."""
     for _ in itertools.repeat(None, calls):
         function()
 

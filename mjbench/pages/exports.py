@@ -248,7 +248,6 @@ def _path_cases(run: Run) -> Iterator[_Case]:
 
 
 def _cases_by_machine(runs: Sequence[Run]) -> Iterator[_Case]:
-    """Yield cases of several runs: each comparison is one case on each machine."""
     machines = [machine.name for machine in identify([run.header.machine for run in runs])]
     for run, machine in zip(runs, machines, strict=True):
         yield from (replace(case, name=f"{machine}: {case.name}") for case in _path_cases(run))

@@ -104,7 +104,6 @@ def document(sections: Iterable[Section], plots: str = "") -> Iterator[str]:
 
 
 def _tables(section: Section) -> Iterator[str]:
-    """Yield the tables of a section, and the code that is part of what it says."""
     for table in section.shown_tables:
         yield ""
         if len(section.shown_tables) > 1:

@@ -61,7 +61,6 @@ def read(files: Sequence[Path]) -> list[NamedRun]:
 
 
 def build(named_runs: Sequence[NamedRun]) -> Report:
-    """Return the report of runs, of one machine or of several."""
     results = across.side_by_side([named.run for named in named_runs])
     parts = [
         part

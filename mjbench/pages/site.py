@@ -234,7 +234,6 @@ def left_out(file: Path, project: Path) -> str:
 
 
 def _write_history(measured: SpeedHistory, source: Path) -> None:
-    """Write the page of all releases with its plots, and a page for each release."""
     docs = source / "docs"
     history_plots.draw(measured, docs / "history")
     page = markdown.document(history.sections(measured), "history")
@@ -307,7 +306,6 @@ def _report_link(named: NamedRun, text: str) -> str:
 
 
 def _index(project: Project, source: Path) -> Iterator[str]:
-    """Yield the first page: conclusions, and the navigation."""
     yield "# How fast is MuJoCo from Python?\n"
     if project.history is not None:
         yield "## From release to release\n"

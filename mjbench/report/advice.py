@@ -376,6 +376,5 @@ def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> str:
 
 
 def clock_conclusion(clock: ClockAdvice, names_size: bool = False) -> str:
-    """Return what turning MuJoCo's timer off gains."""
     begin = f"Any path{_size(clock.nbatch, names_size)}: turn off {package_timer.NAME}"
     return f"{begin} ({package_timer.OFF_CODE}), {_times(clock.speedup, _PLAIN_LOOP)}"

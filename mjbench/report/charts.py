@@ -121,7 +121,6 @@ def names(data: DataTable) -> Spec:
 
 
 def colour(field: str, colours: Mapping[str, str], title: str | None = None) -> Spec:
-    """Return the encoding of a category by colour."""
     return {
         "field": _escaped(field),
         "type": "nominal",

@@ -131,7 +131,6 @@ def _failure(part: CheckedPart) -> str:
 
 
 def _gain(item: CheckupItem) -> str:
-    """Return a gain with its unit and its interval, for a sentence."""
     assert item.gain is not None, "it was measured"
     interval = f" ({item.ends_text})" if item.ends_text else ""
     return f"{item.gain_text} {item.unit}{interval}"
@@ -230,7 +229,6 @@ def _why_no_setting(record: TuneRecord) -> str:
 
 
 def _stages(steps: ProfiledSteps) -> str:
-    """Return the stages that take most of a step."""
     largest = sorted(steps.stages.items(), key=lambda stage: -stage[1])[:_MOST_STAGES]
     named = [f"{name} {formats.whole_percent(share)}" for name, share in largest if share]
     return ", ".join(named)

@@ -143,7 +143,6 @@ def _each_path_once(advised: Sequence[Advice]) -> list[Advice]:
 
 
 def _whose(row: Advice, loops: set[Loop]) -> str:
-    """Return for whom a way of stepping is: how many simulations, and which loop."""
     count = f"{row.nbatch} simulations at once" if row.nbatch else "many simulations at once"
     if loops == {Loop.OPEN}:
         return f", for {count} with controls known beforehand"
@@ -259,7 +258,6 @@ def combination_gain(verdict: VerdictRow) -> Ratio | None:
 
 
 def combination_command(combination: Combination, target: str) -> str:
-    """Return the command that compares a combination with the plain loop."""
     settings = [f"path={combination.variant.path}"]
     settings += [f"{name}={value}" for name, value in combination.variant.options.items()]
     settings += [] if combination.has_timer else ["timer=off"]

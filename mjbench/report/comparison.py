@@ -232,7 +232,6 @@ def flat_rows(models: Sequence[ModelResults]) -> Iterator[RatedPath]:
 
 
 def mark(is_certain: bool) -> str:
-    """Return the mark of what is advised."""
     return "✓" if is_certain else "?"
 
 
@@ -337,7 +336,6 @@ def _is_pending(result: PathResult) -> bool:
 
 
 def times_real_time(factor: float) -> str:
-    """Return how many times as fast as real time something is."""
     return f"{factor:,.0f}" if factor >= 10 else plain(factor, 2)
 
 
@@ -406,7 +404,6 @@ def notes(model_results: ModelResults) -> list[str]:
 
 
 def _race_notes(model_results: ModelResults) -> list[str]:
-    """Return whether all paths agree, what its advice implies, and how the race ended."""
     lines = []
     if model_results.model.status == Status.OK and not _unlike(model_results):
         lines.append("All paths agree with the plain loop.")

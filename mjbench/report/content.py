@@ -133,7 +133,6 @@ class DataTable:
 
     @property
     def raw_rows(self) -> list[tuple[str | float | None, ...]]:
-        """Its headings and its rows as programs read them."""
         columns = (
             column.raw([row[i] for row in self.rows]) for i, column in enumerate(self.columns)
         )

@@ -211,7 +211,6 @@ def _figure(row: ExplainRecord, changes: Sequence[NetDifference]) -> Figure:
 
 
 def _remarks(function: FunctionDifference) -> str:
-    """Return which name a function had, and with which functions it exchanged cost."""
     remarks = [f"was {function.old_name}"] if function.old_name else []
     if function.moved_with:
         direction = "from" if function.difference > 0 else "to"

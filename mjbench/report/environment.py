@@ -34,7 +34,6 @@ _LEAST_SHARE = 0.001
 
 
 def sections(records: Sequence[EnvironmentRecord]) -> Iterator[Section]:
-    """Yield a section for each environment that was measured, or was to be."""
     for record in records:
         if record.facts is None or record.step is None:
             yield content.failure(record.environment, record.status, record.detail)
@@ -252,7 +251,6 @@ def reset_line(record: EnvironmentRecord) -> str:
 
 
 def timing_lines(record: EnvironmentRecord) -> list[str]:
-    """Return what timing the layers cost, and to what they add up."""
     if record.timer is None:
         return []
     timer = record.timer

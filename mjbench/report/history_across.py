@@ -84,7 +84,6 @@ def _kinds(each: SpeedHistory) -> Iterator[tuple[bool, Sequence[SpeedSeries]]]:
 
 
 def section(histories: Sequence[SpeedHistory]) -> Section:
-    """Return on how many machines each change is listed."""
     all_changes = changes(histories)
     cells = {change.name: change.cells for change in all_changes}
     return Section(
@@ -120,7 +119,6 @@ def sections(histories: Sequence[SpeedHistory]) -> Iterator[Section]:
 
 
 def conclusion(histories: Sequence[SpeedHistory], listed: Sequence[ChangeAcross]) -> str:
-    """Return how many changes are listed, and on how many machines."""
     count = len(histories)
     if not listed:
         return f"No history of the {count} machines lists a change."

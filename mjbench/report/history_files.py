@@ -109,5 +109,4 @@ def of_runs(
 
 
 def _has(runs: Sequence[Run], kind: type[RatioRecord]) -> bool:
-    """Return whether one of the runs has a record of a kind."""
     return any(run.of_type(kind) for run in runs)

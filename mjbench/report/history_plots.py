@@ -45,7 +45,6 @@ def draw(history: SpeedHistory, folder: Path) -> None:
 
 
 def figure(history: SpeedHistory, series: SpeedSeries) -> Figure:
-    """Return the plot of a model for a page, titled by its name."""
     data = DataTable.of(
         series.name,
         series.measured,

@@ -55,7 +55,6 @@ def _change_points(heading: str, noun: str, listed: Sequence[Listed]) -> DataTab
 
 
 def all_models(history: SpeedHistory, release: str) -> DataTable:
-    """Return the change of each model from the release before one."""
     counts = history.counts
     return DataTable(
         "All models",
@@ -301,7 +300,6 @@ def _title(series: SpeedSeries) -> str:
 
 
 def total(series: SpeedSeries) -> LogEstimate:
-    """Return the time in the last release over that in the first."""
     return speed_history.change(series.measured[0], series.measured[-1])
 
 

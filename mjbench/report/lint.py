@@ -41,7 +41,6 @@ def finding_place(finding: Finding) -> str:
 
 
 def statistics_lines(findings: Sequence[Finding]) -> list[str]:
-    """Return the number of findings of each rule that has any, as lines."""
     counts = Counter(finding.code for finding in findings)
     width = max((len(str(count)) for count in counts.values()), default=0)
     return [

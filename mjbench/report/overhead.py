@@ -29,7 +29,6 @@ def sections(rows: Sequence[OverheadRow]) -> Iterator[Section]:
 
 
 def _section(table: OverheadRow) -> Section:
-    """Return what a bare loop and the habits beside it cost for one model."""
     assert table.bare_ns is not None and table.engine_ns is not None and table.costs is not None
     python_ns = table.bare_ns - table.engine_ns
     conclusions = [

@@ -11,7 +11,6 @@ from mjbench.report.formats import short_percent
 
 
 def section(rows: Sequence[SpreadRecord]) -> Section:
-    """Return a sentence for each model, and the table of all residues."""
     measured = [row for row in rows if row.residues]
     table = DataTable.of(
         "Spreads",

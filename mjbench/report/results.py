@@ -192,7 +192,6 @@ class ModelResults:
 
     @property
     def cautions(self) -> list[str]:
-        """What to know before the numbers, a sentence each."""
         sentences = []
         if self.disturbances:
             sentences.append(disturbed(self.disturbances))

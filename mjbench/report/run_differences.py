@@ -178,7 +178,6 @@ def _difference(olds: Sequence[_Timed], news: Sequence[_Timed], across: bool) ->
 
 
 def _verdict(ratio: Ratio) -> Verdict | None:
-    """Return what an interval says: it lies above, below or between the smallest effects."""
     if ratio.low is None or ratio.high is None:
         return None
     if ratio.low > 1 + MIN_EFFECT:

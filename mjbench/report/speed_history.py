@@ -50,7 +50,6 @@ class SpeedHistory:
     operations_machine: Machine | None = None
 
     def lists(self, release: str) -> bool:
-        """Return whether changes that came with a release are listed."""
         return self.since is None or order(release) >= order(self.since)
 
     def instructions(self, model: str) -> dict[str, float]:
@@ -115,7 +114,6 @@ def from_records(
 
 
 def title(record: RatioRecord) -> str:
-    """Return the name of the model or the operation of a record for people."""
     if not isinstance(record, OperationRatioRecord):
         return record.model
     return ", ".join(filter(None, (record.title, record.model)))

@@ -208,7 +208,6 @@ class _FrontRow:
 
 
 def _front_rows(record: TuneRecord) -> Iterator[_FrontRow]:
-    """Yield the present settings, what is recommended, and of MJX and Warp what else was tried."""
     batch, listed = record.batch, advised(record)
     program = batch.present if batch else None
     present = program or record.present
@@ -305,7 +304,6 @@ def conclusion(record: TuneRecord) -> str:
 
 
 def advised(record: TuneRecord) -> list[Recommendation]:
-    """Return the fastest recommendation, after those that change less."""
     best = record.best()
     if best is None:
         return []
@@ -329,7 +327,6 @@ def _within(record: TuneRecord) -> str:
 
 
 def _within_error(record: TuneRecord, share: float | None) -> str:
-    """Return an error, a share of the motion or the present one, as a sentence goes on."""
     name = error_name(record)
     if share is None:
         return f" without a larger {name}"
@@ -435,7 +432,6 @@ def to_apply(settings: Sequence[Setting]) -> Iterator[Snippet]:
 
 
 def _mjcf(edits: Sequence[Edit]) -> Iterator[str]:
-    """Yield the elements that make edits, last in <mujoco>."""
     option, flags = _attributes(edits, Part.OPTION), _attributes(edits, Part.FLAG)
     if flags:
         yield f"<option{option}><flag{flags}/></option>"

@@ -45,7 +45,6 @@ def notes(record: TuneRecord) -> list[str]:
 
 
 def _basis(record: TuneRecord) -> tuple[list[str], Starts]:
-    """Return what figures rest on, a line each, and the starts of the runs."""
     if record.present is not None:
         return _basis_in_c(record.present), record.present.starts
     assert record.batch is not None and record.batch.facts is not None, "it was measured"

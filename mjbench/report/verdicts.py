@@ -121,7 +121,6 @@ def has_evidence(row: VerdictRow) -> bool:
 
 
 def describe_family(decided: Family, confidence: float) -> str:
-    """Return what comparisons show together, as a sentence."""
     parts = [
         f"{outcome} in {_count_of_models(rows)}"
         for outcome, rows in (
@@ -152,7 +151,6 @@ def _false_alarms(names_slower: bool, names_faster: bool, confidence: float) -> 
 
 
 def describe_all_machines(across: AcrossMachines) -> str:
-    """Return what all verdicts of all machines show together, as a sentence."""
     verdicts = across.verdicts
     counts = {o: sum(v.outcome == o for v in verdicts) for o in MachinesOutcome}
     parts = [f"{count} {outcome.value}" for outcome, count in counts.items() if count]
@@ -275,7 +273,6 @@ def notes(row: VerdictRow) -> list[str]:
 
 
 def _revision_lines(row: VerdictRow) -> list[str]:
-    """Return the commits of two revisions, how long a call takes, and what the control shows."""
     lines = []
     if any(side.revision for side in row.sides):
         named = (f"{s.revision} is {s.commit or 'not committed'}" for s in row.sides)
@@ -288,7 +285,6 @@ def _revision_lines(row: VerdictRow) -> list[str]:
 
 
 def describe_control(control: ControlRow) -> str:
-    """Return what the baseline against itself shows, as a sentence."""
     ends = formats.ends(control.ratio, formats.change, " to ")
     interval = f"interval {ends}" if ends else "too few launches for an interval"
     change = formats.change(control.ratio.estimate)
@@ -448,7 +444,6 @@ def _percent(ratio: float | None) -> float | None:
 
 
 def _forest(rows: Sequence[VerdictRow], min_effect: float) -> Figure:
-    """Return the changes of comparisons that have a ratio, with their intervals."""
     percent = 100 * min_effect
     data = DataTable.of(
         "Changes in percent",

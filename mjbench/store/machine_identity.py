@@ -104,7 +104,6 @@ def software_names(softwares: Iterable[RunSoftware]) -> dict[RunSoftware, str]:
 
 
 def _identity(machine: Machine) -> MachineIdentity:
-    """Return what a run says of its machine, without a name."""
     host = "" if machine.label else machine.host
     return MachineIdentity("", MachineKind.of(machine), machine.label, host)
 
@@ -149,7 +148,6 @@ def _names(identities: Sequence[MachineIdentity]) -> dict[MachineIdentity, str]:
 
 
 def _same_name(names: dict[MachineIdentity, str]) -> list[list[MachineIdentity]]:
-    """Return groups of two machines or more that share a name."""
     groups: dict[str, list[MachineIdentity]] = defaultdict(list)
     for identity, name in names.items():
         groups[name].append(identity)

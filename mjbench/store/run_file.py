@@ -31,7 +31,6 @@ class RunFile:
 
     @classmethod
     def create(cls, folder: Path, header: RunHeader) -> "RunFile":
-        """Create a file, and write its first line."""
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with contextlib.ExitStack() as on_error:
@@ -75,7 +74,6 @@ class RunFile:
         return cls(path, file)
 
     def append(self, record: Record) -> None:
-        """Write one record, and flush it."""
         with writing(self.path, EARLIER_IS_THERE):
             _write_line(self._file, record)
 
@@ -86,7 +84,6 @@ class RunFile:
 
 
 def _open_new(folder: Path, command: str) -> tuple[Path, TextIO]:
-    """Open a new file, named by time, process and command."""
     stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime())
     name = f"{stamp}-{os.getpid()}-{command}"
     for further in itertools.count(2):

@@ -288,7 +288,6 @@ def _section(path: Path, lines: Sequence[bytes], record_types: Mapping[str, type
 
 
 def _open(path: Path, flags: int = 0) -> FileIO:
-    """Open a file to read all of it and to append, and lock it."""
     extra = os.O_APPEND | flags
     file = FileIO(path, "r+", opener=lambda name, mode: os.open(name, mode | extra, 0o666))
     with contextlib.ExitStack() as on_error:

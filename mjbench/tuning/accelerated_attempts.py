@@ -170,7 +170,6 @@ def _memory_bytes() -> int:
 
 
 def run_baseline(case: EngineCase, plan: TrialPlan, channel: Channel) -> BatchFacts:
-    """Run C, and write its runs to the file of the case."""
     path = accelerated_path(case.engine)
     channel.doing(f"loading {case.source.name}")
     model = models.load(case.source)
@@ -262,7 +261,6 @@ class _Case:
             return self._compiled((), {})
 
     def attempt(self, settings: Settings, present: _Compiled) -> Attempt:
-        """Return how settings did beside the present ones."""
         sizes = {**present.sizes, **buffer_sizes_of(settings)}
         other = self._compiled(settings, sizes)
         samples = _timed(present.compiled, other.compiled, self.channel, self.request.case.limit_s)
@@ -273,7 +271,6 @@ class _Case:
         )
 
     def _compiled(self, settings: Settings, sizes: Mapping[str, int]) -> _Compiled:
-        """Compile settings, and measure how far their runs are from C's."""
         trials, limit_s = self.baseline.trials, self.request.case.limit_s
         changed = copy.copy(self.model)
         for edit in edits_of(settings):
@@ -351,8 +348,6 @@ def _error(model: mujoco.MjModel, baseline: EngineBaseline, runs: Trajectories) 
 
 
 def _timed(present: Compiled, other: Compiled, channel: Channel, limit_s: float) -> LaunchRow:
-    """Time two programs in alternating blocks."""
-
     def clear() -> None:
         present.clear()
         other.clear()

@@ -57,7 +57,6 @@ class EngineSearch(Search[EngineMeasurements]):
         return _helpful(self._record.attempts, limit)[:FINALISTS]
 
     def _try(self, part: int, settings: Sequence[Settings], share: float) -> None:
-        """Try settings in one process, until a share of the budget is spent."""
         count = 0
 
         def note(attempt: Attempt) -> None:

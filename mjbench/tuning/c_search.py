@@ -344,7 +344,6 @@ class CSearch(Search[CMeasurements]):
 
     @property
     def _timed_s(self) -> float:
-        """Seconds for which a launch times a setting."""
         return min(MOST_TIMED_S, max(LEAST_TIMED_S, TIMED_SHARE * self._plan.budget_s))
 
     def _request(
@@ -426,7 +425,6 @@ def _is_wanted(_: Sequence[Attempt]) -> bool:
 
 
 def _is_hopeful(attempts: Sequence[Attempt]) -> bool:
-    """Return whether a setting may be faster, by its launches so far."""
     ratio = _together_known(attempts).time_ratio
     return ratio is not None and ratio < 1 + MOST_LOSS
 

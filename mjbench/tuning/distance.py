@@ -122,7 +122,6 @@ def shares(
 def distance(
     model: mujoco.MjModel, scale: Motion, runs: Trajectories, reference: Trajectories
 ) -> Distance:
-    """Return how far runs are from others with the same starts and controls."""
     position = _largest_rms(_position_errors(model, reference.qpos, runs), scale.is_rad)
     velocity = _largest_rms(runs.qvel - reference.qvel, scale.is_rad)
     return Distance(

@@ -47,7 +47,6 @@ def combinations(
 
 
 def _without(settings: Sequence[Attempt], *others: Attempt) -> list[Attempt]:
-    """Return settings of other knobs than some have."""
     knobs = {_knob(each) for each in others}
     return [each for each in settings if _knob(each) not in knobs]
 

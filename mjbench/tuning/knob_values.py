@@ -197,7 +197,6 @@ def has_islands(observed: ObservedModel) -> bool:
 
 
 def is_damped_euler(observed: ObservedModel) -> bool:
-    """Return whether Euler's method integrates joint damping."""
     is_euler = keyword(observed.model, "integrator") == "euler"
     return is_euler and features.damps_joints(observed.model)
 

@@ -233,7 +233,6 @@ def look(
     computing_s: float,
     channel: Channel,
 ) -> Survey:
-    """Step the model, and return what there is to try."""
     channel.doing(f"stepping {source.name}")
     seen = observed.observe(source, seed, starts, hold, computing_s)
     settings = [setting for of_knob in knobs.settings(seen).values() for setting in of_knob]
@@ -256,7 +255,6 @@ def run_present(
 def run_reference(
     source: ModelSource, files: SearchFiles, horizon_ncontrol: int | None, channel: Channel
 ) -> Present:
-    """Add the reference to the file of the present runs."""
     channel.doing(f"running the reference of {source.name}")
     model = models.load(ModelSource(source.name, files.model))
     baseline: Baseline = pickle.loads(files.baseline.read_bytes())

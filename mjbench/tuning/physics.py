@@ -68,7 +68,6 @@ def _energy_j(model: mujoco.MjModel, data: mujoco.MjData) -> float:
 
 
 def _violation(data: mujoco.MjData) -> float:
-    """Return the largest violation of an equality or a limit."""
     kinds = np.asarray(data.efc_type[: data.nefc])
     position = np.asarray(data.efc_pos[: data.nefc])
     is_equality = kinds == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)

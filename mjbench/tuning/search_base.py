@@ -109,7 +109,6 @@ class Search(abc.ABC, Generic[Measurements]):
             self._second_look(attempts)
 
     def record(self, status: Status = Status.OK, detail: str = "") -> TuneRecord:
-        """Return what was measured so far."""
         return replace(self._record, status=status, detail=detail, seconds=self._spent_s())
 
     def _detail_of(self, error: MjbenchError) -> str:
@@ -171,7 +170,6 @@ class Search(abc.ABC, Generic[Measurements]):
 
 
 def too_far(error: float, limit: float) -> str:
-    """Return that an error, as a share of the motion, is larger than allowed."""
     return (
         f"error of {100 * error:.2g} % of the motion from new starts, where"
         f" {100 * limit:.2g} % is allowed"

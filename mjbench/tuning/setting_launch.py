@@ -154,7 +154,6 @@ class _Launch:
         return judged(self.model, self.baseline, runs)
 
     def _timed(self, changed: mujoco.MjModel, loop: LoopChange) -> LaunchRow:
-        """Time the present settings and others in alternating blocks."""
         path, trials = paths.find(loop.path), self.baseline.trials
         hold = trajectories.steps_per_control(self.model, trials.control_s)
         run_s = BLOCK_NCONTROL * hold * self._step_s
@@ -229,7 +228,6 @@ def prepared(
     path: paths.SteppingPath,
     options: Mapping[str, str | int],
 ) -> paths.Prepared:
-    """Return what does the trials by a path."""
     hold = trajectories.steps_per_control(model, trials.control_s)
     drawn = Workload(model, trials.initial_state.copy(), trials.control.copy(), hold, 0)
     reason = path.cannot_run(drawn, options)

@@ -59,7 +59,6 @@ class Edit:
 
     @property
     def is_of_options(self) -> bool:
-        """Whether a compiled model can take it."""
         return self.part in (Part.OPTION, Part.FLAG)
 
 

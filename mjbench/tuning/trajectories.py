@@ -83,7 +83,6 @@ class Trajectories:
         return replace(self, qpos=self.qpos[:, :ncontrol], qvel=self.qvel[:, :ncontrol])
 
     def is_identical(self, other: "Trajectories") -> bool:
-        """Return whether both have the same states, to the last bit."""
         pairs = (
             (self.qpos, other.qpos),
             (self.qvel, other.qvel),
@@ -92,7 +91,6 @@ class Trajectories:
         return all(np.array_equal(_bits(mine), _bits(others)) for mine, others in pairs)
 
     def has_sensors_of(self, other: "Trajectories") -> bool:
-        """Return whether both have the same sensor data, to the last bit."""
         return np.array_equal(_bits(self.sensordata), _bits(other.sensordata))
 
 
@@ -110,7 +108,6 @@ class SensorChange:
 
 
 def sensor_change(model: mujoco.MjModel, runs: Trajectories, others: Trajectories) -> SensorChange:
-    """Return how sensor data differ from those of other runs."""
     if not others.sensordata.shape[2]:
         return SensorChange(0, 0.0)
     largest = np.abs(others.sensordata).max(axis=(0, 1))

@@ -149,7 +149,6 @@ def with_options(
 
 
 def _compiled(source: ModelSource, edits: Sequence[Edit]) -> tuple[mujoco.MjModel, list[str]]:
-    """Return a compiled model, and what MuJoCo warned of."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         spec = _spec(source)
