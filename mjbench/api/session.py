@@ -6,11 +6,12 @@ all of them together (`mjbench.api.measured`).
 """
 
 import contextlib
+import functools
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printable
 from mjbench.host import machine, neighbours, platforms
@@ -104,6 +105,39 @@ def input_files(
     return [*(source.path for source in sources), *wheels, *starts.files]
 
 
+class _Named(Protocol):
+    @property
+    def name(self) -> str: ...
+
+
+_Thing = TypeVar("_Thing", bound=_Named)
+
+
+def in_turn(
+    things: Sequence[_Thing],
+    measure: Callable[[_Thing, Progress], Item],
+    earlier: Sequence[Record],
+    observer: Observer,
+    attribute: str = "model",
+) -> Iterator[Item]:
+    """Yield what one thing after the other comes to; what is known of it is not measured again.
+
+    Args:
+      measure: gets a function for its progress, which is called with a share of the thing's work.
+      attribute: of a record, has the name of the thing.
+    """
+    known: dict[str, list[Record]] = {}
+    for record in earlier:
+        known.setdefault(getattr(record, attribute), []).append(record)
+    for number, thing in enumerate(things):
+
+        def on_progress(name: str, share: float, number: int = number) -> None:
+            observer(name, (number + share) / len(things))
+
+        on_progress(thing.name, 0.0)
+        yield Item(known[thing.name]) if thing.name in known else measure(thing, on_progress)
+
+
 def of_each_model(
     command: str,
     sources: Sequence[ModelSource],
@@ -119,38 +153,25 @@ def of_each_model(
       arguments: for the run file's header, beside the models and their starts.
     """
 
-    def items(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
-        known = by_name(earlier, "model")
-        for number, source in enumerate(sources):
-            observer(source.name, number / len(sources))
-            if source.name in known:
-                yield Item(known[source.name])
-                continue
-            try:
-                item = Item(measure(source))
-            except MjbenchError as error:
-                failure = failure_of_model(source.name, error)
-                detail = failure.detail.removeprefix(f"{source.name}: ")
-                record = record_type(model=source.name, status=failure.status, detail=detail)
-                item = Item([record], failure)
-            yield item
+    def measured(source: ModelSource, _: Progress) -> Item:
+        try:
+            return Item(measure(source))
+        except MjbenchError as error:
+            failure = failure_of_model(source.name, error)
+            detail = failure.detail.removeprefix(f"{source.name}: ")
+            record = record_type(model=source.name, status=failure.status, detail=detail)
+            return Item([record], failure)
 
     names = {"models": [source.name for source in sources]}
     all_arguments = {**names, **(arguments or {}), "starts": starts}
     files = input_files(sources, [], starts)
+    items = functools.partial(in_turn, sources, measured)
     return Measurement(command, all_arguments, files, items, finished)
 
 
 def finished(records: Sequence[Record]) -> list[Record]:
     """Return the records of a continued run that ended well, or would end in the same way again."""
     return [record for record in records if getattr(record, "status", None) in FINISHED]
-
-
-def by_name(records: Sequence[Record], attribute: str) -> Mapping[str, Sequence[Record]]:
-    named: dict[str, list[Record]] = {}
-    for record in records:
-        named.setdefault(getattr(record, attribute), []).append(record)
-    return named
 
 
 def failure_of_model(name: str, error: MjbenchError) -> Failure:

@@ -56,13 +56,7 @@ class Laps:
 
 @dataclass(frozen=True, eq=False)
 class Timing:
-    """How long a block took; None is what is not known.
-
-    Attributes:
-      elapsed_s: seconds from its start to its end.
-      simulated_s: simulated seconds.
-      laps: None without laps.
-    """
+    """How long a block took; None is what is not known."""
 
     elapsed_s: float
     steps: int | None = None

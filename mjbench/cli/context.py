@@ -31,9 +31,7 @@ class OutputOptions:
     """Where the results of a command go, as its options say.
 
     Attributes:
-      json_file: file for the JSON document, `-` for standard output.
       wait: whether to wait for others that measure here; None for a command that measures no time.
-      resume: run file to continue; None to begin one.
     """
 
     results: Path

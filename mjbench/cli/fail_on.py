@@ -45,7 +45,6 @@ class FailOn:
     """What the exit code of a command depends on, beside failures.
 
     Attributes:
-      findings: what leads to exit code 1.
       allow_inconclusive: whether a verdict on speed may be inconclusive.
     """
 

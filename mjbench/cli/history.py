@@ -130,14 +130,7 @@ def _link(plots: Path | None, output: Path | None) -> str:
 
 @dataclass(frozen=True)
 class _Selection:
-    """What a subcommand works on.
-
-    Attributes:
-      reference: release that others are compared with.
-      releases: in the order of the command line, or of the history.
-      sources: models whose steps are included.
-      operations: operations around the step; their inputs are fixed.
-    """
+    """What a subcommand works on."""
 
     reference: "ReleaseSpec"
     releases: Sequence["ReleaseSpec"]

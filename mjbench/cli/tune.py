@@ -1,5 +1,6 @@
 """`mjbench tune`: which settings make a model faster, and what they cost in accuracy."""
 
+import contextlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,6 +26,7 @@ from mjbench.errors import InputError
 
 if TYPE_CHECKING:
     from mjbench.api.session import Observer
+    from mjbench.measuring.progress import Progress
     from mjbench.simulation.models import ModelSource
     from mjbench.simulation.starts import StartPlan
     from mjbench.store.runs import Record
@@ -120,7 +122,7 @@ def tune(
       mjbench tune robot.xml --max-error 1% --budget 600s
       mjbench tune robot.xml --engine mjx --nbatch 1024
     """
-    from mjbench.api.session import Item, Measurement, by_name, finished, input_files
+    from mjbench.api.session import Item, Measurement, finished, in_turn, input_files
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.report.kinds import TUNE
     from mjbench.tuning import knobs, variants
@@ -139,22 +141,21 @@ def tune(
         if len(sources) > 1:
             raise InputError("--write takes one model")
         variants.check_source(sources[0])
-        _see_whether_writable(OutputFile("--write", target, files))
+        with contextlib.closing(OutputFile("--write", target, files)) as file:
+            file.open()  # fails now, rather than after the search, where it cannot be written
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
-        known = by_name(earlier, "model")
         if target is not None:
             variants.copy_in_child(sources[0], None, Path(target), time_limit)
         with WorkerPool() as pool:
-            for number, source in enumerate(sources):
-                if source.name in known:
-                    yield Item(known[source.name])
-                    continue
 
-                def advance(done: int, text: str, share: float, number: int = number) -> None:
-                    observer(text, (number + (done + share) / PARTS) / len(sources))
+            def tuned(source: "ModelSource", on_progress: "Progress") -> Item:
+                def advance(done: int, text: str, share: float) -> None:
+                    on_progress(text, (done + share) / PARTS)
 
-                yield Item([tune_model(pool, source, plan, time_limit, advance)])
+                return Item([tune_model(pool, source, plan, time_limit, advance)])
+
+            yield from in_turn(sources, tuned, earlier, observer)
 
     arguments = {"models": [source.name for source in sources], "plan": plan}
     measurement = Measurement("tune", arguments, files, items, finished)
@@ -173,14 +174,6 @@ def _check_engine(
         raise InputError("--only works with --engine c; use --max-error instead")
     if engine != "c" and skip is not None:
         raise InputError("--skip works with --engine c")
-
-
-def _see_whether_writable(output: OutputFile) -> None:
-    """Fail now, rather than after the search, where a file cannot be written."""
-    try:
-        output.open()
-    finally:
-        output.close()
 
 
 def _write(run: RunContext, source: "ModelSource", target: Path, limit_s: float) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from mjbench.errors import InputError
-from mjbench.pages.markdown import code, data_table, escaped
+from mjbench.pages.markdown import code, data_table, escaped, folded
 from mjbench.paired import family
 from mjbench.paired.family import Family
 from mjbench.paired.outcomes import Verdict
@@ -79,8 +79,9 @@ def render(run: Run) -> Iterator[str]:
     yield ""
     yield f"Reproduce: {code(_command(run, rows))}"
     if rows:
-        yield from _folded(f"All {len(rows)} comparisons", _all_rows(judged))
-    yield from _folded("Machine and versions", data_table(_machine(run)))
+        lines = (f"- {j.outcome.mark} {escaped(verdicts.describe_verdict(j.row))}" for j in judged)
+        yield from folded(f"All {len(rows)} comparisons", lines)
+    yield from folded("Machine and versions", data_table(_machine(run)))
 
 
 def text(run: Run) -> str:
@@ -158,12 +159,6 @@ def _table(judged: Sequence[_Judged]) -> Iterator[str]:
     )
 
 
-def _all_rows(judged: Sequence[_Judged]) -> Iterator[str]:
-    yield from (
-        f"- {each.outcome.mark} {escaped(verdicts.describe_verdict(each.row))}" for each in judged
-    )
-
-
 def _change(row: VerdictRow) -> str:
     if row.ratio is None:
         return ""
@@ -186,15 +181,6 @@ def _command(run: Run, rows: Sequence[VerdictRow]) -> str:
         if (position := next(named, None)) is not None and side.commit:
             words[position] = f"rev={short_commit(side.commit)}"
     return shlex.join(["mjbench", *words])
-
-
-def _folded(title: str, lines: Iterator[str]) -> Iterator[str]:
-    yield ""
-    yield f"<details><summary>{title}</summary>"
-    yield ""
-    yield from lines
-    yield ""
-    yield "</details>"
 
 
 def _machine(run: Run) -> DataTable:

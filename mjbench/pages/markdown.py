@@ -38,7 +38,7 @@ def render(report: Report) -> Iterator[str]:
     room = sum(length <= _MOST_CONCLUDED for length in lengths)
     yield from lines[:room]
     if lines[room:]:
-        yield from _folded(f"{len(lines) - room} further conclusions", lines[room:])
+        yield from folded(f"{len(lines) - room} further conclusions", lines[room:])
     left = _MOST_SHOWN - min(_MOST_CONCLUDED, sum(len(line) + 1 for line in lines))
     for section in report.summaries:
         table = [*_tables(section)]
@@ -46,14 +46,14 @@ def render(report: Report) -> Iterator[str]:
         if left > 0:
             yield from table
             section = replace(section, tables=(), figures=())
-        yield from _folded(section.heading, _section_lines(section))
+        yield from folded(section.heading, _section_lines(section))
     for section in report.sections:
-        yield from _folded(section.heading, _section_lines(section))
+        yield from folded(section.heading, _section_lines(section))
     if report.machines.rows:
-        yield from _folded("Machines and versions", data_table(report.machines))
+        yield from folded("Machines and versions", data_table(report.machines))
 
 
-def _folded(heading: str, lines: Iterable[str]) -> Iterator[str]:
+def folded(heading: str, lines: Iterable[str]) -> Iterator[str]:
     yield ""
     yield f"<details><summary>{html.escape(heading, quote=False)}</summary>"
     yield ""

@@ -40,11 +40,6 @@ def items(run: Run) -> list[CheckupItem]:
     return sorted(_items(run), key=lambda item: item.rank)
 
 
-def quoted(target: str) -> str:
-    """Return a target as a command line has it."""
-    return shlex.quote(target)
-
-
 def short_name(target: str) -> str:
     """Return a target, or the name of a file, for sentences: without its folder."""
     is_of_package = ":" in target
@@ -55,7 +50,7 @@ def _items(run: Run) -> Iterator[CheckupItem]:
     parts = run.of_type(CheckedPart)
     if not parts:
         return
-    target = quoted(parts[0].target)
+    target = shlex.quote(parts[0].target)
     searches = run.of_type(TuneRecord)
     yield from _wrong_of_model(run, target)
     for model_results in derive_all(run.records):

@@ -195,10 +195,7 @@ def advice_table(models: Sequence[ModelResults]) -> DataTable:
         "Advice",
         advice,
         (Column("model"), lambda row: names[row.model]),
-        (
-            Column("simulations", formats.count),
-            lambda row: row.nbatch if has_sizes else None,
-        ),
+        (Column("simulations", formats.count), lambda row: row.nbatch if has_sizes else None),
         (Column("loop", leaves=2), lambda row: row.loop.value),
         (Column("advised"), lambda row: f"{mark(row.is_certain)} {row.variant}"),
         (
@@ -304,10 +301,7 @@ def path_table(sizes: Sequence[ModelResults]) -> DataTable:
         [(marks(each).get(str(r.variant)), r, r.speedup) for each in sizes for r in _shown(each)],
         (Column(""), lambda row: row[0]),
         (Column("path", wraps=True), lambda row: str(row[1].variant)),
-        (
-            Column("simulations", formats.count),
-            lambda row: row[1].nbatch if has_sizes else None,
-        ),
+        (Column("simulations", formats.count), lambda row: row[1].nbatch if has_sizes else None),
         (Column("ns/step", formats.count), lambda row: row[1].step_ns if row[2] else None),
         (Column("speed-up", formats.factor), lambda row: row[2].estimate if row[2] else None),
         (Column("95 %", formats.ends), lambda row: row[1].interval),

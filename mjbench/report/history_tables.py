@@ -35,7 +35,6 @@ def operation_changes(history: SpeedHistory, only: str | None = None) -> DataTab
 
 
 def _change_points(heading: str, noun: str, listed: Sequence[Listed]) -> DataTable:
-    """Return change points, and what accounts for them; `noun`: what each is of."""
     return DataTable.of(
         heading,
         listed,

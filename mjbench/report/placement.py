@@ -17,10 +17,7 @@ def section(rows: Sequence[SpreadRecord]) -> Section:
         measured,
         (Column("model"), lambda row: row.model),
         (Column("release", leaves=3), lambda row: row.release),
-        (
-            Column("spread", short_percent),
-            lambda row: row.spread.estimate if row.spread else None,
-        ),
+        (Column("spread", short_percent), lambda row: row.spread.estimate if row.spread else None),
         (Column("interval", formats.ends_in(short_percent)), lambda row: row.spread),
         *(
             (

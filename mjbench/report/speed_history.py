@@ -124,10 +124,7 @@ class Listed:
     """A change point of a series, and what is known of it.
 
     Attributes:
-      before: the last release before it.
-      after: the first release with it.
       counts: of instructions by function, in these two.
-      causes: that no measurement names.
     """
 
     series: SpeedSeries

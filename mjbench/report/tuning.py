@@ -19,13 +19,12 @@ from mjbench.report.tuning_notes import in_units, notes, percent
 from mjbench.simulation import package_timer
 from mjbench.status import Status
 from mjbench.tuning import knobs
-from mjbench.tuning.distance import Distance
 from mjbench.tuning.records import (
     SAME_ERROR,
+    Accuracy,
     Attempt,
     Effect,
     Recommendation,
-    TunedProgram,
     TuneRecord,
     fresh_ratio,
     saves_time,
@@ -194,40 +193,20 @@ def _front_figure(record: TuneRecord, present: Present) -> Figure:
     )
 
 
-@dataclass(frozen=True)
-class _FrontRow:
-    """Settings beside the present ones, which are none."""
-
-    settings: Sequence[Setting]
-    error: Distance | None
-    ratio: Ratio
-    program: TunedProgram | None
-    is_recommended: bool = False
-    effect: Effect | None = None
-    sensor_share: float = 0.0
-
-
-def _front_rows(record: TuneRecord) -> Iterator[_FrontRow]:
+def _front_rows(record: TuneRecord) -> Iterator[tuple[Recommendation, bool]]:
+    """Yield the present settings, the front, and of MJX and Warp what else was tried."""
     batch, listed = record.batch, advised(record)
     program = batch.present if batch else None
     present = program or record.present
     assert present is not None, "it was measured"
-    yield _FrontRow((), present.error, Ratio(1.0, None, None), program)
+    yield Recommendation((), Ratio(1.0, None, None), present.error, program=program), False
     for each in record.front:
-        is_recommended = batch is not None or each in listed
-        yield _FrontRow(
-            each.settings,
-            each.error,
-            each.ratio,
-            each.program,
-            is_recommended,
-            each.effect,
-            each.accuracy.sensor_share if each.accuracy else 0.0,
-        )
+        yield each, batch is not None or each in listed
     for attempt in tried(record) if batch else ():
         if attempt.time_ratio:
             ratio = Ratio(attempt.time_ratio, None, None)
-            yield _FrontRow(attempt.settings, attempt.error, ratio, attempt.program)
+            error, program = attempt.error, attempt.program
+            yield Recommendation(attempt.settings, ratio, error, program=program), False
 
 
 def _front_table(record: TuneRecord) -> DataTable:
@@ -236,29 +215,29 @@ def _front_table(record: TuneRecord) -> DataTable:
     return DataTable.of(
         "Confirmed from new starts" if is_in_c else "Settings",
         _front_rows(record),
-        (Column("advised"), lambda row: "yes" if row.is_recommended else None),
+        (Column("advised"), lambda row: "yes" if row[1] else None),
         (
             Column("results", wraps=True, leaves=3),
-            lambda row: _result(row.effect, row.sensor_share) if row.effect and is_in_c else None,
+            lambda row: _result(row[0]) if row[0].settings and is_in_c else None,
         ),
         (
             Column(f"time of a {'simulated second' if is_in_c else 'batched step'}", four_digits),
-            lambda row: row.ratio.estimate,
+            lambda row: row[0].ratio.estimate,
         ),
-        (Column("95 %", formats.ends_in(four_digits)), lambda row: row.ratio),
+        (Column("95 %", formats.ends_in(four_digits)), lambda row: row[0].ratio),
         (
             Column(f"{error_name(record)}, % of the motion", formats.digits(3)),
-            lambda row: 100 * row.error.share if row.error else None,
+            lambda row: 100 * error.share if (error := row[0].error) else None,
         ),
         (
             Column("in units", leaves=2),
-            lambda row: in_units(row.error) if row.error and is_in_c else None,
+            lambda row: in_units(error) if (error := row[0].error) and is_in_c else None,
         ),
         (
             Column("compile s", formats.digits(3), leaves=1),
-            lambda row: row.program.compile_s if row.program and not is_in_c else None,
+            lambda row: p.compile_s if (p := row[0].program) and not is_in_c else None,
         ),
-        (Column("settings"), lambda row: label(row.settings)),
+        (Column("settings"), lambda row: label(row[0].settings)),
     )
 
 
@@ -269,7 +248,7 @@ def _alone_table(record: TuneRecord, attempts: Sequence[Attempt]) -> DataTable:
         (Column("setting alone"), lambda row: row[1].label),
         (
             Column("results"),
-            lambda row: _result(a.effect, a.sensor_share) if (a := row[0].accuracy) else None,
+            lambda row: _result(a) if (a := row[0].accuracy) else None,
         ),
         (
             Column("time of a simulated second", formats.digits(4)),
@@ -338,7 +317,7 @@ def _results(each: Recommendation, record: TuneRecord) -> str:
     if each.effect == Effect.FREE:
         return " with the same results"
     if each.effect == Effect.EQUIVALENT:
-        sensors = _sensors(each.accuracy.sensor_share if each.accuracy else 0.0)
+        sensors = _sensors(each.accuracy)
         return f" within the solver's tolerance{f' ({sensors})' if sensors else ''}"
     if record.present is None:  # MJX and Warp
         return _within(record)
@@ -347,13 +326,15 @@ def _results(each: Recommendation, record: TuneRecord) -> str:
     return _within_error(record, None if record.max_error is None and is_same else each.error.share)
 
 
-def _result(effect: Effect, sensor_share: float) -> str:
-    sensors = _sensors(sensor_share) if effect == Effect.EQUIVALENT else ""
-    return f"{_RESULTS[effect]}; {sensors}" if sensors else _RESULTS[effect]
+def _result(known: Recommendation | Accuracy) -> str:
+    accuracy = known.accuracy if isinstance(known, Recommendation) else known
+    sensors = _sensors(accuracy) if known.effect == Effect.EQUIVALENT else ""
+    return f"{_RESULTS[known.effect]}; {sensors}" if sensors else _RESULTS[known.effect]
 
 
-def _sensors(share: float) -> str:
+def _sensors(accuracy: Accuracy | None) -> str:
     """Return by how much sensor data differ; empty where it is no more than states may."""
+    share = accuracy.sensor_share if accuracy else 0.0
     return f"sensor data differ by up to {percent(share)}" if share > SAME_SHARE else ""
 
 

@@ -58,12 +58,7 @@ class SectionHeader:
 
 @dataclass(frozen=True)
 class RunSection:
-    """A run within a set.
-
-    Attributes:
-      cell: which cell of a sweep it is; empty otherwise.
-      lines: lines of its run file, each with its line break.
-    """
+    """A run within a set."""
 
     cell: str
     run: Run

@@ -93,19 +93,6 @@ def timesteps(observed: ObservedModel) -> list[Setting]:
     ]
 
 
-def iterations(observed: ObservedModel) -> list[Setting]:
-    """Return bounds on the solver's iterations that some observed step exceeds."""
-    return _bounds("iterations", observed.solver, "solver iterations")
-
-
-def line_search_iterations(observed: ObservedModel) -> list[Setting]:
-    """Return bounds on the iterations of a line search that some observed step exceeds.
-
-    Not 1: a line search evaluates the cost twice in any case, so 1 does the same as 2.
-    """
-    return _bounds("ls_iterations", observed.line_search, "line-search iterations", least=2)
-
-
 def no_noslip(observed: ObservedModel) -> list[Setting]:
     """Return no iterations of the NoSlip solver, where there are some and contacts to slip."""
     has_some = observed.model.opt.noslip_iterations > 0 and observed.max_constraints > 0
@@ -137,7 +124,7 @@ def _compared(
     return values
 
 
-def _bounds(name: str, used: Usage, what: str, least: int = 1) -> list[Setting]:
+def bounds(name: str, used: Usage, what: str, least: int = 1) -> list[Setting]:
     """Return powers of 2 below what steps used: larger bounds bind nowhere."""
     evidence = f"observed steps take {used.median} {what} in the median and {used.most} at most"
     powers = (2**k for k in range(used.most.bit_length()))

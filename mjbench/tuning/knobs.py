@@ -145,13 +145,14 @@ KNOBS: Sequence[Knob] = (
     ),
     Knob(
         "iterations",
-        values.iterations,
+        lambda o: values.bounds("iterations", o.solver, "solver iterations"),
         _SOLVER,
         "Constraint forces of the steps that need more iterations.",
     ),
     Knob(
         "ls_iterations",
-        values.line_search_iterations,
+        # not 1: a line search evaluates the cost twice in any case, so 1 does the same as 2
+        lambda o: values.bounds("ls_iterations", o.line_search, "line-search iterations", least=2),
         _SOLVER,
         "Constraint forces of the steps that need longer line searches.",
     ),

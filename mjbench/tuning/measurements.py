@@ -97,13 +97,8 @@ class CMeasurements:
         Args:
           horizon_ncontrol: controls over which errors are compared; None to see how many can be.
         """
-        return isolate.call(
-            run_reference,
-            self._source,
-            self._files,
-            horizon_ncontrol,
-            limit_s=self._long_s,
-        )
+        arguments = self._source, self._files, horizon_ncontrol
+        return isolate.call(run_reference, *arguments, limit_s=self._long_s)
 
     def launch(self, request: SettingLaunchRequest) -> list[Attempt]:
         """Try settings, one after the other, in a fresh process; return those that were begun.
