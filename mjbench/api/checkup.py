@@ -218,10 +218,7 @@ class _Parts:
         name, begin_s = self.source.name, self.clock()
         self.observer.begin(f"{name}: {doing}")
         begun = CheckedPart(
-            target=name,
-            kind=targets.kind_of(self.source),
-            part=part,
-            is_quick=self.plan.is_quick,
+            target=name, kind=targets.kind_of(self.source), part=part, is_quick=self.plan.is_quick
         )
         records: Sequence[Record] = ()
         try:
@@ -351,8 +348,7 @@ def _environment_items(source: EnvironmentSource, parts: _Parts) -> Iterator[Ite
         threads = tuple(sorted({1, cores}))
         counts = () if plan.is_quick else tuple(sorted({2, cores}))
         record = environments.measure(
-            source,
-            EnvironmentPlan(None, 0, threads, counts, plan.times.rounds, plan.limit_s),
+            source, EnvironmentPlan(None, 0, threads, counts, plan.times.rounds, plan.limit_s)
         )
         is_stored = record.facts is not None or record.status == Status.INTERRUPTED
         records: list[Record] = [record] if is_stored else []

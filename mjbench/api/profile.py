@@ -74,10 +74,7 @@ def profile(
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
     limit_s = checks.number("time_limit_s", time_limit_s, SECONDS)
-    with (
-        model_sources.sources([model]) as sources,
-        start_states.plan(settle_s, states) as starts,
-    ):
+    with model_sources.sources([model]) as sources, start_states.plan(settle_s, states) as starts:
         return Profile.of(measurement(sources, starts, limit_s), wait)
 
 

@@ -51,11 +51,7 @@ def revision_verdicts(comparison: RevisionComparison, plan: VerdictPlan) -> Meas
 
 
 def _decide(
-    pool: WorkerPool,
-    targets: FunctionTargets,
-    plan: VerdictPlan,
-    observer: Observer,
-    share: float,
+    pool: WorkerPool, targets: FunctionTargets, plan: VerdictPlan, observer: Observer, share: float
 ) -> VerdictRecord:
     """Return the verdict on one function; `share` of all work is done before it."""
     name = targets[1].function

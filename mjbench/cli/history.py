@@ -35,11 +35,7 @@ _TOP = 12
 
 
 @cli.group(invoke_without_command=True)
-@click.option(
-    "--since",
-    metavar="VERSION",
-    help="List only changes from VERSION on.",
-)
+@click.option("--since", metavar="VERSION", help="List only changes from VERSION on.")
 @click.option(
     "--results",
     default="results/history",

@@ -264,9 +264,7 @@ def check_sizes(nstep: int | None, hold: int) -> None:
 
 
 def _start_plan(
-    settle_s: float | None = None,
-    states_file: Path | None = None,
-    actions_file: Path | None = None,
+    settle_s: float | None = None, states_file: Path | None = None, actions_file: Path | None = None
 ) -> "StartPlan":
     from mjbench.simulation import starts
 

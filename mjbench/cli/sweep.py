@@ -142,10 +142,7 @@ def _measure(
     from mjbench.sweep.run import Sweep
 
     count = len(matrix.cells)
-    with (
-        progress(run.out) as observer,
-        RayCluster(address, matrix.plan.rules.tries) as cluster,
-    ):
+    with progress(run.out) as observer, RayCluster(address, matrix.plan.rules.tries) as cluster:
         for left_out in cluster.left_out:
             report_line(f"{left_out.name} is left out: {left_out.reason}")
 

@@ -56,10 +56,7 @@ NBATCH = 64
     " (equivalent), or all (approximate)  [default: approximate]",
 )
 @click.option(
-    "--skip",
-    type=Names(),
-    metavar="KNOB,…",
-    help="Knobs to leave alone, such as excludes,timestep",
+    "--skip", type=Names(), metavar="KNOB,…", help="Knobs to leave alone, such as excludes,timestep"
 )
 @click.option(
     "--max-error",

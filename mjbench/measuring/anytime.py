@@ -254,10 +254,7 @@ def anytime_interval(
 
 
 def interval_beside(
-    samples: Sequence[float],
-    confidence: float,
-    others: Sequence[float],
-    residues: Sequence[int],
+    samples: Sequence[float], confidence: float, others: Sequence[float], residues: Sequence[int]
 ) -> Interval:
     """Return the interval of a few launches, whose deviation many others help to estimate.
 

@@ -158,9 +158,7 @@ def _line(text: str) -> str:
 
 
 def table_lines(
-    headings: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    right_aligned: Collection[str] = (),
+    headings: Sequence[str], rows: Iterable[Sequence[str]], right_aligned: Collection[str] = ()
 ) -> Iterator[str]:
     """Yield the lines of a table.
 

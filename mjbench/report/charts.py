@@ -50,11 +50,7 @@ def layer(mark: str, encoding: Mapping[str, Spec], **properties: Any) -> Spec:
 
 
 def figure(
-    title: str,
-    alternative: str,
-    data: DataTable,
-    layers: Sequence[Spec],
-    height: int | None = None,
+    title: str, alternative: str, data: DataTable, layers: Sequence[Spec], height: int | None = None
 ) -> Figure:
     """Return a chart of layers that share the data of a table.
 

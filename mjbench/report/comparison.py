@@ -16,25 +16,14 @@ from mjbench.report.advice import (
     conclusion,
     thread_conclusion,
 )
-from mjbench.report.content import (
-    Column,
-    Conclusion,
-    DataTable,
-    Section,
-    Snippet,
-    Tone,
-)
+from mjbench.report.content import Column, Conclusion, DataTable, Section, Snippet, Tone
 from mjbench.report.crossovers import (
     crossovers,
     describe_crossover,
     describe_work_crossover,
     work_crossovers,
 )
-from mjbench.report.judgements import (
-    judgement_conclusion,
-    judgement_tables,
-    version_lines,
-)
+from mjbench.report.judgements import judgement_conclusion, judgement_tables, version_lines
 from mjbench.report.results import FORMER, ModelResults, PathResult
 from mjbench.report.starts import starts_lines, warning_lines
 from mjbench.simulation import package_timer
@@ -262,7 +251,7 @@ def detail_lines(model: ModelRecord) -> list[str]:
     lines = [
         f"nv {model.facts.nv}, {model.facts.integrator}, {model.facts.solver}{actuators}; per step"
         f" {work.contacts:.1f} contacts ({model.start_contacts or 0} at the start),"
-        f" {work.constraints:.1f} constraints, {work.solver_iterations:.1f} solver iterations",
+        f" {work.constraints:.1f} constraints, {work.solver_iterations:.1f} solver iterations"
     ]
     if model.returns:
         lines.insert(0, f"Each run returns {_RETURNS[model.returns]}")

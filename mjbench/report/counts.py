@@ -3,11 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.counts import explain
-from mjbench.counts.function_differences import (
-    MAIN_FUNCTIONS,
-    NetDifference,
-    largest_differences,
-)
+from mjbench.counts.function_differences import MAIN_FUNCTIONS, NetDifference, largest_differences
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import ExplainRecord, FunctionDifference, InstructionsRecord
 from mjbench.report import charts, formats

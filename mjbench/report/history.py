@@ -6,11 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from mjbench.host.machine import Machine
 from mjbench.releases import speed_history
-from mjbench.releases.change_points import (
-    FALSE_DISCOVERY_RATE,
-    MIN_CHANGE,
-    SIMULATED_DEVIATION,
-)
+from mjbench.releases.change_points import FALSE_DISCOVERY_RATE, MIN_CHANGE, SIMULATED_DEVIATION
 from mjbench.releases.release import NO_CHANGE_PAIRS, NoChangePair
 from mjbench.releases.release_ratios import LogEstimate
 from mjbench.releases.speed_history import SpeedSeries

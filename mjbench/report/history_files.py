@@ -25,10 +25,7 @@ def run_files(folder: Path) -> list[Path]:
 
 
 def read(
-    files: Sequence[Path],
-    causes: Path | None,
-    since: str | None = None,
-    machine: str | None = None,
+    files: Sequence[Path], causes: Path | None, since: str | None = None, machine: str | None = None
 ) -> SpeedHistory:
     """Return the history that files hold of one machine; see `read_each` and `choose`."""
     return choose(read_each(files, causes, since), machine)

@@ -144,9 +144,7 @@ def drifts(history: SpeedHistory) -> DataTable:
             (f"{begin} to {end}", _title(series), drift.change)
             for series in history.all_series
             for drift in series.changes.drifts
-            for begin, end in [
-                (series.measured[i].release for i in (drift.begin, drift.end - 1)),
-            ]
+            for begin, end in [(series.measured[i].release for i in (drift.begin, drift.end - 1))]
             if history.lists(end)
         ],
     )

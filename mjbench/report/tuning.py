@@ -5,15 +5,7 @@ from dataclasses import dataclass
 
 from mjbench.measuring.ratio import Ratio
 from mjbench.report import charts, formats
-from mjbench.report.content import (
-    Column,
-    Conclusion,
-    DataTable,
-    Figure,
-    Section,
-    Snippet,
-    Tone,
-)
+from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Snippet, Tone
 from mjbench.report.formats import short_percent
 from mjbench.report.tuning_notes import in_units, notes, percent
 from mjbench.simulation import package_timer
@@ -246,10 +238,7 @@ def _alone_table(record: TuneRecord, attempts: Sequence[Attempt]) -> DataTable:
         "Settings that alone are certainly faster",
         [(each, each.settings[0]) for each in attempts],
         (Column("setting alone"), lambda row: row[1].label),
-        (
-            Column("results"),
-            lambda row: _result(a) if (a := row[0].accuracy) else None,
-        ),
+        (Column("results"), lambda row: _result(a) if (a := row[0].accuracy) else None),
         (
             Column("time of a simulated second", formats.digits(4)),
             lambda row: row[0].ratio.estimate if row[0].ratio else row[0].time_ratio,

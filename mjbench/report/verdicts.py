@@ -338,10 +338,7 @@ def describe_work(row: VerdictRow) -> str:
         return ""
     return ", ".join(
         agreement.work_changes(
-            row.work.old,
-            row.work.new,
-            row.drift,
-            (row.diverged.old, row.diverged.new),
+            row.work.old, row.work.new, row.drift, (row.diverged.old, row.diverged.new)
         )
     )
 

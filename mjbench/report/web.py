@@ -123,10 +123,7 @@ def _check_lines(check: RoundingCheck) -> Iterator[str]:
         steps = ", ".join(str(point.step) for point in later)
         differences, shadows = (
             ", ".join(_small(value) for value in values)
-            for values in (
-                [point.difference for point in later],
-                [point.shadow for point in later],
-            )
+            for values in ([point.difference for point in later], [point.shadow for point in later])
         )
         yield f"difference after {steps} steps: {differences}; the shadow's: {shadows}"
     for kind, errors in (

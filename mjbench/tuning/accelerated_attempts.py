@@ -185,11 +185,7 @@ def run_baseline(case: EngineCase, plan: TrialPlan, channel: Channel) -> BatchFa
     starts_qpos = workload.fields(model, trials.initial_state)["qpos"]
     sizes = path.default_buffer_sizes(model)
     baseline = EngineBaseline(
-        trials,
-        runs,
-        distance.motion(model, starts_qpos, runs),
-        work.observe(repeated).peaks,
-        sizes,
+        trials, runs, distance.motion(model, starts_qpos, runs), work.observe(repeated).peaks, sizes
     )
     case.file.write_bytes(pickle.dumps(baseline))
     return BatchFacts(

@@ -157,11 +157,7 @@ KNOBS: Sequence[Knob] = (
         "Constraint forces of the steps that need longer line searches.",
     ),
     Knob(
-        "noslip_iterations",
-        values.no_noslip,
-        _SOLVER,
-        "Contacts may slip slowly.",
-        slow=_SLOW_SLIP,
+        "noslip_iterations", values.no_noslip, _SOLVER, "Contacts may slip slowly.", slow=_SLOW_SLIP
     ),
     Knob(
         "ccd_iterations",

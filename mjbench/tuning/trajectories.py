@@ -83,11 +83,7 @@ class Trajectories:
         return replace(self, qpos=self.qpos[:, :ncontrol], qvel=self.qvel[:, :ncontrol])
 
     def is_identical(self, other: "Trajectories") -> bool:
-        pairs = (
-            (self.qpos, other.qpos),
-            (self.qvel, other.qvel),
-            (self.points, other.points),
-        )
+        pairs = ((self.qpos, other.qpos), (self.qvel, other.qvel), (self.points, other.points))
         return all(np.array_equal(_bits(mine), _bits(others)) for mine, others in pairs)
 
     def has_sensors_of(self, other: "Trajectories") -> bool:
