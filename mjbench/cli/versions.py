@@ -9,7 +9,15 @@ import click
 from mjbench.cli.context import OutputOptions
 from mjbench.cli.fail_on import FAIL_ON, FailOn, measure_verdicts
 from mjbench.cli.group import cli
-from mjbench.cli.shared import COUNT, STORING, VERDICT_PLAN, Names, mode, with_options
+from mjbench.cli.shared import (
+    COUNT,
+    STORING,
+    VERDICT_PLAN,
+    Names,
+    metric_option,
+    mode,
+    with_options,
+)
 from mjbench.errors import InputError, shown, suggestion
 from mjbench.paired.outcomes import Metric
 
@@ -36,16 +44,7 @@ if TYPE_CHECKING:
     type=Names(),
     help="Ways of stepping, each compared between the releases  [default: python_loop]",
 )
-@click.option(
-    "--metric",
-    type=click.Choice([metric.value for metric in Metric]),
-    default=Metric.TIME.value,
-    show_default=True,
-    help="What to compare: the time of steps; p99, the time that 99 of 100 single steps do not"
-    " exceed; or instructions. Instruction counts repeat within 0.1 %. They do not need a quiet"
-    " machine, but they need valgrind; they are those of the engine alone, and --confidence,"
-    " --precision, --budget and --as-shipped do not apply.",
-)
+@metric_option(*Metric)
 @click.option(
     "--family",
     type=COUNT,

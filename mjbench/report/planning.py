@@ -11,13 +11,6 @@ from mjbench.report.starts import capture_lines
 from mjbench.status import Status
 from mjbench.units import plain
 
-# Whether a task was achieved, before the name of the planner.
-_OUTCOMES = {
-    None: "each plan from another state, by",
-    True: "achieved by",
-    False: "not achieved by",
-}
-
 
 def sections(rows: Sequence[PlanningRow]) -> Iterator[Section]:
     for _, group in itertools.groupby(rows, lambda row: (row.model, row.samples, row.horizon)):
@@ -36,8 +29,8 @@ def section(rows: Sequence[PlanningRow]) -> Section:
     if fastest := fastest_of(of_size):
         conclusions.append(Conclusion(_fastest_text(fastest)))
     facts = [
-        f"{first.task}, {_OUTCOMES[first.achieved]} {first.algorithm} with {first.samples} samples"
-        f" × {first.horizon} steps, {first.nplan} plans"
+        f"{first.task}, {_outcome(first)} {first.algorithm} with {first.samples} samples ×"
+        f" {first.horizon} steps, {first.nplan} plans"
     ]
     if first.starts is not None:
         facts += [f"Plans start from states of {first.starts.file}", *capture_lines(first.starts)]
@@ -56,6 +49,19 @@ def section(rows: Sequence[PlanningRow]) -> Section:
 
 def _variant(row: PlanningRow) -> Variant:
     return Variant(row.path, row.options)
+
+
+def _outcome(row: PlanningRow) -> str:
+    """Return whether a task was achieved, as words before the name of the planner."""
+    match row.achieved:
+        case None if row.starts is not None:
+            return "each plan from another state, by"
+        case None:
+            return "ended by the budget, by"
+        case True:
+            return "achieved by"
+        case False:
+            return "not achieved by"
 
 
 def fastest_of(rows: Sequence[PlanningRow]) -> PlanningRow | None:

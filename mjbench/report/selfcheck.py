@@ -70,7 +70,7 @@ def _conclusion(rows: Sequence[SelfcheckRow], confidence: float) -> Conclusion:
 def _slowdown_table(rows: Sequence[SelfcheckRow]) -> DataTable:
     return _table(
         "Known slowdowns",
-        "slowdown",
+        Column("slowdown", has_figures=True),
         rows,
         (
             Column("measured", lambda share: f"{100 * share:+.2f} %", leaves=9),
@@ -86,7 +86,7 @@ def _build_table(rows: Sequence[SelfcheckRow]) -> DataTable:
     """Return the table of trials between builds that execute the same instructions."""
     return _table(
         "Builds of the same code",
-        "old → new",
+        Column("old → new"),
         rows,
         (Column("different", formats.percent), lambda row: row.wrong),
         (Column("by code", formats.percent), lambda row: row.by_code),
@@ -96,7 +96,7 @@ def _build_table(rows: Sequence[SelfcheckRow]) -> DataTable:
 
 def _table(
     title: str,
-    case: str,
+    case: Column,
     rows: Sequence[SelfcheckRow],
     *shares: tuple[Column, Callable[[SelfcheckRow], Cell]],
 ) -> DataTable:
@@ -104,7 +104,7 @@ def _table(
         title,
         rows,
         (Column("model"), lambda row: row.model),
-        (Column(case), describe_case),
+        (case, describe_case),
         (Column("placement", leaves=6), lambda row: "averaged" if row.averaged else "as shipped"),
         (Column("trials", formats.count), lambda row: row.trials),
         *shares,

@@ -14,6 +14,7 @@ from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.counts.records import InstructionsRecord
 from mjbench.errors import Failure
 from mjbench.host.machine import Machine
+from mjbench.host.neighbours import Disturbance
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import TargetRow, VerdictRecord
@@ -39,22 +40,14 @@ _WORST_FIRST = (
     Status.UNAVAILABLE,
 )
 # The records that say how something ended.
-_Ended = (
-    VerdictRecord
-    | StepRatioRecord
-    | InstructionsRecord
-    | ModelRecord
-    | MeasurementRecord
-    | RaceRecord
-)
-
-
+_Timed = VerdictRecord | StepRatioRecord | InstructionsRecord
+_Ended = _Timed | ModelRecord | MeasurementRecord | RaceRecord
 # The records of the commands that a sweep runs, by their `type`.
 _RECORD_TYPES: Mapping[str, type] = {
     **comparison_records.RECORD_TYPES,
     **{
         record.record_type: record
-        for record in (RaceRecord, VerdictRecord, StepRatioRecord, InstructionsRecord)
+        for record in (RaceRecord, VerdictRecord, StepRatioRecord, InstructionsRecord, Disturbance)
     },
 }
 
@@ -65,7 +58,6 @@ class CellOutcome:
 
     Attributes:
       status: the worst of its records.
-      detail: of the record with this status, in one line; empty when ok.
       seconds: that it took; None where its records do not say.
     """
 
@@ -83,7 +75,6 @@ class CellResult:
 
     @property
     def outcome(self) -> CellOutcome:
-        """How it ended."""
         return outcome(self.section.run)
 
 
@@ -93,8 +84,7 @@ def outcome(run: Run) -> CellOutcome:
     if not ended:
         return CellOutcome(Status.FAILED, "there is no result")
     worst = min(ended, key=lambda record: _WORST_FIRST.index(record.status))
-    timed = (VerdictRecord, StepRatioRecord, InstructionsRecord)
-    seconds = [record.seconds for record in ended if isinstance(record, timed)]
+    seconds = [record.seconds for record in ended if isinstance(record, _Timed)]
     return CellOutcome(worst.status, worst.detail, sum(seconds) if seconds else None)
 
 
@@ -102,9 +92,6 @@ class Collector:
     """Takes the lines of one command, and gives its cells in their order as they are complete.
 
     Lines that are not those of a run file raise InputError.
-
-    Attributes:
-      missing: the cells that it has not given yet.
     """
 
     def __init__(self, cells: Sequence[Cell]):
@@ -143,7 +130,6 @@ class Collector:
         return self.missing[0].kind == CellKind.COMPARE
 
     def _take(self) -> list[CellResult]:
-        """Return the complete cells that no missing one comes before."""
         taken = []
         while self.missing and self.missing[0] in self._complete:
             taken.append(self._complete[self.missing.pop(0)])
@@ -159,16 +145,14 @@ def _named(cell: Cell, section: RunSection) -> CellResult:
 
 
 def _is_answer(record: Record, cell: Cell) -> bool:
-    """Return whether a record is the result of a cell; one that was interrupted is none."""
     match record:
         case VerdictRecord() if cell.kind == CellKind.VERSIONS:
             names = (record.model, record.path, record.old, record.new)
             is_same = names == (cell.model, cell.path, cell.baseline, cell.release)
             is_answer = is_same and record.metric == cell.metric
         case StepRatioRecord() | InstructionsRecord():
-            kind = (
-                CellKind.HISTORY if isinstance(record, StepRatioRecord) else CellKind.INSTRUCTIONS
-            )
+            is_ratio = isinstance(record, StepRatioRecord)
+            kind = CellKind.HISTORY if is_ratio else CellKind.INSTRUCTIONS
             given = (kind, record.model, record.release)
             is_answer = given == (cell.kind, cell.model, cell.release)
         case _:
@@ -203,12 +187,11 @@ def _failed_record(cell: Cell, failure: Failure) -> Record:
         case CellKind.INSTRUCTIONS:
             return InstructionsRecord(model=model, release=release, status=status, detail=detail)
         case CellKind.HISTORY:
-            reference = release_ratios.REFERENCE
             return StepRatioRecord(
                 model=model,
                 release=release,
                 build="",
-                reference=reference,
+                reference=release_ratios.REFERENCE,
                 status=status,
                 detail=detail,
             )
