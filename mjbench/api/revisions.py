@@ -1,10 +1,11 @@
-"""What `mjbench ab rev=… rev=…` measures: functions of the user's code in two revisions."""
+"""What `mjbench ab rev=… rev=…` and `mjbench bisect` measure: functions in revisions."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 
 from mjbench.api.session import Item, Measurement, Observer, pinning_notes
-from mjbench.paired import function_verdict, revision_sides
+from mjbench.paired import function_verdict, revision_bisect, revision_sides
+from mjbench.paired.bisect_records import BisectTrial
 from mjbench.paired.function_pair import FunctionTargets
 from mjbench.paired.judgement import Judgement
 from mjbench.paired.records import VerdictRecord, finished
@@ -13,11 +14,13 @@ from mjbench.paired.verdict import VerdictPlan, completed_share, sides_key
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.status import Status
 from mjbench.store.runs import Record
-from mjbench.units import percent_change
+from mjbench.units import percent_change, short_commit
+
+# Commits that are measured in a search, about, for its progress.
+_USUAL_TRIALS = 8
 
 
 def revision_verdicts(comparison: RevisionComparison, plan: VerdictPlan) -> Measurement:
-    """Return the measurement of verdicts on functions in two revisions."""
     plan = replace(plan, family=len(comparison.functions), as_shipped=True)
     revisions = comparison.baseline, comparison.candidate
 
@@ -48,11 +51,7 @@ def revision_verdicts(comparison: RevisionComparison, plan: VerdictPlan) -> Meas
 
 
 def _decide(
-    pool: WorkerPool,
-    targets: FunctionTargets,
-    plan: VerdictPlan,
-    observer: Observer,
-    share: float,
+    pool: WorkerPool, targets: FunctionTargets, plan: VerdictPlan, observer: Observer, share: float
 ) -> VerdictRecord:
     """Return the verdict on one function; `share` of all work is done before it."""
     name = targets[1].function
@@ -63,3 +62,34 @@ def _decide(
         observer(text, share + completed_share(judgement.launches) / plan.family)
 
     return function_verdict.decide(pool, targets, plan, on_launch)
+
+
+def bisection(comparison: RevisionComparison, plan: VerdictPlan) -> Measurement:
+    plan = replace(plan, as_shipped=True)
+    (function,) = comparison.functions
+
+    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+        trials: list[BisectTrial] = []
+
+        def on_trial(trial: BisectTrial) -> None:
+            trials.append(trial)
+            change = "cannot be measured"
+            if trial.ratio is not None:
+                change = f"{percent_change(trial.ratio)} %"
+            text = f"{short_commit(trial.commit.commit)} {change}"
+            observer(text, len(trials) / (len(trials) + _USUAL_TRIALS))
+
+        yield Item([revision_bisect.search(comparison, plan, observer.begin, on_trial)])
+
+    return Measurement(
+        "bisect",
+        {
+            **asdict(plan),
+            "revisions": [asdict(each) for each in (comparison.baseline, comparison.candidate)],
+            "function": function.text,
+        },
+        comparison.files,
+        measure,
+        lambda records: (),
+        pinning_notes(),
+    )

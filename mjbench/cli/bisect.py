@@ -32,7 +32,7 @@ def bisect(
     Examples:
       mjbench bisect rev=v1.0 rev=HEAD bench.py::step
     """
-    from mjbench.api.bisect import bisection
+    from mjbench.api.revisions import bisection
     from mjbench.report.kinds import BISECT
 
     comparison = revision_comparison(baseline, candidate, [function], plan)

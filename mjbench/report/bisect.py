@@ -11,7 +11,6 @@ from mjbench.units import count_of, short_commit
 
 
 def sections(records: Sequence[BisectRecord]) -> list[Section]:
-    """Return a section for each search."""
     return [
         Section(
             f"Which commit changed {record.function}?",
@@ -43,7 +42,6 @@ def _conclusions(record: BisectRecord) -> Iterator[Conclusion]:
 
 
 def _describe_change(change: BisectChange) -> str:
-    """Return a commit that is slower or faster, in a sentence."""
     commit = change.commit
     text = f"{_name(commit)}: {verdicts.describe_change(change.verdict)}"
     if not change.skipped:
