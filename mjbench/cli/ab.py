@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from mjbench.paired.verdict import VerdictPlan
 
 # What a side begins with that is a revision of the user's code.
-_REVISION = "rev="
+REVISION = "rev="
 
 
 @cli.command()
@@ -56,7 +56,7 @@ def ab(
       mjbench ab rev=main rev=HEAD bench.py::step
       mjbench ab HEAD WORKTREE my_package.physics:step --fail-on slower
     """
-    if any(side.startswith(_REVISION) for side in _as_revisions((baseline, candidate), functions)):
+    if any(side.startswith(REVISION) for side in _as_revisions((baseline, candidate), functions)):
         from mjbench.api.revisions import revision_verdicts
 
         comparison = revision_comparison(baseline, candidate, functions, plan)
@@ -72,7 +72,7 @@ def _as_revisions(sides: Sequence[str], functions: Sequence[str]) -> list[str]:
     """Return sides with `rev=` where it was left out, as it may be before a function."""
     if not any(":" in function for function in functions):
         return list(sides)
-    return [f"{_REVISION}{side}" if side and "=" not in side else side for side in sides]
+    return [f"{REVISION}{side}" if side and "=" not in side else side for side in sides]
 
 
 def _of_targets(baseline: str, candidate: str, plan: "VerdictPlan") -> "Measurement":
@@ -99,7 +99,7 @@ def revision_comparison(
     from mjbench.releases.revisions import Repository
 
     sides = _as_revisions((baseline, candidate), functions)
-    if not all(side.startswith(_REVISION) for side in sides):
+    if not all(side.startswith(REVISION) for side in sides):
         raise InputError("a revision is compared with a revision: give rev=… twice")
     if not functions:
         raise InputError(f"name a function of your code: {revision_sides.FORMS}")
@@ -107,7 +107,7 @@ def revision_comparison(
         raise InputError("sizes, start states and controls are of models, not of functions")
     cwd = Path.cwd().resolve()
     repository = Repository(cwd)
-    old, new = (repository.parse(side.removeprefix(_REVISION)) for side in sides)
+    old, new = (repository.parse(side.removeprefix(REVISION)) for side in sides)
     parsed = [
         revision_sides.parse_function(name, cwd, repository.top)
         for name in dict.fromkeys(functions)

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 
+from mjbench.errors import MachineError
 from mjbench.measuring import anytime
 from mjbench.measuring.anytime import Evidence
 from mjbench.measuring.progress import Progress
@@ -215,6 +216,44 @@ class _VerdictRule(PairRule):
         return Sufficiency(judgement.enough, judgement.launches >= MIN_LAUNCHES)
 
 
+class _CountedRule(_VerdictRule):
+    """Launch until a number of launches can be judged, whatever they say."""
+
+    purpose = "a ratio"
+
+    def __init__(
+        self, pool: WorkerPool, targets: tuple[Target, Target], plan: VerdictPlan, count: int
+    ):
+        super().__init__(pool, targets, plan, lambda judgement: None, time.monotonic)
+        self._count = count
+
+    def min_launches(self) -> int:
+        return self._count
+
+    def look(self, launches: Sequence[LaunchRow]) -> Sufficiency:
+        is_enough = len(launches_to_judge(launches)) >= self._count
+        return Sufficiency(is_enough, is_enough)
+
+
+def launch_log_ratios(
+    pool: WorkerPool, baseline: Target, candidate: Target, plan: VerdictPlan, count: int
+) -> list[float]:
+    """Return the log ratios of some launches, whatever they say, as `decide` would judge them.
+
+    Raises:
+      MachineError: a target cannot be measured, or not within the plan's time.
+      KeyboardInterrupt: Ctrl-C.
+    """
+    rule = _CountedRule(pool, (baseline, candidate), plan, count)
+    launched = rule.run()
+    if launched.status == Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    if not launched.is_enough:
+        raise MachineError(launched.detail)
+    log_scale = _log_scale(launched.work_check, plan)
+    return [launch.log_ratio + log_scale for launch in launches_to_judge(launched.launches)]
+
+
 def decide(
     pool: WorkerPool,
     baseline: Target,
@@ -294,14 +333,19 @@ def _log_scale(work_check: WorkCheck | None, plan: VerdictPlan) -> float:
     return work_check.log_scale
 
 
+def launches_to_judge(launches: Sequence[LaunchRow]) -> Sequence[LaunchRow]:
+    """Return the launches in which code was moved, or all if it never was."""
+    return [launch for launch in launches if launch.placements.is_moved] or launches
+
+
 def _judge_launches(
     launches: Sequence[LaunchRow], plan: VerdictPlan, log_scale: float
 ) -> Judgement | None:
     """Judge the launches in which code was moved, or all if it never was; None without any."""
-    moved = [launch for launch in launches if launch.placements.is_moved]
-    used = moved or launches
+    used = launches_to_judge(launches)
     if not used:
         return None
+    moved = [launch for launch in used if launch.placements.is_moved]
     return judge(
         [launch.log_ratio + log_scale for launch in used],
         plan.min_effect,
