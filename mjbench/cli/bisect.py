@@ -9,6 +9,7 @@ from mjbench.cli.ab import REVISION, revision_comparison
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import OUTPUT, VERDICT_PLAN, with_options
+from mjbench.errors import InputError
 
 if TYPE_CHECKING:
     from mjbench.api.session import Measurement
@@ -64,6 +65,10 @@ def _of_releases(baseline: str, candidate: str, model: str, plan: "VerdictPlan")
 
     source = models.resolve(model)
     ends = parse_release(baseline), parse_release(candidate)
+    if any(release.has_packages for release in ends):
+        raise InputError(
+            "bisect searches releases of MuJoCo alone: `mjbench versions` has packages"
+        )
     return release_bisection(catalogue.releases_between(*ends, bundle.default_path()), source, plan)
 
 

@@ -1,4 +1,4 @@
-"""A function of the user's code in two revisions, timed in turns in fresh processes."""
+"""A function of the user's code on two sides, timed in turns in fresh processes."""
 
 import random
 from collections.abc import Sequence
@@ -29,37 +29,46 @@ _THREADED_CORES = 1.2
 
 @dataclass(frozen=True)
 class FunctionTarget:
-    """A function in one revision.
+    """A function in one revision, or in one environment.
 
     Attributes:
       function: as the user named it, such as `bench.py::step`.
-      tree: the hash of the revision's files.
-      release: that its processes import.
+      revision: None where environments are compared.
+      tree: the hash of the revision's files; empty likewise.
+      release: that its processes import, with packages beside it.
+      path: of stepping, where the function steps a model; empty otherwise.
     """
 
     function: str
-    revision: Revision
+    revision: Revision | None
     tree: str
     source: FunctionSource
     origin: CodeOrigin
     release: ReleaseSpec
+    path: str = ""
 
     def name(self, role: str) -> str:
         """Return what error messages call it in a role, such as `baseline (main)`."""
-        return f"{role} ({self.revision.name})"
+        return f"{role} ({self.label})"
+
+    @property
+    def label(self) -> str:
+        """What results call it: the revision, or what is installed."""
+        return self.revision.name if self.revision else self.release.label
 
     def row(self) -> TargetRow:
         """Return what results say of it."""
         return TargetRow(
             release=self.release.version,
             model=self.function,
-            path="",
+            path=self.path,
             options={},
             model_options={},
             build=self.release.key,
-            revision=self.revision.name,
-            commit=self.revision.commit,
+            revision=self.revision.name if self.revision else "",
+            commit=self.revision.commit if self.revision else "",
             tree=self.tree,
+            packages=self.release.name if self.release.has_packages else "",
         )
 
 

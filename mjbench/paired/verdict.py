@@ -4,7 +4,7 @@
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 
 from mjbench.errors import MachineError
@@ -30,6 +30,8 @@ from mjbench.paired.records import (
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases import installs
+from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.placement import PlacementPair
 from mjbench.status import Status
 from mjbench.units import percent_change
@@ -87,8 +89,8 @@ class PairedResult(Launched):
         return VerdictRow(
             model=self.candidate.model.name,
             path=self.candidate.path,
-            old=self.baseline.release.version,
-            new=self.candidate.release.version,
+            old=self.baseline.release.label,
+            new=self.candidate.release.label,
             sides=(self.baseline.row(), self.candidate.row()),
             metric=self.metric,
             status=self.status,
@@ -113,6 +115,7 @@ class PairedResult(Launched):
             launches=len(self.launches),
             pairs=2 * sum(len(launch.orders) for launch in self.launches),
             seconds=self.seconds,
+            packages=package_versions(self.baseline.release, self.candidate.release),
         )
 
     def _verdict(self) -> Verdict | None:
@@ -122,13 +125,15 @@ class PairedResult(Launched):
         return Verdict.INCONCLUSIVE if self.status == Status.OK else None
 
     def _cause(self) -> Cause | None:
-        """Return why the builds differ; None where they do not, or where more than the build does.
+        """Return why the builds differ; None where they do not, or where more than that may.
 
         What is called `same` differs by placement if it does so as shipped, and if as shipped it is
         certainly another ratio.
         """
         baseline, candidate = self.baseline, replace(self.candidate, release=self.baseline.release)
         if self.judgement is None or self.averaging is None or baseline != candidate:
+            return None
+        if self.baseline.release.has_packages or self.candidate.release.has_packages:
             return None
         verdict = self.judgement.verdict
         if verdict == Verdict.SAME:
@@ -165,6 +170,15 @@ class PairedResult(Launched):
     def record(self) -> VerdictRecord:
         """Return the comparison as a run file stores it, with every launch's raw times."""
         return record_of(self.row(), self.launches)
+
+
+def package_versions(
+    baseline: ReleaseSpec, candidate: ReleaseSpec
+) -> Pair[Mapping[str, str]] | None:
+    """Return the versions of packages in two environments; None where the user named none."""
+    if not (baseline.has_packages or candidate.has_packages):
+        return None
+    return Pair(installs.package_versions(baseline), installs.package_versions(candidate))
 
 
 def record_of(row: VerdictRow, samples: Sequence[LaunchRow] = ()) -> VerdictRecord:

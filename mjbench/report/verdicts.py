@@ -17,6 +17,7 @@ from mjbench.paired.family import Family
 from mjbench.paired.outcomes import MIN_EFFECT, Cause, Metric, ResultsOutcome, Verdict
 from mjbench.paired.records import ControlRow, Pair, TargetRow, VerdictRow
 from mjbench.paths import BASE
+from mjbench.releases import packages
 from mjbench.report import charts, formats
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report.starts import starts_lines, warning_lines
@@ -278,7 +279,16 @@ def _same_work(row: VerdictRow) -> str:
 
 def notes(row: VerdictRow) -> list[str]:
     """Return which states or code a comparison was of, and what MuJoCo warned of, a line each."""
-    return [*_starts_lines(row), *_warning_lines(row), *_revision_lines(row)]
+    return [*_package_lines(row), *_starts_lines(row), *_warning_lines(row), *_revision_lines(row)]
+
+
+def _package_lines(row: VerdictRow) -> list[str]:
+    """Return what differs between two environments besides what the user named."""
+    if row.packages is None:
+        return []
+    named = frozenset().union(*(packages.names_in(side.packages) for side in row.sides))
+    others = packages.others_that_differ(row.packages.old, row.packages.new, named)
+    return [f"other packages differ, too: {', '.join(others)}"] if others else []
 
 
 def _revision_lines(row: VerdictRow) -> list[str]:
@@ -336,7 +346,7 @@ def describe_targets(row: VerdictRow | MachineComparison) -> str:
     """Return what differs between the two targets, such as `3.3.0 → 4.0.0`."""
     baseline, candidate = (_settings(target) for target in row.sides)
     keys = [k for k in {**baseline, **candidate} if baseline.get(k) != candidate.get(k)]
-    if keys in (["release"], ["rev"], []):
+    if keys in (["release"], ["rev"], ["packages"], []):
         return f"{row.old} → {row.new}"
     return " → ".join(
         " ".join(f"{key}={settings[key]}" for key in keys if key in settings) or "default"
@@ -413,7 +423,7 @@ def _settings(target: TargetRow) -> Mapping[str, Any]:
     """Return what was chosen for a target, by name."""
     return {
         **({"rev": target.revision} if target.revision else {}),
-        "release": target.release,
+        **({"packages": target.packages} if target.packages else {"release": target.release}),
         "model": target.model,
         "path": target.path,
         **target.options,

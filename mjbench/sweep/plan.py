@@ -200,7 +200,7 @@ def _releases(file: PlanFile, known: Callable[[], Collection[str]]) -> tuple[Rel
 def _release(name: str) -> ReleaseSpec:
     """Return a release that nodes can install; raises InputError if it is none, or a wheel."""
     spec = installs.parse_release(name)
-    if spec.wheels:
+    if spec.wheels or spec.has_packages:
         raise InputError(f"{shown(name)}: nodes install releases from the package index; give one")
     if spec.name == INSTALLED:
         return spec

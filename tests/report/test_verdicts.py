@@ -150,6 +150,14 @@ def test_comparisons_are_summed_up_together() -> None:
     assert quiet == "All 2 together: slower in none, faster in none, undecided in none."
 
 
+def test_what_differs_besides_the_named_packages_is_noted() -> None:
+    sides = [replace(OLD, packages=name) for name in ("jax==0.7.0", "jax==0.7.1")]
+    versions = Pair({"jax": "0.7.0", "scipy": "1.16"}, {"jax": "0.7.1", "scipy": "1.17"})
+    row = replace(ROW, sides=sides, old="jax==0.7.0", new="jax==0.7.1", packages=versions)
+    assert verdicts.describe_targets(row) == "jax==0.7.0 → jax==0.7.1"
+    assert "other packages differ, too: scipy 1.16 → 1.17" in verdicts.notes(row)
+
+
 def of_revisions(**fields: Any) -> VerdictRow:
     """Return the verdict on a function in two revisions."""
     main = TargetRow("4.0.0", "bench.py::step", "", {}, {}, revision="main", commit="a" * 40)
