@@ -139,6 +139,7 @@ def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -
             compat.set_state(model, data, states[next(turn) % len(states)])
             if not is_of_copies:
                 mujoco.mj_step(model, data)
+            way.prepare(data)
 
         def block() -> None:
             for _ in range(calls):

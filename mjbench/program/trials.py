@@ -91,12 +91,14 @@ class Way:
       create: creates an object for `use`, which together do what `run` does; None if it needs none.
       use: does the rest with the object, which the caller frees.
       has_timer: whether steps read the timer of MuJoCo's Python package.
+      prepare: takes over a state, before it is timed.
     """
 
     run: Callable[[mujoco.MjData], object]
     create: Callable[[mujoco.MjData], Any] | None = None
     use: Callable[[Any, mujoco.MjData], None] = lambda *_: None
     has_timer: bool = True
+    prepare: Callable[[mujoco.MjData], None] = lambda data: None
 
 
 _Ways = Callable[[mujoco.MjModel, Question], tuple[Way, Way]]
@@ -282,33 +284,34 @@ def _rollouts(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
     starts = np.empty((question.simulations, compat.state_size(model, spec)))
     control = np.zeros((1, 1, model.nu))
 
-    def from_present_state(call: Callable[[mujoco.MjData], object]) -> Way:
-        def run(data: mujoco.MjData) -> None:
-            compat.get_state(model, data, starts[0], spec)
-            starts[1:] = starts[0]
-            call(data)
+    def take_state(data: mujoco.MjData) -> None:
+        compat.get_state(model, data, starts[0], spec)
+        starts[1:] = starts[0]
 
-        return Way(run)
+    def way(call: Callable[[], object]) -> Way:
+        return Way(lambda data: call(), prepare=take_state)
+
+    def one_step(data: mujoco.MjData) -> None:
+        ends, _ = rollout.rollout(model, data, starts[:1], control)
+        starts[:1] = ends[:, -1]
 
     def step(data: mujoco.MjData) -> None:
         data.ctrl[:] = control[0, 0]
         mujoco.mj_step(model, data)
 
     if question.trial == Trial.NO_ROLLOUT:
-        one = from_present_state(lambda data: rollout.rollout(model, data, starts[:1], control))
-        return one, Way(step)
+        return Way(one_step, prepare=take_state), Way(step)
     if (problem := compat.rollout_threads_unavailable()) is not None:
         raise InputError(problem)
     pool = rollout.Rollout(nthread=threads)
-    in_pool = from_present_state(lambda data: pool.rollout(model, datas, starts, nstep=nstep))
+    in_pool = way(lambda: pool.rollout(model, datas, starts, nstep=nstep))
     if question.trial == Trial.BATCH_OR_ROLLOUT:
         from mujoco.batch import Batch
 
         batch = Batch(model, question.simulations)
         return in_pool, Way(lambda data: batch.step(nstep=nstep))
     own = datas[0] if question.trial == Trial.MORE_THREADS else datas
-    present = from_present_state(lambda data: rollout.rollout(model, own, starts, nstep=nstep))
-    return present, in_pool
+    return way(lambda: rollout.rollout(model, own, starts, nstep=nstep)), in_pool
 
 
 @_of(Trial.BATCH)

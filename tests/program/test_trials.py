@@ -83,6 +83,7 @@ def test_a_step_with_controls_is_that_of_a_rollout():
     ends = []
     for way in trials.ways(actuated, Question(Trial.NO_ROLLOUT)):
         data = mujoco.MjData(actuated)
+        way.prepare(data)
         for _ in range(3):
             way.run(data)
         ends.append([*data.qpos, *data.ctrl])
