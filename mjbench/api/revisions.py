@@ -62,7 +62,7 @@ def environment_verdicts(comparison: EnvironmentComparison, plan: VerdictPlan) -
             "functions": [function.text for function in comparison.functions],
         },
         comparison.files,
-        lambda pool, on_phase: environment_sides.install_both(comparison, on_phase),
+        lambda pool, on_phase: environment_sides.install_both(comparison),
     )
 
 
@@ -80,7 +80,7 @@ def compiled_verdicts(comparison: CompiledComparison, plan: VerdictPlan) -> Meas
             "paths": list(names),
         },
         input_files(sources, comparison.specs, plan.sizes.starts),
-        lambda pool, on_phase: compiled_sides.prepare(pool, comparison, on_phase),
+        lambda pool, on_phase: compiled_sides.prepare(pool, comparison),
         _COMPILER_PATIENCE_S,
     )
 

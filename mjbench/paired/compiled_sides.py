@@ -3,16 +3,17 @@
 To the engine that times, they are functions (see `compiled_steps`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench.errors import InputError
 from mjbench.paired import environment_sides
-from mjbench.paired.function_pair import FunctionTarget, FunctionTargets
+from mjbench.paired.function_pair import FunctionTarget, FunctionTargets, SteppedRun
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.timed_function import FunctionSource
 from mjbench.paired.worker import Worker
+from mjbench.paired.worker_answers import DrawnWorkload
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paths.accelerated import accelerated_path
 from mjbench.releases import installs, packages
@@ -68,11 +69,7 @@ def _with(spec: ReleaseSpec, needed: Sequence[str]) -> ReleaseSpec:
     return replace(spec, name=name, requirements=(*spec.requirements, *added), has_packages=True)
 
 
-def prepare(
-    pool: WorkerPool,
-    comparison: CompiledComparison,
-    on_phase: Callable[[str], None] = lambda text: None,
-) -> list[FunctionTargets]:
+def prepare(pool: WorkerPool, comparison: CompiledComparison) -> list[FunctionTargets]:
     """Install all environments, and draw the workloads; return the models in each pair of them.
 
     Raises:
@@ -80,21 +77,23 @@ def prepare(
       BuildError: packages cannot be installed together.
       MachineError: a release cannot be installed.
     """
-    origins = [environment_sides.install(spec, on_phase) for spec in comparison.specs]
+    origins = [environment_sides.install(spec) for spec in comparison.specs]
     caches = {spec.key: pool.new_folder() for spec in comparison.specs}
     pairs = []
     for source in comparison.sources:
-        workload = _draw(pool, comparison, source)
+        drawn = _draw(pool, comparison, source)
+        file, (nbatch, ncontrol, _) = pool.save(drawn.workload), drawn.workload.control.shape
+        nstep = ncontrol * drawn.workload.hold
         for name in comparison.path_names:
             baseline, *candidates = (
                 FunctionTarget(
                     source.name,
                     None,
                     "",
-                    _source(source, name, workload, caches[spec.key]),
+                    _source(source, name, file, caches[spec.key]),
                     origin,
                     spec,
-                    path=name,
+                    SteppedRun(name, nbatch, nstep, drawn.starts),
                 )
                 for spec, origin in zip(comparison.specs, origins, strict=True)
             )
@@ -102,8 +101,8 @@ def prepare(
     return pairs
 
 
-def _draw(pool: WorkerPool, comparison: CompiledComparison, source: ModelSource) -> Path:
-    """Return the file of a workload, which the baseline draws for all."""
+def _draw(pool: WorkerPool, comparison: CompiledComparison, source: ModelSource) -> DrawnWorkload:
+    """Return a workload, which the baseline draws for all."""
     sizes = comparison.sizes
     nstep = sizes.nstep or whole_holds(NSTEP, sizes.hold)
     request = SampleRequest(sizes.nbatch or NBATCH, nstep, sizes.hold, sizes.seed, sizes.starts)
@@ -111,7 +110,7 @@ def _draw(pool: WorkerPool, comparison: CompiledComparison, source: ModelSource)
     try:
         pool.wait_for(process, comparison.baseline)
         process.call(Worker.load_model, source.name, source.path, {})
-        return pool.save(process.call(Worker.make_workload, request).workload)
+        return process.call(Worker.make_workload, request)
     finally:
         pool.end([process])
 

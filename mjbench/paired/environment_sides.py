@@ -3,7 +3,7 @@
 The code is the user's as it lies here, the same on both sides.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -57,9 +57,7 @@ def parse_functions(texts: Sequence[str], cwd: Path) -> list[FunctionName]:
     return functions
 
 
-def install_both(
-    comparison: EnvironmentComparison, on_phase: Callable[[str], None] = lambda text: None
-) -> list[FunctionTargets]:
+def install_both(comparison: EnvironmentComparison) -> list[FunctionTargets]:
     """Install all environments that are missing; return the functions in each pair of them.
 
     Raises:
@@ -68,7 +66,7 @@ def install_both(
       MachineError: a release cannot be installed.
     """
     specs = (comparison.baseline, *comparison.candidates)
-    origins = [install(spec, on_phase) for spec in specs]
+    origins = [install(spec) for spec in specs]
     return [
         (
             _target(comparison, function, comparison.baseline, origins[0]),
@@ -79,12 +77,10 @@ def install_both(
     ]
 
 
-def install(spec: ReleaseSpec, on_phase: Callable[[str], None]) -> CodeOrigin:
+def install(spec: ReleaseSpec) -> CodeOrigin:
     """Install an environment that is missing; return where its packages must be imported from."""
     if spec.name == installs.INSTALLED:
         return CodeOrigin(frozenset(), (), "")
-    if spec.key not in installs.install_names():
-        on_phase(f"installing {spec.label}")
     folder = installs.install(spec).resolve()
     names = packages.modules(folder, packages.names_of(spec.beside))
     return CodeOrigin(names, (str(folder),), "")

@@ -22,9 +22,27 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.revisions import Revision
+from mjbench.simulation.starts import Starts
 
 # A function that keeps more cores busy than this has threads, and launches get all cores.
 _THREADED_CORES = 1.2
+
+
+@dataclass(frozen=True)
+class SteppedRun:
+    """What a function does that steps a model.
+
+    Attributes:
+      path: of stepping.
+      nbatch: simulations.
+      nstep: steps of each.
+      starts: where start states came from.
+    """
+
+    path: str
+    nbatch: int
+    nstep: int
+    starts: Starts
 
 
 @dataclass(frozen=True)
@@ -36,7 +54,7 @@ class FunctionTarget:
       revision: None where environments are compared.
       tree: the hash of the revision's files; empty likewise.
       release: that its processes import, with packages beside it.
-      path: of stepping, where the function steps a model; empty otherwise.
+      run: None for a function of the user's code.
     """
 
     function: str
@@ -45,7 +63,12 @@ class FunctionTarget:
     source: FunctionSource
     origin: CodeOrigin
     release: ReleaseSpec
-    path: str = ""
+    run: SteppedRun | None = None
+
+    @property
+    def path(self) -> str:
+        """The path of stepping; empty for a function of the user's code."""
+        return self.run.path if self.run else ""
 
     def name(self, role: str) -> str:
         """Return what error messages call it in a role, such as `baseline (main)`."""

@@ -271,6 +271,8 @@ class _Decision:
             seconds=self._clock() - self._begin_s,
             packages=package_versions(baseline.release, candidate.release),
         )
+        if run := candidate.run:
+            row = replace(row, nbatch=run.nbatch, nstep=run.nstep, starts=run.starts)
         if self._observed is not None:
             row = _with_results(row, self._observed)
         if self._launches:

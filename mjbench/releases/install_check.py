@@ -156,8 +156,8 @@ class _RecordedFile:
 def _recorded_files(record: str) -> list[_RecordedFile]:
     """Return the files of a RECORD that can be checked.
 
-    Those without a size cannot (RECORD itself and compiled Python), nor can scripts, which pip puts
-    elsewhere than RECORD says (`..`).
+    Those without a size cannot (RECORD itself), nor can compiled Python, which pip compiles anew
+    where a wheel has it, nor scripts, which pip puts elsewhere than RECORD says (`..`).
 
     Raises:
       ValueError: it is not a RECORD.
@@ -166,7 +166,7 @@ def _recorded_files(record: str) -> list[_RecordedFile]:
         return [
             _RecordedFile(name, recorded_hash, int(size))
             for name, recorded_hash, size in filter(None, csv.reader(record.splitlines()))
-            if size and not name.startswith("..")
+            if size and not name.startswith("..") and not name.endswith(".pyc")
         ]
     except csv.Error as error:
         raise ValueError(str(error)) from error

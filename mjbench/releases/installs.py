@@ -280,7 +280,8 @@ def install(release: ReleaseSpec) -> Path:
             for remains in (partial, folder):  # of an install that was killed
                 if remains.exists():
                     shutil.rmtree(remains)
-            _LOG.info("installing MuJoCo %s", release.version)
+            beside = f" with {', '.join(release.requirements)}" if release.requirements else ""
+            _LOG.info("installing MuJoCo %s%s", release.version, beside)
             pip.install(release.version, release.wheels, partial, release.beside)
             (partial / MARKER).write_text(f"{release.version}\n")
             partial.rename(folder)

@@ -116,10 +116,12 @@ def versions(folder: Path | None) -> dict[str, str]:
     Args:
       folder: that they were installed into; None for the environment of this process.
     """
-    where = {} if folder is None else {"path": [str(folder)]}
+    installed = (
+        metadata.distributions() if folder is None else metadata.distributions(path=[str(folder)])
+    )
     return {
         canonicalize_name(each.metadata["Name"]): each.version
-        for each in metadata.distributions(**where)
+        for each in installed
         if each.metadata["Name"]
     }
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import pytest
-from verdict_records import FAILED, SAME
+from verdict_records import FAILED, SAME, launch
 
 from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
@@ -14,7 +14,7 @@ from mjbench.paired import bisect
 from mjbench.paired.bisect import SearchRange, VersionMeasurer
 from mjbench.paired.bisect_records import BisectRecord, VersionKind, VersionRow
 from mjbench.paired.outcomes import Verdict
-from mjbench.paired.records import LaunchRow, VerdictRecord
+from mjbench.paired.records import VerdictRecord
 
 
 @dataclass
@@ -59,11 +59,6 @@ class Invented(VersionMeasurer):
 
     def _truth(self, baseline: int, candidate: int) -> float:
         return sum(step for number, step in self.steps.items() if baseline < number <= candidate)
-
-
-def launch(log_ratio: float) -> LaunchRow:
-    slow = round(1_000_000_000 * math.exp(log_ratio))
-    return LaunchRow(0, None, ["ABBA"], [[1_000_000_000, slow, slow, 1_000_000_000]])
 
 
 def found(measurer: Invented, count: int) -> BisectRecord:

@@ -4,11 +4,11 @@ import random
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from test_bisect import launch
-from verdict_records import SAME, SLOWER
+from verdict_records import SAME, SLOWER, launch
 
 from mjbench.paired import bisect, judgement, release_bisect, verdict
 from mjbench.paired.bisect import SearchRange, VersionMeasurer
@@ -97,20 +97,14 @@ class Times:
 
     def log_ratio(self, baseline: Target, candidate: Target) -> float:
         numbers = [self.VERSIONS.index(each.release.version) for each in (baseline, candidate)]
-        return 0.3 if numbers[0] < 2 <= numbers[1] else 0.0
+        return 0.03 if numbers[0] < 2 <= numbers[1] else 0.0
 
     def decide(self, pool: Any, baseline: Target, candidate: Target, plan: VerdictPlan) -> Any:
         is_slower = self.log_ratio(baseline, candidate) > 0
         sides = {"old": baseline.release.version, "new": candidate.release.version}
-        record = replace(SLOWER if is_slower else SAME, samples=[launch(0.3)] * 3, **sides)
+        record = replace(SLOWER if is_slower else SAME, samples=[launch(0.03)] * 3, **sides)
 
-        class Result:
-            status = record.status
-
-            def record(self) -> VerdictRecord:
-                return record
-
-        return Result()
+        return SimpleNamespace(status=record.status, record=lambda: record)
 
     def launch_log_ratios(
         self, pool: Any, baseline: Target, candidate: Target, plan: VerdictPlan, count: int
