@@ -9,7 +9,11 @@ STAMP := $(VENV)/.up-to-date
 UPGRADE := build/upgrade
 SITE := build/site
 LAB := build/lab/mujoco-lab.html
-.PHONY: help bench test tests lint style types types-darwin upgrade site lab c-floor slowdown soak fuzz verdicts foreign gpu clean
+
+# Tests start a thousand processes, each of which would compile what it imports again.
+unexport PYTHONDONTWRITEBYTECODE
+
+.PHONY: help bench test tests lint style types types-darwin pages upgrade site lab c-floor docs-commands slowdown soak fuzz verdicts foreign gpu clean
 
 help:
 	@echo "make bench     compare the C paths on the ten shipped models (4 minutes)"
@@ -17,8 +21,9 @@ help:
 	@echo "make site      write the history, all reports and the documents as a static site to $(SITE)"
 	@echo "make lab       write a page in which MuJoCo runs in a browser to $(LAB) (needs an npm package)"
 	@echo "make upgrade   compare the newest MuJoCo with the one before it; report in $(UPGRADE) (5 minutes or more)"
-	@echo "make lint      check style, the layers of imports and types"
+	@echo "make lint      check style, spelling, the layers of imports, types and pages"
 	@echo "make c-floor   compare the paths with a C program (needs a C compiler)"
+	@echo "make docs-commands  run every command of README and guides in a fresh clone (two hours)"
 	@echo "make slowdown  check that asv finds a release that is slowed on purpose (20 minutes or more)"
 	@echo "make soak      check that 1,000 comparisons in one process use up nothing (half an hour to two hours)"
 	@echo "make fuzz      check that 2,000 command lines of bad input end well (20 minutes)"
@@ -37,12 +42,17 @@ test: style
 tests: $(STAMP)
 	$(BIN)/python -m pytest -n 2 --dist worksteal
 
-lint: style types types-darwin
+lint: style types types-darwin pages
 
 style: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/codespell
 	$(BIN)/lint-imports
+
+# Links, blocks of code, commands and figures of the pages; `tests` has these, too.
+pages: $(STAMP)
+	$(BIN)/python -m pytest tests/test_docs.py tests/test_page_figures.py
 
 types: $(STAMP)
 	$(BIN)/mypy
@@ -71,6 +81,9 @@ lab: $(STAMP)
 
 c-floor: $(STAMP)
 	$(BIN)/python -m benchmarks.c_floor
+
+docs-commands: $(STAMP)
+	$(BIN)/python -m benchmarks.page_commands
 
 slowdown: $(STAMP)
 	$(BIN)/python -m benchmarks.slowdown

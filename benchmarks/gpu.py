@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.mjx import ByHand
+from benchmarks import mjx
 from benchmarks.studies import tally_command, tally_file
 from mjbench.errors import MachineError
 from mjbench.simulation import models
@@ -102,7 +102,7 @@ def run(names: Sequence[str], nbatch: str) -> None:
     compare(names, nbatch)
     sizes = [int(size) for size in nbatch.split(",")]
     speeds = tuple(testspeed(name, size) for name in names for size in sizes)
-    by_hand = ByHand()
+    by_hand = mjx.ByHand()
     by_hand.setup()
     ratio = by_hand.track_throughput_over_handwritten()
     TALLY.write_text(tally_file.dumps(GpuTally(before, gpus(), speeds, ratio)), encoding="utf-8")

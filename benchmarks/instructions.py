@@ -1,16 +1,17 @@
 """Instructions of a step, counted by Callgrind: exact, whatever else the machine does.
 
-One process under Callgrind counts all models, each over its stored start states and controls (see
-mjbench.counts.instructions).
+Two processes under Callgrind, side by side, count half of the models each, over stored start states
+and controls (see mjbench.counts.instructions).
 """
 
+import functools
 import pickle
 import tempfile
-from dataclasses import dataclass
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from benchmarks import stored
-from benchmarks.settings import Tracked
+from benchmarks.settings import Cached, Tracked
 from mjbench.counts.instructions import InstructionCounter, ModelCount, unavailable
 from mjbench.releases import installs
 from mjbench.simulation import models, workload
@@ -20,20 +21,6 @@ from mjbench.status import Status
 NBATCH = 2
 
 
-@dataclass(frozen=True)
-class CachedCount:
-    """What `setup_cache` hands to each model's process; asv pickles it.
-
-    Attributes:
-      status: `ok`, `unavailable` where this release or machine cannot count, or `failed`.
-      instructions_per_step: of the engine; 0 unless ok.
-    """
-
-    status: Status
-    detail: str = ""
-    instructions_per_step: float = 0.0
-
-
 class Instructions(Tracked):
     """Instructions that `mj_step` executes, with all that it calls, per step."""
 
@@ -41,12 +28,12 @@ class Instructions(Tracked):
     param_names = ("model",)
     timeout = 600
 
-    def setup_cache(self) -> dict[str, CachedCount]:
+    def setup_cache(self) -> dict[str, Cached[float]]:
         """Count all models at once; return the counts by model."""
         problem = unavailable()
         if problem:
-            return dict.fromkeys(models.shipped(), CachedCount(Status.UNAVAILABLE, problem))
-        cache: dict[str, CachedCount] = {}
+            return dict.fromkeys(models.shipped(), Cached(Status.UNAVAILABLE, problem))
+        cache: dict[str, Cached[float]] = {}
         with tempfile.TemporaryDirectory() as folder, InstructionCounter() as counter:
             sources = []
             for name in models.shipped():
@@ -55,33 +42,32 @@ class Instructions(Tracked):
                     counter.use_workload(source, _write_workload(name, Path(folder)))
                     sources.append(source)
                 except NotImplementedError as reason:
-                    cache[name] = CachedCount(Status.UNAVAILABLE, str(reason))
-            for count in counter.count(installs.parse_release(installs.INSTALLED), sources):
-                cache[count.model] = _cached(count)
+                    cache[name] = Cached(Status.UNAVAILABLE, str(reason))
+            release = installs.parse_release(installs.INSTALLED)
+            halves = sources[::2], sources[1::2]
+            with ThreadPoolExecutor(len(halves)) as pool:
+                for counts in pool.map(functools.partial(counter.count, release), halves):
+                    cache |= {count.model: _cached(count) for count in counts}
         return cache
 
     setup_cache.timeout = 600  # type: ignore[attr-defined]
 
-    def setup(self, cache: dict[str, CachedCount], model: str) -> None:
+    def setup(self, cache: dict[str, Cached[float]], model: str) -> None:
         """Skip a model that cannot be counted; fail for one that should have been."""
-        count = cache[model]
-        if count.status == Status.UNAVAILABLE:
-            raise NotImplementedError(count.detail)
-        if count.status != Status.OK:
-            raise RuntimeError(count.detail)
+        cache[model].get()
 
-    def track_instructions_per_step(self, cache: dict[str, CachedCount], model: str) -> float:
+    def track_instructions_per_step(self, cache: dict[str, Cached[float]], model: str) -> float:
         """Return the engine's instructions per step, a mean over all steps of all simulations."""
-        return cache[model].instructions_per_step
+        return cache[model].get()
 
     track_instructions_per_step.unit = "instructions/step"
     track_instructions_per_step.pretty_name = "instructions per step"
 
 
-def _cached(count: ModelCount) -> CachedCount:
+def _cached(count: ModelCount) -> Cached[float]:
     if count.instructions_per_step is None:
-        return CachedCount(Status.FAILED, count.detail)
-    return CachedCount(Status.OK, instructions_per_step=count.instructions_per_step)
+        return Cached(Status.FAILED, count.detail)
+    return Cached(Status.OK, value=count.instructions_per_step)
 
 
 def _write_workload(name: str, folder: Path) -> Path:

@@ -3,7 +3,6 @@
 import copy
 import functools
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -28,7 +27,7 @@ def _block(name: str, repeats: int) -> Callable[[], None]:
 
     A release that cannot do it skips the benchmark.
     """
-    operation = replace(operations.registry()[name], repeats=repeats)
+    operation = operations.find(name, repeats)
     source = models.resolve(operation.model) if operation.model else None
     try:
         if source is not None:

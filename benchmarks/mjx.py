@@ -1,13 +1,13 @@
 """MJX on a CPU: what compiling costs, what a steady step costs, and the same program by hand.
 
-JAX runs in child processes, never beside the timing of anything else. The history of mujoco-mjx has
-an asv configuration of its own, with JAX pinned: benchmarks/asv.mjx.conf.json.
+JAX runs in child processes, never beside the timing of anything else. asv measures mujoco-mjx of
+the release with the JAX that asv.conf.json pins; releases that do not work with it are skipped.
 
-asv imports this module in environments without JAX and without mjbench's optional packages, so
-whatever needs those is imported inside functions.
+asv imports this module in environments without mjbench's optional packages, so whatever needs those
+is imported inside functions.
 """
 
-import functools
+import itertools
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from benchmarks import stored
-from benchmarks.settings import Tracked
+from benchmarks.settings import Cached, Tracked
 from mjbench import paths
-from mjbench.errors import MachineError
+from mjbench.errors import MachineError, MjbenchError
 from mjbench.host import isolate
 from mjbench.measuring import timing
 from mjbench.paths.accelerated import AcceleratedPath, save_workload
@@ -36,6 +36,23 @@ NBATCH, NSTEP = 1024, 100
 HANDWRITTEN_NSTEP, ROUNDS = 20, 240
 
 
+@dataclass(frozen=True)
+class MjxTimes:
+    """What was measured of the path `mjx` on one workload.
+
+    Attributes:
+      compile_s: seconds of tracing, lowering and compiling.
+      block_s: seconds of each block of the compiled program.
+    """
+
+    compile_s: float
+    block_s: Sequence[float]
+
+
+# By model and number of simulations.
+MjxCache = dict[tuple[str, int], Cached[MjxTimes]]
+
+
 class Mjx(Tracked):
     """Compile time in seconds and time per step in nanoseconds of MJX in float32.
 
@@ -44,20 +61,25 @@ class Mjx(Tracked):
 
     params = (["cartpole"], [1, 1024])
     param_names = ("model", "nbatch")
-    timeout = 300
 
-    def setup(self, model: str, nbatch: int) -> None:
-        """Measure in a child process; `NotImplementedError` where this release cannot."""
-        _require_mjx()
-        _measure(model, nbatch)
+    def setup_cache(self) -> MjxCache:
+        """Measure each model and number of simulations once, in a child process."""
+        return {case: _measured(*case) for case in itertools.product(*self.params)}
 
-    def track_steady_ns_per_step(self, model: str, nbatch: int) -> float:
+    setup_cache.timeout = 600  # type: ignore[attr-defined]
+
+    def setup(self, cache: MjxCache, model: str, nbatch: int) -> None:
+        """Skip what this release cannot do; fail for what should have been measured."""
+        cache[model, nbatch].get()
+
+    def track_steady_ns_per_step(self, cache: MjxCache, model: str, nbatch: int) -> float:
         """Return nanoseconds per step of one simulation: the median block, compiled before."""
-        return 1e9 * float(np.median(_measure(model, nbatch).block_s)) / (nbatch * NSTEP)
+        block_s = float(np.median(cache[model, nbatch].get().block_s))
+        return 1e9 * block_s / (nbatch * NSTEP)
 
-    def track_compile_s(self, model: str, nbatch: int) -> float:
+    def track_compile_s(self, cache: MjxCache, model: str, nbatch: int) -> float:
         """Return seconds of tracing, lowering and compiling."""
-        return _measure(model, nbatch).compile_s
+        return cache[model, nbatch].get().compile_s
 
     track_steady_ns_per_step.unit = "ns"
     track_steady_ns_per_step.pretty_name = "MJX, float32: a steady step of one simulation"
@@ -146,22 +168,18 @@ def _require_mjx() -> None:
         raise NotImplementedError(reason)
 
 
-@dataclass(frozen=True)
-class MjxTimes:
-    """What was measured of the path `mjx` on one workload.
-
-    Attributes:
-      compile_s: seconds of tracing, lowering and compiling.
-      block_s: seconds of each block of the compiled program.
-    """
-
-    compile_s: float
-    block_s: Sequence[float]
+def _measured(model: str, nbatch: int) -> Cached[MjxTimes]:
+    try:
+        _require_mjx()
+        return Cached(Status.OK, value=_measure(model, nbatch))
+    except NotImplementedError as reason:
+        return Cached(Status.UNAVAILABLE, str(reason))
+    except MjbenchError as error:
+        return Cached(Status.FAILED, str(error))
 
 
-@functools.cache
 def _measure(model: str, nbatch: int) -> MjxTimes:
-    """Measure the path `mjx` in a child process, once per process of asv."""
+    """Measure the path `mjx` in a child process."""
     from mjbench.comparison import accelerated_run
     from mjbench.comparison.accelerated_run import AcceleratedRequest
     from mjbench.comparison.plan import Variant
@@ -171,7 +189,9 @@ def _measure(model: str, nbatch: int) -> MjxTimes:
         file = Path(folder) / "workload.pickle"
         stored_workload = stored.stored_workload(model, nbatch)
         save_workload(stored_workload, work.observe(stored_workload).peaks, file)
-        request = AcceleratedRequest(models.resolve(model), Variant("mjx", {}), file)
+        # not named, so not compiled once more with a cache
+        source, variant = models.resolve(model), Variant("mjx", {})
+        request = AcceleratedRequest(source, variant, file, is_named=False)
         ended = accelerated_run.run(request, records.append)
     return times_from(records[-1] if records else None, ended)
 

@@ -117,7 +117,7 @@ ODD_PROGRAMS: Mapping[str, OddProgram] = {
     ),
     # Signals
     "Ctrl-C": OddProgram(
-        _STEPS + "import time\nprint('ready', flush=True)\ntime.sleep(30)",
+        _STEPS + "import time\nprint('ready', flush=True); time.sleep(30)",
         signal_number=signal.SIGINT,
     ),
     "Ctrl-C that is caught": OddProgram(
@@ -126,13 +126,13 @@ ODD_PROGRAMS: Mapping[str, OddProgram] = {
         signal_number=signal.SIGINT,
     ),
     "SIGTERM": OddProgram(
-        _STEPS + "import time\nprint('ready', flush=True)\ntime.sleep(30)",
+        _STEPS + "import time\nprint('ready', flush=True); time.sleep(30)",
         signal_number=signal.SIGTERM,
     ),
     "SIGTERM that is handled": OddProgram(
         "import signal, sys, time\nsignal.signal(signal.SIGTERM, lambda *_: sys.exit(9))\n"
         + _STEPS
-        + "print('ready', flush=True)\ntime.sleep(30)",
+        + "print('ready', flush=True); time.sleep(30)",
         signal_number=signal.SIGTERM,
     ),
     "SIGUSR1": OddProgram(
@@ -224,7 +224,10 @@ ODD_PROGRAMS: Mapping[str, OddProgram] = {
     ),
     # Processes and threads
     "fork": OddProgram(_WORKERS.replace("{method}", "fork")),
-    "spawn": OddProgram("print(__name__)\n" + _WORKERS.replace("{method}", "spawn")),
+    "spawn": OddProgram(
+        "import os\nos.write(1, f'{__name__}\\n'.encode())\n"
+        + _WORKERS.replace("{method}", "spawn")
+    ),
     "forkserver": OddProgram(_WORKERS.replace("{method}", "forkserver")),
     "os.fork": OddProgram(
         _STEPS + "import os, sys\nsys.stdout.flush()\npid = os.fork()\n"

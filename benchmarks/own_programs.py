@@ -1,6 +1,6 @@
 """Does `mjbench run` say what to change first, and how much faster is the program then?
 
-    python -m benchmarks.own_programs [PROGRAM …] [--count N] [--rounds N]
+    python -m benchmarks.own_programs [PROGRAM …] [--count N] [--rounds N] [--write]
 
 runs each program of programs/own under `mjbench run`, and compares what it says first with what is
 known to be right. Where that saves time, the same program with the change runs beside it, in turns,
@@ -16,14 +16,18 @@ import statistics
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.studies import tally_file
+from benchmarks.studies.page_part import PagePart
 from mjbench.host import machine
 from mjbench.status import ExitCode
 
 FOLDER = Path(__file__).parent / "programs" / "own"
+TALLY = Path(__file__).parents[1] / "results/own-programs.json"
+PART = PagePart("method/run.md", "own-programs", "benchmarks.own_programs")
 # Points by which a predicted time may differ from the one measured.
 _MOST_DIFFERENCE = 0.05
 
@@ -163,32 +167,110 @@ def _line(file: Path, number: int) -> str:
     return file.read_text(encoding="utf-8").splitlines()[number - 1].strip()
 
 
+@dataclass(frozen=True)
+class ProgramResult:
+    """What `mjbench run` said of a program first, and what that saves.
+
+    Attributes:
+      advice: what to do.
+      is_right: whether an expert would say so, of the same line.
+      predicted, measured: time of the loop with the change, over that without it; None for a wrong
+        result.
+      is_near: whether the two agree.
+    """
+
+    name: str
+    advice: str
+    is_right: bool
+    predicted: float | None
+    is_bound: bool
+    measured: float | None
+    is_near: bool
+
+    @classmethod
+    def of(cls, program: OwnProgram, count: int, rounds: int) -> "ProgramResult":
+        """Run a program, and its change."""
+        said = advice(program, count)
+        after = measured(program, count, rounds)
+        is_near = said.predicted is None or after is None or _agree(program, said.predicted, after)
+        right = said.is_right(program)
+        return cls(program.name, said.text, right, said.predicted, program.is_bound, after, is_near)
+
+    @property
+    def row(self) -> str:
+        """The row of a table."""
+        shares = [
+            "–" if each is None else f"{each:.2f}" for each in (self.predicted, self.measured)
+        ]
+        shares[0] = f"≥ {shares[0]}" if self.is_bound else shares[0]
+        text = self.advice.replace("|", "\\|")
+        return f"| `{self.name}` | {text} | {' | '.join(shares)} |"
+
+
+@dataclass(frozen=True)
+class ProgramTally:
+    """All programs, and where they ran."""
+
+    mujoco: str
+    cpu: str
+    cores: int
+    load: float
+    rounds: int
+    programs: Sequence[ProgramResult]
+
+    def lines(self) -> Iterator[str]:
+        """Yield what the page of the method has."""
+        wrong = [f"`{each.name}`" for each in self.programs if not each.is_right]
+        timed = [each for each in self.programs if each.measured is not None]
+        far = [f"`{each.name}`" for each in timed if not each.is_near]
+        count = len(self.programs)
+        yield (
+            "The right change, and the right line where there is one, is named first for"
+            f" {count - len(wrong)} of {count} programs{_named(' (not ', wrong, ')')}. Of"
+            f" {len(timed)} predictions, {len(far)} are more than {_MOST_DIFFERENCE} off"
+            f"{_named(': ', far)}. Programs without times have wrong results."
+        )
+        yield (
+            f"(MuJoCo {self.mujoco}, {self.cpu}, {self.cores} cores, with a load of {self.load:g}"
+            f" at the beginning; {self.rounds} rounds.)"
+        )
+        yield ""
+        yield "| program | first advice | predicted | measured |"
+        yield "|---|---|---:|---:|"
+        yield from (each.row for each in self.programs)
+
+
+def _named(before: str, names: Sequence[str], after: str = "") -> str:
+    return f"{before}{', '.join(names)}{after}" if names else ""
+
+
 def main() -> None:
     """Print the table; fail where an advice is wrong."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("programs", nargs="*", metavar="PROGRAM")
     parser.add_argument("--count", type=int, default=1000, help="iterations, in their units")
     parser.add_argument("--rounds", type=int, default=5, help="runs with and without the change")
+    parser.add_argument("--write", action="store_true", help=f"write {TALLY.name} and the page")
     arguments = parser.parse_args()
     here = machine.describe()
-    print(
-        f"MuJoCo {here.versions['mujoco']} on {here.cpu}, {here.usable_cores} cores, with a load of"
-        f" {here.load_1min:g} at the beginning"
+    chosen = [p for p in PROGRAMS if p.name in (arguments.programs or [p.name])]
+    results = []
+    for program in chosen:
+        results.append(ProgramResult.of(program, arguments.count, arguments.rounds))
+        print(results[-1].row, flush=True)
+    tally = ProgramTally(
+        here.versions["mujoco"],
+        here.cpu,
+        here.usable_cores,
+        here.load_1min,
+        arguments.rounds,
+        results,
     )
-    print("| program | first advice | right | predicted | measured |\n|---|---|---|---:|---:|")
-    failed = False
-    for program in PROGRAMS:
-        if arguments.programs and program.name not in arguments.programs:
-            continue
-        said = advice(program, arguments.count)
-        after = measured(program, arguments.count, arguments.rounds)
-        is_near = said.predicted is None or after is None or _agree(program, said.predicted, after)
-        right = said.is_right(program) and is_near
-        failed |= not right
-        shares = ["–" if share is None else f"{share:.2f}" for share in (said.predicted, after)]
-        shares[0] = f"≥ {shares[0]}" if program.is_bound else shares[0]
-        text = said.text.replace("|", "\\|")
-        print(f"| {program.name} | {text} | {'yes' if right else 'NO'} | {' | '.join(shares)} |")
+    print("\n".join(tally.lines()))
+    if arguments.write:
+        TALLY.write_text(tally_file.dumps(tally), encoding="utf-8")
+        PART.write(tally.lines())
+    failed = not all(each.is_right and each.is_near for each in results)
     sys.exit(ExitCode.FINDING if failed else ExitCode.OK)
 
 

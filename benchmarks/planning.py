@@ -49,10 +49,10 @@ class Planning(Timed):
         settings = PlannerSettings(samples=samples, knots=KNOTS)
         self.planner = Planner(settings, np.array(self.data.ctrl), low, high)
 
-    def time_4_plans(self, path: str, samples: int) -> None:
-        """Improve the plan four times from the start, in seconds."""
+    def time_2_plans(self, path: str, samples: int) -> None:
+        """Improve the plan twice from the start, in seconds."""
         assert self.prepared.step_outputs is not None
-        for _ in range(4):
+        for _ in range(2):
             candidates = self.planner.candidates()
             self.workload.control[:] = candidates
             self.resources.changed()
@@ -62,7 +62,7 @@ class Planning(Timed):
             states = PlannerStates.of(self.columns, physics)
             self.planner.improve(candidates, self.task.cost(states, candidates))
 
-    time_4_plans.pretty_name = "4 MPPI plans for the cart-pole's swing-up"
+    time_2_plans.pretty_name = "2 MPPI plans for the cart-pole's swing-up"
 
     def teardown(self, path: str, samples: int) -> None:
         """Stop pools."""

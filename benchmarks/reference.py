@@ -6,15 +6,18 @@ in mjbench's cache (see mjbench.releases.installs). `mjbench history measure` me
 keeps every launch.
 """
 
-from benchmarks import stored
-from benchmarks.settings import Tracked
+from benchmarks.settings import Cached, Tracked
 from mjbench.paired import release_ratio
 from mjbench.paired.release_tasks import StepTask
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs, release_ratios
-from mjbench.releases.release_ratios import REFERENCE
+from mjbench.releases.release_ratios import REFERENCE, RatioRecord
 from mjbench.simulation import models
 from mjbench.status import Status
+
+# Launches of two processes, in each of which all models are timed: one turn of the schedule of
+# placements. `mjbench history measure` has two to ten turns.
+LAUNCHES = release_ratios.SCHEDULE_LAUNCHES
 
 
 class Reference(Tracked):
@@ -22,26 +25,35 @@ class Reference(Tracked):
 
     params = models.shipped()
     param_names = ("model",)
-    timeout = 300  # the first one installs the reference
     version = "4"
 
-    def setup(self, model: str) -> None:
-        """Skip models that this release cannot load."""
-        stored.load(model)
-
-    def track_ratio_to_reference(self, model: str) -> float:
-        """Return the time of a step over the reference release's, a ratio without unit."""
+    def setup_cache(self) -> dict[str, Cached[float]]:
+        """Measure all models in the same launches; return the ratios by model."""
         releases = (
             installs.parse_release(REFERENCE),
             installs.parse_release(installs.INSTALLED),
         )
-        task = StepTask(releases, models.resolve(model))
+        tasks = [StepTask(releases, models.resolve(model)) for model in self.params]
         with WorkerPool() as pool:
-            (record,) = release_ratio.measure(pool, [task])
-        ratio = release_ratios.averaged(record.launches)
-        if record.status != Status.OK or ratio is None:
-            raise RuntimeError(record.detail)
-        return ratio.ratio
+            records = release_ratio.measure(pool, tasks, LAUNCHES)
+        return {record.model: _cached(record) for record in records}
+
+    setup_cache.timeout = 600  # type: ignore[attr-defined]  # the first one installs the reference
+
+    def setup(self, cache: dict[str, Cached[float]], model: str) -> None:
+        """Skip a model that this release cannot load; fail for one that was not measured."""
+        cache[model].get()
+
+    def track_ratio_to_reference(self, cache: dict[str, Cached[float]], model: str) -> float:
+        """Return the time of a step over the reference release's, a ratio without unit."""
+        return cache[model].get()
 
     track_ratio_to_reference.unit = "new/reference"
     track_ratio_to_reference.pretty_name = f"time of a step over that of MuJoCo {REFERENCE}, paired"
+
+
+def _cached(record: RatioRecord) -> Cached[float]:
+    ratio = release_ratios.averaged(record.launches)
+    if record.status != Status.OK or ratio is None:
+        return Cached(record.status, record.detail or "too few launches")
+    return Cached(Status.OK, value=ratio.ratio)

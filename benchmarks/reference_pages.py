@@ -1,9 +1,9 @@
-"""Write what the reference pages have of the code: commands, rules of lint, keys of files.
+"""Write what pages have of the code: commands, rules of lint, settings of tune, keys of files.
 
     python -m benchmarks.reference_pages
 
-writes parts of docs/commands.md and docs/lint.md, and docs/keys.md. Do it again when a command's
-options, a rule, or a record changed; a test compares.
+writes parts of docs/commands.md, docs/lint.md and docs/method/tune.md, and docs/keys.md. Do it
+again when a command's options, a rule, a setting or a record changed; a test compares.
 """
 
 import functools
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 WRITER = "benchmarks.reference_pages"
 COMMANDS = PagePart("commands.md", "commands", WRITER)
 LINT_RULES = PagePart("lint.md", "rules", WRITER)
+SETTINGS = PagePart("method/tune.md", "settings", WRITER)
 KEYS = PagePart("keys.md", "keys", WRITER)
 # Characters of a line of help.
 WIDTH = 96
@@ -30,6 +31,7 @@ def main() -> None:
     """Write all parts."""
     COMMANDS.write(command_lines())
     LINT_RULES.write(rule_lines())
+    SETTINGS.write(setting_lines())
     KEYS.write(key_lines())
 
 
@@ -85,9 +87,16 @@ def rule_lines() -> Iterator[str]:
     yield from markdown.table_lines(["code", "what lint reports", "about"], rows)
 
 
+def setting_lines() -> Iterator[str]:
+    """Yield the table of what `tune` may change."""
+    from mjbench.tuning.knobs import KNOBS
+
+    rows = ((knob.name, _cell(knob.changes), knob.since) for knob in KNOBS)
+    yield from markdown.table_lines(["setting", "what it may change", "since MuJoCo"], rows)
+
+
 def key_lines() -> Iterator[str]:
     """Yield which type each line and document has, then a section for each type."""
-    from mjbench.cli.command_names import EARLIER
     from mjbench.report.json_schemas import json_schemas
     from mjbench.report.kinds import RECORD_TYPES
     from mjbench.store.runs import RunHeader
@@ -105,13 +114,7 @@ def key_lines() -> Iterator[str]:
     yield ""
     yield "## Documents"
     yield ""
-    titles = {
-        name: f"mjbench {' '.join(words).removesuffix('=')} --json"
-        for name, words in EARLIER.items()
-    }
-    documents = (
-        (f"`{titles.get(name, s['title'])}`", link(s)) for name, s in schemas.items() if "$ref" in s
-    )
+    documents = ((f"`{s['title']}`", link(s)) for s in schemas.values() if "$ref" in s)
     yield from markdown.table_lines(["written by", "keys"], documents)
     yield ""
     yield "## Types"

@@ -4,7 +4,17 @@ asv's significance test needs 20 samples on each side; with its default of 10 it
 doubled. They come from two rounds, which `asv run --interleave-rounds` puts minutes apart: a
 disturbance of some seconds affects at most one of them. Because the classes have a `setup`, asv
 times one call per sample, so each method does its work many times in one call.
+
+asv forks every parameter of every round from one process (`launch_method` in asv.conf.json). What
+is measured for all parameters together is measured in `setup_cache`, once for each release.
 """
+
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from mjbench.status import Status
+
+Value = TypeVar("Value")
 
 
 class Timed:
@@ -29,3 +39,32 @@ class Tracked:
 
     timeout = 60
     version = "1"
+
+
+@dataclass(frozen=True)
+class Cached(Generic[Value]):
+    """What `setup_cache` measured for one of its parameters; asv pickles it.
+
+    Attributes:
+      status: `ok`, `unavailable` where this release or machine lacks what it needs, or how it
+        failed.
+      detail: one line; empty when ok.
+      value: None unless ok.
+    """
+
+    status: Status
+    detail: str = ""
+    value: Value | None = None
+
+    def get(self) -> Value:
+        """Return the value.
+
+        Raises:
+          NotImplementedError: this release or machine lacks what it needs.
+          RuntimeError: it failed.
+        """
+        if self.status == Status.UNAVAILABLE:
+            raise NotImplementedError(self.detail)
+        if self.value is None:
+            raise RuntimeError(self.detail)
+        return self.value

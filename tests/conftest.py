@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import benchmark_tables
+import inline_tasks
 import mujoco
 import pytest
 from benchmark_tables import BenchmarkTime
@@ -17,7 +18,7 @@ from headless_browser import session
 from hypothesis import settings
 
 from mjbench.comparison import step_costs
-from mjbench.host import neighbours
+from mjbench.host import isolate, neighbours
 from mjbench.pages import terminal
 from mjbench.simulation import workload
 
@@ -107,6 +108,8 @@ def _no_traces(tmp_path_factory: pytest.TempPathFactory) -> Any:
         patch.setenv(neighbours.FOLDER_VARIABLE, str(tmp_path_factory.mktemp("measuring")))
         costs = tmp_path_factory.mktemp("step_costs") / "costs.json"
         patch.setenv(step_costs.FILE_VARIABLE, str(costs))
+        # what XLA saves by optimising a program is less than what that takes
+        patch.setenv("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
         yield
 
 
@@ -130,6 +133,12 @@ def without_warp(monkeypatch: pytest.MonkeyPatch) -> None:
     """Hide Warp from child processes of MJX, which would take seconds to import it."""
     folders = (str(TESTS / "without_warp"), os.environ.get("PYTHONPATH", ""))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, folders)))
+
+
+@pytest.fixture
+def inline(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Do in this process what `isolate` would do in a child."""
+    monkeypatch.setattr(isolate, "run", inline_tasks.run)
 
 
 @pytest.fixture

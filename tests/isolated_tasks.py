@@ -108,14 +108,6 @@ def hang(request: Any, channel: Channel) -> None:
         time.sleep(600)
 
 
-def hoard(request: Any, channel: Channel) -> None:
-    memory = bytearray(1 << 29)
-    memory[:: 1 << 12] = b"x" * len(memory[:: 1 << 12])  # touch every page, so that it is resident
-    channel.allow_silence(3600.0)
-    while True:
-        time.sleep(600)
-
-
 def wait_for_file(request: WaitRequest, channel: Channel) -> None:
     channel.allow_silence(3600.0)
     channel.send(Process(os.getpid()))

@@ -71,6 +71,10 @@ class _Times:
     program: float
     rounds: float
 
+    def scaled(self, factor: float) -> "_Times":
+        """Return these times for a longer or shorter check-up."""
+        return _Times(**{name: factor * seconds for name, seconds in vars(self).items()})
+
 
 _FULL = _Times(end=TOTAL_S, paths=14.0, together=5.0, steps=25.0, program=40.0, rounds=8.0)
 _QUICK = _Times(end=QUICK_S, paths=QUICK_S, together=0.0, steps=6.0, program=9.0, rounds=3.0)
@@ -93,16 +97,18 @@ class CheckupPlan:
 
     Attributes:
       limit_s: a child process that is silent for longer is killed.
+      budget_s: for all parts of one that is not quick.
     """
 
     is_quick: bool = False
     starts: StartPlan = DEFAULT_STARTS
     limit_s: float = TIME_LIMIT_S
+    budget_s: float = TOTAL_S
 
     @property
     def times(self) -> _Times:
         """What each part may take."""
-        return _QUICK if self.is_quick else _FULL
+        return _QUICK if self.is_quick else _FULL.scaled(self.budget_s / TOTAL_S)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -126,14 +132,15 @@ def checkup(
     quick: bool = False,
     settle_s: float | None = None,
     states: "States | None" = None,
+    budget_s: float = TOTAL_S,
     time_limit_s: float = TIME_LIMIT_S,
     wait: bool = False,
     on_progress: Progress | None = None,
 ) -> Checkup:
-    """Return what to do about a simulation that is slow, in at most a minute.
+    """Return what to do about a simulation that is slow, in a minute.
 
-    The same as `mjbench TARGET`. A program runs unchanged, with its own output, for half a minute
-    at most; all else is measured in child processes. A notebook is read, and not run.
+    The same as `mjbench TARGET`. A program runs unchanged, with its own output; all else is
+    measured in child processes. A notebook is read, and not run.
 
     Args:
       target: a model by name, path, MjModel or MjSpec; the path of a program or a notebook; an
@@ -143,6 +150,7 @@ def checkup(
       settle_s: simulated seconds for which a model moves before the first start state; None for
         its default.
       states: start states of a model instead: a file, or arrays by MjData field.
+      budget_s: seconds in all, unless it is quick; a program runs for two thirds of them.
       time_limit_s: a child process that reports nothing for this long is killed.
       wait: whether to wait until no other mjbench measures on this machine.
       on_progress: called with what is measured now, and the share of all work that is done.
@@ -153,8 +161,9 @@ def checkup(
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
     limit_s = checks.number("time_limit_s", time_limit_s, SECONDS)
+    budget_s = checks.number("budget_s", budget_s, SECONDS)
     with start_states.plan(settle_s, states) as starts:
-        plan = CheckupPlan(quick, starts, limit_s)
+        plan = CheckupPlan(quick, starts, limit_s, budget_s)
         if isinstance(target, str | os.PathLike):
             source = targets.recognized(os.fspath(target), arguments, Path.cwd())
             return Checkup.of(measurement(source, plan), wait, on_progress)
@@ -258,7 +267,9 @@ def _model_items(source: ModelSource, parts: _Parts) -> Iterator[Item]:
 
     def profiled(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
         parts.progress("where a step's time goes")
-        steps = isolate.call(profile.step, source, plan.starts, limit_s=plan.limit_s)
+        steps = isolate.call(
+            profile.step, source, plan.starts, profile.BUDGET_S, limit_s=plan.limit_s
+        )
         return part, [profile.row(source.name, steps, [])]
 
     first = parts.measured(CheckupPart.STEP, "where a step's time goes", profiled)

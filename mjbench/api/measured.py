@@ -1,6 +1,7 @@
 """What a measurement in a program returns: a value that prints what the command prints."""
 
 import contextlib
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,7 +36,7 @@ class Measured:
     Attributes:
       run: what a run file would hold: the machine, and the records with all raw samples that the
         command would store.
-      notes: what made timings unreliable, a sentence each; usually none.
+      notes: what makes timings unreliable on this system, a sentence each; usually none.
     """
 
     run: Run
@@ -57,7 +58,8 @@ class Measured:
         with (
             _in_program(),
             Session(measurement, wait) as session,
-            measurement.items((), Observer(on_progress)) as items,
+            _observer(on_progress) as observer,
+            measurement.items((), observer) as items,
         ):
             for item in items:
                 for record in item.records:
@@ -66,7 +68,8 @@ class Measured:
                         raise KeyboardInterrupt
                 measured.append(item)
             _check_any(measured)
-            return cls(session.run(), (*measurement.notes, *session.notes()))
+            session.end()
+            return cls(session.run(), tuple(measurement.notes))
 
     @property
     def machine(self) -> Machine:
@@ -117,6 +120,39 @@ class Measured:
 
     def _repr_pretty_(self, printer: Any, cycle: bool) -> None:  # IPython in a terminal
         printer.text("…" if cycle else str(self))
+
+
+class _CellLine(Observer):
+    """Shows in a line below the cell of a notebook what is measured now."""
+
+    def __init__(self, display: Any):
+        """Take IPython's function that displays something."""
+        super().__init__()
+        self._line = display({"text/plain": ""}, raw=True, display_id=True)
+        self._text = ""
+
+    def __call__(self, name: str, share: float) -> None:
+        self.begin(f"{name} ({100 * share:.0f} %)")
+
+    def begin(self, phase: str) -> None:
+        if phase != self._text:
+            self._text = phase
+            self._line.update({"text/plain": phase}, raw=True)
+
+
+@contextlib.contextmanager
+def _observer(on_progress: Progress | None) -> Iterator[Observer]:
+    """Yield what is told of progress: a function, in a notebook a line until the end, or nobody."""
+    ipython: Any = sys.modules.get("IPython")
+    is_notebook = ipython is not None and hasattr(ipython.get_ipython(), "kernel")
+    if on_progress is not None or not is_notebook:
+        yield Observer(on_progress)
+        return
+    line = _CellLine(ipython.display.display)
+    try:
+        yield line
+    finally:
+        line.begin("")
 
 
 @contextlib.contextmanager

@@ -52,6 +52,7 @@ def profile(
     *,
     settle_s: float | None = None,
     states: "States | None" = None,
+    budget_s: float = loop_profile.BUDGET_S,
     time_limit_s: float = TIME_LIMIT_S,
     wait: bool = False,
 ) -> Profile:
@@ -65,6 +66,7 @@ def profile(
         its default.
       states: a file of start states, or arrays by MjData field, as `mjbench.record` returns and
         `mjbench.capture` stores them, instead; None for none.
+      budget_s: seconds for the steps, and half of it for the frames of each backend.
       time_limit_s: a child process that reports nothing for this long is killed.
       wait: whether to wait until no other mjbench measures on this machine.
 
@@ -74,17 +76,21 @@ def profile(
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
     limit_s = checks.number("time_limit_s", time_limit_s, SECONDS)
+    budget_s = checks.number("budget_s", budget_s, SECONDS)
     with (
         model_sources.sources([model]) as sources,
         start_states.plan(settle_s, states) as starts,
     ):
-        return Profile.of(measurement(sources, starts, limit_s), wait)
+        return Profile.of(measurement(sources, starts, limit_s, budget_s), wait)
 
 
-def measurement(sources: Sequence[ModelSource], starts: StartPlan, limit_s: float) -> Measurement:
+def measurement(
+    sources: Sequence[ModelSource], starts: StartPlan, limit_s: float, budget_s: float
+) -> Measurement:
     """Return the measurement of where the time of models' steps goes."""
 
     def measure_model(source: ModelSource) -> list[ProfileRow]:
-        return [loop_profile.measure(source, limit_s, starts)]
+        return [loop_profile.measure(source, limit_s, starts, budget_s)]
 
-    return of_each_model("profile", sources, starts, ProfileRow, measure_model)
+    arguments = {"budget_s": budget_s}
+    return of_each_model("profile", sources, starts, ProfileRow, measure_model, arguments)

@@ -15,7 +15,7 @@ from typing import Any
 from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printable
 from mjbench.host import machine, neighbours, platforms
 from mjbench.host.machine import ProcessorTime
-from mjbench.host.neighbours import Neighbour, Presence
+from mjbench.host.neighbours import Disturbance, Neighbour, Presence
 from mjbench.measuring import progress
 from mjbench.measuring.progress import Progress
 from mjbench.releases.installs import ReleaseSpec
@@ -42,6 +42,9 @@ class Observer:
 
     def begin(self, phase: str) -> None:
         """Note in a line what begins now."""
+
+    def go_on(self, phase: str) -> None:
+        """Note how far that is."""
 
     def show(self, section: Callable[[], Section | None] | None) -> None:
         """Show what is known so far, until it is called again; None ends that."""
@@ -260,9 +263,12 @@ class Session:
         self.header = stored.header
         if stored.is_torn:
             self._report(f"{file}: the last line was cut short; it is left out")
-        self.earlier = tuple(self._measurement.select_finished(stored.records))
-        self.records, self._earlier_ids = [*self.earlier], set(map(id, self.earlier))
-        return RunFile.rewrite(file, stored.header, self.earlier)
+        disturbances = stored.of_type(Disturbance)
+        measured = [each for each in stored.records if not isinstance(each, Disturbance)]
+        self.earlier = tuple(self._measurement.select_finished(measured))
+        self.records = [*self.earlier, *disturbances]
+        self._earlier_ids = set(map(id, self.records))
+        return RunFile.rewrite(file, stored.header, self.records)
 
     @property
     def file(self) -> Path | None:
@@ -281,15 +287,19 @@ class Session:
         """Return the run as its file holds it, with all of its records or with some."""
         return Run(self.header, tuple(self.records if records is None else records))
 
-    def notes(self) -> Iterator[str]:
-        """Yield what made timings unreliable until now, a sentence each."""
+    def end(self) -> Disturbance | None:
+        """Store and return what disturbed the run; None where nothing did.
+
+        Raises:
+          MachineError: it cannot be stored.
+        """
         if self._presence is None:
-            return
+            return None
         others = dict.fromkeys([*self._others, *self._presence.later_neighbours()])
-        if others:
-            yield (
-                "Another mjbench measured on this machine at the same time"
-                f" ({neighbours.describe(list(others))}): these timings are unreliable."
-            )
-        if stolen := machine.stolen_note(self._begin):
-            yield stolen
+        share = ProcessorTime.now().stolen_since(self._begin)
+        stolen_share = share if share >= machine.NOTABLE_STOLEN else None
+        if not others and stolen_share is None:
+            return None
+        disturbance = Disturbance([other.command for other in others], stolen_share)
+        self.record(disturbance)
+        return disturbance

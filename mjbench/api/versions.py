@@ -85,8 +85,9 @@ def versions(
       models: names as on the command line, or paths; None for all shipped models. A compiled
         model cannot be compared: other releases cannot load it.
       paths: names of C paths, each compared between the releases.
-      metric: what to compare: `time`, `p99` (the time that 99 of 100 steps do not exceed), or
-        `instructions`, which needs valgrind.
+      metric: what to compare: `time`, `p99` (the time that 99 of 100 steps do not exceed),
+        `instructions`, which needs valgrind, the time of `load`, `reset`, `rays`, or of a short
+        call of `rollout` or `batch`, the peak of `memory`, or its `growth` with steps.
       min_effect: smallest change that matters, as a share; a change that is certainly smaller is
         `same`.
       confidence: of the interval, as a share.

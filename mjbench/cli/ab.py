@@ -10,8 +10,9 @@ import click
 from mjbench.cli.context import OutputOptions
 from mjbench.cli.fail_on import FAIL_ON, FailOn, measure_verdicts
 from mjbench.cli.group import cli
-from mjbench.cli.shared import STORING, VERDICT_PLAN, with_options
+from mjbench.cli.shared import STORING, VERDICT_PLAN, metric_option, with_options
 from mjbench.errors import InputError, shown
+from mjbench.paired.outcomes import Metric
 
 if TYPE_CHECKING:
     from mjbench.api.session import Measurement
@@ -26,11 +27,13 @@ REVISION = "rev="
 @click.argument("baseline", metavar="BASELINE")
 @click.argument("candidate", metavar="CANDIDATE")
 @click.argument("functions", metavar="[FUNCTION]…", nargs=-1)
+@metric_option(*(metric for metric in Metric if metric != Metric.INSTRUCTIONS))
 @with_options(FAIL_ON, VERDICT_PLAN, STORING)
 def ab(
     baseline: str,
     candidate: str,
     functions: tuple[str, ...],
+    metric: str,
     fail_on: FailOn,
     plan: "VerdictPlan",
     output: OutputOptions,
@@ -53,9 +56,12 @@ def ab(
       mjbench ab path=rollout,threads=2 path=batch_rollout,threads=2
       mjbench ab model=a.xml model=b.xml
       mjbench ab model=humanoid,solver=newton solver=cg
+      mjbench ab model=a.xml model=b.xml --metric load
       mjbench ab rev=main rev=HEAD bench.py::step
+      mjbench ab rev=main rev=HEAD bench.py::step --metric growth
       mjbench ab HEAD WORKTREE my_package.physics:step --fail-on slower
     """
+    plan = replace(plan, sizes=replace(plan.sizes, metric=Metric(metric)))
     if any(side.startswith(REVISION) for side in _as_revisions((baseline, candidate), functions)):
         from mjbench.api.revisions import revision_verdicts
 
@@ -80,6 +86,7 @@ def _of_targets(baseline: str, candidate: str, plan: "VerdictPlan") -> "Measurem
     from mjbench.paired import targets
 
     pair = targets.parse(baseline, candidate)
+    targets.check_metric(plan.sizes.metric, [target.path for target in pair])
     has_one_build = len({target.release.key for target in pair}) == 1  # its code stays where it is
     plan = replace(plan, as_shipped=plan.as_shipped or has_one_build)
     return verdicts("ab", [pair], plan)
@@ -95,7 +102,6 @@ def revision_comparison(
     """
     from mjbench.paired import revision_sides
     from mjbench.paired.revision_sides import RevisionComparison
-    from mjbench.paired.run_sizes import Sizes
     from mjbench.releases.revisions import Repository
 
     sides = _as_revisions((baseline, candidate), functions)
@@ -103,8 +109,7 @@ def revision_comparison(
         raise InputError("a revision is compared with a revision: give rev=… twice")
     if not functions:
         raise InputError(f"name a function of your code: {revision_sides.FORMS}")
-    if plan.sizes != Sizes():
-        raise InputError("sizes, start states and controls are of models, not of functions")
+    check_function_plan(plan)
     cwd = Path.cwd().resolve()
     repository = Repository(cwd)
     old, new = (repository.parse(side.removeprefix(REVISION)) for side in sides)
@@ -113,3 +118,19 @@ def revision_comparison(
         for name in dict.fromkeys(functions)
     ]
     return RevisionComparison(repository, old, new, parsed, cwd)
+
+
+def check_function_plan(plan: "VerdictPlan") -> None:
+    """Refuse a plan that says what is of models alone, where functions are compared.
+
+    Raises:
+      InputError: it does.
+    """
+    from mjbench.paired.metrics import FUNCTION_METRICS
+    from mjbench.paired.run_sizes import Sizes
+
+    metric = plan.sizes.metric
+    if plan.sizes != Sizes(metric=metric):
+        raise InputError("sizes, start states and controls are of models, not of functions")
+    if metric not in FUNCTION_METRICS:
+        raise InputError(f"--metric {metric} is of models, not of functions")

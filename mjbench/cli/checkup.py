@@ -9,7 +9,7 @@ from mjbench.cli import show_pages
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.output_file import OutputFile
-from mjbench.cli.shared import CODE, LIMIT, LOOP_STARTS, OUTPUT, with_options
+from mjbench.cli.shared import CODE, LIMIT, LOOP_STARTS, OUTPUT, budget, with_options
 
 if TYPE_CHECKING:
     from mjbench.simulation.starts import StartPlan
@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 @cli.command()
 @click.argument("target", metavar="TARGET")
 @click.argument("arguments", nargs=-1, metavar="[-- ARGS…]", type=click.UNPROCESSED)
-@click.option("--quick", is_flag=True, help="Take 15 seconds instead of 60, and try no settings.")
+@click.option(
+    "--quick", is_flag=True, help="Take 15 seconds, whatever --budget says, and try no settings."
+)
+@budget(60, "Time in all; a program runs for two thirds of it.")
 @click.option("--html", "html_file", metavar="FILE", help="Also write the report as an HTML page.")
 @click.option(
     "--markdown", "markdown_file", metavar="FILE|-", help="Also write the report as Markdown."
@@ -29,6 +32,7 @@ def checkup(
     target: str,
     arguments: tuple[str, ...],
     quick: bool,
+    budget_s: float,
     html_file: str | None,
     markdown_file: str | None,
     code: bool,
@@ -40,9 +44,8 @@ def checkup(
 
     TARGET is a model, a Python program or a notebook, or an environment, as other commands take
     them. `mjbench TARGET` is the same. Of a model, it races ways of stepping, tries settings, and
-    measures together what changes no result. A program runs unchanged, for 40 seconds at most; its
-    arguments follow --. Its output is its own, and the list goes to standard error. A notebook is
-    read and not run.
+    measures together what changes no result. A program runs unchanged, and its arguments follow --.
+    Its output is its own, and the list goes to standard error. A notebook is read and not run.
 
     Each item says what it gains, what it changes in results, and which command looks closer. Wrong
     results come first.
@@ -60,7 +63,7 @@ def checkup(
     from mjbench.report import checkup as report
 
     source = targets.recognized(target, arguments, Path.cwd())
-    work = measurement(source, CheckupPlan(quick, starts, time_limit))
+    work = measurement(source, CheckupPlan(quick, starts, time_limit, budget_s))
     pages = {
         form: OutputFile(f"--{form}", name, work.files)
         for form, name in (("html", html_file), ("markdown", markdown_file))
@@ -74,6 +77,7 @@ def checkup(
             each=report.part_sections,
             summary=report.summary,
             code=code,
+            has_results=False,  # parts are printed as they end
             to_stderr=isinstance(source, targets.ProgramFile) or markdown_file == "-",
         )
         named = NamedRun(run.session.file or output.results, run.session.run())

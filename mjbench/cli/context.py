@@ -107,11 +107,20 @@ class RunContext:
                 return
             if self._session.file is not None and error is None:
                 self.out.print(f"\nRun file: {self._session.file}", soft_wrap=True)
-            for note in self._session.notes():
+            for note in self._disturbances(self._session):
                 if error is None:
                     self.out.print(note, soft_wrap=True)
                 else:
                     report_line(note)
+
+    def _disturbances(self, session: "Session") -> Sequence[str]:
+        """Store what disturbed the run; return it in sentences."""
+        try:
+            disturbance = session.end()
+        except MachineError as error:
+            self._write_error = self._write_error or error
+            return ()
+        return () if disturbance is None else disturbance.sentences
 
     @property
     def session(self) -> "Session":
@@ -202,6 +211,7 @@ def measure_and_print(
     summary: "Sections | None" = None,
     code: bool | None = None,
     to_stderr: bool = False,
+    has_results: bool = True,
 ) -> RunContext:
     """Measure as the options of a command say; print and store what comes of it.
 
@@ -210,6 +220,7 @@ def measure_and_print(
       summary: what all items come to, printed at the end; None for nothing.
       code: whether snippets are printed, too; None for a command without that option.
       to_stderr: see `RunContext`.
+      has_results: see `progress`.
     """
     from mjbench.api.session import Session
     from mjbench.cli.progress import progress
@@ -224,7 +235,7 @@ def measure_and_print(
     with RunContext(output.json_file, inputs, session, to_stderr) as run:
         try:
             with (
-                progress(run.out) as observer,
+                progress(run.out, has_results) as observer,
                 measurement.items(session.earlier, observer) as items,
             ):
                 _measure_items(run, items, observer, each, bool(code))

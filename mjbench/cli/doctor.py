@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, mode
+from mjbench.cli.shared import JSON, budget, mode
 from mjbench.status import ExitCode
 
 # Seconds after which a backend that renders nothing does not work.
@@ -21,13 +21,14 @@ if TYPE_CHECKING:
 @cli.command()
 @mode("--verdicts", "How often are verdicts wrong on this machine?")
 @mode("--placement", "How far does speed depend on where MuJoCo's code lies in memory?")
+@budget(12, "Time for comparing the cart-pole with itself.")
 @JSON
-def doctor(json_file: str | None) -> None:
+def doctor(budget_s: float, json_file: str | None) -> None:
     """What on this machine spoils measurements, and how small a change can it decide?
 
     It looks at the processor, its clock, the load, the host, Python, valgrind and rendering, and
-    then compares the cart-pole with itself for some seconds. Exit code 1: something is bad, or
-    changes of 1 % cannot be decided within a minute.
+    then compares the cart-pole with itself. Exit code 1: something is bad, or changes of 1 %
+    cannot be decided within a minute.
 
     \b
     Example:
@@ -44,7 +45,7 @@ def doctor(json_file: str | None) -> None:
         rows = [*conditions.all_conditions(others), *_mujoco_conditions()]
         print_lines(run.out, [*condition_lines(rows)])
         try:
-            noise = _noise()
+            noise = _noise(budget_s)
         except KeyboardInterrupt:
             run.interrupt(is_saved=False)
             run.exit([])
@@ -90,7 +91,7 @@ def _rendering() -> "Condition":
     return Condition("rendering", Grade.NOTE, "does not work", reasons)
 
 
-def _noise() -> "NoiseRow":
+def _noise(budget_s: float) -> "NoiseRow":
     """Return what a comparison of the cart-pole with itself shows."""
     from mjbench.errors import MjbenchError
     from mjbench.paired import machine_check
@@ -99,6 +100,6 @@ def _noise() -> "NoiseRow":
 
     try:
         with WorkerPool() as pool:
-            return NoiseRow.of(machine_check.noise(pool))
+            return NoiseRow.of(machine_check.noise(pool, budget_s))
     except MjbenchError as error:
         return NoiseRow(detail=str(error))

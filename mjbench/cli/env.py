@@ -12,13 +12,14 @@ from mjbench.cli.shared import (
     LIMIT,
     SEED_NUMBER,
     STORING,
+    Count,
     Numbers,
     RenamedOption,
-    Seconds,
+    budget,
     with_options,
 )
 from mjbench.errors import Failure, MjbenchError, failure_of
-from mjbench.limits import THREADS
+from mjbench.limits import THREADS, Bounds
 from mjbench.status import Status
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ MAX_NSTEP = 100_000
     "--steps",
     "nstep",
     cls=RenamedOption,
-    type=click.IntRange(1, MAX_NSTEP),
+    type=Count(Bounds(1, MAX_NSTEP)),
     help="Steps of the environment to record and repeat in every round"
     "  [default: as many as take 0.1 s, from 50 to 1000]",
 )
@@ -60,13 +61,10 @@ MAX_NSTEP = 100_000
     type=Numbers(THREADS),
     help="Numbers of environments in vectorised forms  [default: 1, 2, 4, … usable cores]",
 )
-@click.option(
-    "--budget",
-    "budget_s",
-    type=Seconds(zero=True),
-    default="10s",
-    show_default=True,
-    help="Time for the rounds of each environment, and as much again for vectorised forms.",
+@budget(
+    10,
+    "Time for the rounds of each environment, and as much again for vectorised forms.",
+    zero=True,
 )
 @click.option("--no-vector", is_flag=True, help="Leave out vectorised forms.")
 @with_options(LIMIT, STORING)

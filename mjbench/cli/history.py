@@ -323,7 +323,7 @@ def _tasks(selection: _Selection, release: "ReleaseSpec") -> list["ReleaseTask"]
 
 
 @history.command("explain", short_help="count instructions of each release")
-@with_options(_SELECTION, as_one("output", OutputOptions, _RESULTS, RESUME))
+@with_options(_SELECTION, as_one("output", OutputOptions, _RESULTS, RESUME, JSON))
 def explain(selection: _Selection, output: OutputOptions) -> None:
     """Count instructions of steps and operations by function, from each RELEASE to the next.
 

@@ -15,6 +15,7 @@ from mjbench.cli.shared import (
     STORING,
     Hertz,
     Seconds,
+    budget,
     models_argument,
     with_options,
 )
@@ -42,20 +43,14 @@ if TYPE_CHECKING:
 @click.option(
     "--nstep", type=COUNT, help="Steps at each pace  [default: 10,000, or what the budget allows]"
 )
-@click.option(
-    "--budget",
-    type=Seconds(),
-    default="10s",
-    show_default=True,
-    help="Time for the steps of each pace, if there are more than 1,000.",
-)
+@budget(10, "Time for the steps of each pace, if there are more than 1,000.")
 @with_options(HOLD, SEED, STARTS, LIMIT, STORING)
 def latency(
     sources: "list[ModelSource]",
     deadline_s: float | None,
     rate_hz: float | None,
     nstep: int | None,
-    budget: float,
+    budget_s: float,
     hold: int,
     seed: int,
     starts: "StartPlan",
@@ -77,7 +72,7 @@ def latency(
     from mjbench.report.kinds import LATENCY
 
     requests = [
-        LatencyRequest(source, nstep, rate_hz, hold, seed, starts, budget) for source in sources
+        LatencyRequest(source, nstep, rate_hz, hold, seed, starts, budget_s) for source in sources
     ]
     measured = measurement(requests, deadline_s, time_limit)
     measure_and_print(measured, output, each=LATENCY.sections).exit()

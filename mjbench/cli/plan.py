@@ -11,13 +11,14 @@ from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
     LIMIT,
-    OUTPUT,
     PLANNING_STARTS,
     SEED,
+    STORING,
     Names,
     Numbers,
     RenamedOption,
     Seconds,
+    budget,
     models_argument,
     own_path_folder,
     with_options,
@@ -77,8 +78,11 @@ if TYPE_CHECKING:
     help="Roll out by these (see `mjbench paths`) and python_loop, which is always added"
     "  [default: all C paths]",
 )
-@click.option("--threads", type=Numbers(THREADS), help="Thread counts  [default: usable cores]")
-@with_options(SEED, PLANNING_STARTS, LIMIT, OUTPUT)
+@click.option(
+    "--threads", type=Numbers(THREADS), help="Thread counts  [default: 1 and usable cores]"
+)
+@budget(60, "Time for the plans of each model and size; after it, the closed loop ends.")
+@with_options(SEED, PLANNING_STARTS, LIMIT, STORING)
 def plan(
     sources: "list[ModelSource]",
     algorithm: str,
@@ -88,6 +92,7 @@ def plan(
     duration_s: float,
     path_names: list[str] | None,
     threads: list[int] | None,
+    budget_s: float,
     seed: int,
     starts: "StartPlan",
     time_limit: float,
@@ -107,28 +112,32 @@ def plan(
       mjbench plan --nbatch 16,64,256 --knots 10,25 --threads 1,2
       mjbench plan robot.mjb --states states.npz
     """
-    from mjbench.api.session import Measurement, input_files
-    from mjbench.comparison import selection
+    from mjbench.api.session import Item, Measurement, finished, input_files
+    from mjbench.comparison import planning_run, selection
     from mjbench.comparison.planner import Algorithm, PlannerSettings
     from mjbench.comparison.planning_run import PlanningRequest, PlanningRow
-    from mjbench.host import machine
     from mjbench.report import planning
 
     import_from = own_path_folder(path_names)
-    variants = selection.variants(path_names or [], threads or [machine.usable_cores()])
+    variants = selection.variants(path_names or [], threads)
     settings = [
         PlannerSettings(Algorithm(algorithm), nsample, nknot, seed=seed)
         for nsample, nknot in itertools.product(samples, knots)
     ]
     requests = [
-        PlanningRequest(source, variants, each, hold, duration_s, starts.file)
+        PlanningRequest(source, variants, each, hold, duration_s, starts.file, budget_s)
         for source, each in itertools.product(sources, settings)
     ]
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
         for number, request in enumerate(requests):
             observer(request.source.name, number / len(requests))
-            yield _plan_model(request, import_from, time_limit)
+            known = planning_run.stored(request, earlier)
+            yield Item(known) if known else _plan_model(request, import_from, time_limit)
+
+    def whole(records: "Sequence[Record]") -> "list[Record]":
+        ended = finished(records)
+        return [row for request in requests for row in planning_run.stored(request, ended)]
 
     arguments = {
         "models": [source.name for source in sources],
@@ -136,11 +145,12 @@ def plan(
         "settings": list(dict.fromkeys(settings)),
         "hold": hold,
         "duration_s": duration_s,
+        "budget_s": budget_s,
         "starts": starts,
     }
     files = input_files(sources, [], starts)
     measure_and_print(
-        Measurement("plan", arguments, files, items),
+        Measurement("plan", arguments, files, items, whole),
         output,
         each=lambda run: [planning.section(run.of_type(PlanningRow))],
         summary=lambda run: planning.sizes_sections(run.of_type(PlanningRow)),

@@ -4,7 +4,15 @@ from typing import TYPE_CHECKING
 
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import LIMIT, LOOP_STARTS, STORING, mode, models_argument, with_options
+from mjbench.cli.shared import (
+    LIMIT,
+    LOOP_STARTS,
+    STORING,
+    budget,
+    mode,
+    models_argument,
+    with_options,
+)
 
 if TYPE_CHECKING:
     from mjbench.simulation.models import ModelSource
@@ -15,9 +23,14 @@ if TYPE_CHECKING:
 @mode("--habits", "What does each habit of a Python loop cost?")
 @mode("--instructions", "Count instructions by function; needs valgrind.")
 @models_argument("cartpole")
+@budget(4, "Time for the steps of each model, and half of it for the frames of each backend.")
 @with_options(LOOP_STARTS, LIMIT, STORING)
 def profile(
-    sources: "list[ModelSource]", starts: "StartPlan", time_limit: float, output: OutputOptions
+    sources: "list[ModelSource]",
+    budget_s: float,
+    starts: "StartPlan",
+    time_limit: float,
+    output: OutputOptions,
 ) -> None:
     """Where does a step's time go: engine stages, Python around it, rendering?
 
@@ -34,5 +47,5 @@ def profile(
     from mjbench.report.kinds import PROFILE
 
     measure_and_print(
-        measurement(sources, starts, time_limit), output, each=PROFILE.sections
+        measurement(sources, starts, time_limit, budget_s), output, each=PROFILE.sections
     ).exit()

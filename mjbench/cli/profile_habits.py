@@ -6,7 +6,14 @@ import click
 
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import LIMIT, LOOP_STARTS, STORING, models_argument, with_options
+from mjbench.cli.shared import (
+    LIMIT,
+    LOOP_STARTS,
+    STORING,
+    budget,
+    models_argument,
+    with_options,
+)
 
 if TYPE_CHECKING:
     from mjbench.simulation.models import ModelSource
@@ -16,10 +23,12 @@ if TYPE_CHECKING:
 @cli.command("profile --habits")
 @models_argument("cartpole")
 @click.option("--code", is_flag=True, help="Print each habit's loop, and its cheaper form.")
+@budget(30, "About how long to time the habits of each model.")
 @with_options(LOOP_STARTS, LIMIT, STORING)
 def profile_habits(
     sources: "list[ModelSource]",
     code: bool,
+    budget_s: float,
     starts: "StartPlan",
     time_limit: float,
     output: OutputOptions,
@@ -41,7 +50,9 @@ def profile_habits(
     from mjbench.report.kinds import OVERHEAD
 
     def rows(source: "ModelSource") -> list[loop_overhead.OverheadRow]:
-        return [loop_overhead.measure(source, time_limit, starts=starts)]
+        return [loop_overhead.measure(source, time_limit, starts=starts, budget_s=budget_s)]
 
-    measurement = of_each_model("overhead", sources, starts, loop_overhead.OverheadRow, rows)
+    measurement = of_each_model(
+        "overhead", sources, starts, loop_overhead.OverheadRow, rows, {"budget_s": budget_s}
+    )
     measure_and_print(measurement, output, each=OVERHEAD.sections, code=code).exit()

@@ -18,11 +18,24 @@ from mjbench.report.content import Section
 
 
 class PhaseLines(Observer):
-    """Says in lines on standard error what begins, for who has no terminal."""
+    """Says in lines on standard error what begins, and the first results; without a terminal."""
+
+    def __init__(self, has_results: bool = True):
+        super().__init__()
+        self._awaits_results = has_results
 
     def begin(self, phase: str) -> None:
         """Say what begins now."""
         click.echo(printable(phase), err=True)
+
+    def show(self, section: Callable[[], Section | None] | None) -> None:
+        """Print what is known, the first time that anything is."""
+        so_far = section() if section and self._awaits_results else None
+        if so_far is not None:
+            self._awaits_results = False
+            click.echo(
+                f"First results; the final ones follow.\n{terminal.text_of([so_far])}\n", err=True
+            )
 
 
 class _TerminalBar(Observer):
@@ -41,6 +54,9 @@ class _TerminalBar(Observer):
     def begin(self, phase: str) -> None:
         self(phase, self._bar.tasks[0].completed)
 
+    def go_on(self, phase: str) -> None:
+        self.begin(phase)
+
     def show(self, section: Callable[[], Section | None] | None) -> None:
         so_far = section() if section else None
         parts = terminal.section_parts(so_far, self._live.console.width) if so_far else ()
@@ -50,17 +66,22 @@ class _TerminalBar(Observer):
 
 
 class _Phases(logging.Handler):
-    """Shows what mjbench logs: a phase, such as an install, as progress, a warning as a line."""
+    """Shows what mjbench logs: a phase, such as an install, as progress, a warning as a line.
+
+    For debugging it logs how far a phase is, which a bar shows, too.
+    """
 
     def __init__(self, observer: Observer):
-        super().__init__(logging.INFO)
+        super().__init__(logging.DEBUG)
         self._observer = observer
 
     def emit(self, record: logging.LogRecord) -> None:
         if record.levelno > logging.INFO:
             report_line(record.getMessage().removeprefix("mjbench: "))
-        else:
+        elif record.levelno == logging.INFO:
             self._observer.begin(record.getMessage())
+        else:
+            self._observer.go_on(record.getMessage())
 
 
 @contextlib.contextmanager
@@ -69,7 +90,7 @@ def _logged_to(observer: Observer) -> Iterator[Observer]:
     logger, handler = logging.getLogger("mjbench"), _Phases(observer)
     level = logger.level
     logger.addHandler(handler)
-    logger.setLevel(logging.INFO)
+    logger.setLevel(logging.DEBUG)
     try:
         yield observer
     finally:
@@ -78,10 +99,14 @@ def _logged_to(observer: Observer) -> Iterator[Observer]:
 
 
 @contextlib.contextmanager
-def progress(out: Console) -> Iterator[Observer]:
-    """Yield what shows progress: a bar, which is gone at the end, or lines."""
+def progress(out: Console, has_results: bool = True) -> Iterator[Observer]:
+    """Yield what shows progress: a bar, which is gone at the end, or lines.
+
+    Args:
+      has_results: whether lines have the first results, too.
+    """
     if not out.is_terminal or out.is_dumb_terminal:
-        with _logged_to(PhaseLines()) as observer:
+        with _logged_to(PhaseLines(has_results)) as observer:
             yield observer
         return
     name_column = Column(no_wrap=True, ratio=1)  # what does not fit is cut here, and not in times

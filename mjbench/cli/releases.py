@@ -8,8 +8,9 @@ import click
 from mjbench.api import interrupts
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON
+from mjbench.cli.shared import JSON, Count
 from mjbench.errors import InputError, MachineError
+from mjbench.limits import Bounds
 from mjbench.status import ExitCode
 
 _DAY_S = 86_400.0
@@ -124,7 +125,7 @@ def list_installs() -> None:
 @releases.command("prune", short_help="remove installs not used for some time")
 @click.option(
     "--days",
-    type=click.IntRange(0, 36_500),
+    type=Count(Bounds(0, 36_500)),
     default=30,
     show_default=True,
     help="Keep what was used within so many days.",

@@ -9,8 +9,9 @@ import click
 
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import OUTPUT, Seconds
+from mjbench.cli.shared import OUTPUT, Count, Seconds
 from mjbench.errors import InputError
+from mjbench.limits import Bounds
 from mjbench.status import ExitCode
 
 if TYPE_CHECKING:
@@ -45,6 +46,8 @@ class _ProgramCommand(click.Command):
 @click.argument("program", nargs=-1, metavar="PROGRAM [ARGS]…", type=click.UNPROCESSED)
 @click.option(
     "--seconds",
+    "--budget",
+    "seconds",
     type=Seconds(),
     help="End the program, as Ctrl-C would, when it has stepped for this long  [default: run it to"
     " its end]",
@@ -52,14 +55,14 @@ class _ProgramCommand(click.Command):
 @click.option(
     "--attach",
     "pid",
-    type=click.IntRange(1, 2**31 - 1),
+    type=Count(),
     metavar="PID",
     help="Sample a running program for --seconds (10s by default). It keeps running.",
 )
 @click.option(
     "--rate",
     "rate_hz",
-    type=click.IntRange(1, 1000),
+    type=Count(Bounds(1, 1000)),
     help="Samples of the program's stacks per second  [default: 100; 20 of a program with several"
     " child processes; 10 with --native, or fewer where they would cost too much]",
 )

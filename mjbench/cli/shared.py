@@ -14,6 +14,8 @@ from mjbench.cli.context import OutputOptions
 from mjbench.errors import InputError, one_line
 from mjbench.limits import TIME_LIMIT_S, Bounds
 from mjbench.paired import outcomes
+from mjbench.paired.metrics import METRICS
+from mjbench.paired.outcomes import Metric
 
 if TYPE_CHECKING:
     from mjbench.paired.run_sizes import Sizes
@@ -97,6 +99,19 @@ class Numbers(Text[list[int]]):
 
     def _parse(self, text: str) -> list[int]:
         return list(dict.fromkeys(parsed(text, lambda word: _within(int(word), self._bounds))))
+
+
+class Count(Text[int]):
+    """A whole number."""
+
+    name = "N"
+
+    def __init__(self, bounds: Bounds = limits.COUNT) -> None:
+        self._bounds = bounds
+        self.expected = f"a whole number, {bounds}"
+
+    def _parse(self, text: str) -> int:
+        return _within(int(text), self._bounds)
 
 
 class LargeCount(Text[int]):
@@ -262,6 +277,23 @@ def mode(flag: str, text: str) -> Callable[[Callable[..., None]], Callable[..., 
     return click.option(flag, is_flag=True, expose_value=False, help=f"{text} ({flag} --help)")
 
 
+def budget(default_s: float, text: str, zero: bool = False) -> Callable[..., Any]:
+    """Return the option --budget of a command, which gets `budget_s`.
+
+    Args:
+      text: what the time is for, for the help.
+      zero: whether it may be 0, for as little as possible.
+    """
+    return click.option(
+        "--budget",
+        "budget_s",
+        type=Seconds(zero),
+        default=f"{default_s:g}s",
+        show_default=True,
+        help=text,
+    )
+
+
 def check_sizes(nstep: int | None, hold: int) -> None:
     """Refuse a number of steps that is not a multiple of hold."""
     if nstep and nstep % hold:
@@ -304,8 +336,25 @@ def _verdict_plan(
     return VerdictPlan(min_effect, confidence, precision, time_limit, sizes, as_shipped)
 
 
-COUNT = click.IntRange(int(limits.COUNT.least), int(limits.COUNT.most))
-SEED_NUMBER = click.IntRange(int(limits.SEED.least), int(limits.SEED.most))
+def metric_option(*metrics: Metric) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that adds the option --metric to a command, with these metrics."""
+    meanings = "; ".join(f"`{metric}`, {METRICS[metric].meaning}" for metric in metrics)
+    help_text = f"What to compare: {meanings}."
+    if Metric.INSTRUCTIONS in metrics:
+        help_text += (
+            " Instruction counts repeat within 0.1 %. They do not need a quiet machine, but they"
+            " need valgrind, and --confidence, --precision, --budget and --as-shipped do not apply."
+        )
+    return click.option(
+        "--metric",
+        type=click.Choice([metric.value for metric in metrics]),
+        default=Metric.TIME.value,
+        show_default=True,
+        help=help_text,
+    )
+
+
+COUNT, SEED_NUMBER = Count(), Count(limits.SEED)
 JSON = click.option(
     "--json", "json_file", metavar="FILE|-", help="Write results as JSON to FILE, or - for stdout."
 )

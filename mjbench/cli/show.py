@@ -71,7 +71,8 @@ def show(
 
     --against compares runs of `compare`; in run sets, each machine is compared with itself. The two
     were measured at different times, so only what certainly differs by more than 5 % is slower or
-    faster. `mjbench versions` and `mjbench ab` alternate both, and find smaller changes.
+    faster. `mjbench versions` and `mjbench ab` alternate both, and find smaller changes: --fail-on
+    alone is about the verdicts of a run of theirs.
 
     \b
     Examples:
@@ -88,10 +89,10 @@ def show(
 
     if against is not None and (form or code):
         raise InputError("--against prints a table: leave out --code and formats")
-    if form and (code or json_file):
-        raise InputError("--code and --json belong to what is printed: leave out the format")
-    if fail_on.findings and against is None:
-        raise InputError("--fail-on is about two runs: add --against OLD")
+    if form and (code or json_file or fail_on.findings):
+        raise InputError(
+            "--code, --json and --fail-on belong to what is printed: leave out the format"
+        )
     if output and not form:
         raise InputError("-o is for a page or a format: add --html, --markdown or --format")
     if form == "html" and not output and files and files[-1].suffix == ".html":
@@ -101,7 +102,7 @@ def show(
         if form:
             show_pages.write(chosen, form, output)
         else:
-            _print(chosen, code, json_file)
+            _print(chosen, code, json_file, fail_on)
         return
     olds = [Path(against)] if against else files[:1]  # the first RUN of `diff OLD NEW`
     news = files if against else files[1:]
@@ -111,8 +112,8 @@ def show(
     show_differences.show(olds[0], new, across, fail_on, json_file)
 
 
-def _print(files: Sequence[Path], code: bool, json_file: str | None) -> None:
-    """Print runs, and write their JSON document."""
+def _print(files: Sequence[Path], code: bool, json_file: str | None, fail_on: FailOn) -> None:
+    """Print runs, and write their JSON document; end with the exit code of their verdicts."""
     from mjbench.report.kinds import RECORD_TYPES
     from mjbench.store import run_set
 
@@ -126,6 +127,24 @@ def _print(files: Sequence[Path], code: bool, json_file: str | None) -> None:
             run.write(_shown(run, stored.runs[0], code))
         else:
             _print_set(run, stored.runs, code)
+    if fail_on.findings:
+        run.exit_with(_exit_code(stored.runs, fail_on))
+
+
+def _exit_code(stored: "Sequence[Run]", fail_on: FailOn) -> int:
+    """Return the exit code that the verdicts of runs stand for, the worst one."""
+    from mjbench.paired import family
+    from mjbench.paired.records import VerdictRecord
+
+    judged = [run for run in stored if run.of_type(VerdictRecord)]
+    if not judged:
+        raise InputError("--fail-on is about verdicts of `versions` and `ab`, or add --against OLD")
+
+    def code(run: "Run") -> int:
+        rows = [record.row() for record in run.of_type(VerdictRecord)]
+        return fail_on.exit_code(rows, family.confidence_of(run.header))
+
+    return max(map(code, judged))
 
 
 def _print_set(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:

@@ -16,8 +16,8 @@ from mjbench.cli.shared import (
     STARTS,
     STORING,
     Names,
-    Seconds,
     Share,
+    budget,
     models_argument,
     with_options,
 )
@@ -65,14 +65,7 @@ NBATCH = 64
     help="Largest error to recommend, in percent of the motion; nine runs in ten stay below it"
     "  [default: that of the present settings]",
 )
-@click.option(
-    "--budget",
-    "budget_s",
-    type=Seconds(),
-    default="300s",
-    show_default=True,
-    help="About how long to search, for each model",
-)
+@budget(300, "About how long to search, for each model.")
 @click.option(
     "--write",
     "target",

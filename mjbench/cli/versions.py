@@ -7,10 +7,19 @@ from typing import TYPE_CHECKING
 
 import click
 
+from mjbench.cli.ab import check_function_plan
 from mjbench.cli.context import OutputOptions
 from mjbench.cli.fail_on import FAIL_ON, FailOn, measure_verdicts
 from mjbench.cli.group import cli
-from mjbench.cli.shared import COUNT, STORING, VERDICT_PLAN, Names, mode, with_options
+from mjbench.cli.shared import (
+    COUNT,
+    STORING,
+    VERDICT_PLAN,
+    Names,
+    metric_option,
+    mode,
+    with_options,
+)
 from mjbench.errors import InputError, shown, suggestion
 from mjbench.paired.outcomes import Metric
 
@@ -38,16 +47,7 @@ if TYPE_CHECKING:
     type=Names(),
     help="Ways of stepping, each compared between the releases  [default: python_loop]",
 )
-@click.option(
-    "--metric",
-    type=click.Choice([metric.value for metric in Metric]),
-    default=Metric.TIME.value,
-    show_default=True,
-    help="What to compare: the time of steps; p99, the time that 99 of 100 single steps do not"
-    " exceed; or instructions. Instruction counts repeat within 0.1 %. They do not need a quiet"
-    " machine, but they need valgrind; they are those of the engine alone, and --confidence,"
-    " --precision, --budget and --as-shipped do not apply.",
-)
+@metric_option(*Metric)
 @click.option(
     "--function",
     "functions",
@@ -104,8 +104,8 @@ def versions(
     from mjbench.paired import targets
     from mjbench.paths import BASE
 
-    if functions and (path_names or metric != Metric.TIME):
-        raise InputError("--paths and --metric are of models, not of functions")
+    if functions and path_names:
+        raise InputError("--paths are of models, not of functions")
     release_names, sources = (
         (list(names), list["ModelSource"]()) if functions else releases_and_models(names)
     )
@@ -156,10 +156,8 @@ def _of_functions(
     from mjbench.api.revisions import environment_verdicts
     from mjbench.paired import environment_sides
     from mjbench.paired.environment_sides import EnvironmentComparison
-    from mjbench.paired.run_sizes import Sizes
 
-    if plan.sizes != Sizes():
-        raise InputError("sizes, start states and controls are of models, not of functions")
+    check_function_plan(plan)
     cwd, (baseline, *candidates) = Path.cwd().resolve(), specs
     parsed = environment_sides.parse_functions(functions, cwd)
     return environment_verdicts(EnvironmentComparison(baseline, candidates, parsed, cwd), plan)

@@ -8,7 +8,7 @@ import click
 
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import LIMIT, SIZES, STORING, Seconds, models_argument, with_options
+from mjbench.cli.shared import LIMIT, SIZES, STORING, budget, models_argument, with_options
 
 if TYPE_CHECKING:
     from mjbench.api.session import Observer
@@ -41,14 +41,7 @@ if TYPE_CHECKING:
     metavar="COMMAND",
     help="Node.js that runs the builds.",
 )
-@click.option(
-    "--budget",
-    "budget_s",
-    type=Seconds(zero=True),
-    default="5s",
-    show_default=True,
-    help="Time to spend on timing each model.",
-)
+@budget(5, "Time to spend on timing each model.", zero=True)
 @with_options(SIZES, LIMIT, STORING)
 def web(
     sources: "list[ModelSource]",

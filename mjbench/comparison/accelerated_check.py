@@ -60,10 +60,8 @@ class Programs:
     """What an engine compiled of a model.
 
     Attributes:
-      timed: the program that is timed.
       smooth: single steps of `probe_workload` without constraints.
       converged: the same with constraints, and a solver that goes on to the solution.
-      is_deterministic: see `Compiled`.
     """
 
     timed: SteppingProgram
@@ -77,9 +75,7 @@ class CheckedRun:
     """A compiled run beside the reference run.
 
     Attributes:
-      judgement: whether it does what C does.
       final_fields: (nbatch, size) arrays by MjData field, after the last step of the compiled run.
-      unconstrained_nstep: steps of the run before the first on which a constraint acted.
       final_shadow: difference of the shadow from C at the end of the run, the largest over
         simulations; `final_shadow_median` is the median.
     """
@@ -92,12 +88,7 @@ class CheckedRun:
 
 
 def probe_workload(model: mujoco.MjModel, workload: Workload) -> Workload:
-    """Return the workload of single steps for which other programs of a model are compiled.
-
-    Args:
-      model: a changed copy of the workload's.
-      workload: that is timed.
-    """
+    """Return the workload of single steps for which other programs of a model are compiled."""
     count = min(JUDGED_STATES, min(FOLLOWED, workload.nbatch) * workload.nstep)
     states = np.tile(workload.initial_state[:1], (count, 1))
     control = np.zeros((count, 1, workload.control.shape[2]))
@@ -139,13 +130,7 @@ def check_run(
 
 
 class _Check:
-    """The reference run, and what the compiled programs make of it.
-
-    Attributes:
-      reference: the run in C.
-      judged: single steps from its states.
-      final_fields: (nbatch, size) arrays by MjData field, after the compiled run.
-    """
+    """The reference run, and what the compiled programs make of it."""
 
     def __init__(self, workload: Workload, programs: Programs, precision: Precision):
         self._workload, self._programs, self._precision = workload, programs, precision
@@ -200,7 +185,6 @@ class _Check:
         return JudgedPart.of(PartName.SMOOTH, *measures)
 
     def constraints(self, on_state: Callable[[], None]) -> JudgedConstraints:
-        """Judge contacts and the constraint problem."""
         return judge_constraints(
             self._workload.model,
             self.judged,
@@ -229,7 +213,6 @@ class _Check:
         )
 
     def run(self, has_same_contacts: bool) -> JudgedPart:
-        """Judge the run to its end."""
         workload = self._workload
         compared = [self.final_fields[name] for name in COMPARED if name in self.final_fields]
         lost = int((~np.isfinite(np.hstack(compared)).all(axis=1)).sum())
@@ -284,19 +267,13 @@ class _Check:
         )
 
     def _held(self, values: np.ndarray) -> np.ndarray:
-        """Return numbers in the engine's precision."""
         return trajectory.as_float32(values) if self._is_float32 else values
 
 
 def take_single_steps(
     program: SteppingProgram, singles: SingleSteps, repeats: bool = False
 ) -> StepOutcome:
-    """Take single steps by a compiled program, as many at a time as it has simulations.
-
-    Args:
-      repeats: return also the steps that simulations which are left over take, from the first one
-        on: every simulation takes one.
-    """
+    """Take single steps by a compiled program, as many at a time as it has simulations."""
     nbatch, count = program.workload.nbatch, len(singles.state)
     states = workloads.fields(program.workload.model, singles.state)
     states.pop("ctrl", None)

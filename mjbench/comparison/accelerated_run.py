@@ -80,11 +80,7 @@ def run(
     on_record: Callable[[MeasurementRecord], None],
     import_from: str | None = None,
 ) -> isolate.Ended:
-    """Measure one path on one model in a child; whatever becomes of it, this process goes on.
-
-    Raises:
-      InputError: the path does not compile.
-    """
+    """Measure one path in a child that may crash; InputError where it does not compile."""
     source = ModelSource(request.source.name, request.source.path.resolve())
     return isolate.run(
         measure_in_child,
@@ -148,8 +144,6 @@ def measure_in_child(request: AcceleratedRequest, channel: Channel) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Case:
-    """A compiled path with what it runs."""
-
     path: AcceleratedPath
     workload: Workload
     resources: paths.Resources
@@ -158,7 +152,6 @@ class _Case:
     channel: Channel
 
     def programs(self) -> Programs:
-        """Compile the other programs by which the path is judged."""
         return Programs(
             self._program(self.workload, self.compiled),
             self._compiled(without_constraints(self.workload.model), "smooth dynamics"),
@@ -167,11 +160,9 @@ class _Case:
         )
 
     def allow_silence(self) -> None:
-        """Let the parent wait for the limit once more."""
         self.channel.allow_silence(self.request.limit_s)
 
     def _compiled(self, model: mujoco.MjModel, name: str) -> SteppingProgram:
-        """Compile a changed model, for single steps."""
         variant, peaks = self.request.variant, reference_peaks(self.workload, self.resources)
         self.channel.doing(f"compiling {variant.path} for {name}")
         self.channel.allow_silence(COMPILER_PATIENCE * self.request.limit_s)
@@ -190,7 +181,6 @@ class _Case:
 
 
 def _judged_and_timed(case: _Case, record: MeasurementRecord) -> MeasurementRecord:
-    """Judge the compiled path; where it agrees, time it and compare the timed blocks' end."""
     try:
         programs = case.programs()
         case.channel.doing(f"judging {case.request.variant.path} on {record.model}")
@@ -206,7 +196,6 @@ def _judged_and_timed(case: _Case, record: MeasurementRecord) -> MeasurementReco
 
 
 def _timed(case: _Case, record: MeasurementRecord, checked: CheckedRun) -> MeasurementRecord:
-    """Time a path that agrees, and compare the timed blocks' end with the checked run."""
     variant = case.request.variant
     case.channel.doing(f"timing {variant}")
     case.channel.allow_silence(2 * case.request.limit_s)
@@ -223,7 +212,6 @@ def _timed(case: _Case, record: MeasurementRecord, checked: CheckedRun) -> Measu
 
 
 def _judged(record: MeasurementRecord, judged: EngineJudgement) -> MeasurementRecord:
-    """Return a record with its judgement, and what follows from that."""
     is_wrong = judged.answer == EngineAnswer.NO
     return dataclasses.replace(
         record,

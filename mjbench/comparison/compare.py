@@ -27,7 +27,6 @@ class ModelChildren:
     """The children of one model's comparison, and what they have said so far.
 
     Attributes:
-      files: that the child writes.
       reference: what the child said of the model and its reference run; None before.
       ended: how the last child ended that every path needs; None before, and where the user
         interrupted.
@@ -43,7 +42,6 @@ class ModelChildren:
 
     @property
     def agreeing(self) -> list[int]:
-        """The variants that run C and agree, in the plan's order."""
         return [
             position
             for position, record in sorted(self.measured.items())
@@ -52,7 +50,6 @@ class ModelChildren:
 
     @property
     def share_verified(self) -> float:
-        """The share of the variants that have a report."""
         return len(self.measured) / len(self.plan.variants)
 
     def verify(self, on_message: Callable[[], None] = lambda: None) -> isolate.Ended:
@@ -99,7 +96,6 @@ class ModelChildren:
         return position if record is None or record.status == Status.OK else None
 
     def _blank(self, position: int, status: Status, detail: str) -> MeasurementRecord:
-        """Return the record of a variant of which no more is known."""
         return MeasurementRecord.of(self.source.name, self.plan.variants[position], status, detail)
 
     def revise(self, position: int, status: Status, detail: str) -> None:
@@ -142,7 +138,6 @@ class ModelChildren:
             self.measured[position] = self._blank(position, Status.FAILED, detail)
 
     def model_record(self) -> ModelRecord:
-        """Return the record of the model as far as it is known."""
         ended = self.ended or Failure(Status.INTERRUPTED, "")
         return dataclasses.replace(
             self.reference or ModelRecord(model=self.source.name, status=ended.status),
@@ -158,7 +153,6 @@ class ModelChildren:
 
         Args:
           timed: variants that a race timed.
-          is_over: whether nothing more is measured.
         """
         model, untimed = self.model_record(), self._untimed(is_over)
         records = []

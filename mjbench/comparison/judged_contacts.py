@@ -83,12 +83,7 @@ class ContactJudge:
                 self._add_pair(problem, pair, own, in_c, rest)
 
     def _add_pair(
-        self,
-        problem: ConstraintProblem,
-        pair: Types,
-        own: Contacts,
-        in_c: Contacts,
-        rest: Contacts,
+        self, problem: ConstraintProblem, pair: Types, own: Contacts, in_c: Contacts, rest: Contacts
     ) -> None:
         states = self._pairs.setdefault(pair, _PairStates())
         states.counts.append((len(own.simulation), len(in_c.simulation)))
@@ -113,11 +108,7 @@ class ContactJudge:
                 states.lacking_effects.append(effect)
 
     def pairs(self, limit: float) -> tuple[PairContacts, ...]:
-        """Return what was seen of each pair of types.
-
-        Args:
-          limit: the largest effect of contacts that agree.
-        """
+        """Return what was seen of each pair of types; larger effects than `limit` disagree."""
         return tuple(_pair(types, states, limit) for types, states in self._pairs.items())
 
     def _types(self, contacts: Contacts) -> list[Types]:

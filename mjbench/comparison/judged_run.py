@@ -1,6 +1,11 @@
-"""Does a run in contact do what C's does? Judged by figures that runs share after they part."""
+"""Does a run in contact do what C's does? Judged by figures that runs share after they part.
 
-from dataclasses import dataclass, fields
+In contact, runs of two engines part after some time, as two runs of C from starts that differ in
+the last bit do. These figures of a run stay alike.
+"""
+
+import copy
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -8,7 +13,6 @@ import numpy as np
 from mjbench.paths.accelerated import Advance, start_fields
 from mjbench.simulation import compat, trajectory
 from mjbench.simulation.judgement import Measure, Precision, finite_or_none
-from mjbench.simulation.run_figures import RunFigures, run_figures
 from mjbench.simulation.trajectory import Trajectory
 from mjbench.simulation.work_check import Fields
 from mjbench.simulation.workload import Workload
@@ -29,12 +33,10 @@ CLOSE_SHARE = 0.1
 # Means may differ by no more than this share, however much C's simulations differ.
 LARGEST_SHARE = 0.9
 
-_NAMES = {
-    "penetration_m": "penetration, m",
-    "violation": "violation of constraints, m or rad",
-    "force_n": "contact forces, N",
-    "energy_j": "energy, J",
-}
+# Of the deepest contact; the largest residual of an equality, or excess over a limit; normal forces
+# of all contacts together; potential and kinetic energy.
+_ENERGY = "energy, J"
+_FIGURES = ("penetration, m", "violation of constraints, m or rad", "contact forces, N", _ENERGY)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +94,7 @@ def figure_measures(
     """
     rows = trajectory.spread_indices(len(reference.simulation), MAX_SIMULATIONS)
     states_in_c = reference.states[rows][:, points.step].swapaxes(0, 1)
-    reached, in_c, rounded, in_shadow = (
+    of_runs = [
         _figures(model, states)
         for states in (
             points.states[:, rows],
@@ -100,24 +102,48 @@ def figure_measures(
             trajectory.as_float32(states_in_c),
             shadow.states[rows][:, points.step].swapaxes(0, 1),
         )
-    )
+    ]
     measures = []
-    for each in fields(RunFigures):
-        own, expected, once, always = (
-            getattr(f, each.name) for f in (reached, in_c, rounded, in_shadow)
-        )
-        figure = RunFigure(_NAMES[each.name], own, expected, once, always, precision)
+    for name, reached, in_c, rounded, in_shadow in zip(_FIGURES, *of_runs, strict=True):
+        figure = RunFigure(name, reached, in_c, rounded, in_shadow, precision)
         measures += figure.measures(has_same_contacts)
     return measures
 
 
-def _figures(model: mujoco.MjModel, states: np.ndarray) -> RunFigures:
-    """Return figures, each (npoint, nsim)."""
-    npoint, nsim, nstate = states.shape
-    flat = run_figures(model, np.ascontiguousarray(states.reshape(-1, nstate)))
-    return RunFigures(
-        *(getattr(flat, each.name).reshape(npoint, nsim) for each in fields(RunFigures))
+def _figures(model: mujoco.MjModel, states: np.ndarray) -> np.ndarray:
+    """Return (4, npoint, nsim) figures, evaluated by C; NaN of states that are not finite."""
+    with_energy = copy.copy(model)
+    with_energy.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    data, figures = mujoco.MjData(model), np.full((len(_FIGURES), *states.shape[:2]), np.nan)
+    for at in np.ndindex(*states.shape[:2]):
+        if np.isfinite(states[at]).all():
+            compat.restart(with_energy, data, np.ascontiguousarray(states[at]))
+            mujoco.mj_forward(with_energy, data)
+            figures[:, *at] = (
+                max([0.0, *(-c.dist for c in data.contact[: data.ncon])]),
+                _violation(data),
+                _normal_force(with_energy, data),
+                data.energy.sum(),
+            )
+    return figures
+
+
+def _violation(data: mujoco.MjData) -> float:
+    limits = (
+        int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT),
+        int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON),
     )
+    kind, residual = np.asarray(data.efc_type), np.asarray(data.efc_pos)
+    equality = np.abs(residual[kind == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)])
+    return float(max(equality.max(initial=0.0), (-residual[np.isin(kind, limits)]).max(initial=0)))
+
+
+def _normal_force(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    force, total = np.zeros(6), 0.0
+    for i in range(data.ncon):
+        mujoco.mj_contactForce(model, data, i, force)
+        total += force[0]
+    return total
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +164,6 @@ class RunFigure:
     precision: Precision
 
     def measures(self, has_same_contacts: bool) -> list[Measure]:
-        """Return what is compared; see `figure_measures`."""
         together = self._together() if has_same_contacts else np.zeros(self.in_c.shape, dtype=bool)
         measures = [self._before_parting(together)] if together.any() else []
         return measures if together.all() else [*measures, self._means()]
@@ -172,7 +197,7 @@ class RunFigure:
 
     @property
     def _is_energy(self) -> bool:
-        return self.name == _NAMES["energy_j"]
+        return self.name == _ENERGY
 
     @property
     def _size(self) -> float:

@@ -16,11 +16,7 @@ from mjbench.comparison.judged_contacts import MAX_ROUNDING_EFFECT, ContactJudge
 from mjbench.paths.accelerated import StepOutcome
 from mjbench.simulation import agreement, compat, trajectory
 from mjbench.simulation import workload as workloads
-from mjbench.simulation.constraint_problem import (
-    ConstraintProblem,
-    Solution,
-    without_constraints,
-)
+from mjbench.simulation.constraint_problem import ConstraintProblem, Solution, without_constraints
 from mjbench.simulation.contacts import Contacts
 from mjbench.simulation.judgement import (
     EngineAnswer,
@@ -83,12 +79,7 @@ class JudgedConstraints:
 
 @dataclass(frozen=True)
 class Budget:
-    """How long states are judged: no further one is begun after that.
-
-    Attributes:
-      on_state: called before each state.
-      clock: returns seconds.
-    """
+    """How long states are judged: no further one is begun after that."""
 
     limit_s: float = JUDGING_S
     on_state: Callable[[], None] = lambda: None
@@ -106,8 +97,6 @@ class Budget:
 
 @dataclass
 class _Errors:
-    """Errors of the states so far."""
-
     acceleration: list[float] = dataclasses.field(default_factory=list)
     force: list[float] = dataclasses.field(default_factory=list)
     at_settings: list[float] = dataclasses.field(default_factory=list)

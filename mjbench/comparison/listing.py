@@ -14,11 +14,7 @@ from mjbench.status import Status
 
 @dataclass(frozen=True)
 class ListedModel:
-    """A model and its facts.
-
-    Attributes:
-      facts: None where it could not be loaded.
-    """
+    """A model and its facts."""
 
     model: str
     status: Status
@@ -27,7 +23,6 @@ class ListedModel:
 
 
 def list_models(sources: Sequence[ModelSource], limit_s: float) -> list[ListedModel]:
-    """Return the facts of each model, in the order given."""
     rows: list[ListedModel] = []
     while len(rows) < len(sources):
         remaining = [ModelSource(s.name, s.path.resolve()) for s in sources[len(rows) :]]
@@ -38,7 +33,6 @@ def list_models(sources: Sequence[ModelSource], limit_s: float) -> list[ListedMo
 
 
 def describe_all(sources: Sequence[ModelSource], channel: Channel) -> None:
-    """Send the facts of each model; runs in the child."""
     for source in sources:
         channel.doing(f"loading {source.name}")
         try:

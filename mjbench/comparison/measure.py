@@ -93,7 +93,6 @@ def measure_in_child(
 
 
 def _save(own: Workload, sample: Sample, files: ModelFiles, has_accelerated: bool) -> None:
-    """Write the model and the workload."""
     models.save(own.model, files.model)
     final_state = sample.observation.final_state
     portable = dataclasses.replace(workload.portable(own), final_state=final_state.copy())

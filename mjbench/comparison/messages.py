@@ -15,9 +15,7 @@ class ModelFiles:
     """Where a model and its workload are saved, so that other processes do the same work.
 
     Attributes:
-      model: compiled.
       workload: a pickled `PortableWorkload`, with its final states, for the launches of a race.
-      accelerated: the workload for paths that compile (see `accelerated.save_workload`).
     """
 
     model: Path
@@ -26,7 +24,6 @@ class ModelFiles:
 
     @classmethod
     def in_folder(cls, folder: Path) -> "ModelFiles":
-        """Return the files of one model in a folder of its own."""
         names = ("model.mjb", "workload.pickle", "accelerated.pickle")
         return cls(*(folder / name for name in names))
 
@@ -36,7 +33,6 @@ class AgreementReport:
     """Whether a variant does what the reference run does, so that it may be timed.
 
     Attributes:
-      position: of the variant.
       status: `ok`, or why it is not timed.
       agrees: None where it was not compared.
       agreement: the rule that was held, or the first difference.

@@ -22,7 +22,6 @@ class Variant:
     options: Mapping[str, Any]
 
     def __str__(self) -> str:
-        """Return it as people write it, such as `rollout threads=2 pool=kept`."""
         return f"{self.path} {describe_options(self.options)}".rstrip()
 
 
@@ -40,13 +39,10 @@ class ComparisonPlan:
     """What to compare on each model.
 
     Attributes:
-      variants: to compare, the base path first.
       nbatch: simulations; None lets each model have as many as its budget allows.
       nstep: steps per simulation; None likewise.
-      hold: steps per control.
       budget_s: seconds for a model, agreement included, that paths which run C may take.
       limit_s: a child process that is silent for longer is killed.
-      import_from: a folder that the user's own paths may be imported from.
       named: paths that the user asked for by name; they are tried even where that is slow.
       total_steps: steps that the user will take in all, within which compiling must pay; None for
         those of one block.
@@ -67,10 +63,8 @@ class ComparisonPlan:
 
     @property
     def accelerated(self) -> list[int]:
-        """The variants that compile, by their positions."""
         return [i for i, each in enumerate(self.variants) if paths.find(each.path).compiles]
 
     @property
     def most_threads(self) -> int:
-        """The most threads or processes that any variant uses."""
         return max(nthread(variant.options) for variant in self.variants)

@@ -71,10 +71,7 @@ class Planner:
         return np.clip(self.nominal + self._sd * noise, self._low, self._high)
 
     def improve(self, candidates: np.ndarray, costs: np.ndarray) -> None:
-        """Improve the nominal controls by the (samples,) costs of what `candidates` returned.
-
-        A cost that is not finite counts as the worst.
-        """
+        """Improve the nominal controls by (samples,) costs; one that is not finite is the worst."""
         worst = np.max(costs[np.isfinite(costs)], initial=0.0)
         costs = np.where(np.isfinite(costs), costs, worst)
         match self._settings.algorithm:
@@ -118,7 +115,6 @@ class PlanningTask(ABC):
     name: str
 
     def start(self, model: mujoco.MjModel) -> mujoco.MjData:
-        """Return an MjData at the start: keyframe 0, or the model's defaults."""
         return start_data(model)
 
     @abstractmethod
@@ -136,13 +132,11 @@ class SwingUp(PlanningTask):
     name = "swing-up"
 
     def start(self, model: mujoco.MjModel) -> mujoco.MjData:
-        """See `PlanningTask.start`."""
         data = start_data(model)
         data.qpos[:] = (0.0, np.pi)
         return data
 
     def cost(self, states: PlannerStates, controls: np.ndarray) -> np.ndarray:
-        """See `PlanningTask.cost`."""
         x, angle = states.qpos[..., 0], states.qpos[..., 1]
         running = 1 - np.cos(angle) + 0.1 * x**2 + 0.01 * (states.qvel**2).sum(axis=-1)
         return np.asarray(running.mean(axis=-1) + 0.01 * (controls**2).mean(axis=(1, 2)))
@@ -158,12 +152,10 @@ class HoldPose(PlanningTask):
     name = "hold pose"
 
     def __init__(self, model: mujoco.MjModel):
-        """Hold the start of this model."""
         data = start_data(model)
         self._qpos, self._ctrl = np.array(data.qpos), np.array(data.ctrl)
 
     def cost(self, states: PlannerStates, controls: np.ndarray) -> np.ndarray:
-        """See `PlanningTask.cost`."""
         offset = states.qpos - self._qpos
         running = (offset**2).sum(axis=-1) + 0.01 * (states.qvel**2).sum(axis=-1)
         effort = ((controls - self._ctrl) ** 2).mean(axis=(1, 2))

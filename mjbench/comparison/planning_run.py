@@ -32,6 +32,9 @@ from mjbench.simulation.starts import StartPlan, Starts
 from mjbench.simulation.workload import Product, Workload
 from mjbench.status import Status
 
+# Seconds of a loop; plans to make even where they take longer.
+BUDGET_S, LEAST_NPLAN = 60.0, 4
+
 
 @dataclass(frozen=True)
 class PlanningRequest:
@@ -41,6 +44,7 @@ class PlanningRequest:
       variants: paths that roll out, the base path first.
       hold: steps for which each control is held, in the plan and in the loop.
       duration_s: simulated seconds of the loop.
+      budget_s: seconds after which no plan begins, once there are a few.
       states_file: with the states to plan from, one a plan; None to plan from where the loop is.
     """
 
@@ -50,6 +54,7 @@ class PlanningRequest:
     hold: int
     duration_s: float
     states_file: Path | None = None
+    budget_s: float = BUDGET_S
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +70,7 @@ class PlanningRow:
       speedup: over the plain loop, plan by plan: the median.
       control_hz: controls per simulated second, which plans in real time must keep up with.
       achieved: whether the loop achieved the task; None also where each plan starts from another
-        state.
+        state, and where the budget ended the loop.
       state_digest: names all states of the loop, bit by bit.
       starts: where the states to plan from came from; None for the loop itself.
     """
@@ -90,19 +95,25 @@ class PlanningRow:
     starts: Starts | None = None
 
 
+def stored(request: PlanningRequest, records: Sequence[object]) -> list[PlanningRow]:
+    """Return the rows of a request from records of a run; none unless all are there."""
+    size = request.source.name, request.settings.samples, request.settings.knots * request.hold
+    rows = [
+        row
+        for row in records
+        if isinstance(row, PlanningRow) and (row.model, row.samples, row.horizon) == size
+    ]
+    return rows if len(rows) == len(request.variants) else []
+
+
 def run(
     request: PlanningRequest, import_from: str | None = None, limit_s: float = TIME_LIMIT_S
 ) -> list[PlanningRow]:
-    """Run a planner in a child process (see `isolate.call`), and return a row for each variant.
-
-    Raises:
-      MjbenchError: the child failed.
-    """
+    """Run a planner in a child, and return a row for each variant; MjbenchError if it fails."""
     return isolate.call(plan_in_child, request, limit_s=limit_s, import_from=import_from)
 
 
 def plan_in_child(request: PlanningRequest, channel: Channel) -> list[PlanningRow]:
-    """Run the loop; return a row for each variant."""
     channel.doing("loading the model")
     model = models.load(request.source)
     if not model.nu:
@@ -117,8 +128,6 @@ def plan_in_child(request: PlanningRequest, channel: Channel) -> list[PlanningRo
 
 
 class _PlannedPath:
-    """A path that rolls out candidates, and how long its plans took."""
-
     def __init__(self, variant: Variant, model: mujoco.MjModel, request: PlanningRequest):
         samples, knots = request.settings.samples, request.settings.knots
         nstate = compat.state_size(model)
@@ -139,10 +148,7 @@ class _PlannedPath:
     def roll_out(
         self, start: np.ndarray, candidates: np.ndarray, cost: Callable[[np.ndarray], np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the (samples, nstep, nphysics) states of candidates, and their (samples,) costs.
-
-        None where the path fails.
-        """
+        """Return (samples, nstep, nphysics) states and (samples,) costs; None if the path fails."""
         try:
             workload = self._workload
             if self._prepared is None:
@@ -177,11 +183,9 @@ class _PlannedPath:
         self._prepared.run()
 
     def fail(self, status: Status, detail: str) -> None:
-        """Note why its plans do not count."""
         self.status, self.detail = status, detail
 
     def row(self, of_loop: PlanningRow, base: "_PlannedPath") -> PlanningRow:
-        """Return its plans, beside those of the plain loop."""
         row = dataclasses.replace(
             of_loop,
             path=self._variant.path,
@@ -198,13 +202,10 @@ class _PlannedPath:
         return dataclasses.replace(row, plan_s=plan_s, plans_per_s=1 / plan_s, speedup=speedup)
 
     def close(self) -> None:
-        """Stop its workers and pools."""
         self._resources.close()
 
 
 class _Loop:
-    """The closed loop of a planner and a model."""
-
     def __init__(
         self, model: mujoco.MjModel, request: PlanningRequest, planned: Sequence[_PlannedPath]
     ):
@@ -215,19 +216,30 @@ class _Loop:
         self._columns = compat.state_columns(model, compat.FULLPHYSICS)
 
     def run(self, channel: Channel) -> PlanningRow:
-        """Plan and step until the duration is over; return what all paths have in common."""
+        """Plan and step until the duration or the budget is over.
+
+        Returns:
+          What all paths have in common.
+        """
         model, request, task = self._model, self._request, self._task
         data = task.start(model)
         low, high = _control_range(model)
         planner = Planner(request.settings, np.array(data.ctrl), low, high)
         control_s = request.hold * float(model.opt.timestep)
-        nplan = max(4, round(request.duration_s / control_s))
-        given = self._given_starts()
+        nplan = max(LEAST_NPLAN, round(request.duration_s / control_s))
+        given = None
+        if request.states_file is not None:
+            plan = StartPlan(file=request.states_file)
+            given = LoopStarts(model, plan, request.hold, request.settings.seed)
         in_turn = None if given is None else given.in_turn()
         start = np.empty(compat.state_size(model))
         states = np.empty((nplan, compat.state_size(model, compat.FULLPHYSICS)))
         shuffle = random.Random(request.settings.seed).shuffle
+        end_s, is_cut_short = time.monotonic() + request.budget_s, False
         for k in range(nplan):
+            if k >= LEAST_NPLAN and time.monotonic() > end_s:
+                states, is_cut_short = states[:k], True
+                break
             channel.allow_silence(0.0)  # a sign of life: no plan may take longer than the limit
             if in_turn is not None:
                 in_turn(model, data)
@@ -237,7 +249,9 @@ class _Loop:
             data.ctrl[:] = planner.advance()
             mujoco.mj_step(model, data, request.hold)
             compat.get_state(model, data, states[k], compat.FULLPHYSICS)
+        nplan = len(states)
         last = PlannerStates.of(self._columns, states[-(nplan // 4) :])
+        is_judged = given is None and not is_cut_short
         settings = request.settings
         return PlanningRow(
             model=request.source.name,
@@ -249,29 +263,15 @@ class _Loop:
             options={},
             nplan=nplan,
             control_hz=1 / control_s,
-            achieved=task.is_achieved(last) if given is None else None,
+            achieved=task.is_achieved(last) if is_judged else None,
             state_digest=agreement.digest(states),
             starts=None if given is None else given.starts,
-        )
-
-    def _given_starts(self) -> LoopStarts | None:
-        """Return the user's own states to plan from; None where there are none."""
-        request = self._request
-        if request.states_file is None:
-            return None
-        return LoopStarts(
-            self._model, StartPlan(file=request.states_file), request.hold, request.settings.seed
         )
 
     def _costs(
         self, start: np.ndarray, candidates: np.ndarray, shuffle: Callable[[list[int]], None]
     ) -> np.ndarray:
-        """Return the (samples,) costs of candidates, after every path has rolled them out in turn.
-
-        Raises:
-          InputError: the plain loop cannot roll them out.
-          MachineError: a path has changed the model.
-        """
+        """Return the (samples,) costs of candidates, which every path has rolled out in turn."""
 
         def cost(physics: np.ndarray) -> np.ndarray:
             return self._task.cost(PlannerStates.of(self._columns, physics), candidates)

@@ -5,7 +5,7 @@ apply.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, ClassVar, Protocol, TypeVar
 
 from mjbench import paths
@@ -20,6 +20,9 @@ from mjbench.status import Status
 
 # Why an accelerated path of an earlier version is not judged.
 _OTHER_RULES = "it was checked by an earlier version of mjbench, which did not judge contacts"
+
+# How a variant ended, and not its model.
+_OWN_ENDING = {"status", "detail"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +129,6 @@ class MeasurementRecord:
     samples_s: Sequence[PositiveFloat] = field(default=())
 
     def __post_init__(self) -> None:
-        """Raise ValueError where what was timed has no sizes."""
         if self.samples_s and (self.nbatch is None or self.nstep is None):
             raise ValueError("it was timed, but nbatch or nstep is missing")
 
@@ -139,7 +141,6 @@ class MeasurementRecord:
     def of(
         cls, model: str, variant: Variant, status: Status = Status.OK, detail: str = ""
     ) -> "MeasurementRecord":
-        """Return the record of a variant on a model before it is measured."""
         path = paths.find(variant.path)
         return cls(
             model=model,
@@ -153,21 +154,8 @@ class MeasurementRecord:
 
     def with_model(self, model: ModelRecord) -> "MeasurementRecord":
         """Return the record with what the record of its model has, too, but how that ended."""
-        return replace(
-            self,
-            model=model.model,
-            nbatch=model.nbatch,
-            nstep=model.nstep,
-            hold=model.hold,
-            returns=model.returns,
-            seed=model.seed,
-            diverged=model.diverged,
-            warnings=model.warnings,
-            workload_digest=model.workload_digest,
-            state_digest=model.state_digest,
-            work=model.work,
-            nbatch_asked=model.nbatch_asked,
-        )
+        shared = {each.name for each in fields(self)} & {each.name for each in fields(model)}
+        return replace(self, **{name: getattr(model, name) for name in shared - _OWN_ENDING})
 
     @staticmethod
     def upgrade(value: dict[str, Any]) -> dict[str, Any]:
@@ -224,10 +212,5 @@ class ScalingRecord:
 
 
 RECORD_TYPES: Mapping[str, type] = {
-    kind.record_type: kind
-    for kind in (
-        ModelRecord,
-        MeasurementRecord,
-        ScalingRecord,
-    )
+    kind.record_type: kind for kind in (ModelRecord, MeasurementRecord, ScalingRecord)
 }

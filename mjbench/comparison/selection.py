@@ -34,13 +34,7 @@ def variants(
     threads: Sequence[int] | None = None,
     choices: Mapping[str, Sequence[Any]] | None = None,
 ) -> tuple[Variant, ...]:
-    """Return the variants of the named paths, the base path first (added if missing).
-
-    Args:
-      names: path names, or names for several (see `expand`); empty for the C paths.
-      threads: thread counts for every path that has them; None for the default ones.
-      choices: further option values by option name.
-    """
+    """Return the variants of the named paths, the base path first (added if missing)."""
     counts = list(threads or default_threads())
     # one Python thread or process is the plain loop with overhead: unless asked, only the most
     workers = counts if threads else [max(counts)]
@@ -69,11 +63,7 @@ def plans(
     """Return one plan for each size of a sweep.
 
     Args:
-      plan: with all but variants and size.
-      path_names: as the user gave them; none for the C paths.
-      chunk_sizes: simulations that a thread takes at a time; None for the default.
       option_words: such as `pool=new,kept` (see `choices`).
-      nbatches: simulations; None for one size that is chosen later.
 
     Raises:
       InputError: an unknown path or option, or a value that an option cannot have.
@@ -124,9 +114,6 @@ def rivals(names: Sequence[str]) -> list[str]:
 
 def choices(arguments: Sequence[str], names: Sequence[str]) -> dict[str, list[Any]]:
     """Return option values by option name from arguments such as `pool=new,kept`.
-
-    Args:
-      names: of paths that may be the user's own.
 
     Raises:
       InputError: no such option, or a value that it cannot have.

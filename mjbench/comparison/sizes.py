@@ -45,12 +45,7 @@ def choose_sizes(
     nthread: int = 1,
     has_accelerated: bool = False,
 ) -> BlockSizes:
-    """Return the sizes asked for; those that are None are chosen by the seconds of a step.
-
-    Args:
-      nthread: most threads or processes that any path uses.
-      has_accelerated: whether paths that compile take part.
-    """
+    """Return the sizes asked for; those that are None are chosen by the seconds of a step."""
     usual = nbatch or NBATCH, nstep or whole_holds(NSTEP, hold)
     chosen_nbatch, chosen_nstep = usual
     if chosen_nbatch * chosen_nstep * step_s <= LONG_BLOCK_S:

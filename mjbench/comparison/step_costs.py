@@ -29,11 +29,7 @@ _LEAST_S, _MOST_S = 1e-9, 1e6
 
 
 def step_cost_s(digest: str, measure: Callable[[], float]) -> float:
-    """Return about how many seconds a step of a model takes, a power of two.
-
-    Args:
-      measure: returns the seconds of a step; called where no table has them.
-    """
+    """Return about how many seconds a step takes, a power of two; measured if in no table."""
     for table in (_read(SHIPPED), _read(_user_file())):
         if digest in table:
             return rounded_s(table[digest])
@@ -46,12 +42,10 @@ def rounded_s(seconds: float) -> float:
 
 
 def as_text(table: Mapping[str, float]) -> str:
-    """Return a table as its file holds it."""
     return json.dumps(table, indent=1, sort_keys=True) + "\n"
 
 
 def _user_file() -> Path | None:
-    """Return the user's table; None where there is no folder for it."""
     named = os.environ.get(FILE_VARIABLE)
     if named:
         return Path(named)
@@ -77,10 +71,7 @@ def _read(file: Path | None) -> dict[str, float]:
 
 
 def _remember(digest: str, seconds: float) -> float:
-    """Add a cost to the user's table; return the cost that it holds then.
-
-    Another process may have added one meanwhile; the first one counts.
-    """
+    """Add a cost to the user's table; return what it holds then, by whichever process."""
     file = _user_file()
     if file is None:
         return seconds
@@ -98,11 +89,7 @@ def _remember(digest: str, seconds: float) -> float:
 
 @contextlib.contextmanager
 def _locked(file: Path) -> Iterator[None]:
-    """Hold the lock of a table while the block runs, where the file system has locks.
-
-    Raises:
-      OSError: there is no place for a lock beside the table.
-    """
+    """Hold the lock of a table while the block runs, where the file system has locks."""
     descriptor = os.open(file.with_suffix(".lock"), os.O_RDWR | os.O_CREAT, 0o644)
     try:
         with contextlib.suppress(OSError, NotImplementedError):

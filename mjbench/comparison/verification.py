@@ -34,11 +34,9 @@ class ReferenceCase:
       workload: without diverged simulations.
       final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION after the reference run.
       outputs: of the reference run, of every step, as the workload asks for.
-      resources: MjData, arrays and pools.
       numbers: (nbatch,) of the simulations, as they were before they were reordered.
       label: how it differs from what the user asked for, such as `with every input set`; empty for
         the user's own.
-      start_contacts: contacts at the first simulation's start.
     """
 
     workload: Workload
@@ -53,7 +51,6 @@ class ReferenceCase:
     def create(
         cls, workload: Workload, observation: Observation, label: str = ""
     ) -> "ReferenceCase":
-        """Return the case of a workload and its reference run."""
         case = cls.of_states(workload, observation.final_state)
         return dataclasses.replace(case, label=label, start_contacts=observation.start_contacts)
 
@@ -73,10 +70,7 @@ class ReferenceCase:
         return cls.create(healthy, observation, f"in contact ({CONTACT_MODEL})")
 
     def difference(self, states: paths.States, prepared: paths.Prepared) -> Difference | None:
-        """Return where a run that ended in `states` first differs from the reference run, or None.
-
-        Its outputs of every step are compared where the workload asks for them.
-        """
+        """Return where a run and its outputs first differ from the reference run, or None."""
         difference = self._output_difference(prepared) or agreement.first_differing_entry(
             states.values, self.final_state, self._state_columns, states.mask
         )
@@ -86,7 +80,6 @@ class ReferenceCase:
         return dataclasses.replace(difference, simulation=number)
 
     def _output_difference(self, prepared: paths.Prepared) -> Difference | None:
-        """Return where the outputs of a run first differ in any step, or None."""
         if self.outputs.state is None:
             return None
         outputs = StepOutputs(None, None)
@@ -210,16 +203,12 @@ class FurtherCases:
         return chosen
 
     def close(self) -> None:
-        """Stop workers and pools, and release all memory."""
         for case in (*self.inputs.values(), *([self.contact] if self.contact else [])):
             case.resources.close()
 
 
 def _input_cases(own: Workload, step_s: float) -> dict[Product, ReferenceCase]:
-    """Return small cases of the user's model with every input set, one a product.
-
-    Simulations that raise any warning are left out: a rollout stops at the first.
-    """
+    """Return small cases with every input set, one a product, of simulations without warnings."""
     # where the user's are fewer, some are taken twice: their inputs differ
     rows = np.resize(trajectory.spread_indices(own.nbatch, INPUTS_NBATCH), INPUTS_NBATCH)
     affordable = int(INPUTS_S / (step_s * len(rows)))
@@ -245,12 +234,7 @@ def _input_cases(own: Workload, step_s: float) -> dict[Product, ReferenceCase]:
 def verify(
     position: int, variant: Variant, case: ReferenceCase, further: FurtherCases
 ) -> tuple[AgreementReport, paths.Prepared | None]:
-    """Compare a variant with the reference run; return also the prepared run if it may be timed.
-
-    Args:
-      case: that it is to be timed on.
-      further: cases in which it must agree as well.
-    """
+    """Compare a variant with the reference run; return also the prepared run if it may be timed."""
     try:
         path = paths.find(variant.path)
         reason = _reason_not_to_run(path, variant, case.workload)
@@ -278,7 +262,6 @@ def verify(
 
 
 def _reason_not_to_run(path: paths.SteppingPath, variant: Variant, own: Workload) -> str | None:
-    """Return why a path cannot run the user's workload, or None if it can."""
     cannot_return = path.cannot_return(own.returns)
     if cannot_return:
         cannot_return += f": --returns {path.products[-1]} compares it"

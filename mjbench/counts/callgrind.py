@@ -66,7 +66,6 @@ class CallgrindProfile:
     places: Mapping[str, tuple[CodePlace, ...]]
 
     def __add__(self, other: "CallgrindProfile") -> "CallgrindProfile":
-        """Return the profile of the work of both."""
         addresses: dict[tuple[str, str], set[int]] = defaultdict(set)
         for profile in (self, other):
             for name, places in profile.places.items():
@@ -80,7 +79,6 @@ class CallgrindProfile:
 
     @property
     def total(self) -> int:
-        """All instructions of the dump."""
         return sum(self.self_cost.values())
 
     @cached_property
@@ -118,14 +116,7 @@ class CallgrindProfile:
 
 
 def parse(text: str) -> CallgrindProfile:
-    """Return the profile in a dump.
-
-    Args:
-      text: a dump in Callgrind's format, version 1, of one event (instructions executed).
-
-    Raises:
-      MachineError: it is something else, or was cut short.
-    """
+    """Return the profile in a dump of one event, version 1; MachineError for anything else."""
     try:
         return _parse(text)
     except (ValueError, LookupError) as error:
@@ -177,10 +168,7 @@ def _places(addresses: Mapping[tuple[str, str], set[int]]) -> dict[str, tuple[Co
 
 
 class _Names:
-    """The names that stand in a dump as `(id) name`, as `(id)`, or without any id."""
-
     def __init__(self, normal: Callable[[str], str]):
-        """Start without names; `normal` returns the form in which one is known from then on."""
         self._normal = normal
         self._full: dict[str, str] = {}
 
@@ -224,7 +212,6 @@ def source_name(name: str) -> str:
 
 
 def _without_types(name: str) -> str:
-    """Return a demangled name of C++ without types; see `source_name`."""
     name = name.replace("std::__1::", "std::")
     # of an operator such as `operator()` or `operator<<` the signs belong to the name
     before, operator, signs = name.partition("operator")

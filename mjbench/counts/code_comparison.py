@@ -74,13 +74,11 @@ def compare(
     of_engine = {*functions.changes, *functions.old_names.values()}
     elsewhere = [name for name in {**baseline, **candidate} if name not in of_engine]
     return CodeChanges(
-        {**_file_changes(elsewhere, baseline, candidate), **functions.changes},
-        functions.old_names,
+        {**_file_changes(elsewhere, baseline, candidate), **functions.changes}, functions.old_names
     )
 
 
 def _executed(places: Places, read: Callable[[Path], SharedLibrary]) -> "_Executed":
-    """Return the functions of the engine that a release executes."""
     file = _engine_file(places)
     library = read(Path(file))
     functions = {
@@ -93,11 +91,7 @@ def _executed(places: Places, read: Callable[[Path], SharedLibrary]) -> "_Execut
 
 
 def _engine_file(places: Places) -> str:
-    """Return the engine's library: that of its step, or the one named so where none executes.
-
-    Raises:
-      MachineError: neither is known.
-    """
+    """Return the engine's library: that of its step, or the one named so where none executes."""
     in_files = itertools.chain(places.get(ENGINE, ()), *places.values())
     for place in in_files:
         is_engine = place in places.get(ENGINE, ()) or Path(place.library).name.startswith(_PREFIX)
@@ -108,14 +102,11 @@ def _engine_file(places: Places) -> str:
 
 @dataclass(frozen=True)
 class _Executed:
-    """The functions of the engine that one release executes; their symbols by Callgrind's name."""
-
     library: SharedLibrary
     functions: Mapping[str, Sequence[Symbol]]
 
 
 def _engine_changes(old: _Executed, new: _Executed) -> CodeChanges:
-    """Return how the functions of the engine changed."""
     gone = {
         name: _main_code(old.library, symbols)
         for name, symbols in old.functions.items()
@@ -162,11 +153,7 @@ def _named_like(symbols: Iterable[Symbol], library: SharedLibrary) -> list[Symbo
 def _change(
     old: _Executed, new: _Executed, old_name: str, new_name: str, renamed: Mapping[str, str]
 ) -> CodeChange:
-    """Return how the code of a function changed: that of the part that changed most.
-
-    Args:
-      renamed: symbols that were renamed, by their names in the baseline.
-    """
+    """Return how the code of a function changed: that of the part that changed most."""
     old_parts, new_parts = old.functions.get(old_name, ()), new.functions.get(new_name, ())
     old_choices, new_choices = old_parts, new_parts
     if old_name == new_name:  # also parts that only one of the releases happens to execute
@@ -210,7 +197,6 @@ def renamed_functions(gone: Codes, new: Codes) -> dict[str, str]:
     """Return the new names of functions by their old ones; a function has one of each.
 
     Args:
-      gone: functions of the baseline.
       new: functions of the candidate that may be the same.
     """
     pairs = [

@@ -84,7 +84,6 @@ class CountedWork:
     """What was done between two markers.
 
     Attributes:
-      steps: number of steps of one pass.
       warnings: how many of the others raised each warning, by its name.
       healthy: (nbatch,) bool: the simulations that did not diverge.
       followed: what the release did from the states of the workload's probe; None without one.
@@ -134,11 +133,9 @@ class Instrumentation:
             self._request = ctypes.CFUNCTYPE(ctypes.c_uint64, ctypes.c_void_p)(address)
 
     def start(self) -> None:
-        """Count from here on."""
         self._ask(_START)
 
     def stop(self) -> None:
-        """Count no more."""
         self._ask(_STOP)
 
     def _ask(self, request: int) -> None:
@@ -160,7 +157,6 @@ def main(descriptor: int) -> None:
 
 
 def _answer(task: TaskRequest, instrumentation: Instrumentation) -> CountAnswer:
-    """Do one task; return what was done, or why it could not be done."""
     try:
         if isinstance(task, OperationRequest):
             return _operate_between_markers(task, instrumentation)

@@ -38,7 +38,6 @@ DISAGREEMENT = 0.03
 
 
 def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRecord) -> list[str]:
-    """Return lines that say what changed: instructions, work, code, or the time alone."""
     assert baseline.instructions_per_step
     assert candidate.instructions_per_step
     ratio = candidate.instructions_per_step / baseline.instructions_per_step
@@ -52,7 +51,6 @@ def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRecord) -> 
 
 
 def _code_lines(row: ExplainRecord) -> list[str]:
-    """Return whether the code changed of what executes, and which cost only moved in it."""
     if row.code is None:
         return [f"machine code not compared: {row.code_detail}"]
     details = ", ".join(
@@ -64,7 +62,6 @@ def _code_lines(row: ExplainRecord) -> list[str]:
 
 
 def _code_conclusion(code: Mapping[CodeChange, CodeShare]) -> str:
-    """Return whether the code changed, for shares of functions by how theirs did."""
     total = sum(share.functions for share in code.values())
     changed = [share for change, share in code.items() if change in OTHER_CODE]
     unknown = code.get(CodeChange.UNKNOWN, CodeShare(0, 0.0))
@@ -93,7 +90,6 @@ def _moved_line(group: Sequence[FunctionDifference]) -> str:
 
 
 def _time_lines(time: VerdictRow, instruction_ratio: float) -> list[str]:
-    """Return what the comparison of time adds to that of instructions."""
     lines = [] if time.status == Status.OK else [f"time not compared: {time.detail}"]
     if time.ratio is None:
         return lines
@@ -116,7 +112,6 @@ def _time_lines(time: VerdictRow, instruction_ratio: float) -> list[str]:
 def explain_change(
     baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None
 ) -> ExplainRecord:
-    """Return what changed for one model or operation; time may not have been compared."""
     failed = next((c for c in (baseline, candidate) if c.status != Status.OK), None)
     code, code_detail = None, "" if failed is None else "a release was not counted"
     if failed is None:
@@ -147,11 +142,7 @@ def explain_change(
 
 
 def _code_changes(baseline: ModelCount, candidate: ModelCount) -> CodeChanges:
-    """Return how the code changed.
-
-    Raises:
-      MachineError: it cannot be read here.
-    """
+    """Return how the code changed."""
     from mjbench.counts.code_comparison import compare  # late: Capstone takes long to import
 
     return compare(baseline.places, candidate.places)
@@ -260,7 +251,6 @@ def verdicts(
     """Yield the verdict on each model in each new release.
 
     Args:
-      stored: verdicts that need not be measured again.
       on_candidate: called with the position of each new release before it is counted.
     """
     baselines: dict[str, ModelCount] = {}

@@ -158,7 +158,6 @@ def moved_cost(
     """Return groups of functions between which cost moved, by name, the largest first.
 
     Args:
-      calls: (caller, callee) in either release.
       min_cost: smallest difference to account for, in instructions per step.
     """
     neighbours: dict[str, set[str]] = defaultdict(set)

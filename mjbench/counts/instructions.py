@@ -70,7 +70,6 @@ class ModelCount(InstructionsRecord):
     Of an operation around the step, it is what doing it once costs.
 
     Attributes:
-      operation: name of the operation; empty for a step.
       places: where the code of each of the functions lies that were executed, by name.
       calls: (caller, callee) of them.
       healthy: (nbatch,) bool: the simulations that did not diverge; None where the model was not
@@ -107,17 +106,12 @@ class InstructionCounter:
     """
 
     def __init__(self, sizes: Sizes | None = None):
-        """Prepare a counter; None stands for the usual sizes."""
         self._sizes = sizes or Sizes()
         self._workload_files: dict[ModelSource, Path] = {}
         self._closing = contextlib.ExitStack()
 
     def __enter__(self) -> "InstructionCounter":
-        """Create a temporary directory for workloads.
-
-        Raises:
-          MachineError: valgrind is missing, or there is no temporary directory.
-        """
+        """Create a folder for workloads; MachineError without valgrind, or a folder."""
         problem = unavailable()
         if problem:
             raise MachineError(problem)
@@ -141,10 +135,6 @@ class InstructionCounter:
 
         Args:
           limit_s: kill the process when it finishes nothing for this long.
-
-        Returns:
-          One count for each, in their order; what failed, or the release cannot do, says so in its
-          status.
 
         Raises:
           InputError: the release does not exist.
@@ -178,7 +168,6 @@ class InstructionCounter:
 def _count(
     release: installs.ReleaseSpec, requests: Sequence[TaskRequest], limit_s: float
 ) -> list[ModelCount]:
-    """Return a count for each task; see `InstructionCounter.count`."""
     counts: list[ModelCount] = []
     begin = time.monotonic()
     while len(counts) < len(requests):
@@ -256,7 +245,6 @@ def _answers(
 
 
 def _callgrind(folder: Path) -> list[str]:
-    """Return the beginning of a command that runs the rest under Callgrind."""
     return [
         *("valgrind", "--tool=callgrind", "--quiet"),
         "--dump-instr=yes",  # addresses, by which explain finds the code of functions
@@ -286,7 +274,6 @@ def _dumps(index: int) -> range:
 def _task_count(
     release: installs.ReleaseSpec, task: TaskRequest, answer: CountAnswer, dumps: Sequence[Path]
 ) -> ModelCount:
-    """Return the count of one task, from its answer and the dumps of its two passes."""
     if isinstance(answer, Failure):
         return _failed(task, release, answer)
     profile, repeated = (callgrind.parse(child.text(dump)) for dump in dumps)
@@ -319,7 +306,6 @@ def _operation_count(
 def _model_count(
     empty: ModelCount, counted: CountedWork, profile: CallgrindProfile, repeated: CallgrindProfile
 ) -> ModelCount:
-    """Return the count of one model, from the profiles of its two passes."""
     steps, engine = counted.steps, profile.inclusive_cost[ENGINE]
     if engine == 0:
         raise MachineError(f"Callgrind saw no {ENGINE} in MuJoCo {empty.release}")
@@ -349,7 +335,6 @@ def _failed(task: TaskRequest, release: installs.ReleaseSpec, failure: Failure) 
 
 
 def _empty_count(task: TaskRequest, release: installs.ReleaseSpec) -> ModelCount:
-    """Return the count of a task that says what was counted, and nothing else."""
     return ModelCount(
         model=task.source.name if task.source else "",
         operation=task.operation if isinstance(task, OperationRequest) else "",

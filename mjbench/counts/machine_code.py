@@ -69,7 +69,6 @@ class Instruction:
 
     @property
     def is_nop(self) -> bool:
-        """Whether it does nothing."""
         return not self.shape
 
 
@@ -223,7 +222,6 @@ def _instruction(
 
 
 def _operation(decoded: capstone.CsInsn, surroundings: Surroundings) -> Instruction:
-    """Return an instruction that works on operands, without its addresses."""
     shape: list[object] = [decoded.mnemonic, decoded.sse_cc, decoded.avx_cc, decoded.avx_rm]
     displacements: list[int] = []
     addends: list[int] = []

@@ -79,10 +79,7 @@ class SharedLibrary:
         return list(self.symbols[first : last + 1])
 
     def named(self, name: str) -> list[Symbol]:
-        """Return the symbols of a function, clones made by the compiler included.
-
-        Static functions of several files may have the same name.
-        """
+        """Return the symbols of a function, clones made by the compiler included."""
         return self._by_name.get(name, [])
 
     def decoded(self, symbol: Symbol) -> list[Instruction]:
@@ -94,12 +91,10 @@ class SharedLibrary:
         return self._decoded[symbol.address]
 
     def name_at(self, address: int) -> str | None:
-        """Return the name of the function at an address; see `Surroundings`."""
         symbols = self.at(address)
         return source_name(symbols[0].name) if symbols else self.imported.get(address)
 
     def constant_at(self, address: int, size_bytes: int) -> bytes | None:
-        """Return constant data at an address; see `Surroundings`."""
         return _content(self.constants, address, size_bytes)
 
     @cached_property
@@ -128,11 +123,7 @@ def _content(sections: Iterable[Section], address: int, size_bytes: int) -> byte
 
 
 def read(file: Path) -> SharedLibrary:
-    """Return the functions of a library.
-
-    Raises:
-      MachineError: it cannot be read, is for another processor, or has no symbol table.
-    """
+    """Return the functions of a library; MachineError where it is unfit, or has no symbols."""
     try:
         with file.open("rb") as stream:
             return _read(ELFFile(stream), file)

@@ -55,7 +55,6 @@ def instructions_by_stage(profile: CallgrindProfile) -> dict[str, int]:
 
 
 def stage_of(function: str) -> str | None:
-    """Return the stage that a function carries out; None if it is no stage."""
     return next((s for s, pattern in STAGES.items() if re.match(pattern, function)), None)
 
 

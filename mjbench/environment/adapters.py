@@ -32,7 +32,6 @@ class EnvironmentAdapter(ABC):
     framework: ClassVar[str]
 
     def __init__(self, environment: Any):
-        """Look into an environment, without stepping it."""
         self.environment = environment
         chain = chain_of(environment)
         self.wrappers: Sequence[Any] = chain[:-1]
@@ -44,7 +43,6 @@ class EnvironmentAdapter(ABC):
         return [type(wrapper).__name__ for wrapper in self.wrappers]
 
     def versions(self) -> dict[str, str]:
-        """Return the versions of the packages that its classes come from, by their names."""
         import importlib.metadata
 
         classes = [kind for each in (*self.wrappers, self.core) for kind in type(each).__mro__]
@@ -91,17 +89,12 @@ class EnvironmentAdapter(ABC):
         return self._reset_function(seed)
 
     def _reset_function(self, seed: int) -> Callable[[], Any]:
-        """Return a function that resets the environment; its generators are seeded."""
         reset = self.environment.reset
         return lambda: reset()
 
     @abstractmethod
     def is_over(self, outcome: Any) -> bool:
-        """Return whether an episode ended with the step that returned `outcome`.
-
-        Raises:
-          InputError: no step of this framework returns that.
-        """
+        """Return whether an episode ended with an outcome; InputError where no step returns it."""
 
     @abstractmethod
     def fields(self, outcome: Any) -> Mapping[str, Any]:
@@ -109,11 +102,7 @@ class EnvironmentAdapter(ABC):
 
     @abstractmethod
     def draw_actions(self, count: int, seed: int) -> list[Any]:
-        """Return random actions.
-
-        Raises:
-          InputError: it is unknown what an action is.
-        """
+        """Return random actions; InputError where it is unknown what an action is."""
 
 
 class _TupleAdapter(EnvironmentAdapter):
@@ -122,14 +111,12 @@ class _TupleAdapter(EnvironmentAdapter):
     lengths: ClassVar[tuple[int, ...]]
 
     def is_over(self, outcome: Any) -> bool:
-        """See `EnvironmentAdapter.is_over`."""
         if not isinstance(outcome, tuple) or len(outcome) not in self.lengths:
             expected = " or ".join(map(str, self.lengths))
             raise InputError(f"its step returned {_described(outcome)}, not {expected} values")
         return any(bool(flag) for flag in outcome[2:-1])
 
     def fields(self, outcome: Any) -> Mapping[str, Any]:
-        """See `EnvironmentAdapter.fields`."""
         flags = ("terminated", "truncated") if len(outcome) == 5 else ("done",)
         return dict(zip(("observation", "reward", *flags), outcome[:-1], strict=True))
 
@@ -150,7 +137,6 @@ class GymnasiumAdapter(_TupleAdapter):
         return lambda: reset()
 
     def draw_actions(self, count: int, seed: int) -> list[Any]:
-        """See `EnvironmentAdapter.draw_actions`; by the action space's `sample()`, if any."""
         space = self.environment.action_space
         if callable(getattr(space, "sample", None)):
             if callable(getattr(space, "seed", None)):
@@ -168,18 +154,15 @@ class DmControlAdapter(EnvironmentAdapter):
     framework = "dm_control"
 
     def is_over(self, outcome: Any) -> bool:
-        """See `EnvironmentAdapter.is_over`."""
         if not callable(getattr(outcome, "last", None)):
             raise InputError(f"its step returned {_described(outcome)}, not a dm_env.TimeStep")
         return bool(outcome.last())
 
     def fields(self, outcome: Any) -> Mapping[str, Any]:
-        """See `EnvironmentAdapter.fields`."""
         names = ("observation", "reward", "discount", "step_type")
         return {name: getattr(outcome, name, None) for name in names}
 
     def draw_actions(self, count: int, seed: int) -> list[Any]:
-        """See `EnvironmentAdapter.draw_actions`; from the bounds of the specification."""
         spec = self.environment.action_spec()
         low, high = getattr(spec, "minimum", None), getattr(spec, "maximum", None)
         shape = getattr(spec, "shape", None)
@@ -196,17 +179,12 @@ class RobosuiteAdapter(_TupleAdapter):
     lengths = (4,)
 
     def draw_actions(self, count: int, seed: int) -> list[Any]:
-        """See `EnvironmentAdapter.draw_actions`; from the bounds of the specification."""
         low, high = self.environment.action_spec
         return draw_uniform(low, high, count, seed)
 
 
 def adapt(environment: Any) -> EnvironmentAdapter:
-    """Return the adapter of an environment.
-
-    Raises:
-      InputError: it is no environment, or does not say what its actions are.
-    """
+    """Return the adapter of an environment; InputError if it is none, or without actions."""
     kind = type(environment).__name__
     for name in ("reset", "step"):
         if not callable(getattr(environment, name, None)):
@@ -239,7 +217,6 @@ def chain_of(environment: Any) -> list[Any]:
 
 
 def _inner(environment: Any) -> Any:
-    """Return the environment that a wrapper wraps; None where it wraps none."""
     own = getattr(environment, "__dict__", {})
     for name in _INNER:
         inner = own.get(name)
@@ -279,7 +256,6 @@ def _described(outcome: Any) -> str:
 
 
 def _accepts(function: Callable[..., Any], keyword: str) -> bool:
-    """Return whether a function takes a keyword argument."""
     import inspect
 
     try:

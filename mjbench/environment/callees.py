@@ -24,11 +24,7 @@ _ENTERED = {Layer.STEPPING, Layer.ACTION, Layer.INFO, Layer.TERMINATION, Layer.R
 
 @dataclass(frozen=True, eq=False)
 class Callee:
-    """A function that a step calls.
-
-    Attributes:
-      name: for people; of a wrapper's step, the wrapper's class.
-    """
+    """A function that a step calls; `name` is for people: of a wrapper, its class."""
 
     owner: Any
     attribute: str
@@ -69,7 +65,6 @@ def find(environment: object) -> list[Callee]:
 
 
 def builds_info(environment: object) -> bool:
-    """Return whether the lines of `environment.step` put information together themselves."""
     for function in _steps(environment):
         tree = _tree(function)
         for node in ast.walk(tree) if tree else ():
@@ -185,7 +180,6 @@ def _calls(function: Callable[..., Any]) -> Sequence[_Call]:
 
 
 def _tree(function: Callable[..., Any]) -> ast.FunctionDef | None:
-    """Return the syntax of a function; None where it has no source."""
     try:
         module = ast.parse(textwrap.dedent(inspect.getsource(function)))
     except (OSError, TypeError, SyntaxError, ValueError):
@@ -224,7 +218,6 @@ def _names(target: ast.expr) -> list[str]:
 
 
 def _calls_base_step(function: Callable[..., Any]) -> bool:
-    """Return whether a step calls that of a base class."""
     tree = _tree(function)
     if tree is None:
         return False

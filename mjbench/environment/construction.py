@@ -19,13 +19,7 @@ import mujoco
 
 from mjbench import extras
 from mjbench.environment.source import EnvironmentSource, Origin
-from mjbench.errors import (
-    InputError,
-    MjbenchError,
-    describe,
-    shown,
-    suggestion,
-)
+from mjbench.errors import InputError, MjbenchError, describe, shown, suggestion
 
 # The module of dm_control that has the release of MuJoCo which its bindings were generated from.
 _CONSTANTS = "dm_control.mujoco.wrapper.mjbindings.constants"
@@ -47,7 +41,6 @@ class ReleaseMismatch:
     installed: str
 
     def __str__(self) -> str:
-        """Say both, and what to do."""
         return (
             f"dm_control is built for MuJoCo {self.built_for}, and {self.installed} is installed;"
             f" install it with mujoco=={self.built_for} in a virtual environment of its own"
@@ -121,7 +114,6 @@ def place_of(error: BaseException) -> str:
 
 
 def _from_gymnasium(source: EnvironmentSource) -> Any:
-    """Return what `gymnasium.make` makes of an id."""
     gymnasium = _imported("gymnasium", extras.install_command("env"))
     module, _, name = source.attribute.rpartition(":")
     if module:
@@ -138,7 +130,6 @@ def _from_gymnasium(source: EnvironmentSource) -> Any:
 
 
 def _from_dm_control(source: EnvironmentSource) -> Any:
-    """Return the environment of a task of dm_control's suite."""
     _imported("dm_control", "python -m pip install dm_control")
     with as_input_error("making it"):
         from dm_control import suite
@@ -150,7 +141,6 @@ def _from_dm_control(source: EnvironmentSource) -> Any:
 
 
 def _from_factory(source: EnvironmentSource) -> Any:
-    """Return what a function of the user's returns."""
     factory = _user_module(source.module, source.folder)
     for name in source.attribute.split("."):
         known = [each for each in dir(factory) if not each.startswith("_")]
@@ -182,7 +172,6 @@ def _user_module(name: str, folder: Path) -> Any:
 
 
 def _imported(package: str, command: str) -> Any:
-    """Return a package, which a command installs."""
     try:
         with as_input_error(f"importing {package}"):
             return importlib.import_module(package)
@@ -193,5 +182,4 @@ def _imported(package: str, command: str) -> Any:
 
 
 def _unknown(source: EnvironmentSource, name: str, names: Iterable[str]) -> InputError:
-    """Return the error for an environment that a package does not have."""
     return InputError(f"{source.origin} has no environment {shown(name)}{suggestion(name, names)}")

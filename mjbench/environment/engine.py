@@ -21,11 +21,7 @@ _UNCHANGED = ("mujoco", "mjbench")
 
 @dataclass(frozen=True, eq=False)
 class Binding:
-    """A name of a module that stands for a function of the engine.
-
-    Attributes:
-      function: the name in `mujoco`.
-    """
+    """A name of a module that stands for `function` of `mujoco`."""
 
     module: ModuleType
     attribute: str
@@ -33,7 +29,6 @@ class Binding:
 
 
 def function_names() -> list[str]:
-    """Return the names of MuJoCo's functions of a model or a simulation (`mj_…`)."""
     return [
         name for name in dir(mujoco) if name.startswith("mj_") and callable(getattr(mujoco, name))
     ]
@@ -57,7 +52,6 @@ def replaced(
     wrappers: Mapping[str, Callable[[EngineFunction], EngineFunction]],
     elsewhere: Sequence[Binding] = (),
 ) -> Iterator[None]:
-    """Replace functions of the engine while the block runs."""
     before = [(each, getattr(each.module, each.attribute)) for each in elsewhere]
     with engine_functions.replaced(wrappers):
         try:

@@ -146,7 +146,6 @@ class LayerTimes:
         return max(_LEAST_NS, sum(medians))
 
     def timer(self) -> TimerEffect:
-        """Return what timing cost."""
         plain_ns = float(np.median(self._plain_ns))
         total = _around(self._median_total() / plain_ns, self._total() / self._plain_ns)
         return TimerEffect(

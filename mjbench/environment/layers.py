@@ -71,7 +71,6 @@ def layer_of(function: str, results: Sequence[str] = ()) -> Layer:
 
 
 def _layer_of_result(name: str) -> Layer:
-    """Return the layer that a variable's value belongs to."""
     for layer, pattern in _RESULTS:
         if pattern.search(name.lower()):
             return layer

@@ -28,10 +28,7 @@ from mjbench.status import Status
 
 
 def measure(source: EnvironmentSource, plan: EnvironmentPlan) -> EnvironmentRecord:
-    """Return what was measured of an environment.
-
-    After Ctrl-C, the record holds what was measured before.
-    """
+    """Return what was measured of an environment; after Ctrl-C, what was until then."""
     variants = selection.variants(PATHS, plan.threads, CHOICES)
     messages: list[object] = []
     try:

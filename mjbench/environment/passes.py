@@ -18,13 +18,7 @@ from mjbench.environment.construction import as_input_error
 from mjbench.environment.engine import Binding
 from mjbench.environment.recording import EngineWatch
 from mjbench.environment.repetition import Fingerprint
-from mjbench.environment.timer import (
-    ClockNs,
-    LayerTime,
-    LayerTimer,
-    engine_timed,
-    functions_timed,
-)
+from mjbench.environment.timer import ClockNs, LayerTime, LayerTimer, engine_timed, functions_timed
 from mjbench.host.isolate import Channel
 from mjbench.measuring import timing
 from mjbench.measuring.timing import Contender
@@ -37,10 +31,7 @@ PATIENCE = 20
 
 
 def send_rounds(time_round: Callable[[], object], budget_s: float, channel: Channel) -> None:
-    """Time rounds until the budget is used; send what each returns.
-
-    One that is not sent comes first, as it touches all memory.
-    """
+    """Time rounds until the budget is used, and send each but the first, which touches memory."""
     results: list[object] = []
     contender = Contender(lambda: results.append(time_round()))
     longest_s = timing.block_s(contender)
@@ -66,8 +57,6 @@ class Pass:
 
     Attributes:
       step_ns: (nstep,) of each step of the environment.
-      reset_ns: of the reset that begins each episode.
-      lengths: steps of each episode that ended.
       returned: fingerprint of what the steps returned; of nothing where passes took turns.
       layers: what each function that was called took, with the timer's cost, where it was timed.
     """
@@ -99,11 +88,6 @@ class EnvironmentPasses:
         self.adapter, self.actions, self.seed, self.clock_ns = adapter, actions, seed, clock_ns
 
     def plain(self, heartbeat: Callable[[], None] = lambda: None) -> Pass:
-        """Return the times of a pass.
-
-        Args:
-          heartbeat: called after every step, untimed.
-        """
         return self._compared(self._begin_plain, heartbeat)
 
     def recorded(self, watch: EngineWatch, heartbeat: Callable[[], None]) -> Pass:
@@ -118,11 +102,7 @@ class EnvironmentPasses:
             return self._compared(begin_episode, heartbeat)
 
     def side_by_side(self, elsewhere: Sequence[Binding], rng: random.Random) -> tuple[Pass, Pass]:
-        """Return a plain pass and a layered one, which take turns from episode to episode.
-
-        Args:
-          rng: draws which of the two is first in each episode.
-        """
+        """Return a plain pass and a layered one, which take turns from episode to episode."""
         timer = LayerTimer(self.clock_ns)
         plain, layered = self._empty_pass(), self._empty_pass()
         replays = [
@@ -169,7 +149,6 @@ class EnvironmentPasses:
         return Pass(np.zeros(len(self.actions), dtype=np.int64))
 
     def _compared(self, begin_episode: _BeginEpisode, heartbeat: Callable[[], None]) -> Pass:
-        """Return a pass with the fingerprint of what its steps returned."""
         result = self._empty_pass()
 
         def add(outcome: Any) -> None:
@@ -187,12 +166,7 @@ class EnvironmentPasses:
         inspect: Callable[[Any], None] = lambda outcome: None,
         heartbeat: Callable[[], None] = lambda: None,
     ) -> Iterator[bool]:
-        """Replay one episode after the other; yield after each whether more follow.
-
-        Args:
-          result: to add times to.
-          inspect: called with what each step returned, untimed.
-        """
+        """Replay one episode after the other; yield after each whether more follow."""
         number = 0
         while number < len(self.actions):
             first = number
@@ -211,7 +185,6 @@ class EnvironmentPasses:
             yield number < len(self.actions)
 
     def _reset(self, episode: int) -> int:
-        """Reset the environment, and return how many nanoseconds it took."""
         with as_input_error("its reset"):
             reset = self.adapter.resetting(self.seed + episode)
             begin = self.clock_ns()

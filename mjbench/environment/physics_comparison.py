@@ -100,11 +100,7 @@ def physics_of(recording: Recording, seed: int, nthread: int) -> PhysicsAlone | 
 
 
 def _assembled(
-    recording: Recording,
-    usable: dict[int, StepTrace],
-    frame_skip: int,
-    seed: int,
-    nthread: int,
+    recording: Recording, usable: dict[int, StepTrace], frame_skip: int, seed: int, nthread: int
 ) -> PhysicsAlone:
     """Return the physics of the usable steps of a recording, by their number."""
     runs = _runs(usable)
@@ -185,20 +181,15 @@ class PhysicsComparison:
         return seconds
 
     def reorder(self, rng: np.random.Generator) -> None:
-        """Reorder the simulations, so that the output of an earlier block is wrong."""
         if self.physics.workload.nbatch > 1:
             self.case.reorder(rng)
 
     def close(self) -> None:
-        """Stop workers and pools."""
         self.case.resources.close()
 
 
 def difference_from(physics: PhysicsAlone) -> str:
-    """Return where a plain loop first differs from the environment at the ends of runs; or empty.
-
-    The loop takes the steps of each run from its start; nothing of the environment is in it.
-    """
+    """Return where a plain loop of the runs first differs from the environment's ends, or empty."""
     observation = work.observe(physics.workload)
     columns = compat.state_columns(physics.workload.model)
     difference = agreement.first_differing_entry(
@@ -211,11 +202,7 @@ def difference_from(physics: PhysicsAlone) -> str:
 
 
 def described(number: int, difference: Difference) -> str:
-    """Return a difference between the environment and a plain loop as a sentence.
-
-    Args:
-      number: of the environment's step after which it shows.
-    """
+    """Return a difference between the environment and a plain loop as a sentence."""
     return (
         f"{difference.field}[{difference.index}] is {difference.got!r} in the environment and"
         f" {difference.expected!r} in a plain loop, after step {number + 1} of the environment"
@@ -225,11 +212,7 @@ def described(number: int, difference: Difference) -> str:
 def prepare(
     physics: PhysicsAlone, variants: Sequence[Variant], channel: Channel
 ) -> PhysicsComparison:
-    """Verify every path, and send an `AgreementReport` for each.
-
-    Args:
-      variants: the paths, the plain loop first.
-    """
+    """Verify every path, the plain loop first, and send an `AgreementReport` for each."""
     workload, observation = work.observe_healthy(physics.workload)
     if workload.nbatch < physics.workload.nbatch:
         raise MachineError(f"the physics diverges ({observation.diagnosis()})")

@@ -83,7 +83,6 @@ class StepTrace:
 
     @property
     def nstep(self) -> int:
-        """Steps of the engine."""
         return len(self.control)
 
 
@@ -123,11 +122,7 @@ class _Call:
 
 @dataclass(eq=False)
 class _OpenStep:
-    """A step of the environment that is being taken.
-
-    Attributes:
-      model: of its first call, as `data` and `reader` are; None before it.
-    """
+    """A step of the environment that is being taken."""
 
     model: Any = None
     data: Any = None
@@ -153,7 +148,6 @@ class EngineWatch:
 
     @contextmanager
     def watching(self) -> Iterator[None]:
-        """Watch while the block runs."""
         names = engine.function_names()
         wrappers = {name: functools.partial(self._watched, name) for name in names}
         with engine.replaced(wrappers, engine.bindings()):
@@ -165,7 +159,6 @@ class EngineWatch:
         self._versions.moment = Moment.RESET
 
     def run(self, step: Callable[[], Any]) -> Any:
-        """Run one step of the environment, and return its result."""
         current = self._current = _OpenStep()
         try:
             outcome = step()
@@ -177,7 +170,6 @@ class EngineWatch:
         return outcome
 
     def _trace(self, step: _OpenStep) -> StepTrace | None:
-        """Return the trace of a step that is over; None where it did not step the engine."""
         ending = [i for i, call in enumerate(step.calls) if call.nstep]
         if not ending:
             return None
@@ -205,7 +197,6 @@ class EngineWatch:
         )
 
     def recording(self) -> Recording:
-        """Return what was seen."""
         installed = [
             f"mjcb_{name}"
             for name in _CALLBACKS
@@ -224,8 +215,6 @@ class EngineWatch:
         )
 
     def _watched(self, name: str, function: EngineFunction) -> EngineFunction:
-        """Return the replacement of a function."""
-
         def call(*arguments: Any, **keywords: Any) -> Any:
             if name not in _WATCHED:
                 self._other_calls |= self._current is not None
@@ -267,7 +256,6 @@ class EngineWatch:
         return True
 
     def _reader(self, model: Any) -> StateReader:
-        """Return what reads the states of a model; prepared once per model."""
         if self._reader_of is None or self._reader_of[0] is not model:
             self._reader_of = (model, StateReader(model))
         return self._reader_of[1]
@@ -277,7 +265,6 @@ class _ModelVersions:
     """Numbers the contents that an environment's model has had.
 
     Attributes:
-      moment: when the next change is made.
       most_used: number of the content that most steps were taken with, and a copy of it.
     """
 
@@ -301,7 +288,6 @@ class _ModelVersions:
         return self._number
 
     def count(self) -> None:
-        """Count a step with the current content."""
         self._uses += 1
         if self._uses > self._most_uses:
             self._most_uses, self.most_used = self._uses, (self._number, self._copy)
@@ -312,12 +298,7 @@ class _ModelVersions:
 
 
 class _PlainSteps:
-    """Repeats calls on an MjData of its own.
-
-    Attributes:
-      checked: calls that were repeated.
-      difference: the first that differs, with the number of the environment's step.
-    """
+    """Repeats calls on an MjData of its own."""
 
     def __init__(self, step: EngineFunction):
         self.checked = 0
@@ -335,7 +316,6 @@ class _PlainSteps:
         nstep: int,
         number: int,
     ) -> None:
-        """Take steps from a state, and compare with the state that the environment reached."""
         if model is not self._model:
             self._model, self._data = model, mujoco.MjData(model)
             self._needs_reset = compat.has_sleep(model)
@@ -352,7 +332,6 @@ class _PlainSteps:
 
 
 def _nstep(name: str, arguments: Sequence[Any], keywords: Mapping[str, Any]) -> int:
-    """Return how many steps a call ends."""
     if name == _BEGIN:
         return 0
     if name != _STEP:

@@ -21,12 +21,7 @@ from mjbench.bounds import (
     PositiveInt,
 )
 from mjbench.environment.construction import ReleaseMismatch
-from mjbench.environment.layer_shares import (
-    LayerSamples,
-    LayerShare,
-    LayerTimes,
-    TimerEffect,
-)
+from mjbench.environment.layer_shares import LayerSamples, LayerShare, LayerTimes, TimerEffect
 from mjbench.environment.layers import Layer
 from mjbench.environment.recording import ModelChange
 from mjbench.environment.repetition import FieldDifference
@@ -175,7 +170,6 @@ class VectorSamples:
     ncore: PositiveInt | None = None
 
     def __post_init__(self) -> None:
-        """Check that each round has both times."""
         if len(self.ns) != len(self.single_ns):
             raise ValueError("ns and single_ns differ in length")
 
@@ -270,7 +264,6 @@ class EnvironmentRecord:
     no_vectors: str = ""
 
     def __post_init__(self) -> None:
-        """Check that what was timed is described, and that every round has all its times."""
         rounds = len(self.step_ns)
         if rounds and (self.facts is None or self.timer_cost is None or not self.layers):
             raise ValueError(
@@ -388,6 +381,5 @@ def _speedup(baseline_ns: Sequence[float], ns: Sequence[float]) -> Estimate | No
 
 
 def _estimate(samples: Sequence[float] | np.ndarray) -> Estimate:
-    """Return the median of samples with its 95 % interval."""
     values = np.asarray(samples, dtype=float)
     return Estimate(float(np.median(values)), *stats.median_interval(values))

@@ -46,7 +46,6 @@ class FieldDifference:
     size: PositiveInt
 
     def __str__(self) -> str:
-        """Name the field, and its entries where not all of them differ."""
         if self.count == self.size:
             return self.field
         if self.count > len(self.entries):
@@ -111,7 +110,6 @@ def physics_differences(first: Recording, again: Recording) -> list[FieldDiffere
 
 
 def _difference(field: str, differs: np.ndarray, is_physics: bool) -> FieldDifference | None:
-    """Return the difference of a field; None where none of its entries differs."""
     entries = np.flatnonzero(differs)
     if not len(entries):
         return None

@@ -16,19 +16,9 @@ import numpy as np
 
 from mjbench.comparison.messages import AgreementReport
 from mjbench.comparison.plan import Variant
-from mjbench.environment import (
-    adapters,
-    construction,
-    engine,
-    physics_comparison,
-)
+from mjbench.environment import adapters, construction, engine, physics_comparison
 from mjbench.environment.adapters import EnvironmentAdapter
-from mjbench.environment.passes import (
-    EnvironmentPasses,
-    Pass,
-    in_random_order,
-    send_rounds,
-)
+from mjbench.environment.passes import EnvironmentPasses, Pass, in_random_order, send_rounds
 from mjbench.environment.physics_comparison import PhysicsAlone, PhysicsComparison
 from mjbench.environment.recording import EngineWatch, Recording, StepTrace
 from mjbench.environment.records import EnvironmentFacts, EnvironmentRecord, PhysicsCheck
@@ -80,7 +70,6 @@ class EnvironmentRequest:
 
     @property
     def most_threads(self) -> int:
-        """The most threads that a path has."""
         return max((nthread(variant.options) for variant in self.variants), default=1)
 
 
@@ -141,7 +130,6 @@ def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
 
 
 def _recorded(passes: EnvironmentPasses, heartbeat: Callable[[], None]) -> tuple[Pass, Recording]:
-    """Return a pass that was watched, and what was seen."""
     watch = EngineWatch()
     return passes.recorded(watch, heartbeat), watch.recording()
 
@@ -149,7 +137,6 @@ def _recorded(passes: EnvironmentPasses, heartbeat: Callable[[], None]) -> tuple
 def _unrepeated(
     first: Pass, recording: Recording, again: Pass, recording_again: Recording
 ) -> list[FieldDifference]:
-    """Return what was not the same in two passes."""
     returned = first.returned.differences(again.returned)
     return [*returned, *physics_differences(recording, recording_again)]
 
@@ -185,7 +172,6 @@ def _affordable_nstep(adapter: EnvironmentAdapter, seed: int, heartbeat: Callabl
 
 
 def _check_steps_engine(recording: Recording, nstep: int) -> None:
-    """Refuse an environment that does not step MuJoCo's engine."""
     if any(trace is not None for trace in recording.steps):
         return
     if recording.obstacle:
@@ -213,7 +199,6 @@ def _physics_alone(
 
 
 def _check(recording: Recording, physics: PhysicsAlone | str) -> PhysicsCheck:
-    """Return the record of the check of a recording's physics."""
     if isinstance(physics, PhysicsAlone):
         covered, run, holds = len(physics.numbers), physics.run, physics.holds
         return PhysicsCheck(Status.OK, "", recording.checked, covered, run, holds)
@@ -273,7 +258,6 @@ def _time(
     request: EnvironmentRequest,
     channel: Channel,
 ) -> None:
-    """Time rounds until the budget is used; send each."""
     turns = _Turns(passes, comparison, request, channel)
     send_rounds(turns.round, request.plan.budget_s, channel)
     if comparison is not None:
@@ -284,8 +268,6 @@ def _time(
 
 
 class _Turns:
-    """Rounds in which passes and paths take turns."""
-
     def __init__(
         self,
         passes: EnvironmentPasses,

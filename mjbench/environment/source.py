@@ -55,11 +55,7 @@ class EnvironmentSource:
 
 
 def resolve(name: str, folder: Path) -> EnvironmentSource:
-    """Return where the environment called `name` comes from.
-
-    Raises:
-      InputError: the name has none of the forms of an environment's name.
-    """
+    """Return where the environment called `name` comes from; InputError for another name."""
     for suffix, advice in _FILES.items():
         if name.endswith(suffix):
             raise InputError(f"{shown(name)} is no environment: {advice}")

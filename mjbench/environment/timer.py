@@ -41,7 +41,6 @@ class TimerCost:
 
     @property
     def total_ns(self) -> float:
-        """Both together."""
         return self.inside_ns + self.outside_ns
 
 
@@ -65,8 +64,6 @@ class LayerTime:
 
 @dataclass(slots=True)
 class _RunningTotals:
-    """The counts of a `LayerTime`, while it is timed."""
-
     calls: int = 0
     timed_calls: int = 0
     inner_calls: int = 0
@@ -77,7 +74,6 @@ class LayerTimer:
     """Times functions by layer, in the thread that made it."""
 
     def __init__(self, clock_ns: ClockNs = time.perf_counter_ns):
-        """Time by `clock_ns`, which returns nanoseconds."""
         self._clock_ns = clock_ns
         self._thread = threading.get_ident()
         self._totals: dict[tuple[Layer, str], _RunningTotals] = {}
@@ -157,10 +153,7 @@ def measure_cost(clock_ns: ClockNs = time.perf_counter_ns) -> TimerCost:
 
 
 def _block_ns(clock_ns: ClockNs) -> tuple[int, int, int]:
-    """Return the time of a loop that calls a function, and of one that calls it timed.
-
-    Of the second, also what is charged to the function: it comes before the whole.
-    """
+    """Return the time of a loop that calls a function, and of one that calls it timed."""
     timer = LayerTimer(clock_ns)
     timed = timer.timed(_nothing, Layer.REST, "inside")
 

@@ -46,12 +46,7 @@ _FIELDS = ("observation", "reward", "terminated", "truncated")
 
 @dataclass(frozen=True)
 class VectorRequest:
-    """What a child is to measure.
-
-    Attributes:
-      repeats: whether one environment did the same again.
-      positions: of the forms that take part.
-    """
+    """What a child is to measure."""
 
     source: EnvironmentSource
     plan: EnvironmentPlan
@@ -75,7 +70,6 @@ class VectorLaunch:
 
 
 def sized_forms(plan: EnvironmentPlan) -> list[tuple[VectorForm, int]]:
-    """Return the forms with their numbers of environments."""
     return [(form, nenv) for nenv in plan.nenv for form in VectorForm]
 
 
@@ -99,13 +93,10 @@ def added(
 
 
 class _VectorLaunches(Targets[VectorLaunch]):
-    """Launches forms in a child that makes, compares and times them."""
-
     def __init__(self, request: VectorRequest):
         self._request = request
 
     def launch(self, positions: Sequence[int]) -> VectorLaunch:
-        """See `Targets.launch`."""
         return isolate.call(
             measure_in_child,
             dataclasses.replace(self._request, positions=positions),
@@ -131,7 +122,6 @@ class _VectorRule(StopRule[VectorLaunch]):
         self._plan, self._clock, self._begin_s = plan, clock, clock()
 
     def next_targets(self) -> Sequence[int]:
-        """See `StopRule.next_targets`."""
         count, spent_s = len(self.launches), self._clock() - self._begin_s
         expected_s = spent_s * (count + 1) / max(1, count)
         is_over = expected_s > self._plan.budget_s or count == MOST_LAUNCHES
@@ -167,11 +157,7 @@ class _VectorRule(StopRule[VectorLaunch]):
 
 
 def measure_in_child(request: VectorRequest, channel: Channel) -> VectorLaunch:
-    """Make vectorised forms, compare and time them.
-
-    Raises:
-      InputError: there are no such forms of this environment.
-    """
+    """Make vectorised forms, compare and time them; InputError where there are none."""
     channel.doing("making the environment for its vectorised forms")
     adapter = adapters.adapt(construction.make(request.source))
     if reason := _no_forms(adapter):
@@ -201,11 +187,7 @@ def measure_in_child(request: VectorRequest, channel: Channel) -> VectorLaunch:
 def _singles(
     request: VectorRequest, adapter: EnvironmentAdapter, nstep: int, count: int, channel: Channel
 ) -> list["_Single"]:
-    """Return single environments that have run once.
-
-    Raises:
-      InputError: the environment cannot be made twice, or two of it differ.
-    """
+    """Return single environments that have run once."""
     seed, more = request.plan.seed, []
     try:
         for _ in range(count):
@@ -247,7 +229,6 @@ class _Single:
     """
 
     def __init__(self, adapter: EnvironmentAdapter, seed: int, nstep: int):
-        """Draw random actions."""
         self._environment = adapter.environment
         self.seed = seed
         self.actions = adapter.draw_actions(nstep, seed)
@@ -274,7 +255,6 @@ class _Single:
         return seconds
 
     def fingerprint(self) -> Fingerprint:
-        """Return the fingerprint of what the last run returned."""
         fingerprint = Fingerprint()
         for returned in self.returned:
             for name, value in zip(_FIELDS, returned, strict=True):
@@ -295,17 +275,12 @@ class _Single:
 
 
 def _after_reset(returned: tuple[Any, Any]) -> tuple[Any, float, bool, bool]:
-    """Return the results of a step that resets."""
     return returned[0], 0.0, False, False
 
 
 @dataclass
 class _VectorEnvironment:
-    """The environments of a vectorised form, to be timed.
-
-    Attributes:
-      batched: actions of all environments, for each step.
-    """
+    """The environments of a vectorised form, to be timed."""
 
     environments: Any
     singles: Sequence[_Single]
@@ -317,7 +292,6 @@ class _VectorEnvironment:
         self.batched = [np.stack(each) for each in actions]
 
     def reset(self) -> Any:
-        """Reset all environments, each with its seed; return their observations."""
         return self.environments.reset(seed=[single.seed for single in self.singles])[0]
 
     def difference(self) -> str:
@@ -338,7 +312,6 @@ class _VectorEnvironment:
         return next(filter(None, differences), "")
 
     def run(self) -> float:
-        """Take all steps, and return their seconds."""
         self.reset()
         step, returned = self.environments.step, ()
         begin = time.perf_counter()
@@ -349,7 +322,6 @@ class _VectorEnvironment:
         return seconds
 
     def close(self) -> None:
-        """End its processes."""
         self.environments.close()
 
 
@@ -375,7 +347,6 @@ def _compared(
 def _timed(
     environments: Mapping[int, _VectorEnvironment], singles: Sequence[_Single], channel: Channel
 ) -> VectorLaunch:
-    """Time the environments of every form, by its position, and single ones in each round."""
     right, wrong = dict(environments), dict[int, Failure]()
     form_s = dict.fromkeys(right, 0.0)
     single_s = [0.0] * len(singles)
@@ -403,10 +374,7 @@ def _timed(
 
 
 def _resets_in_next_step() -> bool:
-    """Return whether vectorised forms reset in the step after an episode's last (Gymnasium ≥ 1.0).
-
-    Older ones reset in the last step itself.
-    """
+    """Return whether a form resets in the step after an episode's last (Gymnasium ≥ 1.0)."""
     import gymnasium
 
     return hasattr(gymnasium.vector, "AutoresetMode")
@@ -425,10 +393,7 @@ def _copied(observation: Any) -> Any:
 
 
 def _equal(single: Any, batched: Any, i: int) -> bool:
-    """Return whether entry `i` of batched observations is that of one environment, bit by bit.
-
-    A vectorised form converts observations to the types of the observation space.
-    """
+    """Return whether batched observation i is that of one environment, converted, bit by bit."""
     if isinstance(single, dict):
         return all(_equal(value, batched[key], i) for key, value in single.items())
     if isinstance(single, tuple):

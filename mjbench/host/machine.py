@@ -194,17 +194,6 @@ class ProcessorTime:
         return stolen_s / asked_s if asked_s > 0 else 0.0
 
 
-def stolen_note(begin: ProcessorTime) -> str:
-    """Return a sentence if the host took much processor time since `begin`; empty otherwise."""
-    share = ProcessorTime.now().stolen_since(begin)
-    if share < NOTABLE_STOLEN:
-        return ""
-    return (
-        f"The host took {100 * share:.0f} % of this machine's processor time for others:"
-        " timings are noisier for it, and verdicts take longer."
-    )
-
-
 @dataclass(frozen=True)
 class Machine:
     """The machine and its software, as stored with every result.

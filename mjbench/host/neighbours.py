@@ -19,7 +19,9 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import ClassVar
 
+from mjbench.bounds import NonNegativeFloat
 from mjbench.errors import one_line
 from mjbench.host import platforms
 
@@ -40,6 +42,38 @@ class Neighbour:
 
     pid: int
     command: str
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """What disturbed a run: its last record, where anything did.
+
+    Attributes:
+      commands: of other mjbench that measured on this machine meanwhile; empty for a process that
+        could not be identified.
+      stolen_share: of the processor time, which the host gave to others; None where that was small.
+    """
+
+    record_type: ClassVar[str] = "disturbance"
+    commands: Sequence[str] = ()
+    stolen_share: NonNegativeFloat | None = None
+
+    @property
+    def sentences(self) -> list[str]:
+        """What people should know before the numbers."""
+        sentences = []
+        if self.commands:
+            names = (f"mjbench {name}" if name else "an unidentified one" for name in self.commands)
+            sentences.append(
+                "Another mjbench measured on this machine at the same time"
+                f" ({', '.join(dict.fromkeys(names))}): these timings are unreliable."
+            )
+        if self.stolen_share is not None:
+            sentences.append(
+                f"The host took {100 * self.stolen_share:.0f} % of this machine's processor time"
+                " for others: timings are noisier for it, and verdicts take longer."
+            )
+        return sentences
 
 
 def describe(others: Sequence[Neighbour]) -> str:

@@ -76,7 +76,6 @@ class Captured:
     unseen: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        """Return it as one line."""
         if self.file is None:
             return _why_nothing(self)
         parts = [
@@ -218,8 +217,6 @@ class Capture(contextlib.ContextDecorator):
 
 @dataclass(frozen=True)
 class _Block:
-    """A block that is captured: its files, what it has recorded, and the functions to put back."""
-
     file: Path
     model_file: Path | None
     recorder: StepRecorder
@@ -227,7 +224,6 @@ class _Block:
     pid: int = dataclasses.field(default_factory=os.getpid)
 
     def write(self) -> Captured:
-        """Write the files; return what is in them."""
         models, others = self.recorder.models(), self.recorder.other_nstep()
         unseen = tuple(_modules_with_own_functions())
         windows = models[0].windows() if models else []
@@ -327,6 +323,5 @@ def _replacing(file: Path) -> Iterator[BinaryIO]:
 
 
 def _check_at_least(name: str, value: int, least: int) -> None:
-    """Raise an InputError unless a number is whole, and large enough."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise InputError(f"{name} must be a whole number of at least {least}, got {value!r}")

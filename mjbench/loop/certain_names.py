@@ -26,12 +26,10 @@ class CertainNames:
 
     @property
     def bindings(self) -> NameBindings:
-        """Where they are bound."""
         return self.script.bindings
 
     @cached_property
     def commands(self) -> Sequence[str]:
-        """The lines with commands of IPython."""
         return [line.text for line in self.program.lines if line.is_command]
 
     @cached_property
@@ -40,7 +38,6 @@ class CertainNames:
         return any(self.bindings.origin(dotted_name(base)) in (DATA, MODEL) for base in bases)
 
     def is_in_command(self, name: str) -> bool:
-        """Return whether a command of IPython names a name."""
         return any(re.search(rf"\b{name}\b", command) for command in self.commands)
 
     def rebinding(self, name: str, loop: Loop) -> str:

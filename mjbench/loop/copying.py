@@ -137,7 +137,6 @@ class Copying:
         return is_of_episode and self._bindings.scope_of(node) is self._bindings.scope_of(loop)
 
     def _shows(self, log: ast.Name) -> bool:
-        """Return whether a log is printed, saved, counted or cleared."""
         above = self._parents[log]
         if isinstance(above, ast.FormattedValue):
             return True

@@ -29,7 +29,6 @@ class Habit:
     defines.
 
     Attributes:
-      name: of the habit; committed results are stored under it.
       body: statement in the loop's body, after the step.
       setup: statements that run once, before the first run of the loop.
       cheaper: name of the habit that does the same for less; empty if there is none.
@@ -210,11 +209,7 @@ BY_NAME = {habit.name: habit for habit in HABITS}
 def loop_names(
     model: mujoco.MjModel, nstep: int, file: str, start: Start = reset_to_start
 ) -> dict[str, Any]:
-    """Return the names that a habit's snippets may use, by their spelling.
-
-    `joint_id` is the first joint that has a name, and 0 if none has. A snippet may assign another
-    MjData to `data`.
-    """
+    """Return the names that a habit's snippets may use; `joint_id` is a joint with a name, or 0."""
     joints = [model.joint(i).name for i in range(model.njnt)]
     joint_id = next((i for i, name in enumerate(joints) if name), 0)
     return {
@@ -265,11 +260,7 @@ def make({names}):
 
 
 def compile_loop(
-    habit: Habit,
-    model: mujoco.MjModel,
-    nstep: int,
-    file: str = "",
-    start: Start = reset_to_start,
+    habit: Habit, model: mujoco.MjModel, nstep: int, file: str = "", start: Start = reset_to_start
 ) -> CompiledLoop:
     """Return the loop with a habit in it, of `nstep` steps from where `start` brings an MjData.
 

@@ -172,7 +172,6 @@ class Hoisting:
         return True
 
     def _new_name(self, call: ast.Call, loop: Loop) -> str:
-        """Return a name for what a call in a loop returns, which the script does not have."""
         name = _describing_name(call)
         owner, _, _ = dotted_name(call.func).rpartition(".")
         if owner and self._names.is_certainly(owner, MODEL, loop):

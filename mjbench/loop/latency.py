@@ -79,7 +79,6 @@ class StepSamples:
 
     Attributes:
       rate_hz: of paced steps; None for free-running ones.
-      work: of a step of this workload, on average.
       features: what happened in each step, by name: contacts, solver iterations, garbage
         collections, page faults, preemptions, and by how much it began late.
     """
@@ -156,7 +155,6 @@ class LatencyRow:
     starts: Starts | None = None
 
     def __post_init__(self) -> None:
-        """Raise ValueError unless what was measured is there."""
         check_measured(self, "pace", "nstep", "deadline_s", "missed", "max_ns", "work")
 
 
@@ -207,7 +205,6 @@ def row(model: str, samples: StepSamples, deadline_s: float | None) -> LatencyRo
 
 
 def _histogram(latency_ns: np.ndarray) -> str:
-    """Return an encoded HdrHistogram of latencies."""
     from hdrh.histogram import HdrHistogram
 
     histogram = HdrHistogram(1, LARGEST_NS, DIGITS)
@@ -217,11 +214,7 @@ def _histogram(latency_ns: np.ndarray) -> str:
 
 
 def histogram_quantiles(encoded: str, quantiles: Sequence[float]) -> list[float]:
-    """Return quantiles of the latencies in an encoded HdrHistogram, in nanoseconds.
-
-    Raises:
-      InputError: it cannot be decoded.
-    """
+    """Return quantiles of latencies in ns from an encoded HdrHistogram; else InputError."""
     from hdrh.histogram import HdrHistogram
 
     try:
@@ -235,7 +228,6 @@ def histogram_quantiles(encoded: str, quantiles: Sequence[float]) -> list[float]
 
 
 def measure_in_child(request: LatencyRequest, channel: Channel) -> list[StepSamples]:
-    """Measure the steps of a model at each pace."""
     channel.doing("loading the model")
     model = models.load(request.source)
     channel.doing("drawing start states")
@@ -282,10 +274,9 @@ def record_steps(
     clock: Callable[[], int] = time.perf_counter_ns,
     sleep: Callable[[float], None] = time.sleep,
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Step simulations one after the other; `period_ns` is between two paced steps, 0 for no pace.
+    """Step simulations in turn; return (nstep,) latencies in ns, and (nstep,) features by name.
 
-    Returns:
-      (nstep,) latencies in ns, and features by name, each (nstep,).
+    `period_ns` is between two paced steps; 0 is for no pace.
     """
     model, data = workload.model, mujoco.MjData(workload.model)
     total = nstep + WARM_UP_NSTEP
@@ -343,8 +334,6 @@ def _usage_function() -> Callable[[], Any]:
 
 
 class _Collections:
-    """Counts Python's garbage collections that end while it is entered."""
-
     def __init__(self) -> None:
         self.count = 0
 

@@ -47,11 +47,7 @@ class Finding:
 
 
 def check(file: str, codes: Collection[str] = ALL_CODES) -> list[Finding]:
-    """Return the findings of a Python file or a notebook, in the order of its lines.
-
-    Raises:
-      InputError: it cannot be read, is neither, or is too large or too deeply nested.
-    """
+    """Return the findings of a file in the order of its lines; InputError if it is unfit."""
     with refusing_deep_nesting(file):
         return findings_of(file, read_program(file), codes)
 
@@ -74,7 +70,6 @@ def findings_of(file: str, program: PythonProgram, codes: Collection[str]) -> li
 
 
 def finding_of(file: str, program: PythonProgram, rule: Rule, match: Match) -> Finding:
-    """Return the finding of what breaks a rule in a program."""
     line = program.line_of(match.node)
     return Finding(
         file=file,

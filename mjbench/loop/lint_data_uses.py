@@ -51,10 +51,7 @@ class DataUses:
 
 
 def uses_of(script: SteppingScript, node: ast.Name, with_callers: bool = True) -> DataUses | None:
-    """Return what a script does with the MjData that a name stands for; None if more may happen.
-
-    That includes what the callers of a function do with its argument, unless they are left out.
-    """
+    """Return what a script does with an MjData, with all callers if asked; None if unknown."""
     owner = script.bindings.owner(node.id, node)
     return _Following(script, with_callers).follow(owner, node.id) if owner is not None else None
 
@@ -71,8 +68,6 @@ class _UnknownUseError(Exception):
 
 
 class _Following:
-    """One MjData, followed from name to name."""
-
     def __init__(self, script: SteppingScript, with_callers: bool):
         self._script = script
         self._with_callers = with_callers
@@ -103,7 +98,6 @@ class _Following:
             yield from self._of_use(node)
 
     def _reads(self, name: str, scope: Scope | None) -> Iterator[ast.Name]:
-        """Yield where the name of a scope is read."""
         for node in self._script.names.get(name, []):
             is_read = isinstance(node.ctx, ast.Load)
             if is_read and self._script.bindings.owner(name, node) is scope:
@@ -169,7 +163,6 @@ class _Following:
             yield from ((function, parameter) for parameter in parameters)
 
     def _of_part(self, call: ast.Call, accessor: str) -> None:
-        """Count what is read of `data.site("tip")` or the like."""
         if accessor not in PART_PREFIXES:
             raise _UnknownUseError
         parent = self._script.parents.get(call)
@@ -196,10 +189,7 @@ def _only_target(statement: ast.AST | None) -> ast.Name:
 
 
 def _outlives(script: SteppingScript, field: ast.Attribute, is_row: bool) -> bool:
-    """Return whether a view that begins with a field, such as `data.xpos`, outlives its expression.
-
-    A field of a named part is one row.
-    """
+    """Return whether a view of a field, such as `data.xpos`, outlives its expression."""
     if not FIELDS.match(field.attr):
         return False
     node: ast.expr = field

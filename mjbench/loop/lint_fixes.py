@@ -44,7 +44,6 @@ class SourceChanges:
 
     @property
     def expressions(self) -> Sequence[ast.expr]:
-        """The expressions that change."""
         return [*self.copied, *(call for hoist in self.hoists for call in hoist.calls)]
 
 
@@ -78,7 +77,6 @@ class LintedFile:
       before: as it is stored.
       after: as it is with all changes; `before` itself where there are none.
       fixed: number of findings that the changes remove.
-      findings: that remain, in the order of its lines.
       unfixed: those of them that have a remedy.
     """
 
@@ -91,15 +89,10 @@ class LintedFile:
 
     @classmethod
     def unchanged(cls, file: str, program: PythonProgram, codes: Collection[str]) -> "LintedFile":
-        """Return a file in which nothing is to be changed."""
         return cls(file, program, program, 0, lint.findings_of(file, program, codes), ())
 
     def write(self) -> None:
-        """Store the changed file in place of the old one.
-
-        Raises:
-          MachineError: it cannot be written.
-        """
+        """Store the changed file in place of the old one; MachineError if that fails."""
         if self.after is not self.before:
             path = Path(self.file).resolve()  # a link stays a link
             with writing(path), stored_files.replacing(path) as partial:
@@ -120,11 +113,7 @@ class LintedFile:
 def lint_all(
     files: Iterable[str | UncheckedFile], choice: RuleChoice = ALL_RULES, fixes: bool = False
 ) -> Iterator[LintedFile | UncheckedFile]:
-    """Yield what is found in each file; in place of one that cannot be checked, why.
-
-    Args:
-      fixes: whether to say what can be changed.
-    """
+    """Yield what is found in each file; in place of one that cannot be checked, why."""
     lint_file = fix if fixes else _check
     return each_checked(files, lambda file: lint_file(file, choice.codes_for(file)))
 
@@ -162,7 +151,6 @@ def fix(file: str, codes: Collection[str] = ALL_CODES) -> LintedFile:
 
 
 def _plan(program: PythonProgram, codes: Collection[str]) -> _Plan:
-    """Return the changes of a program that are safe, and why other remedies may not be."""
     script = SteppingScript(program.tree)
     names = CertainNames(program, script)
     copying = Copying(names)
@@ -194,8 +182,6 @@ class _Edit:
 
 
 class _PartText:
-    """The text of a cell, or of a Python file, and the edits of nodes in it."""
-
     def __init__(self, program: PythonProgram, part: NotebookPart):
         lines = [line.encode() for line in lines_of(part.text)]
         self.data = b"".join(lines)
@@ -269,7 +255,6 @@ def changed(program: PythonProgram, changes: SourceChanges) -> PythonProgram:
 
 
 def _edited(program: PythonProgram, part: NotebookPart, changes: SourceChanges) -> str:
-    """Return the text of one part after those of the changes that are in it."""
     text = _PartText(program, part)
     in_part = [view for view in changes.copied if program.line_of(view).cell == part.cell]
     edits = [_Edit(text.end(view), text.end(view), b".copy()") for view in in_part]

@@ -39,14 +39,11 @@ _INDEPENDENT = {
 }
 # Functions that read what `mj_comPos` computes.
 _JACOBIANS = {
-    *("mj_jacSite", "mj_jacGeom", "mj_jacBody", "mj_jacBodyCom", "mj_jacSubtreeCom", "mj_jac"),
+    *("mj_jacSite", "mj_jacGeom", "mj_jacBody", "mj_jacBodyCom", "mj_jacSubtreeCom", "mj_jac")
 }
 
 
-@rule(
-    "MJB007",
-    "mj_forward after mj_step computes another step's worth, of which little is read",
-)
+@rule("MJB007", "mj_forward after mj_step computes another step's worth, of which little is read")
 def forward_after_step(script: SteppingScript) -> Iterator[Match]:
     """Yield calls of mj_forward after mj_step of which a script reads nothing, or positions.
 
@@ -134,10 +131,7 @@ def _enough(uses: DataUses | None) -> tuple[str, ...] | None:
 
 
 def enough_for(computed: Set[str], with_jacobians: bool = False) -> tuple[str, ...] | None:
-    """Return the functions that compute fields, none of them of the state itself; None for others.
-
-    They may have to compute what Jacobians need, too.
-    """
+    """Return the functions that compute fields, none of them of the state; None for others."""
     if computed - set().union(*COMPUTED.values()):
         return None
     needed = {name for name, fields in COMPUTED.items() if computed & fields}

@@ -46,8 +46,6 @@ _BRANCHES = ast.If | ast.IfExp | ast.BoolOp | ast.ExceptHandler | ast.match_case
 
 @dataclass(frozen=True)
 class _Reading:
-    """A field that a row reads, and the dotted name of its MjData."""
-
     data: str
     field: str
 
@@ -126,7 +124,6 @@ def _sets_state(script: SteppingScript, body: SteppingBody) -> bool:
 def _logged(
     script: SteppingScript, stored: StoredViews, node: ast.AST, body: SteppingBody
 ) -> Iterator[ast.expr]:
-    """Yield the rows that a statement or a call adds to a log."""
     store = store_of(node)
     if isinstance(node, ast.Call) and not isinstance(script.parents[node], ast.Expr):
         return  # `np.log(x)`
@@ -148,7 +145,6 @@ def _assigned_row(script: SteppingScript, value: ast.expr, body: SteppingBody) -
 
 
 def _mixed(script: SteppingScript, row: ast.expr, body: SteppingBody) -> Iterator[Match]:
-    """Yield a row if it reads fields of two moments."""
     readings = dict.fromkeys(r for n in (row, *nodes_inside(row)) for r in _readings(script, n))
     for data in dict.fromkeys(reading.data for reading in readings):
         fields = [reading.field for reading in readings if reading.data == data]

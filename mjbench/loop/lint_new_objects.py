@@ -22,10 +22,7 @@ _PHYSICS_LOADERS = ("from_mjcf_model", "from_xml_path", "from_xml_string")
 _RENDERERS = {"mujoco.Renderer", "mujoco.renderer.Renderer"}
 
 
-@rule(
-    "MJB005",
-    "a new MjData for every episode; create one and call mj_resetData",
-)
+@rule("MJB005", "a new MjData for every episode; create one and call mj_resetData")
 def new_data_per_episode(script: SteppingScript) -> Iterator[Match]:
     """Yield each new MjData of an episode, but not one of a model that is new as well.
 
@@ -120,10 +117,7 @@ def compiled_models(script: SteppingScript) -> Iterator[Match]:
                 yield Match(call, callee=last_name(call.func))
 
 
-@rule(
-    "MJB012",
-    "a new Renderer in every iteration; create one before the loop, and close it after",
-)
+@rule("MJB012", "a new Renderer in every iteration; create one before the loop, and close it after")
 def new_renderers(script: SteppingScript) -> Iterator[Match]:
     """Yield each Renderer that a loop which steps creates in every iteration.
 
@@ -256,7 +250,6 @@ def _has_new_model(script: SteppingScript, each: Iteration, call: ast.Call) -> b
 
 
 def _is_dropped(script: SteppingScript, call: ast.Call) -> bool:
-    """Return whether nothing keeps a new MjData after its iteration."""
     parent = script.parents[call]
     if isinstance(parent, ast.Assign) and len(parent.targets) == 1:
         target = parent.targets[0]
@@ -276,7 +269,6 @@ def _drops(uses: DataUses | None) -> bool:
 
 
 def _is_stored(script: SteppingScript, call: ast.Call) -> bool:
-    """Return whether a call's result goes into a list, a dict or the like."""
     parent = script.parents[call]
     if isinstance(parent, ast.Call) and isinstance(parent.func, ast.Attribute):
         return parent.func.attr in STORING_METHODS
@@ -286,7 +278,6 @@ def _is_stored(script: SteppingScript, call: ast.Call) -> bool:
 
 
 def _spec_names(script: SteppingScript) -> set[str]:
-    """Return the names that an MjSpec was assigned to."""
     return {
         dotted_name(target)
         for target, value in script.values.items()

@@ -82,7 +82,6 @@ def step_loop_of_helper(script: SteppingScript, node: ast.expr | ast.stmt) -> It
 
 
 def _steps_once(script: SteppingScript, function: ast.FunctionDef) -> bool:
-    """Return whether a function steps outside of its loops."""
     inner = {n for n in nodes_inside(function) if isinstance(n, ast.For | ast.While)}
     steps = (n for n in nodes_inside(function) if is_step(n))
     return any(inner.isdisjoint(script.loops_around(step)) for step in steps)
@@ -91,10 +90,7 @@ def _steps_once(script: SteppingScript, function: ast.FunctionDef) -> bool:
 def iterations(
     script: SteppingScript, node: ast.expr | ast.stmt, functions: tuple[ast.FunctionDef, ...] = ()
 ) -> Iterator[Iteration]:
-    """Yield the loops in whose every iteration a node runs, the innermost of each way first.
-
-    `functions` are those that calls lead through, from the node on.
-    """
+    """Yield the loops in whose every iteration a node runs, the innermost of each way first."""
     child: ast.AST = node
     for parent in script.above(node):
         if isinstance(parent, ast.Lambda | ast.ClassDef):
@@ -114,7 +110,6 @@ def iterations(
 
 
 def _is_repeated(child: ast.AST, loop: Repetition) -> bool:
-    """Return whether a part of a loop is evaluated in each of its iterations."""
     if isinstance(loop, COMPREHENSIONS):
         return child is not loop.generators[0] or not isinstance(child, ast.comprehension)
     if isinstance(loop, ast.For) and child in (loop.iter, loop.target):
@@ -155,7 +150,6 @@ def _leaves_after(child: ast.AST, parent: ast.AST) -> bool:
 
 
 def _expects_error(node: ast.With) -> bool:
-    """Return whether a test expects that a block raises."""
     contexts = (item.context_expr for item in node.items)
     calls = (c.func for c in contexts if isinstance(c, ast.Call))
     return any("raises" in last_name(function).lower() for function in calls)
@@ -206,7 +200,6 @@ def creates_model(node: ast.AST, by_any_call: bool = False) -> bool:
 
 
 def _new_models(scope: Repetition | ast.FunctionDef) -> set[str]:
-    """Return the names to which a loop or a function assigns a new model."""
     return {
         name
         for node in ast.walk(scope)

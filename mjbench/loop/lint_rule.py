@@ -13,7 +13,6 @@ class Match:
     """A node that breaks a rule.
 
     Attributes:
-      node: where the finding points.
       ns_per_step: about what it costs; None where that is not measured.
       message: what is wrong here, and what to write instead; empty for the rule's.
       callee: what is called, such as "mj_forward"; empty where the rule is not about a call.
@@ -39,8 +38,6 @@ class Rule:
     """What is looked for.
 
     Attributes:
-      code: as in `# noqa: MJB001`.
-      message: what is wrong, and what to write instead.
       matches: yields the nodes of a script that break the rule. All of its docstring but the first
         paragraph is the rule's explanation.
       is_wrong_result: whether the program computes or records something else than it says; the
@@ -63,5 +60,4 @@ class Rule:
 
 
 def rule(code: str, message: str, is_wrong_result: bool = False) -> Callable[[Matches], Rule]:
-    """Return a decorator that makes a rule of the function that yields its matches."""
     return lambda matches: Rule(code, message, matches, is_wrong_result)

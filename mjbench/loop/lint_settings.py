@@ -28,7 +28,6 @@ class LintSettings:
       select: codes to check; none for all.
       ignore: codes to leave out.
       per_file_ignores: codes to leave out by pattern, of names or of paths below `folder`.
-      folder: of the pyproject.toml.
     """
 
     select: tuple[str, ...] = ()
@@ -37,7 +36,6 @@ class LintSettings:
     folder: Path = Path()
 
     def ignored_in(self, file: Path) -> list[str]:
-        """Return the codes that `per-file-ignores` leaves out in a file."""
         path = file.relative_to(self.folder).as_posix() if self.per_file_ignores else ""
         return [
             code
@@ -61,11 +59,7 @@ class RuleChoice:
     _by_folder: dict[Path, LintSettings] = field(default_factory=dict, init=False, compare=False)
 
     def codes_for(self, file: str) -> list[str]:
-        """Return the codes of the rules to check in a file.
-
-        Raises:
-          InputError: no rule has such a code, or the file's pyproject.toml is not as it should be.
-        """
+        """Return the codes of the rules to check in a file; InputError for a wrong setting."""
         path = Path(file).parent.resolve() / Path(file).name
         settings = self._settings_of(path.parent)
         ignore = [*(self.ignore or settings.ignore), *settings.ignored_in(path)]
@@ -98,11 +92,7 @@ def _matching(beginnings: Sequence[str]) -> set[str]:
 
 
 def read_settings(file: Path) -> LintSettings:
-    """Return the settings in a pyproject.toml; the defaults where it has no such table.
-
-    Raises:
-      InputError: it cannot be read, is not TOML, or has other keys or values than these.
-    """
+    """Return the settings of a pyproject.toml, or the defaults; InputError where they are wrong."""
     try:
         document = tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

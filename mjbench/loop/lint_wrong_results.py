@@ -131,7 +131,6 @@ def shared_data(script: SteppingScript) -> Iterator[Match]:
 
 
 def _executor_names(script: SteppingScript) -> set[str]:
-    """Return the names of pools of several threads."""
     created = list(script.values.items())
     created += [
         (item.optional_vars, item.context_expr)
@@ -176,7 +175,6 @@ def _starts_several(script: SteppingScript, call: ast.Call) -> bool:
 
 
 def _steps_outer_data(script: SteppingScript, function: ast.FunctionDef) -> bool:
-    """Return whether a function steps an MjData of the scope around it."""
     return any(
         isinstance(data, ast.Name) and script.bindings.owner(data.id, data) not in (function, None)
         for data in _stepped(function)

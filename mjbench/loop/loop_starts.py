@@ -25,10 +25,7 @@ class StartsInTurn:
     """Restores one start state after the other, the first after the last, and counts them."""
 
     def __init__(self, model: mujoco.MjModel, states: np.ndarray, repeats: int = 1):
-        """Prepare to restore (nstart, nstate) rows of mjSTATE_INTEGRATION, with controls in them.
-
-        Each is restored `repeats` times before the next.
-        """
+        """Restore (nstart, nstate) states with their controls, each `repeats` times in a row."""
         self._rows, self._repeats = list(states), repeats
         self._has_reset = compat.has_sleep(model)
         self.count = 0

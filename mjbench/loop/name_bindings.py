@@ -62,7 +62,6 @@ class NameBindings:
                     self._bindings[scope, name].append(node)
 
     def scope_of(self, node: ast.AST) -> Scope:
-        """Return the scope in which a node stands."""
         return next(self._scopes_around(node))
 
     def owner(self, name: str, node: ast.AST) -> Scope | None:
@@ -72,7 +71,6 @@ class NameBindings:
         return next((scope for scope in seen if (scope, name) in self._bindings), None)
 
     def bindings(self, name: str, scope: Scope) -> Sequence[ast.AST]:
-        """Return the nodes that bind a name in a scope."""
         return self._bindings.get((scope, name), [])
 
     def of_name(self, name: ast.Name) -> Sequence[ast.AST]:
@@ -241,7 +239,6 @@ class ScriptFunctions:
         return [method for method in methods if isinstance(method, ast.FunctionDef)]
 
     def _class_of(self, node: ast.AST) -> ast.ClassDef | None:
-        """Return the class of the script that a name is an object of; None if unknown."""
         if not isinstance(node, ast.Name):
             return None
         if node.id == "self":
@@ -261,7 +258,6 @@ class ScriptFunctions:
 
 
 def _set_in_modules(tree: ast.Module) -> set[str]:
-    """Return the names that are set as attributes of something that the script imports."""
     imported = {
         alias.asname or alias.name.partition(".")[0]
         for node in ast.walk(tree)
@@ -283,7 +279,6 @@ def _is_none(node: ast.AST | None) -> bool:
 
 
 def _identifiers(node: ast.AST) -> Iterator[str]:
-    """Yield the names that stand in a node itself."""
     for _, value in ast.iter_fields(node):
         if isinstance(value, str) and not isinstance(node, ast.Constant):
             yield from value.split(".")

@@ -35,7 +35,6 @@ class NotebookPart:
     """A code cell of a notebook, or a whole Python file.
 
     Attributes:
-      text: as stored.
       python: what is parsed: the same lines without the commands of IPython.
       cell: number in the notebook, from 1, where cells of text count; None for a Python file.
     """
@@ -81,11 +80,7 @@ class _Notebook:
 
 
 def code_cells(data: bytes) -> list[NotebookPart]:
-    """Return the code cells of a notebook file, in its order.
-
-    Raises:
-      ValueError: not a notebook, or one of another language.
-    """
+    """Return the code cells of a notebook of Python, in its order; else ValueError."""
     notebook = _notebook(data)
     language = notebook.metadata.kernelspec.language or notebook.metadata.language_info.name
     if language and "python" not in language.lower():
@@ -100,11 +95,7 @@ def code_cells(data: bytes) -> list[NotebookPart]:
 
 
 def with_texts(data: bytes, texts: Mapping[int, str]) -> bytes:
-    """Return a notebook file with other texts in some cells, by number; every other byte stays.
-
-    Raises:
-      ValueError: its JSON is not laid out as Jupyter does it, so that it would change elsewhere.
-    """
+    """Return a notebook with other texts in some cells, all else as it was; else ValueError."""
     try:
         document = json.loads(data)
         if _encoded(document, data) == data:
@@ -120,9 +111,7 @@ def _encoded(document: Any, like: bytes) -> bytes:
     """Return a document as JSON, laid out like another one: indentation, escapes, line ends."""
     indent = re.match(rb"\{(?P<end>\r?\n)(?P<indent>[ \t]+)", like)
     text = json.dumps(
-        document,
-        ensure_ascii=like.isascii(),
-        indent=indent["indent"].decode() if indent else None,
+        document, ensure_ascii=like.isascii(), indent=indent["indent"].decode() if indent else None
     )
     content = text.replace("\n", indent["end"].decode() if indent else "\n").encode()
     return content + like[len(like.rstrip(b"\r\n")) :]
@@ -136,7 +125,6 @@ def _stored_cell(document: Any, number: int) -> dict[str, Any]:
 
 
 def _set_text(cell: dict[str, Any], text: str) -> None:
-    """Replace the text of a cell, which is stored as one string or as a list of its lines."""
     key = "source" if cell.get("source") else "input"
     stored = cell[key]
     if isinstance(stored, str) and "\r" not in stored:
@@ -148,7 +136,6 @@ def _set_text(cell: dict[str, Any], text: str) -> None:
 
 
 def _lines(text: str) -> list[str]:
-    """Return the lines of a text, each with its end."""
     return re.findall(r".*\n|.+", text)
 
 

@@ -8,7 +8,8 @@ interval is Student's t over launches, which differ by their memory layout.
 import gc
 import random
 import statistics
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -25,8 +26,10 @@ from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
 from mjbench.status import Status
 
-# A block of the bare loop, in seconds; quads of each habit in a launch; launches.
-BLOCK_S, QUADS, LAUNCHES = 0.001, 12, 6
+# A block of the bare loop, in seconds; the most quads of each habit in a launch.
+BLOCK_S, MOST_QUADS = 0.001, 12
+# The fewest and most launches, and seconds for all of them.
+LEAST_LAUNCHES, LAUNCHES, BUDGET_S = 3, 6, 30.0
 LEAST_NSTEP = 10
 CONFIDENCE = 0.95
 _BLOCKS_PER_QUAD = 4
@@ -86,7 +89,6 @@ class OverheadRow:
 
     @property
     def is_measured(self) -> bool:
-        """Whether all figures are there."""
         return None not in (self.bare_ns, self.engine_ns, self.binding_ns, self.nstep, self.costs)
 
 
@@ -95,7 +97,6 @@ class Launch:
     """From a child: what one launch measured.
 
     Attributes:
-      nstep: steps of a run of the bare loop.
       bare_ns: a step of it; the median over quads.
       added_ns: to each step by a habit, by its name; medians over quads.
     """
@@ -111,20 +112,27 @@ def measure(
     limit_s: float = 60.0,
     launches: int = LAUNCHES,
     starts: StartPlan = DEFAULT_STARTS,
+    budget_s: float = BUDGET_S,
+    clock: Callable[[], float] = time.monotonic,
 ) -> OverheadRow:
     """Return what every habit costs on a model.
 
     Args:
       limit_s: a launch is killed after this long without a message.
-      launches: processes that measure, one after the other.
+      launches: processes that measure, one after the other, at most.
+      budget_s: seconds after which no launch begins, once there are a few.
 
     Raises:
       InputError: the model cannot be loaded, or the file does not fit it.
       MachineError: a launch crashed or hung.
     """
-    measured = [
-        isolate.call(launch, source, starts, seed, limit_s=limit_s) for seed in range(launches)
-    ]
+    measured: list[Launch] = []
+    end_s = clock() + budget_s
+    for seed in range(launches):
+        if seed >= LEAST_LAUNCHES and clock() > end_s:
+            break
+        blocks_s = budget_s / launches
+        measured.append(isolate.call(launch, source, starts, seed, blocks_s, limit_s=limit_s))
     bare_ns = statistics.median(launch.bare_ns for launch in measured)
     added_ns = {
         name: [launch.added_ns[name] for launch in measured] for name in measured[0].added_ns
@@ -146,7 +154,9 @@ def measure(
     )
 
 
-def launch(source: ModelSource, plan: StartPlan, seed: int, channel: Channel) -> Launch:
+def launch(
+    source: ModelSource, plan: StartPlan, seed: int, budget_s: float, channel: Channel
+) -> Launch:
     """Time every habit against the bare loop; runs in the child."""
     model, file = models.load(source), str(source.path)
     nstep = max(LEAST_NSTEP, int(BLOCK_S / work.step_s(model)))
@@ -163,15 +173,19 @@ def launch(source: ModelSource, plan: StartPlan, seed: int, channel: Channel) ->
     gc.disable()
     for name in random.sample(sorted(runs), len(runs)):
         channel.doing(f"timing {name}")
-        for warm_up in (run_bare, runs[name]):
-            warm_up()
+        warm_s = [timing.block_s(timing.Contender(run)) for run in (run_bare, runs[name])]
         start.count = len(bare_ns) * _BLOCKS_PER_QUAD  # all blocks of a quad start from one state
-        orders = timing.draw_orders(QUADS)
+        orders = timing.draw_orders(quads(budget_s / len(runs), 2 * sum(warm_s)))
         seconds = np.array(timing.block_times(run_bare, runs[name], orders))
         bare_s, habit_s = (s.mean(axis=1) for s in stats.blocks_by_target(orders, seconds))
         bare_ns += (1e9 * bare_s / nstep).tolist()
         added_ns[name] = float(np.median(1e9 * (habit_s - bare_s) / nstep))
     return Launch(nstep, statistics.median(bare_ns), added_ns, starts.starts)
+
+
+def quads(budget_s: float, quad_s: float) -> int:
+    """Return how many quads of a habit a launch times, each of which takes about `quad_s`."""
+    return max(1, min(MOST_QUADS, int(budget_s / quad_s)))
 
 
 def _cost(

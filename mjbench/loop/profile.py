@@ -34,8 +34,11 @@ from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
 from mjbench.simulation.work import Work
 from mjbench.status import Status
 
-# A block, in seconds; the fewest and most rounds of blocks, and seconds for all of them.
-BLOCK_S, LEAST_ROUNDS, MOST_ROUNDS, BUDGET_S = 0.004, 15, 200, 2.0
+# A block, in seconds; the fewest and most rounds of blocks.
+BLOCK_S, LEAST_ROUNDS, MOST_ROUNDS = 0.004, 15, 200
+# Seconds for the steps of a model; the shares of the loop, and of each kind of parts; what the
+# frames of a backend may take on top, as a share.
+BUDGET_S, LOOP_SHARE, PART_SHARE, FRAME_SHARE = 4.0, 0.5, 0.125, 0.5
 # Seconds for the sensors of a stage, where only stages are asked for.
 BRIEF_S = 0.05
 # Frames for each second of simulated time, where physics, Python and rendering are compared.
@@ -47,14 +50,11 @@ class ProfiledSteps:
     """Where a step's time goes, without rendering; from the child that steps.
 
     Attributes:
-      timestep: of the model, in seconds.
       loop_ns: a step of the plain Python loop.
       engine_ns: a step in one call for many steps.
       clock_ns: what the timer of MuJoCo's Python package adds to a step; None in releases that
         install none.
-      work: contacts, constraints and solver iterations per step.
       stages: share of a step by stage; they sum up to 1.
-      sensors: what sensors cost of a step, by type and stage.
       is_python_resolved: whether the loop certainly takes longer than one call, round by round.
       warnings: of MuJoCo that these steps raised, by name; the simulation did not diverge.
       starts: where start states came from; None in older files, for keyframe 0.
@@ -121,7 +121,6 @@ class ProfileRow:
     simulated_second: Mapping[str, float] | None = None
 
     def __post_init__(self) -> None:
-        """Raise ValueError unless what was measured is there."""
         names = ("timestep", "loop_ns", "engine_ns", "work", "stages", "warnings", "frames")
         check_measured(self, *names)
 
@@ -136,7 +135,6 @@ class ProfileRow:
 
 
 def row(model: str, steps: ProfiledSteps, frames: Sequence[FrameTime]) -> ProfileRow:
-    """Return what was measured of a model, and what follows from it."""
     nstep = 1 / steps.timestep
     simulated_second = {
         "physics": steps.engine_ns * 1e-9 * nstep,
@@ -157,16 +155,25 @@ def row(model: str, steps: ProfiledSteps, frames: Sequence[FrameTime]) -> Profil
 
 
 def measure(
-    source: ModelSource, limit_s: float = TIME_LIMIT_S, starts: StartPlan = DEFAULT_STARTS
+    source: ModelSource,
+    limit_s: float = TIME_LIMIT_S,
+    starts: StartPlan = DEFAULT_STARTS,
+    budget_s: float = BUDGET_S,
 ) -> ProfileRow:
     """Return the profile of a model; a child that is silent for `limit_s` seconds is killed.
+
+    Args:
+      budget_s: for the steps; the frames of each backend have half as much.
 
     Raises:
       InputError: it cannot be loaded, diverges, or the file does not fit it.
       MachineError: the process that steps it crashed or hung.
     """
-    steps = isolate.call(step, source, starts, limit_s=limit_s)
-    frames = [rendering.measure(source, backend, limit_s) for backend in rendering.BACKENDS]
+    steps = isolate.call(step, source, starts, budget_s, limit_s=limit_s)
+    frame_s = FRAME_SHARE * budget_s
+    frames = [
+        rendering.measure(source, backend, limit_s, frame_s) for backend in rendering.BACKENDS
+    ]
     return row(source.name, steps, frames)
 
 
@@ -192,7 +199,7 @@ class Block:
         return runs
 
 
-def step(source: ModelSource, plan: StartPlan, channel: Channel) -> ProfiledSteps:
+def step(source: ModelSource, plan: StartPlan, budget_s: float, channel: Channel) -> ProfiledSteps:
     """Time steps with and without MuJoCo's timer, and the loop; runs in a child."""
     channel.doing("loading the model")
     model = models.load(source)
@@ -202,12 +209,14 @@ def step(source: ModelSource, plan: StartPlan, channel: Channel) -> ProfiledStep
     nrun = max(1, int(BLOCK_S / (starts.nstep * work.step_s(model))))
     block = Block(nrun, starts.nstep, starts.in_turn)
     timers = timer_shares(model, block)
-    step_s = step_parts.step_s(model, block.new_start())
-    sensors = step_parts.sensor_costs(model, block.new_start(), step_s)
-    parts = step_parts.parts(model, block.new_start(), step_s, sensors)
+    part_s = PART_SHARE * budget_s
+    step_s = step_parts.step_s(model, block.new_start(), part_s)
+    sensors_s = part_s / len(step_parts.SensorStage)
+    sensors = step_parts.sensor_costs(model, block.new_start(), step_s, sensors_s)
+    parts = step_parts.parts(model, block.new_start(), step_s, sensors, part_s)
     clock_off = [habits.CLOCK_OFF] if has_clock(model) else []
     of_loop, of_one_call, *of_others = _step_ns(
-        model, block, habits.BARE, habits.ONE_CALL, *clock_off
+        model, block, LOOP_SHARE * budget_s, [habits.BARE, habits.ONE_CALL, *clock_off]
     )
     loop_ns, engine_ns = statistics.median(of_loop), statistics.median(of_one_call)
     clock_ns = loop_ns - statistics.median(of_others[0]) if of_others else None
@@ -230,14 +239,16 @@ def step(source: ModelSource, plan: StartPlan, channel: Channel) -> ProfiledStep
     )
 
 
-def _step_ns(model: mujoco.MjModel, block: Block, *of_habits: Habit) -> list[list[float]]:
+def _step_ns(
+    model: mujoco.MjModel, block: Block, budget_s: float, of_habits: Sequence[Habit]
+) -> list[list[float]]:
     """Return the ns of a step in the loop of each habit, in each round, timed in turns."""
     contenders = []
     for habit in of_habits:
         run = block.of_loop(habit, model)
         run()  # touches all memory
         contenders.append(timing.Contender(run))
-    rounds = timing.rounds(contenders, BUDGET_S, LEAST_ROUNDS, MOST_ROUNDS)
+    rounds = timing.rounds(contenders, budget_s, LEAST_ROUNDS, MOST_ROUNDS)
     nstep = block.nrun * block.nstep
     return [[1e9 * each / nstep for each in seconds] for seconds in zip(*rounds, strict=True)]
 
@@ -256,11 +267,7 @@ def stages(model: mujoco.MjModel, block: Block) -> dict[str, float]:
 
 
 def timer_shares(model: mujoco.MjModel, block: Block) -> dict[str, float]:
-    """Return the share of a step by stage, from the engine's timers.
-
-    It is of the fastest third of the blocks: what disturbs a block prolongs the step as a whole,
-    and one stage at random.
-    """
+    """Return the share of a step by stage from the timers, in the fastest third of the blocks."""
     data, start = mujoco.MjData(model), block.new_start()
     needs_clock = not has_clock(model)
     if needs_clock:

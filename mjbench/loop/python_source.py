@@ -29,7 +29,6 @@ class SourceLine:
     """A line of a program.
 
     Attributes:
-      text: without its end.
       is_command: whether it is not Python, but a command of IPython or a part of one.
       number: from 1; of the file, or of the cell.
       cell: of a notebook, from 1; None in a Python file.
@@ -56,7 +55,6 @@ class PythonProgram:
 
     Attributes:
       lines: the lines that the line numbers of `tree` count, from 1.
-      data: the bytes of the file.
       encoding: of a Python file; None for a notebook.
     """
 
@@ -67,16 +65,10 @@ class PythonProgram:
     encoding: str | None
 
     def line_of(self, node: ast.expr | ast.stmt) -> SourceLine:
-        """Return the line at which a node begins."""
         return self.lines[min(node.lineno, len(self.lines)) - 1]
 
     def with_texts(self, texts: Sequence[str]) -> "PythonProgram":
-        """Return the program with other texts in its parts, encoded as before.
-
-        Raises:
-          ValueError: they are not Python, or cannot be encoded so; or all else in the notebook
-            cannot be kept as it is.
-        """
+        """Return the program with other texts in its parts; ValueError where that is impossible."""
         if self.encoding is None:
             changed = {
                 part.cell: text
@@ -110,22 +102,14 @@ def read_program(file: str) -> PythonProgram:
 
 
 def parse_python(data: bytes) -> PythonProgram:
-    """Return the program in the bytes of a Python file.
-
-    Raises:
-      SyntaxError, ValueError, LookupError: they are not Python, or not in their encoding.
-    """
+    """Return the program in a Python file; SyntaxError, ValueError, LookupError if it is none."""
     encoding = _encoding(data)
     text = data.decode(encoding)
     return _parse([NotebookPart(text, text)], data, encoding)
 
 
 def parse_notebook(data: bytes) -> PythonProgram:
-    """Return the program in the bytes of a notebook.
-
-    Raises:
-      ValueError: it is no notebook of Python.
-    """
+    """Return the program in the bytes of a notebook; ValueError if it is none of Python."""
     return _parse(notebook.code_cells(data), data, None)
 
 

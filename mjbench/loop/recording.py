@@ -56,7 +56,6 @@ class Ragged:
     counts: np.ndarray
 
     def __len__(self) -> int:
-        """Return the number of steps."""
         return len(self.counts)
 
     def __getitem__(self, step: int) -> np.ndarray:
@@ -66,7 +65,6 @@ class Ragged:
         return self.values[begin : begin + int(self.counts[step])]
 
     def __iter__(self) -> Iterator[np.ndarray]:
-        """Yield the rows of each step."""
         return iter(np.split(self.values, np.cumsum(self.counts)[:-1]))
 
 
@@ -200,7 +198,6 @@ class _Log:
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, nstep: int, fields: Sequence[str]
     ):
-        """Allocate all memory, except for fields that change size."""
         self.views: list[tuple[np.ndarray, np.ndarray]] = []
         self.numbers: list[tuple[np.ndarray, Callable[[], float]]] = []
         self.ragged: list[tuple[list[np.ndarray], Callable[[], np.ndarray]]] = []
@@ -220,7 +217,6 @@ class _Log:
                 self.numbers.append((rows, functools.partial(getattr, data, name)))
 
     def recorded(self) -> dict[str, np.ndarray | Ragged]:
-        """Return what `record` returns."""
         return {
             name: _ragged(rows) if isinstance(rows, list) else rows
             for name, rows in self._rows.items()
@@ -326,7 +322,6 @@ def _value(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> np.ndarray 
 
 
 def _field(data: mujoco.MjData, name: str) -> object:
-    """Return an attribute of MjData."""
     if name == _CONTACT:
         raise InputError("name a field of the contacts, such as contact.dist or contact.pos")
     if name.startswith("_") or not hasattr(data, name):

@@ -2,16 +2,17 @@
 
 import statistics
 import sys
-import time
 from dataclasses import dataclass
 
 from mjbench.errors import MachineError, one_line
 from mjbench.host import isolate
 from mjbench.host.isolate import Channel
+from mjbench.measuring import timing
 from mjbench.simulation.models import ModelSource
 
-# Frames that are timed, after one that sets everything up; the size of a frame, in pixels.
-FRAMES, WIDTH, HEIGHT = 20, 640, 480
+# Frames that are timed after one that sets everything up, at least and at most, and seconds for
+# them; the size of a frame, in pixels.
+LEAST_FRAMES, MOST_FRAMES, BUDGET_S, WIDTH, HEIGHT = 3, 20, 2.0, 640, 480
 BACKENDS = ("cgl",) if sys.platform == "darwin" else ("egl", "osmesa")
 # The system package that holds each backend's library; that of cgl belongs to macOS.
 _PACKAGES = {"egl": "libegl1", "osmesa": "libosmesa6"}
@@ -36,12 +37,15 @@ class FrameTime:
     height: int = HEIGHT
 
 
-def measure(model: ModelSource, backend: str, limit_s: float) -> FrameTime:
+def measure(
+    model: ModelSource, backend: str, limit_s: float, budget_s: float = BUDGET_S
+) -> FrameTime:
     """Return how long a frame takes; a backend that does not work, crashes or hangs says why."""
     return isolate.call(
         render,
         model,
         backend,
+        budget_s,
         limit_s=limit_s,
         # MuJoCo sets the second to the backend that it loads; this process may have loaded another
         environment={"MUJOCO_GL": backend, "PYOPENGL_PLATFORM": None},
@@ -49,7 +53,7 @@ def measure(model: ModelSource, backend: str, limit_s: float) -> FrameTime:
     )
 
 
-def render(source: ModelSource, backend: str, channel: Channel) -> FrameTime:
+def render(source: ModelSource, backend: str, budget_s: float, channel: Channel) -> FrameTime:
     """Time the rendering of a frame; runs in a child whose MUJOCO_GL names the backend."""
     try:  # late: these imports fail where the backend's library is missing
         import mujoco
@@ -67,17 +71,18 @@ def render(source: ModelSource, backend: str, channel: Channel) -> FrameTime:
         renderer = mujoco.Renderer(model, HEIGHT, WIDTH)
     except Exception as error:
         raise _not_available(backend, error) from error
-    seconds = []
-    for _ in range(1 + FRAMES):
-        begin = time.perf_counter()
+
+    def frame() -> None:
         renderer.update_scene(data)
         renderer.render()
-        seconds.append(time.perf_counter() - begin)
-    return FrameTime(backend, statistics.median(seconds[1:]))
+
+    frame()
+    contenders = [timing.Contender(frame)]
+    rounds = timing.rounds(contenders, budget_s, LEAST_FRAMES, MOST_FRAMES)
+    return FrameTime(backend, statistics.median(seconds for (seconds,) in rounds))
 
 
 def _not_available(backend: str, error: Exception) -> MachineError:
-    """Return the error of a backend that does not work: why, and what to install."""
     package = _PACKAGES.get(backend)
     advice = f"; it needs the system's {package}" if package else ""
     return MachineError(f"{type(error).__name__}: {one_line(error)}{advice}")

@@ -55,7 +55,6 @@ def each_checked(
 
 
 def regular_files(files: Sequence[str | UncheckedFile]) -> list[Path]:
-    """Return those that exist and are neither a folder, a pipe nor a device."""
     return [Path(f) for f in files if isinstance(f, str) and stat.S_ISREG(_mode(f))]
 
 

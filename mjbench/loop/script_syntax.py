@@ -45,7 +45,6 @@ def name_nodes(node: ast.AST) -> Iterator[ast.Name]:
 
 
 def names_in(node: ast.AST) -> set[str]:
-    """Return how the names in a node are spelled."""
     return {name.id for name in name_nodes(node)}
 
 
@@ -108,7 +107,6 @@ def parameters_of(function: ast.FunctionDef | ast.AsyncFunctionDef) -> list[str]
 
 
 def attributes_in(node: ast.AST) -> set[str]:
-    """Return how the attributes in a node are spelled."""
     return {n.attr for n in ast.walk(node) if isinstance(n, ast.Attribute)}
 
 
@@ -139,7 +137,6 @@ def is_input(view: ast.expr) -> bool:
 
 
 def creates_container(node: ast.AST | None) -> bool:
-    """Return whether an expression creates a list, a deque or a dict."""
     while isinstance(node, ast.BinOp):  # [None] * n
         node = node.left
     if isinstance(node, ast.Call):

@@ -42,12 +42,10 @@ class SensorStage(enum.StrEnum):
 
     @property
     def need(self) -> mujoco.mjtStage:
-        """What `sensor_needstage` has."""
         return getattr(mujoco.mjtStage, f"mjSTAGE_{self.value[:3].upper()}")
 
     @property
     def function(self) -> Function:
-        """What computes them."""
         function: Function = getattr(mujoco, f"mj_sensor{self.value[:3].title()}")
         return function
 
@@ -72,7 +70,6 @@ class StepPart:
 
     Attributes:
       within: the stage whose time it is a part of.
-      share: of a step.
     """
 
     name: str
@@ -104,13 +101,7 @@ def parts(
     sensors: Sequence[SensorCost],
     budget_s: float = BUDGET_S,
 ) -> list[StepPart]:
-    """Return what a step does beside the engine's stages, and tendons.
-
-    Args:
-      start: restores the next start state.
-      step_s: seconds of a step.
-      sensors: as `sensor_costs` returns them.
-    """
+    """Return what a step does beside the engine's stages, and tendons."""
     functions = list(_functions(model))
     with _needed_sensors(model) as need_only:
         need_none = need_only(np.zeros(model.nsensor, dtype=bool))
@@ -130,9 +121,9 @@ def of_sensors(sensors: Sequence[SensorCost]) -> list[StepPart]:
     return [StepPart(SENSORS, OTHER, total)] if sensors else []
 
 
-def step_s(model: mujoco.MjModel, start: Start) -> float:
+def step_s(model: mujoco.MjModel, start: Start, budget_s: float = BUDGET_S) -> float:
     """Return the seconds of a step from start states."""
-    (seconds,) = medians(model, start, [(_nothing, mujoco.mj_step)])
+    (seconds,) = medians(model, start, [(_nothing, mujoco.mj_step)], budget_s)
     return seconds
 
 
@@ -157,9 +148,7 @@ def _functions(model: mujoco.MjModel) -> Iterator[tuple[str, str, int, Function]
 
 
 @contextlib.contextmanager
-def _needed_sensors(
-    model: mujoco.MjModel,
-) -> Iterator[Callable[[np.ndarray], Callable[[], None]]]:
+def _needed_sensors(model: mujoco.MjModel) -> Iterator[Callable[[np.ndarray], Callable[[], None]]]:
     """Yield what makes a preparation of the model in which only some sensors are computed."""
     needs = np.array(model.sensor_needstage)
 
@@ -181,10 +170,6 @@ def sensor_costs(
     """Return what the sensors of each type and stage cost of a step, the largest first.
 
     Their function is timed with each type, with all of the stage, and with none.
-
-    Args:
-      start: restores the next start state.
-      step_s: seconds of a step.
     """
     if not model.nsensor or not compat.flag_enabled(model, "sensor"):
         return []
@@ -227,7 +212,6 @@ def _afresh(function: Function) -> Function:
 
 
 def _parts_of(total: float, alone: Sequence[float]) -> list[float]:
-    """Return parts of a total, in proportion to positive values."""
     values = [max(0.0, value) for value in alone]
     scale = max(0.0, total) / sum(values) if any(values) else 0.0
     return [scale * value for value in values]
@@ -239,10 +223,9 @@ def medians(
     contenders: Sequence[tuple[Callable[[], None], Function]],
     budget_s: float = BUDGET_S,
 ) -> list[float]:
-    """Return the seconds of a call of each function, after its preparation of the model, in turns.
+    """Return the seconds of a call of each function on the same states, in turns.
 
-    All are called on the same states, one after the other; before each block the state is computed
-    as the first preparation has the model.
+    Each has a preparation of the model. Before a block, the state is computed with the first.
     """
     data, turn = mujoco.MjData(model), itertools.count()
     state = np.empty(compat.state_size(model))

@@ -49,9 +49,6 @@ class RecordedWindow:
     program sets only controls between its steps. If it changes the state itself, as by a reset, a
     new segment begins. If it sets another input, such as a force, the segment goes on, and
     `changed_inputs` names the MjData field.
-
-    Attributes:
-      digest: of the model when the window began.
     """
 
     def __init__(
@@ -81,11 +78,7 @@ class RecordedWindow:
     def step(
         self, function: EngineFunction, model: mujoco.MjModel, data: mujoco.MjData, nstep: int
     ) -> int:
-        """Take steps of the MjData one by one, and store the states after them.
-
-        Returns:
-          How many were taken: at least 1, and fewer than `nstep` without room for more states.
-        """
+        """Take steps of the MjData one by one, and store the states after them."""
         before, last, spec = self._before, self._last, self._reader.spec
         self._get_state(model, data, before, spec)
         if last is None or self._is_elsewhere(before, last):
@@ -144,7 +137,6 @@ class WindowSample(Generic[_Window]):
     """
 
     def __init__(self, most: int, nstep: int, rng: random.Random):
-        """Prepare a sample of `most` windows, at least 1, of `nstep` steps."""
         self._most, self._nstep, self._rng = most, nstep, rng
         self._by_stratum: dict[int, _Window] = {}
         self.stride = nstep
@@ -166,7 +158,6 @@ class WindowSample(Generic[_Window]):
         return [self._by_stratum[stratum] for stratum in sorted(self._by_stratum)]
 
     def _halve(self) -> None:
-        """Make each two neighbouring strata one."""
         self.stride *= 2
         merged: dict[int, _Window] = {}
         for stratum in sorted(self._by_stratum):
@@ -181,7 +172,6 @@ class ModelRecorder:
     Attributes:
       mjb: file with the model before its first step; None unless it is wanted and can be saved.
       mjb_failure: why it cannot be saved; empty otherwise.
-      timestep_s: of the model, as it was first.
       nstep: that the program took, of what is to be captured.
     """
 
@@ -209,12 +199,10 @@ class ModelRecorder:
         self._lock = threading.Lock()
 
     def close(self) -> None:
-        """Remove the file with the model."""
         if self.mjb is not None:
             self.mjb.close()
 
     def windows(self) -> list[RecordedWindow]:
-        """Return the windows with states, in the order of the run."""
         if self._window is not None:
             self._end_window()
         return self._sample.windows()
@@ -305,7 +293,6 @@ class StepRecorder:
 
         Args:
           max_states: the most states to store of each model.
-          window_nstep: steps of a window.
           model: only this one is captured, and those with the same digest; None for all.
           data: only this one is captured; None for all.
           with_mjb: whether the compiled models are wanted as well.
@@ -325,7 +312,6 @@ class StepRecorder:
         return sorted(seen, key=lambda recorder: -recorder.nstep)
 
     def close(self) -> None:
-        """Remove the files with models."""
         for recorder in self._by_layout.values():
             recorder.close()
 
@@ -334,17 +320,13 @@ class StepRecorder:
         return dict(self._other_nstep)
 
     def wrappers(self) -> Mapping[str, Callable[[EngineFunction], EngineFunction]]:
-        """Return what makes the replacements, by the name of the function.
-
-        mj_step1 takes no step: it computes what mj_step2 goes on from.
-        """
+        """Return what makes the replacements, by function; mj_step1 takes no step of its own."""
         return {
             "mj_step": functools.partial(self._wrap, ("m", "d", "nstep")),
             "mj_step2": functools.partial(self._wrap, ("m", "d")),
         }
 
     def _wrap(self, names: Sequence[str], function: EngineFunction) -> EngineFunction:
-        """Return the replacement of a function whose arguments are called so."""
         by_identity, only_data = self._by_identity, self._data
 
         @functools.wraps(function)
@@ -375,7 +357,6 @@ class StepRecorder:
         return call
 
     def _recorder_of(self, model: mujoco.MjModel) -> ModelRecorder | None:
-        """Return where the steps of a model that is not known yet are recorded, if they are."""
         if not isinstance(model, mujoco.MjModel):
             return None
         recorder = None

@@ -88,7 +88,6 @@ class SteppingBody:
 
     @property
     def is_method(self) -> bool:
-        """Whether it is a method."""
         return isinstance(self.node, FUNCTIONS)
 
 
@@ -96,14 +95,10 @@ class SteppingScript:
     """The syntax of a script, and what follows from it.
 
     Attributes:
-      nodes: all nodes of the tree.
-      parents: the node above each node.
       calls: of functions and methods, everywhere in it.
       values: that are assigned, by their targets.
-      loops: that step.
       environment_loops: those of the others that step an environment.
       episode_loops: those of `loops`, all `for`, that have another one inside.
-      methods: that step, the engine or an environment.
       comprehensions: list comprehensions that step either.
     """
 
@@ -164,24 +159,20 @@ class SteppingScript:
         ]
 
     def _assigned_names(self, is_value: Callable[[ast.Call], bool]) -> set[str]:
-        """Return the dotted names to which the script assigns the result of such a call."""
         values = self.values.items()
         named = {dotted_name(t) for t, v in values if isinstance(v, ast.Call) and is_value(v)}
         return named - {""}
 
     @cached_property
     def bindings(self) -> NameBindings:
-        """The bindings of its names."""
         return NameBindings(self.tree, self.parents)
 
     @cached_property
     def functions(self) -> ScriptFunctions:
-        """Its functions."""
         return ScriptFunctions(self.bindings, self.parents, self.calls)
 
     @cached_property
     def names(self) -> Mapping[str, Sequence[ast.Name]]:
-        """All places of each name."""
         names: defaultdict[str, list[ast.Name]] = defaultdict(list)
         for name in name_nodes(self.tree):
             names[name.id].append(name)
@@ -243,7 +234,6 @@ class SteppingScript:
         return assigned[0] if len(assigned) == 1 and isinstance(assigned[0], ast.expr) else node
 
     def assigned_anywhere(self, name: str) -> Sequence[ast.AST]:
-        """Return what was assigned to a dotted name, in whatever scope."""
         return self._values_of_names.get(name, []) if name else []
 
     def attribute_of_self(self, node: ast.AST) -> bool:
@@ -302,7 +292,6 @@ class SteppingScript:
         )
 
     def _steps_environment(self, node: ast.AST) -> bool:
-        """Return whether a node is a call such as `env.step(…)` or `self.do_simulation(…)`."""
         if not isinstance(node, ast.Call):
             return False
         if is_call(node, "do_simulation"):  # of Gymnasium's MujocoEnv; no other class has it
@@ -314,7 +303,6 @@ class SteppingScript:
         return bool(_ENVIRONMENTS.intersection(parts)) or owner in self._environment_names
 
     def is_data(self, node: ast.AST) -> bool:
-        """Return whether an expression is an MjData."""
         name = dotted_name(node)
         return name in self._data_names or name.rpartition(".")[2] in ("data", "mjdata")
 
@@ -365,10 +353,7 @@ def _creates_environment(call: ast.Call) -> bool:
 
 
 def index_gives_view(node: ast.Subscript, is_row: bool) -> bool:
-    """Return whether indexing a view of MuJoCo's memory gives a view again, and not a number.
-
-    The view of a named element is a row: it has one dimension.
-    """
+    """Return whether indexing a view gives a view again; that of a named element is one row."""
     index = node.slice
     parts = index.elts if isinstance(index, ast.Tuple) else [index]
     if not all(isinstance(part, ast.Slice) or _is_integer(part) for part in parts):

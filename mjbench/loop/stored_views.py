@@ -59,9 +59,7 @@ class Store:
     """Where a statement or a call stores something.
 
     Attributes:
-      place: the list, the dict or the attribute.
       key: under which it is stored in `place`; None for one more entry, and for an attribute.
-      values: what is stored.
     """
 
     place: ast.expr
@@ -124,7 +122,6 @@ class StoredViews:
         return next((loop for loop in around if loop is not None), None)
 
     def _stored(self, node: ast.AST, body: SteppingBody) -> Iterator[Match]:
-        """Yield the views that a node of a loop or a method stores for later, to be read."""
         store = store_of(node)
         if store is None or not self._is_log(store, node, body):
             return
@@ -132,7 +129,6 @@ class StoredViews:
             yield from self._entries(value, body.inner, _renewed(body.inner))
 
     def _collected(self, comprehension: ast.ListComp) -> Iterator[Match]:
-        """Yield the views of which a comprehension that steps makes a list."""
         statement = self._script.parents.get(comprehension)
         targets = statement.targets if isinstance(statement, ast.Assign) else ()
         if any(self._writes.through_entries(dotted_name(target)) for target in targets):
@@ -142,7 +138,6 @@ class StoredViews:
     def _entries(
         self, value: ast.expr, inner: Sequence[ast.AST], renewed: Collection[str]
     ) -> Iterator[Match]:
-        """Yield the views in a value that every iteration of some nodes stores."""
         for view in self._views_in(value):
             if self._is_of_the_one_data(view, inner):
                 yield Match(view)
@@ -178,10 +173,7 @@ class StoredViews:
         )
 
     def _may_repeat(self, node: ast.AST, place: str, body: SteppingBody) -> bool:
-        """Return whether a body may store at a node more than once.
-
-        It may not where it leaves the loop afterwards, or under `if i == 0` and `if not log`.
-        """
+        """Return whether a body may store at a node more than once."""
         while node is not body.node:
             child, node = node, self._script.parents[node]
             if isinstance(node, ast.If) and child is not node.test:
@@ -202,7 +194,6 @@ class StoredViews:
                 yield part
 
     def _is_alias(self, node: ast.expr) -> bool:
-        """Return whether nothing but views were assigned to a name."""
         values = self._script.assigned(node) if isinstance(node, ast.Name) else []
         return bool(values) and all(v is not None and self._script.is_view(v) for v in values)
 
@@ -270,7 +261,6 @@ class StoredViews:
                         yield function, view
 
     def _results(self, function: ast.FunctionDef, yields: bool) -> Iterator[ast.expr]:
-        """Yield what a function returns, or yields."""
         inside = nodes_inside(function)
         is_generator = any(isinstance(n, ast.Yield | ast.YieldFrom) for n in inside)
         kind = ast.Yield if yields else ast.Return
@@ -376,7 +366,6 @@ def store_of(node: ast.AST) -> Store | None:
 
 
 def _bound(inner: Sequence[ast.AST]) -> set[str]:
-    """Return the names and attributes that some nodes bind."""
     bound = (
         dotted_name(node)
         for node in inner

@@ -8,14 +8,7 @@ import ast
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.loop.name_bindings import bound_by
-from mjbench.loop.script_syntax import (
-    FUNCTIONS,
-    WHOLE,
-    dotted_name,
-    is_input,
-    last_name,
-    peeled,
-)
+from mjbench.loop.script_syntax import FUNCTIONS, WHOLE, dotted_name, is_input, last_name, peeled
 
 # Methods of an array that write to it, and functions that write to an argument.
 WRITING_METHODS = {"fill", "itemset", "partition", "put", "resize", "setfield", "setflags", "sort"}
@@ -41,7 +34,6 @@ class WritesThrough:
     """
 
     def __init__(self, nodes: Sequence[ast.AST]):
-        """Find them in all nodes of a script."""
         indexed = {name for node in nodes for name in _indexed(node)}
         self._names = {name for node in nodes for name in _written(node)} - {""}
         functions = {node.name: node for node in nodes if isinstance(node, FUNCTIONS)}
@@ -73,7 +65,6 @@ def _indexed(node: ast.AST) -> Iterator[str]:
 
 
 def _written(node: ast.AST) -> Iterator[str]:
-    """Yield the dotted names that a node writes through."""
     if isinstance(node, ast.AugAssign):
         if not isinstance(node.value, ast.List | ast.ListComp):  # `log += [x]`
             yield dotted_name(peeled(node.target))
@@ -116,7 +107,6 @@ def _joins_lists(node: ast.AST) -> bool:
 
 
 def _aliases(node: ast.AST, functions: Mapping[str, _Function]) -> Iterator[tuple[str, str]]:
-    """Yield names that a node binds, each with what it may then be a part of."""
     targets, values = _binding(node, functions)
     sources = {source for value in values for source in _held(value)} - {""}
     for name in {name for target in targets for name in _stored(target)}:
@@ -126,7 +116,6 @@ def _aliases(node: ast.AST, functions: Mapping[str, _Function]) -> Iterator[tupl
 def _binding(
     node: ast.AST, functions: Mapping[str, _Function]
 ) -> tuple[Sequence[ast.AST], Sequence[ast.AST]]:
-    """Return what a node binds, and the expressions of whose values that may get a part."""
     match node:
         case ast.Assign():
             return [t for t in node.targets if not _is_part_of_state(t)], [node.value]
@@ -166,7 +155,6 @@ def _is_part_of_state(target: ast.AST) -> bool:
 
 
 def _stored(target: ast.AST) -> Iterator[str]:
-    """Yield the dotted names that a target, a pattern or parameters bind, or store something in."""
     if isinstance(target, ast.Attribute | ast.Subscript):
         yield dotted_name(peeled(target))
         return

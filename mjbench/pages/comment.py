@@ -154,8 +154,8 @@ def _table(judged: Sequence[_Judged]) -> Iterator[str]:
             judged,
             (Column(""), lambda each: each.outcome.mark),
             (Column("what"), lambda each: each.row.model),
-            (Column("change"), lambda each: _change(each.row)),
-            (Column("baseline"), lambda each: _call(each.row)),
+            (Column("change", has_figures=True), lambda each: _change(each.row)),
+            (Column("baseline", has_figures=True), lambda each: _call(each.row)),
             (Column("outcome"), lambda each: each.outcome.word),
             (Column("why"), lambda each: each.row.detail or verdicts.describe_work(each.row)),
         )

@@ -13,6 +13,7 @@ from mjbench.comparison.records import ModelRecord
 from mjbench.errors import InputError, MachineError
 from mjbench.paired import across_machines, family
 from mjbench.paired.across_machines import MachinesOutcome
+from mjbench.paired.metrics import METRICS
 from mjbench.paired.records import VerdictRecord
 from mjbench.report import rows, verdicts
 from mjbench.report.across_machines import verdict_cell
@@ -106,7 +107,7 @@ def _ratios(run: Run) -> Iterator[ExportedMetric]:
     for record in run.of_type(VerdictRecord):
         if record.ratio is not None:
             row = record.row()
-            name = f"{row.model}: {verdicts.describe_targets(row)}"
+            name = f"{row.model}: {verdicts.describe_targets(row)}{METRICS[row.metric].suffix}"
             yield ExportedMetric(
                 name, "ratio", record.ratio.estimate, record.ratio.low, record.ratio.high
             )

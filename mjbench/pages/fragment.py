@@ -75,7 +75,7 @@ def _table(heading: str, table: DataTable) -> Iterator[str]:
 
 
 def _cell(tag: str, column: Column, text: str) -> str:
-    align = "right" if column.is_number else "left"
+    align = "right" if column.is_right_aligned else "left"
     scope = ' scope="col"' if tag == "th" else ""
     style = f"text-align:{align};padding:.15em .6em;{_LINE}"
     return f'<{tag}{scope} style="{style}">{_text(text)}</{tag}>'

@@ -18,6 +18,10 @@ MARKS = {
     Tone.UNSURE: "?",
     Tone.NEUTRAL: "•",
 }
+# What a sentence has of a command line.
+_CODE = re.compile("`([^`]+)`")
+# Characters of a text that is not wrapped in a table.
+_SHORT = 24
 
 
 def render(report: Report) -> str:
@@ -30,7 +34,7 @@ def render(report: Report) -> str:
     """
     try:
         import jinja2
-        from markupsafe import Markup
+        from markupsafe import Markup, escape
     except ImportError as error:
         raise MachineError(
             f"a report in HTML needs Jinja2: {extras.install_command('report')}; or give --markdown"
@@ -44,9 +48,24 @@ def render(report: Report) -> str:
         autoescape=True,
         undefined=jinja2.StrictUndefined,
     )
-    environment.filters |= {"svg": svg, "csv": _csv_address, "file_name": _csv_name}
+    environment.filters |= {
+        "svg": svg,
+        "csv": _csv_address,
+        "file_name": _csv_name,
+        "classes": _classes,
+        "prose": lambda text: Markup(_CODE.sub(r"<code>\1</code>", str(escape(text)))),
+    }
     template = environment.get_template("report.html.j2")
     return template.render(report=report, marks=MARKS, version=mjbench.__version__)
+
+
+def _classes(table: DataTable) -> list[str]:
+    """Return the class of the cells of each column: numbers and short texts do not wrap."""
+    classes = []
+    for i, column in enumerate(table.columns):
+        is_short = max(len(row[i]) for row in table.texts) <= _SHORT if table.rows else True
+        classes.append("number" if column.is_right_aligned else "short" if is_short else "text")
+    return classes
 
 
 def _csv_address(table: DataTable) -> str:

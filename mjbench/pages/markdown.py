@@ -128,7 +128,7 @@ def data_table(table: DataTable) -> Iterator[str]:
     """Yield the lines of a table, without empty columns and bars."""
     table = table.filled_columns(with_bars=False)
     headings = [escaped(column.title) or " " for column in table.columns]
-    right = {escaped(column.title) for column in table.columns if column.is_number}
+    right = {escaped(column.title) for column in table.columns if column.is_right_aligned}
     rows = ([escaped(text) for text in row] for row in table.texts)
     yield from table_lines(headings, rows, right)
 

@@ -24,6 +24,8 @@ _MOST_FILES = 3
 _MOST_CONCLUSIONS = 8
 # Characters of a title, and parts of a subtitle, at most.
 _TITLE_LENGTH, _MOST_FACTS = 80, 8
+# Sections that are shown at once, at most.
+_MOST_OPEN = 3
 # Figures that are drawn, at most: a page of more opens slowly. Tables are always there.
 _MOST_FIGURES = 20
 
@@ -38,8 +40,13 @@ class NamedRun:
     @property
     def command(self) -> str:
         """The command that wrote it, as it was typed where that is known."""
-        header = self.run.header
-        return shlex.join(["mjbench", *(header.command_line or (header.command,))])
+        return shlex.join(["mjbench", *(self.run.header.command_line or self.present_name.split())])
+
+    @property
+    def present_name(self) -> str:
+        """What the command is called by now."""
+        name = self.run.header.command
+        return kinds.PRESENT_NAMES.get(name, name)
 
 
 @dataclass(frozen=True)
@@ -81,8 +88,11 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
         main = [*first.conclusions, *main]
     main.sort(key=lambda conclusion: conclusion.tone != Tone.CAUTION)
     summaries, sections = _with_fewer_figures(summaries, sections)
-    if len(sections) == 1 and not summaries:  # they are those of the report
-        sections = [replace(sections[0], conclusions=())]
+    if len(sections) <= _MOST_OPEN and not summaries:
+        sections = [replace(section, is_open=True) for section in sections]
+        if len(main) <= _MOST_CONCLUSIONS:  # they are those of the report
+            sections = [replace(section, conclusions=()) for section in sections]
+            sections = [each for each in sections if _has_content(each)] or sections
     if not (sections or summaries):
         main.append(Conclusion("Nothing was measured.", Tone.UNSURE))
     if len(chosen) < len(parts):
@@ -98,11 +108,21 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
     )
 
 
+def _has_content(section: Section) -> bool:
+    """Return whether a section says more than its conclusions."""
+    return bool(section.facts or section.tables or section.figures or section.notes)
+
+
 def title(named_runs: Sequence[NamedRun]) -> str:
     """Return the command with what it measured; of several runs, the commands."""
     if len(named_runs) != 1:
-        return f"mjbench {', '.join(dict.fromkeys(n.run.header.command for n in named_runs))}"
-    return one_line(named_runs[0].command, _TITLE_LENGTH)
+        return f"mjbench {', '.join(dict.fromkeys(n.present_name for n in named_runs))}"
+    (named,) = named_runs
+    text = named.command
+    if not named.run.header.command_line:  # models as the records name them
+        models = dict.fromkeys(getattr(record, "model", "") for record in named.run.records)
+        text += " ".join(["", *filter(None, models)])
+    return one_line(text, _TITLE_LENGTH)
 
 
 def _subtitle(named_runs: Sequence[NamedRun]) -> str:

@@ -22,6 +22,7 @@ from pathlib import Path
 
 from mjbench import extras
 from mjbench.errors import InputError, MachineError, one_line, writing
+from mjbench.host.neighbours import Disturbance
 from mjbench.pages import html, markdown, reports
 from mjbench.pages.markdown import escaped
 from mjbench.pages.reports import NamedRun
@@ -39,7 +40,7 @@ PACKAGES = ("sphinx", "myst_parser", "furo")
 _BESIDE = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "LICENSE")
 _FOLDERS_BESIDE = ("models", "results")
 # Copied as they are, and not rendered.
-_COPIED = "copied"
+_COPIED, _STYLED = "copied", "style"
 _LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s#]+)(#[^)\s]*)?\)")
 # At the head of pages that have texts of run files.
 _NO_ROLES = """\
@@ -54,12 +55,16 @@ html_title = "MuJoCo performance"
 extensions = ["myst_parser"]
 html_theme = "furo"
 html_extra_path = ["{copied}"]
+html_static_path = ["{style}"]
+html_css_files = ["site.css"]
 html_copy_source = False
 html_show_copyright = False
 smartquotes = False
-exclude_patterns = ["{copied}"]
+exclude_patterns = ["{copied}", "{style}"]
 myst_heading_anchors = 4
 """
+# Numbers do not wrap.
+_STYLE = "td.text-right, th.text-right { white-space: nowrap; }"
 # Groups of documents in the navigation, by the folder that they are in.
 _GROUPS = (
     ("Guides", "docs/guides"),
@@ -141,7 +146,8 @@ def write_source(project: Project, source: Path) -> list[str]:
       MachineError: a page cannot be written, or a document cannot be copied.
     """
     copied = source / _COPIED
-    _write_page(source / "conf.py", [_CONF.format(copied=_COPIED)])
+    _write_page(source / "conf.py", [_CONF.format(copied=_COPIED, style=_STYLED)])
+    _write_page(source / _STYLED / "site.css", [_STYLE])
     with writing(copied):
         copied.mkdir()
     with _copying(project.folder):
@@ -273,29 +279,33 @@ def _reports_page(runs: Sequence[NamedRun]) -> Iterator[str]:
         (
             _report_link(named, _name([named, *others])),
             escaped(named.run.header.began[:10]),
+            markdown.code(named.file.name),
             escaped(", ".join(dict.fromkeys(n.run.header.machine.cpu for n in (named, *others)))),
             ", ".join(dict.fromkeys(filter(None, map(_remark, (named, *others))))),
         )
         for named, *others in reversed(_by_file(runs).values())
     ]
-    yield from markdown.table_lines(["report", "began", "processor", "remarks"], rows)
+    headings = ["report", "began", "run file", "processor", "remarks"]
+    count = len(headings) if any(row[-1] for row in rows) else len(headings) - 1
+    # dates do not wrap, as numbers do not
+    yield from markdown.table_lines(headings[:count], (row[:count] for row in rows), ["began"])
 
 
 def _name(named_runs: Sequence[NamedRun]) -> str:
-    """Return what a report is called: its command; where that is not known, its file."""
-    if len(named_runs) > 1:
-        return f"{reports.title(named_runs)} ({len(named_runs)} runs)"
-    known = named_runs[0].run.header.command_line
-    return reports.title(named_runs) if known else named_runs[0].file.stem
+    """Return what a report is called: its command, and the number of runs of a set."""
+    several = f" ({len(named_runs)} runs)" if len(named_runs) > 1 else ""
+    return f"{reports.title(named_runs)}{several}"
 
 
 def _remark(named: NamedRun) -> str:
     """Return what speaks against the numbers of a run; empty for nothing."""
-    statuses = {getattr(record, "status", Status.OK) for record in named.run.records}
-    if Status.OK not in statuses:
+    records, disturbances = named.run.records, named.run.of_type(Disturbance)
+    measured = [record for record in records if not isinstance(record, Disturbance)]
+    if Status.OK not in {getattr(record, "status", Status.OK) for record in measured}:
         return "failed"
-    results = [result for model in derive_all(named.run.records) for result in model.results]
-    return "disturbed" if any(result.disturbances for result in results) else ""
+    results = [result for model in derive_all(records) for result in model.results]
+    is_disturbed = disturbances or any(result.disturbances for result in results)
+    return "disturbed" if is_disturbed else ""
 
 
 def _by_file(runs: Sequence[NamedRun]) -> dict[Path, list[NamedRun]]:
@@ -313,7 +323,11 @@ def _report_link(named: NamedRun, text: str) -> str:
 
 
 def _index(project: Project, source: Path) -> Iterator[str]:
-    """Yield the first page: conclusions, and the navigation."""
+    """Yield the first page: conclusions, and the navigation.
+
+    Runs that failed, or were disturbed, are not on it.
+    """
+    by_file = _by_file(project.runs)
     yield "# How fast is MuJoCo from Python?\n"
     if project.history is not None:
         yield "## From release to release\n"
@@ -325,8 +339,8 @@ def _index(project: Project, source: Path) -> Iterator[str]:
             yield f"\nThe newest release, {newest}: {change}"
             links.append("[release by release](releases.md)")
         yield f"\n{' · '.join(links)}\n"
-    ranked = sorted(project.runs, key=lambda named: not _remark(named))  # the newest good one last
-    newest_runs = {named.run.header.command: named for named in ranked}
+    good = [runs[-1] for runs in by_file.values() if not any(map(_remark, runs))]
+    newest_runs = {named.run.header.command: named for named in good}
     for title, command in (
         ("The newest comparison of paths", "compare"),
         ("The newest comparison of releases", "versions"),
@@ -334,12 +348,13 @@ def _index(project: Project, source: Path) -> Iterator[str]:
         if command in newest_runs:
             named = newest_runs[command]
             yield f"## {title}\n"
-            yield from _summary(_by_file(project.runs)[named.file])
+            yield from _summary(by_file[named.file])
             yield f"\n{_report_link(named, _name([named]))}\n"
     if project.asv_pages is not None:
         yield '<a href="asv/index.html">The pages of asv</a>: every benchmark over all releases\n'
     if project.lab is not None:
         yield '<a href="lab/index.html">The lab</a>: MuJoCo in your browser\n'
+    yield from _licence(source / "LICENSE")
     results = {"releases": "releases.md", "docs/history": "docs/history.md"}
     listed = [name for name, file in results.items() if (source / file).exists()]
     listed += ["reports"] if project.runs else []
@@ -353,6 +368,14 @@ def _index(project: Project, source: Path) -> Iterator[str]:
         yield from _toctree(caption, _in_order(group, source / folder / "README.md"))
         remaining = [name for name in remaining if name not in group]
     yield from _toctree("Project", remaining)
+
+
+def _licence(file: Path) -> Iterator[str]:
+    """Yield a line that links the licence of the documents, where the project has one."""
+    if file.is_file():
+        lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
+        name = next((line.strip() for line in lines if line.strip()), "")
+        yield f"\n[{escaped(name) or 'Licence'}]({file.name})\n"
 
 
 def _in_order(names: Sequence[str], readme: Path) -> list[str]:

@@ -108,7 +108,7 @@ def table_parts(table: DataTable, width: int) -> Iterator[RenderableType]:
     for column, column_width in zip(table.columns, widths, strict=True):
         printed.add_column(
             column.title,
-            justify="right" if column.is_number else "left",
+            justify="right" if column.is_right_aligned else "left",
             overflow="fold",
             width=column_width,
         )
@@ -174,7 +174,7 @@ def _least_widths(table: DataTable, longest_word: int = 1000) -> list[int]:
         cells = [row[i] for row in table.texts]
         words = [word for text in (column.title, *cells) for word in text.split(" ")]
         width = max(cell_len(printable(word)) for word in words)
-        if column.is_number:
+        if column.is_right_aligned:
             width = max(width, *(cell_len(printable(text)) for text in cells))
         elif width > longest_word:
             width = max(longest_word, max(map(cell_len, column.title.split(" "))))

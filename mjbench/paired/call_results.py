@@ -68,6 +68,13 @@ class ResultsCheck:
     outcome: ResultsOutcome
     detail: str = ""
 
+    @property
+    def is_changed(self) -> bool | None:
+        """Whether they are of different work; None where that is not known."""
+        if self.outcome in (ResultsOutcome.NONE, ResultsOutcome.RANDOM):
+            return None
+        return self.outcome == ResultsOutcome.DIFFERENT
+
 
 def leaves(result: object) -> list[Leaf]:
     """Return the parts of what a call returned; none where it returned None.

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mjbench.measuring import anytime
-from mjbench.paired.outcomes import CONFIDENCE, MIN_EFFECT, Cause, Metric, Verdict
+from mjbench.paired.metrics import METRICS
+from mjbench.paired.outcomes import CONFIDENCE, MIN_EFFECT, Cause, Verdict
 from mjbench.paired.records import VerdictRow
 from mjbench.store.runs import RunHeader
 
@@ -72,7 +73,7 @@ def e_value(row: VerdictRow, verdict: Verdict) -> float:
     """
     if row.verdict != verdict or may_be_placement(row):
         return 0.0
-    if row.metric == Metric.INSTRUCTIONS:
+    if METRICS[row.metric].is_exact:
         return math.inf
     return (row.e_slower if verdict == Verdict.SLOWER else row.e_faster) or 0.0
 

@@ -6,8 +6,11 @@ from dataclasses import dataclass
 
 from mjbench.host import machine
 from mjbench.paired import cores
+from mjbench.paired.metrics import METRICS, Measured
+from mjbench.paired.outcomes import Metric
+from mjbench.paired.pair_work import PairWork, growth_nstep
 from mjbench.paired.process_pairs import ProcessPair
-from mjbench.paired.protocol import LaunchedPair, PairWork
+from mjbench.paired.protocol import LaunchedPair
 from mjbench.paired.records import TargetRow
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.timed_function import (
@@ -125,12 +128,16 @@ class CallPlan:
 
     count: int
     nthread: int
+    metric: Metric = Metric.TIME
 
     @classmethod
-    def of(cls, facts: Sequence[FunctionFacts]) -> "CallPlan":
+    def of(cls, facts: Sequence[FunctionFacts], metric: Metric = Metric.TIME) -> "CallPlan":
         """Return the plan that fits what was found out about both sides."""
         is_threaded = any(each.cores > _THREADED_CORES for each in facts)
-        return cls(min(each.calls for each in facts), machine.usable_cores() if is_threaded else 1)
+        count = min(each.calls for each in facts)
+        if metric == Metric.GROWTH:
+            count = growth_nstep(count)
+        return cls(count, machine.usable_cores() if is_threaded else 1, metric)
 
 
 class _FunctionWork(PairWork):
@@ -139,6 +146,7 @@ class _FunctionWork(PairWork):
     def __init__(self, targets: FunctionTargets, plan: CallPlan):
         self._targets, self._plan = targets, plan
         self.nthread = plan.nthread
+        self.is_repeated = METRICS[plan.metric].measured != Measured.MEMORY
 
     def equip(self, processes: Sequence[WorkerProcess]) -> None:
         """See `PairWork.equip`."""
@@ -147,9 +155,9 @@ class _FunctionWork(PairWork):
 
     def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
         """See `PairWork.lay_out`."""
-        allowed, count = cores.usable(pair.core), self._plan.count
+        allowed, plan = cores.usable(pair.core), self._plan
         ns = {
-            i: pair.processes[i].call(prepare_function, allowed, count)
+            i: pair.processes[i].call(prepare_function, allowed, plan.count, plan.metric)
             for i in random.sample((0, 1), 2)
         }
         return ns[0], ns[1]

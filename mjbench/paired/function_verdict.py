@@ -229,7 +229,8 @@ class _Decision:
         if results.outcome == ResultsOutcome.DIFFERENT:
             detail = f"results differ: {results.detail}; no verdict on speed"
             return self._record(Failure(Status.DISAGREES, detail))
-        return self._timed(CallPlan.of((self._observed.baseline, self._observed.candidate)))
+        facts = self._observed.baseline, self._observed.candidate
+        return self._timed(CallPlan.of(facts, self._plan.sizes.metric))
 
     def _timed(self, calls: CallPlan) -> VerdictRecord:
         """Launch the control, then both sides, until the verdict is certain or time is up."""
@@ -262,6 +263,7 @@ class _Decision:
             old=baseline.label,
             new=candidate.label,
             sides=(baseline.row(), candidate.row()),
+            metric=self._plan.sizes.metric,
             status=ending.status,
             detail=ending.detail,
             verdict=verdict,
@@ -286,12 +288,11 @@ class _Decision:
 def _with_results(row: VerdictRow, observed: _Observed) -> VerdictRow:
     """Return a verdict with what is known of results."""
     results = observed.results
-    is_known = results.outcome not in (ResultsOutcome.NONE, ResultsOutcome.RANDOM)
     return replace(
         row,
         results=results.outcome,
         results_detail=results.detail,
-        changed_work=results.outcome == ResultsOutcome.DIFFERENT if is_known else None,
+        changed_work=results.is_changed,
         calls_s=observed.calls_s,
     )
 

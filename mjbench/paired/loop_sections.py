@@ -34,11 +34,13 @@ class LoopSection:
       run: does this part, from where `warm_up` ended.
       warm_up: does the part before it, from a state that it restores.
       check: raises MachineError if `run` did not end in the state that the whole run has there.
+      reading: what a block gives, after `run`; None for its nanoseconds.
     """
 
     run: Callable[[], None]
     warm_up: Callable[[], None] = _nothing
     check: Callable[[], None] = _nothing
+    reading: Callable[[], int] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -78,7 +78,7 @@ def noise(pool: WorkerPool, seconds: float = CHECK_S) -> Noise:
         raise MachineError(result.detail)
     if len(ratios) < MIN_LAUNCHES:
         raise MachineError(
-            f"{len(ratios)} launches in {seconds:g} s are too few: this machine is slow, or busy"
+            f"{len(ratios)} launches in {seconds:g} s are too few: give a longer --budget"
         )
     return Noise(
         launches=len(ratios),

@@ -6,7 +6,7 @@ numbers are such that a block takes one to a few milliseconds, or as long as the
 
 import copy
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
@@ -235,6 +235,27 @@ _ALL = (
 )
 
 
+# The same on a model of the user's, by the metric that compares them.
+_OF_ANY_MODEL = (
+    Operation("load", "MjModel.from_xml_path", "", 1, _load),
+    Operation("reset", "mj_resetData", "", 1, _reset),
+    Operation("rays", "mj_ray", "", 1, _cast_rays),
+    Operation("rollout", "rollout, 5 steps", "", 1, _call_rollout),
+    Operation("batch", "Batch.rollout, 5 steps", "", 1, _call_batch),
+)
+
+
 def registry() -> Mapping[str, Operation]:
-    """Return all operations by name, in the order they are shown."""
+    """Return all operations of the history by name, in the order they are shown."""
     return {operation.name: operation for operation in _ALL}
+
+
+def find(name: str, repeats: int | None = None) -> Operation:
+    """Return an operation of the history, or one that any model's file can be given to.
+
+    Args:
+      repeats: how often a block does it; None for its own number.
+    """
+    operations = {operation.name: operation for operation in (*_ALL, *_OF_ANY_MODEL)}
+    found = operations[name]
+    return found if repeats is None else replace(found, repeats=repeats)

@@ -52,7 +52,7 @@ class ResultsOutcome(StrEnum):
 
 
 class Metric(StrEnum):
-    """What a comparison compares."""
+    """What a comparison compares (see `metrics`)."""
 
     TIME = "time"
     """Of a block of steps."""
@@ -60,6 +60,20 @@ class Metric(StrEnum):
     """The time that 99 of 100 single steps of a block do not exceed."""
     INSTRUCTIONS = "instructions"
     """That the engine executes in a step."""
+    LOAD = "load"
+    """The time of `MjModel.from_xml_path`."""
+    RESET = "reset"
+    """The time of `mj_resetData`."""
+    RAYS = "rays"
+    """The time of `mj_ray`."""
+    ROLLOUT = "rollout"
+    """The time of a short call of `mujoco.rollout`."""
+    BATCH = "batch"
+    """The time of a short call of `mujoco.batch.Batch.rollout`."""
+    MEMORY = "memory"
+    """The peak of a new process that loads the model and steps it."""
+    GROWTH = "growth"
+    """What 1,000 steps add to the memory of a process."""
 
 
 class Arm(StrEnum):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
+from mjbench.paired.call_results import ResultsCheck
 from mjbench.paired.launches import StopRule, launch
 from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.protocol import BOTH, LaunchedPair, TargetPair
@@ -42,6 +43,7 @@ class Launched:
       is_enough: whether the rule ended them.
       seconds: from start to end, the workers' start included.
       work_check: whether both did the same work; None where it ended before that.
+      results: how what an operation computes compares; None for steps.
       workload_file: the baseline's `PortableWorkload`, which lasts as long as the pool; None
         likewise.
     """
@@ -52,6 +54,7 @@ class Launched:
     is_enough: bool = False
     seconds: float = 0.0
     work_check: WorkCheck | None = None
+    results: ResultsCheck | None = None
     workload_file: Path | None = None
 
 
@@ -146,17 +149,21 @@ class PairRule(LaunchRule):
         """Return how many launches an answer needs; called after `placements`."""
 
     @property
-    def work_check(self) -> WorkCheck:
-        """How the work of both targets compares; known when they are prepared."""
+    def work_check(self) -> WorkCheck | None:
+        """How the work of both targets compares, once they are prepared; None for operations."""
         return self._pair.work_check
 
     def run(self) -> Launched:
         """Launch both targets until there is an answer, or time is up (see `run_pair`)."""
-        launched = self.run_pair(self._pair)
-        if not self._pair.is_prepared:
+        launched, pair = self.run_pair(self._pair), self._pair
+        if not pair.is_prepared:
             return launched
-        workload_file = self._pair.baseline_workload
-        return replace(launched, work_check=self.work_check, workload_file=workload_file)
+        return replace(
+            launched,
+            work_check=pair.work_check,
+            results=pair.results,
+            workload_file=pair.baseline_workload,
+        )
 
     def _first_placements(self) -> Iterator[PlacementPair]:
         placements = self.placements(self._pool)

@@ -4,9 +4,10 @@ Both targets get the same simulations wherever their models have the same size. 
 the plain way; simulations that diverge in either are left out, and the work is compared.
 """
 
+import contextlib
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -149,6 +150,23 @@ def prepare(
       ChildError: a target crashed, hung or failed.
       OutOfTimeError: the limit does not allow a launch.
     """
+    with loaded(pool, targets, time_limit, roles) as (processes, models):
+        chosen = _choose_sizes(targets, sizes, processes, time_limit)
+        drawn = _draw(targets, processes, chosen)
+        return _prepared(pool, targets, processes, models, drawn, chosen)
+
+
+@contextlib.contextmanager
+def loaded(
+    pool: WorkerPool,
+    targets: tuple[Target, Target],
+    time_limit: TimeLimit,
+    roles: tuple[str, str] = ROLES,
+) -> Iterator[tuple[Sequence[WorkerProcess], tuple[Path, Path]]]:
+    """Yield processes that have loaded the models of two targets, and files of both, compiled.
+
+    The files last as long as the pool. See `prepare` for the arguments, and for what it raises.
+    """
     processes: list[WorkerProcess] = []
     try:
         for i, (target, name) in enumerate(zip(targets, describe(targets, roles), strict=True)):
@@ -157,9 +175,7 @@ def prepare(
             pool.wait_for(process, target.release)
         models = _load(pool, targets, processes)
         time_limit.start()
-        chosen = _choose_sizes(targets, sizes, processes, time_limit)
-        drawn = _draw(targets, processes, chosen)
-        return _prepared(pool, targets, processes, models, drawn, chosen)
+        yield processes, models
     finally:
         pool.end(processes)
 

@@ -12,8 +12,7 @@ the programs of the next start on the other cores.
 import contextlib
 import itertools
 import math
-import random
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +22,10 @@ import numpy as np
 from mjbench.measuring import timing
 from mjbench.paired import cores, preparation
 from mjbench.paired.calibrator import Calibrator
+from mjbench.paired.call_results import ResultsCheck
 from mjbench.paired.launches import Targets
+from mjbench.paired.metrics import METRICS, Measured
+from mjbench.paired.pair_work import MemoryWork, OperationWork, PairWork, StepWork
 from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.records import LaunchRow
@@ -44,97 +46,6 @@ from mjbench.releases.placement import AS_SHIPPED, PlacementPair
 
 # The positions of a baseline and its candidate.
 BOTH = (0, 1)
-
-
-class PairWork(ABC):
-    """What the two processes of each launch do, as often as it takes.
-
-    Attributes:
-      nthread: threads or processes that the work takes; with one, launches run on one core.
-      nsection: sections of a run, which blocks time one after the other (see `loop_sections`).
-    """
-
-    nthread: int = 1
-    nsection: int = 1
-
-    @abstractmethod
-    def equip(self, processes: Sequence[WorkerProcess]) -> None:
-        """Have the processes of a launch read what they need, without waiting."""
-
-    @abstractmethod
-    def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
-        """Lay out memory anew; return the nanoseconds of one block of each section, of both.
-
-        Args:
-          is_new_run: whether a run that is divided may be another one than in the layout before.
-
-        Raises:
-          InputError: a process cannot do it.
-          ChildError: a process crashed, hung or failed.
-        """
-
-    def close(self) -> None:  # noqa: B027
-        """Remove what is no longer needed."""
-
-
-class StepWork(PairWork):
-    """The simulations that two targets step, as often as it takes.
-
-    Attributes:
-      workloads: files of the `PortableWorkload`s, final states included.
-    """
-
-    def __init__(
-        self,
-        pool: WorkerPool,
-        targets: tuple[Target, Target],
-        sizes: Sizes,
-        time_limit: TimeLimit,
-        roles: tuple[str, str] = preparation.ROLES,
-    ):
-        """Load the models, and make sure that both targets can do it; see `preparation.prepare`."""
-        self._targets, self._sizes = targets, sizes
-        self.nthread = max(target.nthread for target in targets)
-        prepared = preparation.prepare(pool, targets, sizes, time_limit, roles)
-        self.nsection, self.work_check = prepared.nsection, prepared.work_check
-        self.workloads, self._models = prepared.workloads, prepared.models
-        # Simulations may differ in how much slower they are, so they are timed equally often.
-        self._times_drawn = [0] * prepared.nsim
-        self._drawn: list[int] = []
-
-    def equip(self, processes: Sequence[WorkerProcess]) -> None:
-        """Have the processes of a launch read model and workload, without waiting."""
-        for process, target, model, workload in zip(
-            processes, self._targets, self._models, self.workloads, strict=True
-        ):
-            process.ask(Worker.equip, model, workload, target.path)
-
-    def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
-        """See `PairWork.lay_out`."""
-        if is_new_run or self.nsection == 1:
-            self._drawn = draw_least(self._times_drawn, self.work_check.nbatch)
-        ns = {}
-        for i in random.sample((0, 1), 2):
-            target = self._targets[i]
-            ns[i] = pair.processes[i].call(
-                Worker.prepare,
-                target.path,
-                dict(target.options),
-                cores.usable(pair.core),
-                self._drawn,
-                callback=target.callback,
-                slowdown=target.slowdown,
-                has_timer=target.has_timer,
-                returns=self._sizes.returns,
-                metric=self._sizes.metric,
-                nsection=self.nsection,
-            )
-        return ns[0], ns[1]
-
-    def close(self) -> None:
-        """Remove all files but the baseline's workload."""
-        for file in (*self._models, self.workloads[1]):
-            file.unlink(missing_ok=True)
 
 
 class LaunchedPair(Targets[LaunchRow]):
@@ -205,18 +116,25 @@ class LaunchedPair(Targets[LaunchRow]):
         """Measure a launch; the first one only if it fits the time limit."""
         layouts: list[tuple[list[str], np.ndarray]] = []
         all_blocks_s, nsection = math.inf, self._work.nsection
-        while len(layouts) < layout_count(all_blocks_s, nsection) or (
-            len(layouts) < MAX_LAYOUTS and not self._pairs.is_next_ready()
-        ):
+        while self._needs_layout(len(layouts), all_blocks_s):
             now_s = 1e-9 * sum(self._work.lay_out(pair, is_new_run=not layouts))
             if not self._has_timed and not layouts:  # steps may be heavier than those at the start
                 self._time_limit.check_first_launch(launch_s(now_s, nsection))
             all_blocks_s = min(all_blocks_s, now_s)
-            layouts.append(time_quads(*pair.processes, quad_count(now_s, nsection)))
+            count = quad_count(now_s, nsection) if self._work.is_repeated else 1
+            layouts.append(time_quads(*pair.processes, count))
         orders = [order for layout_orders, _ in layouts for order in layout_orders]
         ns = np.concatenate([ns for _, ns in layouts]).tolist()
         sizes = [len(layout_orders) for layout_orders, _ in layouts]
         return LaunchRow(pair.core, None, orders, ns, pair.placements, sizes, nsection)
+
+    def _needs_layout(self, count: int, all_blocks_s: float) -> bool:
+        """Return whether a launch lays memory out once more, after `count` times."""
+        if not self._work.is_repeated:
+            return count == 0
+        return count < layout_count(all_blocks_s, self._work.nsection) or (
+            count < MAX_LAYOUTS and not self._pairs.is_next_ready()
+        )
 
     def close(self) -> None:
         """End the processes that were started ahead, and the work."""
@@ -228,13 +146,11 @@ class TargetPair(LaunchedPair):
 
     Attributes:
       is_prepared: whether both can do the same work.
-      work_check: how their work compares.
+      work_check: how their work compares; None for operations.
+      results: how what an operation computes compares; None for steps.
       baseline_workload: file of the baseline's `PortableWorkload`, final states included; it lasts
-        as long as the pool.
+        as long as the pool. None for operations.
     """
-
-    work_check: WorkCheck
-    baseline_workload: Path
 
     def __init__(
         self,
@@ -257,20 +173,22 @@ class TargetPair(LaunchedPair):
         super().__init__(pool, releases, preparation.describe(targets), time_limit, placements)
         self._targets, self._sizes = targets, sizes or Sizes()
         self.is_prepared = False
+        self.work_check: WorkCheck | None = None
+        self.results: ResultsCheck | None = None
+        self.baseline_workload: Path | None = None
 
-    def _new_work(self) -> StepWork:
-        work = StepWork(self._pool, self._targets, self._sizes, self._time_limit)
-        self.work_check, self.baseline_workload = work.work_check, work.workloads[0]
+    def _new_work(self) -> PairWork:
+        measured = METRICS[self._sizes.metric].measured
+        work: OperationWork | StepWork
+        if measured == Measured.OPERATION:
+            work = OperationWork(self._pool, self._targets, self._sizes.metric, self._time_limit)
+            self.results = work.results
+        else:
+            kind = MemoryWork if measured == Measured.MEMORY else StepWork
+            work = kind(self._pool, self._targets, self._sizes, self._time_limit)
+            self.work_check, self.baseline_workload = work.work_check, work.workloads[0]
         self.is_prepared = True
         return work
-
-
-def draw_least(times_drawn: list[int], count: int) -> list[int]:
-    """Return indices that were drawn least often, ties at random; count them as drawn."""
-    order = sorted(range(len(times_drawn)), key=lambda i: (times_drawn[i], random.random()))
-    for i in order[:count]:
-        times_drawn[i] += 1
-    return order[:count]
 
 
 def time_quads(

@@ -39,11 +39,14 @@ _MAX_LAYOUTS = 6
 
 
 def measure(
-    pool: WorkerPool,
-    tasks: Sequence[ReleaseTask],
+    pool: WorkerPool, tasks: Sequence[ReleaseTask], launches: int | None = None
 ) -> list[RatioRecord]:
-    """Compare a release with the reference in each of the tasks; see `measure_each`."""
-    (records,) = measure_each(pool, [tasks])
+    """Compare a release with the reference in each of the tasks; see `measure_each`.
+
+    Args:
+      launches: how many there are; None for as many as `release_ratios.are_enough` asks for.
+    """
+    (records,) = measure_each(pool, [tasks], launches=launches)
     return records
 
 
@@ -52,6 +55,7 @@ def measure_each(
     releases: Sequence[Sequence[ReleaseTask]],
     on_launch: Callable[[int, float], None] = lambda index, share: None,
     clock: Callable[[], float] = time.monotonic,
+    launches: int | None = None,
 ) -> Iterator[list[RatioRecord]]:
     """Compare releases with the reference, up to eight of them in turns.
 
@@ -63,13 +67,14 @@ def measure_each(
       releases: the tasks of each, one or more, which are of the same two releases.
       on_launch: called after each launch, with the index of the release and the share of its
         launches that is done, at least.
+      launches: of each release; None for as many as `release_ratios.are_enough` asks for.
 
     Yields:
       The records of a release once it is complete, one for each of its tasks, in their order. After
       Ctrl-C, those of all that are measured in turns with it, and none of the others.
     """
     measurements = [
-        _Measurement(pool, tasks, functools.partial(on_launch, index), clock)
+        _Measurement(pool, tasks, functools.partial(on_launch, index), clock, launches)
         for index, tasks in enumerate(releases)
     ]
     groups = math.ceil(len(measurements) / _MAX_IN_TURNS) or 1
@@ -114,9 +119,11 @@ class _Measurement:
         tasks: Sequence[ReleaseTask],
         on_launch: Callable[[float], None],
         clock: Callable[[], float],
+        launches: int | None,
     ):
         self._tasks, self._clock = tasks, clock
-        self._targets, self._rule = _TimedTasks(pool, tasks, clock), _WellKnown(tasks, on_launch)
+        self._targets = _TimedTasks(pool, tasks, clock)
+        self._rule = _WellKnown(tasks, on_launch, launches)
         self._turns_s = 0.0  # with all that belongs to launches
         self.is_interrupted = False
 
@@ -204,9 +211,14 @@ class _TimedTasks(Targets[float]):
 class _WellKnown(StopRule[float]):
     """Launch tasks until they are known well enough, or others have their turn."""
 
-    def __init__(self, tasks: Sequence[ReleaseTask], on_launch: Callable[[float], None]):
-        """Have no launches yet."""
-        self._tasks, self._on_launch = tasks, on_launch
+    def __init__(
+        self,
+        tasks: Sequence[ReleaseTask],
+        on_launch: Callable[[float], None],
+        launches: int | None,
+    ):
+        """Have no launches yet; they end after `launches`, if given."""
+        self._tasks, self._on_launch, self._fixed = tasks, on_launch, launches
         self._count, self._launches_s = 0, 0.0  # of all turns
         self._last: int | None = None
 
@@ -232,9 +244,14 @@ class _WellKnown(StopRule[float]):
         self._launches_s += launch
         for position in self.remaining():
             task = self._tasks[position]
-            task.is_complete = release_ratios.are_enough(task.launches, self._launches_s)
+            task.is_complete = self._are_enough(task.launches)
         share = release_ratios.completed_share(self._count, self._launches_s)
         self._on_launch(share if self.remaining() else 1.0)
+
+    def _are_enough(self, launches: Sequence[LaunchRatio]) -> bool:
+        if self._fixed is not None:
+            return len(launches) >= self._fixed
+        return release_ratios.are_enough(launches, self._launches_s)
 
 
 def _launch_once(tasks: Sequence[ReleaseTask], pairs: ProcessPairs) -> None:

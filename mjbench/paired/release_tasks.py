@@ -18,8 +18,8 @@ import numpy as np
 from mjbench.errors import Failure, InputError, UnavailableError
 from mjbench.paired import cores, preparation
 from mjbench.paired.operations import Operation
+from mjbench.paired.pair_work import StepWork
 from mjbench.paired.process_pairs import ProcessPair
-from mjbench.paired.protocol import StepWork
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit

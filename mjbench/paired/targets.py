@@ -10,6 +10,7 @@ from typing import Any
 
 from mjbench import paths
 from mjbench.errors import InputError, describe
+from mjbench.paired.metrics import METRICS
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.records import TargetRow
 from mjbench.paths import parallelism
@@ -108,10 +109,9 @@ def check_metric(metric: Metric, path_names: Sequence[str]) -> None:
     Raises:
       InputError: the metric is of the plain loop only, and other paths are named.
     """
-    if metric == Metric.TIME or list(path_names) == [paths.BASE]:
-        return
-    does = "counts" if metric == Metric.INSTRUCTIONS else "times single steps of"
-    raise InputError(f"--metric {metric} {does} {paths.BASE} only: leave out --paths")
+    refusal = METRICS[metric].refusal
+    if refusal and any(name != paths.BASE for name in path_names):
+        raise InputError(f"--metric {metric} {refusal}: leave out --paths")
 
 
 def find_path(name: str) -> paths.SteppingPath:

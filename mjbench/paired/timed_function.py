@@ -18,8 +18,11 @@ from typing import Any
 
 from mjbench.errors import InputError, UnavailableError, describe
 from mjbench.measuring import calls
+from mjbench.paired import memory_blocks
 from mjbench.paired.call_results import Leaf, leaves
 from mjbench.paired.loop_sections import LoopSection
+from mjbench.paired.metrics import METRICS, Measured
+from mjbench.paired.outcomes import Metric
 from mjbench.paired.worker import Worker, activity
 
 # How many results are compared: a function may keep state from call to call.
@@ -331,7 +334,9 @@ def _seconds(function: calls.Function, count: int) -> float:
 
 
 @activity("preparing the benchmark")
-def prepare_function(worker: Worker, cores: Sequence[int], count: int) -> int:
+def prepare_function(
+    worker: Worker, cores: Sequence[int], count: int, metric: Metric = Metric.TIME
+) -> int:
     """Set a function up in fresh memory, and run a block of calls.
 
     Every call keeps in step with those of the other side, so a function that keeps state is timed
@@ -345,6 +350,9 @@ def prepare_function(worker: Worker, cores: Sequence[int], count: int) -> int:
 
     def section() -> LoopSection:
         function = imported.fresh()
+        if METRICS[metric].measured == Measured.MEMORY:
+            block = functools.partial(_block, function, count)
+            return memory_blocks.section_of(metric, block, count)
         warm_up = function if count > 1 else calls.nothing  # caches hold what the other side did
         return LoopSection(
             functools.partial(_block, function, count), functools.partial(calls.repeat, warm_up, 1)

@@ -14,6 +14,7 @@ from mjbench.measuring.progress import Progress
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import outcomes
 from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, conclude, judge
+from mjbench.paired.metrics import METRICS
 from mjbench.paired.moved_check import Averaging, averaging
 from mjbench.paired.outcomes import Cause, Metric, Verdict
 from mjbench.paired.pair_rule import Launched, PairRule, Sufficiency
@@ -85,7 +86,7 @@ class PairedResult(Launched):
 
     def row(self) -> VerdictRow:
         """Return the comparison as people and programs read it."""
-        check, judgement = self.work_check, self.judgement
+        check, judgement, results = self.work_check, self.judgement, self.results
         return VerdictRow(
             model=self.candidate.model.name,
             path=self.candidate.path,
@@ -101,7 +102,7 @@ class PairedResult(Launched):
             e_faster=min(judgement.e_faster, MAX_E_VALUE) if judgement else None,
             cause=self._cause(),
             placement=self._placement(),
-            changed_work=check.changed if check else None,
+            changed_work=self._changed_work(),
             work=Pair(check.baseline, check.candidate) if check else None,
             drift=check.drift.one_step if check and check.drift else None,
             run_drift=check.drift.runs if check and check.drift else (),
@@ -115,6 +116,8 @@ class PairedResult(Launched):
             launches=len(self.launches),
             pairs=2 * sum(len(launch.orders) for launch in self.launches),
             seconds=self.seconds,
+            results=results.outcome if results else None,
+            results_detail=results.detail if results else "",
             packages=package_versions(self.baseline.release, self.candidate.release),
         )
 
@@ -131,6 +134,8 @@ class PairedResult(Launched):
         certainly another ratio.
         """
         baseline, candidate = self.baseline, replace(self.candidate, release=self.baseline.release)
+        if not METRICS[self.metric].follows_placement:
+            return None
         if self.judgement is None or self.averaging is None or baseline != candidate:
             return None
         if self.baseline.release.has_packages or self.candidate.release.has_packages:
@@ -146,12 +151,17 @@ class PairedResult(Launched):
             return Cause.PLACEMENT if differs and is_certain else None
         if verdict == Verdict.INCONCLUSIVE:
             return Cause.UNDECIDED
-        if self.work_check is not None and self.work_check.changed:
+        if self._changed_work():
             return Cause.WORK
         return Cause.CODE if self.averaging.is_on else Cause.UNDECIDED
 
+    def _changed_work(self) -> bool | None:
+        if self.results is not None:
+            return self.results.is_changed
+        return self.work_check.changed if self.work_check else None
+
     def _placement(self) -> PlacementEffect | None:
-        if self.averaging is None:
+        if self.averaging is None or not METRICS[self.metric].follows_placement:
             return None
         if not self.averaging.is_on:
             return PlacementEffect(False, self.averaging.problem)
@@ -214,7 +224,8 @@ class _VerdictRule(PairRule):
         self.averaging: Averaging | None = None
 
     def placements(self, pool: WorkerPool) -> Iterator[PlacementPair]:
-        as_shipped = self._plan.as_shipped
+        spec = METRICS[self._plan.sizes.metric]
+        as_shipped = self._plan.as_shipped or not spec.follows_placement
         self.averaging = Averaging(False) if as_shipped else averaging(pool, *self._releases)
         return self.averaging.placements()
 

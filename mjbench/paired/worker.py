@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     import mujoco
     import numpy as np
 
-    from mjbench.paired.loop_sections import LoopSection, TimedSteps
+    from mjbench.paired.loop_sections import LoopSection
     from mjbench.paired.race_blocks import RaceBlocks
     from mjbench.paired.timed_function import TimedFunction
     from mjbench.paths import Resources, States
@@ -78,7 +78,6 @@ class Worker:
 
     Attributes:
       final_state: (nbatch, nstate) where each simulation of `workload` must end; None if unknown.
-      single_steps: what blocks run where their slowest steps are compared; None elsewhere.
       slowdown: share of its time by which a block lasts longer.
       padding: memory that moves whatever is allocated after it.
       scattered: the same, of the last layouts.
@@ -95,7 +94,6 @@ class Worker:
         self.function: TimedFunction | None = None
         self.slowdown = 0.0
         self.sections: Sequence[LoopSection] = ()
-        self.single_steps: TimedSteps | None = None
         self.padding: list[Any] = []
         self.scattered: deque[list[object]] = deque(maxlen=_SCATTERED_LAYOUTS)
         self.rng = random.Random()
@@ -205,7 +203,7 @@ class Worker:
         from mjbench.paired import loop_sections
         from mjbench.simulation import work, work_check
 
-        portable = self._read_workload(workload_file)
+        portable = self.read_workload(workload_file)
         assert portable.probe is not None, "a workload is drawn with states along it"
         observation = work.observe(self.workload)
         return Observed(
@@ -224,7 +222,7 @@ class Worker:
         """Return what C does with a workload; the seed is of the shadow's moves."""
         from mjbench.simulation import rounding_reference
 
-        self._read_workload(workload_file)
+        self.read_workload(workload_file)
         return rounding_reference.trace(self.workload, seed)
 
     @activity("listing the model's files")
@@ -241,7 +239,7 @@ class Worker:
         from mjbench.simulation import models
 
         self.model = models.load(models.ModelSource("", model_file))
-        self._read_workload(workload_file)
+        self.read_workload(workload_file)
         paths.find(path)  # imports it
 
     @activity("reading the workload")
@@ -268,7 +266,7 @@ class Worker:
             sys.path.append(import_from)
         self._lay_out_memory(cores)
         self.model = models.load(models.ModelSource("", model_file))
-        self._read_workload(workload_file)
+        self.read_workload(workload_file)
         assert self.final_state is not None, "a race is run with final states to compare"
         rng = np.random.default_rng(self.rng.randrange(2**32))
         workload = self.workload.returning(returns)
@@ -294,7 +292,8 @@ class Worker:
             _collect_garbage()
         return self.race.time(number, reorders)
 
-    def _read_workload(self, file: Path) -> "PortableWorkload":
+    def read_workload(self, file: Path) -> "PortableWorkload":
+        """Read a pickled `PortableWorkload` of the loaded model."""
         from mjbench.simulation import workload
 
         portable: PortableWorkload = pickle.loads(file.read_bytes())
@@ -365,15 +364,14 @@ class Worker:
             engine_clock(False)
         self.slowdown = slowdown
         self.resources = paths.Resources(selected)
-        self.single_steps = None
         name = f"path {path_name}"
         if callback:
             name += f" with {callback} called inside each step"
         if metric == Metric.P99:
-            self.single_steps = loop_sections.TimedSteps(selected)
-            self.single_steps.run()
-            self.sections = [loop_sections.LoopSection(self.single_steps.run)]
-            states = States(self.single_steps.final_state)
+            steps = loop_sections.TimedSteps(selected)
+            steps.run()
+            self.sections = [loop_sections.LoopSection(steps.run, reading=steps.p99_ns)]
+            states = States(steps.final_state)
         elif nsection > 1:
             self.sections = loop_sections.sections(self.resources, nsection)
             states = States(self.resources.final_state())
@@ -395,7 +393,7 @@ class Worker:
         self._lay_out_memory(cores)
         self.sections = [new()]
         _collect_garbage()
-        return self._block(self.sections[0])
+        return self._run_all_sections()
 
     def _run_all_sections(self) -> int:
         """Run one block of each section, and check it; return how many nanoseconds that takes."""
@@ -417,12 +415,18 @@ class Worker:
             raise MachineError(f"{name} does not reach the final states of the plain loop")
 
     @activity("preparing an operation")
-    def prepare_operation(self, name: str, file: Path, cores: Sequence[int]) -> ReadyOperation:
-        """Prepare an operation (see `operations`) in fresh memory, and do it."""
+    def prepare_operation(
+        self, name: str, file: Path, cores: Sequence[int], repeats: int | None = None
+    ) -> ReadyOperation:
+        """Prepare an operation (see `operations`) in fresh memory, and do it.
+
+        Args:
+          repeats: how often a block does it; None for its own number.
+        """
         from mjbench.paired import loop_sections, operations
 
         self._lay_out_memory(cores)
-        prepared = operations.registry()[name].prepared(file)
+        prepared = operations.find(name, repeats).prepared(file)
         section = loop_sections.LoopSection(prepared.run)
         self.sections = [section]
         result = prepared.result()
@@ -463,14 +467,14 @@ class Worker:
         return calibration.cores(min(seconds[0::2]), min(seconds[1::2]))
 
     def _block(self, section: "LoopSection") -> int:
-        """Run one block; return its nanoseconds, slowdown included, or those of its slow steps."""
+        """Run one block; return its reading, or its nanoseconds, slowdown included."""
         run, clock = section.run, time.perf_counter_ns
         section.warm_up()
         begin = clock()
         run()
         ns = clock() - begin
-        if self.single_steps is not None:
-            return self.single_steps.p99_ns()
+        if section.reading is not None:
+            return section.reading()
         if self.slowdown:
             ns = round((1 + self.slowdown) * ns)
             while clock() < begin + ns:

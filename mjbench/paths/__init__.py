@@ -55,17 +55,13 @@ def registry() -> dict[str, SteppingPath]:
 
 
 def _own(name: str) -> SteppingPath:
-    """Return a new object of one of the paths that come with mjbench."""
     module, _, class_name = _CLASSES[name].partition(":")
     path: SteppingPath = getattr(importlib.import_module(f"{__name__}.{module}"), class_name)()
     return path
 
 
 def shipped(name: str) -> SteppingPath | None:
-    """Return one of mjbench's own paths; None for another.
-
-    It is safe for names that come from files: `find` imports the module in `module:Class`.
-    """
+    """Return one of mjbench's own paths; None for another. It imports nothing that a file names."""
     return _own(name) if name in _CLASSES else None
 
 
@@ -76,11 +72,7 @@ def title(name: str) -> str:
 
 
 def find(name: str) -> SteppingPath:
-    """Return the path called `name`, or an object of the class that `module:Class` names.
-
-    Raises:
-      InputError: no such path (the message lists the known ones), or the user's own is not one.
-    """
+    """Return the path called `name`, or of the class `module:Class`; InputError if it is none."""
     if name in _CLASSES:
         return _own(name)
     module, colon, attribute = name.partition(":")

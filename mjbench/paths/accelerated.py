@@ -65,7 +65,6 @@ class Compiled(Prepared):
       advance: the same program as `run`, called with any states, controls and number of steps.
       reload: puts the workload's start states and controls on the device again, after its
         simulations were reordered; not timed.
-      device: such as `cpu` or `NVIDIA H200`.
       trace_s: seconds from Python to the compiler's input; None without such a stage.
       is_deterministic: whether a timed run repeats the checked one to the last bit: where both are
         one program on a CPU. A GPU adds in any order.
@@ -126,10 +125,7 @@ class AcceleratedPath(SteppingPath):
 
     @abstractmethod
     def data_fields(self, model: mujoco.MjModel) -> Mapping[str, Any]:
-        """Return the fields of the engine's Data for a model, by name.
-
-        An exception means that the engine rejects the model, unless it is a machine's error.
-        """
+        """Return the fields of the engine's Data by name; it raises for a model that it rejects."""
 
     def default_buffer_sizes(self, model: mujoco.MjModel) -> dict[str, int]:
         """Return the sizes that the engine chooses for its buffers, for each simulation.
@@ -153,7 +149,6 @@ class AcceleratedPath(SteppingPath):
 
 
 def accelerated_path(name: str) -> AcceleratedPath:
-    """Return a path that compiles."""
     path = paths.find(name)
     if not isinstance(path, AcceleratedPath):
         raise InputError(f"path {name} does not compile")
@@ -170,11 +165,7 @@ def start_fields(workload: Workload) -> dict[str, np.ndarray]:
 def supported_fields(
     start: Mapping[str, np.ndarray], engine_fields: Mapping[str, Any], engine: str
 ) -> dict[str, np.ndarray]:
-    """Return the fields of a start that an engine has; all others must be zero.
-
-    Raises:
-      InputError: a field that the engine lacks is not zero.
-    """
+    """Return the fields of a start that an engine has; InputError if another is not zero."""
     supported = {}
     for name, values in start.items():
         if name in engine_fields:
@@ -184,26 +175,18 @@ def supported_fields(
     return supported
 
 
-@dataclass(frozen=True, eq=False)
-class _SavedWorkload:
-    """The content of a file that `save_workload` writes."""
-
-    workload: PortableWorkload
-    returns: Product
-    peaks: Peaks
-
-
 def save_workload(workload: Workload, peaks: Peaks, file: pathlib.Path) -> None:
     """Write a workload and the peaks of its reference run to a file, for another process."""
-    file.write_bytes(pickle.dumps(_SavedWorkload(portable(workload), workload.returns, peaks)))
+    file.write_bytes(pickle.dumps((portable(workload), workload.returns, peaks)))
 
 
 def load_workload(model: mujoco.MjModel, file: pathlib.Path) -> tuple[Workload, Resources]:
     """Return the workload that `save_workload` wrote, and resources that hold its peaks."""
-    saved: _SavedWorkload = pickle.loads(file.read_bytes())
-    workload = restore(model, saved.workload).returning(saved.returns)
+    saved: tuple[PortableWorkload, Product, Peaks] = pickle.loads(file.read_bytes())
+    own, returns, peaks = saved
+    workload = restore(model, own).returning(returns)
     resources = Resources(workload)
-    resources.get_or_create("peaks", lambda: saved.peaks)
+    resources.get_or_create("peaks", lambda: peaks)
     return workload, resources
 
 
@@ -219,11 +202,7 @@ def keyword_arguments(sizes: Mapping[str, int]) -> str:
 
 
 def states_of_fields(workload: Workload, fields: Mapping[str, np.ndarray]) -> States:
-    """Return states made of the fields that an engine has, with a mask of their entries.
-
-    Args:
-      fields: (nbatch, size) arrays by MjData field.
-    """
+    """Return states made of the fields that an engine has, with a mask of their entries."""
     columns = compat.state_columns(workload.model)
     values = np.full_like(workload.initial_state, np.nan)
     mask = np.zeros(values.shape, dtype=bool)

@@ -33,7 +33,6 @@ class Option:
     """An option of a path.
 
     Attributes:
-      summary: what it does, in a few words.
       values: values that are tried unless the user names others; None is the path's own default.
       allowed: all possible values; empty if any value will do.
     """
@@ -50,11 +49,7 @@ class Option:
         return self.name in PARALLEL_OPTIONS
 
     def value(self, text: str) -> Any:
-        """Return the value that a text from the command line stands for.
-
-        Raises:
-          InputError: it is not a value of this option.
-        """
+        """Return the value of a text of the command line; InputError if it is none of these."""
         try:
             value = self.parse(text)
         except Exception as error:  # a path of the user's own has a parser of its own
@@ -127,11 +122,7 @@ class Resources:
         self._at_change.append(callback)
 
     def reorder(self, order: np.ndarray) -> None:
-        """Reorder the simulations of the workload, in place, for all prepared runs.
-
-        Args:
-          order: (nbatch,) a permutation of the simulations.
-        """
+        """Reorder the simulations of the workload, in place, by a permutation of (nbatch,)."""
         self.workload.reorder(order)
         self.changed()
 
@@ -142,7 +133,6 @@ class Resources:
             callback()
 
     def at_close(self, callback: Callable[[], Any]) -> None:
-        """Call `callback` when these resources are closed."""
         self._closing.callback(callback)
 
     def close(self) -> None:
@@ -237,11 +227,7 @@ class SteppingPath(ABC):
         """
 
     def variants(self, choices: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
-        """Return the option sets to try: every combination, without duplicates in effect.
-
-        Args:
-          choices: values by option name; they replace the option's own.
-        """
+        """Return the option sets to try, without duplicates in effect; `choices` replace values."""
         names = [option.name for option in self.options]
         values = [choices.get(option.name, option.values) for option in self.options]
         variants: list[dict[str, Any]] = []
@@ -267,8 +253,6 @@ class SteppingPath(ABC):
 def prepared_arrays(
     run: Callable[[], None], final_state: np.ndarray, outputs: StepOutputs
 ) -> Prepared:
-    """Return a prepared run that writes all that it returns to arrays."""
-
     def clear() -> None:
         final_state.fill(np.nan)
         outputs.clear()

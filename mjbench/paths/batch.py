@@ -9,14 +9,7 @@ import numpy as np
 
 from mjbench.host import machine
 from mjbench.paths import snippets
-from mjbench.paths.base import (
-    Option,
-    Options,
-    Prepared,
-    Resources,
-    SteppingPath,
-    prepared_arrays,
-)
+from mjbench.paths.base import Option, Options, Prepared, Resources, SteppingPath, prepared_arrays
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Product, StepOutputs, Workload
 
@@ -36,8 +29,6 @@ _SHARE_OF_MEMORY = 0.5
 
 
 class _BatchPath(SteppingPath):
-    """The base class of stepping and of rolling out a Batch."""
-
     products = tuple(Product)
 
     def unavailable(self) -> str | None:

@@ -37,8 +37,6 @@ _ENVIRONMENT: Mapping[str, str | None] = {
 
 
 class _LocalRay:
-    """How many use Ray, and what ends it."""
-
     def __init__(self) -> None:
         self.users = 0
         self.closing = ExitStack()
@@ -72,7 +70,6 @@ def release() -> None:
 
 
 def _start(store_bytes: int) -> None:
-    """Start Ray, to be ended by `_local.closing`."""
     import ray
 
     with ExitStack() as closing:
@@ -103,7 +100,6 @@ def _search_path() -> dict[str, str]:
 
 
 def _check_length(folder: Path) -> None:
-    """Raise MachineError where the names of Ray's sockets would be too long."""
     if len(os.fsencode(folder)) + _RAY_ADDS_BYTES > _SOCKET_NAME_BYTES:
         raise MachineError(
             f"Ray needs a temporary folder with a shorter name than {folder}: set TMPDIR"

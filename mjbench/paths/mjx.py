@@ -132,20 +132,14 @@ class Mjx(AcceleratedPath):
         return mjx.make_data(model, **compat.known(mjx.make_data, impl=self.impl), **buffer_sizes)
 
     def buffer_sizes(self, peaks: Peaks, nbatch: int) -> dict[str, int]:
-        """Return sizes of buffers, as make_data names them."""
         return {}
 
     def peak_gpu_memory_bytes(self, device: "jax.Device") -> int | None:
-        """Return the peak memory that JAX used on a GPU."""
         peak = (device.memory_stats() or {}).get("peak_bytes_in_use")
         return None if peak is None else int(peak)
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """Return the program with `jax.lax.scan`, which fixes the number of steps.
-
-        Args:
-          options: sizes of buffers (see `Compiled.buffer_sizes`).
-        """
+        """Return the program with `jax.lax.scan`; options are sizes of buffers."""
         is_float64 = self.precision == Precision.FLOAT64
         matmul = f'jax.config.update("jax_default_matmul_precision", "{_matmul_precision()}")'
         return _SNIPPET.format(
@@ -205,12 +199,7 @@ def _matmul_precision() -> str:
 
 
 class MjxProgram:
-    """The compiled program of one workload, its arguments on the device, and its last output.
-
-    Attributes:
-      trace_s: seconds from Python to the compiler's input.
-      compile_s: seconds of compiling the timed program.
-    """
+    """The compiled program of one workload, its arguments on the device, and its last output."""
 
     def __init__(
         self, workload: Workload, model: "mjx.Model", empty: "mjx.Data", nstep_is_fixed: bool
@@ -239,7 +228,6 @@ class MjxProgram:
         self._output: Any = None
 
     def reload(self) -> None:
-        """Put the workload's start states and controls on the device."""
         self._start = self._fields_on_device(start_fields(self._workload))
         self._control = self._control_on_device(self._workload.control)
 
@@ -255,17 +243,12 @@ class MjxProgram:
         }
 
     def _control_on_device(self, control: np.ndarray) -> "jax.Array":
-        """Return controls in MJX's type."""
         import jax
 
         return jax.device_put(control.astype(self._arrays["ctrl"].dtype))
 
     def _trace(self, nstep: int | None) -> "tuple[jax.stages.Lowered, float]":
-        """Return the traced program, ready to compile, and the seconds that tracing took.
-
-        Args:
-          nstep: the number to compile in; None to leave it an argument.
-        """
+        """Return the traced program, and the seconds it took; None leaves `nstep` an argument."""
         begin = time.perf_counter()
         arguments = (self._start, self._control, self._nstep)
         try:
@@ -282,7 +265,6 @@ class MjxProgram:
         return mjx.step(self._model, data.replace(ctrl=ctrl))
 
     def _jitted(self, cast: Callable[[Any], Any], fixed_nstep: int | None) -> Any:
-        """Return the jitted function of `start`, `control` and `nstep`."""
         import jax
 
         hold = self._workload.hold
@@ -297,10 +279,7 @@ class MjxProgram:
         return jax.jit(jax.vmap(rollout, in_axes=(0, 0, None)), donate_argnums=0)
 
     def _cast_to_step_types(self) -> Callable[[Any], Any]:
-        """Return a function that casts Data to the types that a step returns.
-
-        In float64, make_data and step give some integers different types.
-        """
+        """Return a function that casts Data to the types of a step, which differ in float64."""
         import jax
 
         after = jax.eval_shape(lambda data: self._step(data, data.ctrl), self._empty)
@@ -311,7 +290,6 @@ class MjxProgram:
         return cast
 
     def first_call_s(self) -> float:
-        """Return the seconds of a first call, of one step."""
         start, nstep = self._copy_of_start(), _count_on_device(1)
         begin = time.perf_counter()
         self._block_until_ready(self._any_nstep(start, self._control, nstep))
@@ -348,7 +326,6 @@ class MjxProgram:
         self._output = self._block_until_ready(self._timed(start, self._control, self._nstep))
 
     def final_states(self) -> States:
-        """Return the states that the last run ended in."""
         _check_buffers(self._output)
         return states_of_fields(self._workload, self._fields(self._output))
 
@@ -385,7 +362,6 @@ class MjxProgram:
 
 
 def _count_on_device(nstep: int) -> "jax.Array":
-    """Return a number of steps as the program takes it."""
     import jax
 
     return jax.device_put(np.int32(nstep))
@@ -403,7 +379,6 @@ def _check_buffers(data: "mjx.Data") -> None:
 
 
 def _contacts(data: "mjx.Data") -> Contacts | None:
-    """Return the contacts of batched Data that are near enough to count."""
     own = compat.mjx_own(data)
     if hasattr(own, "nacon"):  # of Warp: the contacts of all simulations in one list
         names = ("worldid", "geom", "dist", "pos", "frame", "includemargin")

@@ -101,8 +101,6 @@ class _SharedWorkload:
 
 
 class _StepperPool:
-    """Started workers, the memory they share, and a pipe to each."""
-
     def __init__(self, workload: Workload, count: int):
         context = multiprocessing.get_context("spawn")
         self._workload = workload
@@ -136,19 +134,16 @@ class _StepperPool:
         self.processes.append(process)
 
     def share_inputs(self) -> None:
-        """Copy the workload's start states and controls to the memory that workers read."""
         self._shared.initial_state.as_array()[...] = self._workload.initial_state
         self._shared.control.as_array()[...] = self._workload.control
 
     def run(self) -> None:
-        """Let every worker step its share; return when all have."""
         for pipe in self.pipes:
             pipe.send_bytes(_GO)
         for pipe in self.pipes:
             pipe.recv_bytes()
 
     def close(self) -> None:
-        """End the workers."""
         for pipe in self.pipes:
             pipe.close()  # a waiting worker reads the end of its pipe and returns
         for process in self.processes:

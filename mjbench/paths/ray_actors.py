@@ -109,15 +109,12 @@ _Inputs = RolloutInputs | tuple[np.ndarray, np.ndarray]
 
 
 class _Actor:
-    """What the process of an actor holds, and what it does."""
-
     def __init__(self, model: mujoco.MjModel, nstep: int, hold: int, returns: Product):
         self._model, self._nstep, self._hold, self._returns = model, nstep, hold, returns
         self._data = mujoco.MjData(model)
         self._simulate = make_simulate(model, hold, returns)
 
     def engine(self) -> tuple[str, str]:
-        """Return the release of MuJoCo, and the file that it was imported from."""
         return _engine()
 
     def step(self, inputs: _Inputs) -> tuple[np.ndarray, ...]:
@@ -136,7 +133,6 @@ class _Actor:
         return (final_state, *outputs.arrays)
 
     def _roll_out(self, inputs: RolloutInputs) -> tuple[np.ndarray, ...]:
-        """Step by one call of `mujoco.rollout`, on one thread."""
         from mujoco import rollout
 
         n, nphysics = inputs.start.shape
@@ -202,7 +198,6 @@ class _ActorPool:
                 raise MachineError(f"an actor imports MuJoCo {engine}, this process {_engine()}")
 
     def run(self) -> None:
-        """Let every actor step its share, and copy what it returns."""
         calls = [
             actor.step.remote(inputs)
             for actor, inputs in zip(self._actors, self._inputs, strict=True)
@@ -212,12 +207,10 @@ class _ActorPool:
                 own[rows] = part
 
     def clear(self) -> None:
-        """Invalidate what an earlier run returned."""
         for array in self._returned:
             array.fill(np.nan)
 
     def final_states(self) -> States:
-        """Return the returned entries of the final states."""
         values, mask = self._final_state, np.zeros(self._final_state.shape, dtype=bool)
         values[:, self._entries] = self._returned_final
         mask[:, self._entries] = True
@@ -250,14 +243,7 @@ class _ActorPool:
 
 
 def _answers(calls: Sequence[Any], limit_s: float | None = None) -> list[Any]:
-    """Return what calls of actors return.
-
-    Args:
-      limit_s: seconds to wait; None for any time.
-
-    Raises:
-      MachineError: an actor's process ended, or it raised an exception.
-    """
+    """Return what calls of actors return."""
     import ray
     from ray import exceptions
 
@@ -275,7 +261,6 @@ def _answers(calls: Sequence[Any], limit_s: float | None = None) -> list[Any]:
 
 
 def _engine() -> tuple[str, str]:
-    """Return the release of MuJoCo, and the file that it was imported from."""
     return mujoco.__version__, mujoco.__file__
 
 

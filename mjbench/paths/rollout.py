@@ -16,14 +16,7 @@ from mjbench.simulation import compat
 from mjbench.simulation.workload import Product, StepOutputs, Workload
 
 # Inputs that a rollout resets to the model's defaults unless they are part of the control.
-_USER_INPUTS = (
-    "QFRC_APPLIED",
-    "XFRC_APPLIED",
-    "EQ_ACTIVE",
-    "MOCAP_POS",
-    "MOCAP_QUAT",
-    "USERDATA",
-)
+_USER_INPUTS = ("QFRC_APPLIED", "XFRC_APPLIED", "EQ_ACTIVE", "MOCAP_POS", "MOCAP_QUAT", "USERDATA")
 
 
 class Rollout(SteppingPath):
@@ -106,8 +99,6 @@ class Rollout(SteppingPath):
 
 
 class _RolloutRun:
-    """The arrays and MjData of one variant, and how to read what it returns."""
-
     def __init__(self, workload: Workload, options: Options, resources: Resources):
         self.workload, self.model = workload, workload.model
         self.physics = compat.physics_entries(self.model)
@@ -118,7 +109,6 @@ class _RolloutRun:
         self.run = self._timed_call(options, resources)
 
     def prepared(self) -> Prepared:
-        """Return the run."""
         is_final = self.workload.returns == Product.FINAL
         return Prepared(
             self.run,
@@ -137,7 +127,6 @@ class _RolloutRun:
         return resources.get_or_create("rollout state", lambda: np.empty(shape)), None
 
     def _timed_call(self, options: Options, resources: Resources) -> Callable[[], None]:
-        """Return the function whose one call is the timed region."""
         start, control = self.inputs.start, self.inputs.control
         keywords: dict[str, Any] = {
             "control_spec": self.inputs.control_spec,
@@ -163,7 +152,6 @@ class _RolloutRun:
         return run
 
     def clear(self) -> None:
-        """Invalidate the states and sensor data that an earlier call returned."""
         if self.workload.returns == Product.FINAL:
             self.state[:, -1] = np.nan
         else:
@@ -259,10 +247,7 @@ class RolloutInputs:
 
 
 def shared_inputs(workload: Workload, resources: Resources) -> RolloutInputs:
-    """Return the inputs of a workload's rollout, the same ones to every caller.
-
-    They follow changes of the workload's arrays.
-    """
+    """Return the inputs of a workload's rollout, shared, which follow changes of its arrays."""
     return resources.get_or_create(  # type: ignore[no-any-return]
         "rollout inputs", lambda: _make_inputs(workload, resources)
     )

@@ -20,12 +20,7 @@ def output_names(workload: Workload) -> tuple[str, ...]:
 
 
 def recorded_steps(workload: Workload, indent: int, step: str, record: Sequence[str]) -> str:
-    """Return lines that take the steps of one control, and record each as step `k`.
-
-    Args:
-      step: the line that takes one step.
-      record: the lines that record the state, and the sensor data where a workload returns them.
-    """
+    """Return lines that take the steps of one control, and record each as step `k`."""
     lines = [step, *record[: len(output_names(workload))], "k += 1"]
     if workload.hold > 1:
         lines = [f"for _ in range({workload.hold}):", *(f"    {line}" for line in lines)]
@@ -33,12 +28,7 @@ def recorded_steps(workload: Workload, indent: int, step: str, record: Sequence[
 
 
 def data_steps(workload: Workload, indent: int, row: str) -> str:
-    """Return lines that step an MjData through one control, recorded in simulation `row`.
-
-    Args:
-      workload: for final states, one call takes all steps of a control.
-      row: index of the simulation in the outputs.
-    """
+    """Return lines that step an MjData through one control, recorded in simulation `row`."""
     if workload.returns == Product.FINAL:
         nstep = f", nstep={workload.hold}" if workload.hold > 1 else ""
         return f"{' ' * indent}mujoco.mj_step(model, data{nstep})\n"

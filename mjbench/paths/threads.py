@@ -70,11 +70,7 @@ class Threads(SteppingPath):
 
 
 def shares(count: int, workers: int, size: int | None = None) -> list[slice]:
-    """Return consecutive slices that cover `range(count)`.
-
-    Args:
-      size: items of a slice; None for one slice of about equal size for each worker.
-    """
+    """Return slices of `size` that cover `range(count)`; without one, about one a worker."""
     size = size or -(-count // workers)
     return [slice(i, min(i + size, count)) for i in range(0, count, size)]
 

@@ -69,12 +69,7 @@ class Warp(AcceleratedPath):
         return {"nconmax": int(data.naconmax), "njmax": int(data.njmax)}
 
     def compile(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
-        """Compile all kernels by a first step, then capture one step as a graph.
-
-        Args:
-          options: may have the sizes of buffers for each world, `nconmax` and `njmax`; otherwise
-            they follow from `peaks`.
-        """
+        """Compile all kernels by a first step, then capture one step as a graph."""
         import warp as wp
 
         configure_warp()
@@ -97,11 +92,7 @@ class Warp(AcceleratedPath):
         )
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """Return a loop over a captured step.
-
-        Args:
-          options: sizes of buffers (see `Compiled.buffer_sizes`).
-        """
+        """Return a loop over a captured step; options are sizes of buffers."""
         launch = "    wp.capture_launch(capture.graph)"
         if workload.hold > 1:
             launch = f"    for _ in range({workload.hold}):\n    {launch}"
@@ -134,16 +125,13 @@ class _StepGraph:
         self._rollout = self._make_rollout()
 
     def reload(self) -> None:
-        """Put the workload's start states and controls on the device."""
         self._start = self._fields_on_device(start_fields(self._workload))
         self._controls = self._controls_on_device(self._workload.control)
 
     def run(self) -> None:
-        """Step the workload; this is the timed region."""
         self._rollout(self._start, self._controls, self._workload.nstep)
 
     def clear(self) -> None:
-        """Invalidate the output of the last run."""
         import warp as wp
 
         self._data.overflow.zero_()
@@ -153,7 +141,6 @@ class _StepGraph:
         wp.synchronize()
 
     def final_states(self) -> States:
-        """Return the states that the last run ended in."""
         return states_of_fields(self._workload, self._fields())
 
     def advance(
@@ -169,7 +156,6 @@ class _StepGraph:
         )
 
     def _make_rollout(self) -> "_Rollout":
-        """Return a function that copies a start to the arrays, and steps."""
         import warp as wp
 
         arrays, data, capture, hold = self._arrays, self._data, self._capture, self._workload.hold
@@ -186,7 +172,6 @@ class _StepGraph:
         return rollout
 
     def _fields_on_device(self, fields: Mapping[str, np.ndarray]) -> dict[str, Any]:
-        """Return the fields that MuJoCo Warp has, in its shapes and types."""
         supported = supported_fields(fields, self._arrays, Warp.engine)
         return {name: _array_like(self._arrays[name], v) for name, v in supported.items()}
 
@@ -209,10 +194,7 @@ _Rollout = Callable[[Mapping[str, Any], Sequence[Any], int], None]
 
 
 def configure_warp() -> None:
-    """Let Warp print warnings only, and compile everything anew, so that compile times compare.
-
-    The kernel cache is a new folder inside the current one, which `isolate` removes.
-    """
+    """Let Warp print warnings only, and compile anew into a new folder inside the current one."""
     import tempfile
 
     import warp as wp
@@ -228,7 +210,6 @@ def _print_warnings_only() -> None:
 
 
 def _array_like(array: Any, values: np.ndarray) -> Any:
-    """Return a new Warp array of the shape and type of another, with these values."""
     import warp as wp
 
     new = wp.empty_like(array)
@@ -237,7 +218,6 @@ def _array_like(array: Any, values: np.ndarray) -> Any:
 
 
 def _rows_of(array: Any) -> np.ndarray:
-    """Return an array of a number of rows in float64."""
     return np.asarray(array.numpy(), dtype=np.float64)
 
 
@@ -252,7 +232,6 @@ def peak_gpu_memory_bytes() -> int | None:
 
 
 def _contacts(data: Any) -> Contacts:
-    """Return the contacts of the last step that are near enough to count."""
     contact = data.contact
     arrays = (contact.worldid, contact.geom, contact.dist, contact.pos, contact.frame)
     return warp_buffers.read_contacts(

@@ -28,11 +28,7 @@ class OverflowedError(MachineError):
 def buffer_sizes(
     peaks: Peaks, nbatch: int, given: Mapping[str, int] | None = None
 ) -> dict[str, int]:
-    """Return buffer sizes by make_data's names: contacts of all worlds, constraints of each.
-
-    Args:
-      given: `nconmax` and `njmax` of each world; otherwise they follow from `peaks`.
-    """
+    """Return buffer sizes by make_data's names: contacts of all worlds, constraints of each."""
     sizes = {
         "nconmax": max(_MIN_CONTACTS, _PEAK_FACTOR * peaks.contacts),
         "njmax": max(1, _PEAK_FACTOR * peaks.constraints),
@@ -69,14 +65,7 @@ def read_contacts(
 
 
 def check_overflow(flags: np.ndarray) -> None:
-    """Reject a result of MuJoCo Warp for which a buffer was too small.
-
-    Args:
-      flags: bits of MuJoCo Warp's OverflowType for each world.
-
-    Raises:
-      OverflowedError: a buffer overflowed; the message says which.
-    """
+    """Reject overflow flags of MuJoCo Warp's worlds by an OverflowedError that names the buffer."""
     from mujoco_warp import OverflowType
 
     single = [flag for flag in OverflowType if flag.value and not flag.value & (flag.value - 1)]

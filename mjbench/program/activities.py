@@ -273,7 +273,6 @@ def _by_caller(
 
 
 def _by_library(library: Sequence[Frame]) -> Activity | None:
-    """Return the activity by the libraries on top of the stack."""
     if library and _LOCKS.match(library[0].function):
         return Activity.THREADS
     for frame in library:
@@ -292,7 +291,6 @@ def _by_library(library: Sequence[Frame]) -> Activity | None:
 
 
 def _by_python(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | None:
-    """Return the activity by the innermost lines of Python."""
     if not python:
         return None
     names = [standard_name(frame.file) for frame in reversed(python)][:_NEAR]
@@ -356,13 +354,11 @@ def is_own(frame: Frame) -> bool:
 
 
 def place_of(frame: Frame) -> Place:
-    """Return the line of a frame, as results name it."""
     text = source_line(frame.file, frame.line)
     return Place(shown_path(frame.file), frame.line, frame.function, text)
 
 
 def imports(frame: Frame) -> bool:
-    """Return whether a frame finds or executes a module."""
     return _IMPORTS.match(frame.file) is not None
 
 

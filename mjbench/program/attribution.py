@@ -30,8 +30,6 @@ _MOST_CHANCE_GAPS, _LEAST_RUNS = 5, 10
 
 @dataclass(frozen=True)
 class _Sample:
-    """One stack in a loop, with what it shows."""
-
     thread: ThreadSamples
     stack: Sequence[Frame]
     loop_frame: int
@@ -39,7 +37,6 @@ class _Sample:
 
     @property
     def seconds(self) -> float:
-        """The time that it stands for."""
         return self.thread.interval_s
 
 
@@ -185,7 +182,6 @@ def _loop_frame(stack: Sequence[Frame]) -> int | None:
 
 
 def _shown_loop(frame: Frame) -> SourceLoop | None:
-    """Return the outermost loop of a frame's line, as results name it."""
     loop = outermost_loop(frame.file, frame.line)
     return None if loop is None else replace(loop, file=activities.shown_path(loop.file))
 
@@ -231,7 +227,6 @@ def _stretch(samples: Sequence[_Sample], timed: Collection[tuple[str, int]]) -> 
 
 
 def _loading_lines(calls: Sequence[CallTime]) -> set[tuple[str, int]]:
-    """Return the lines that load or compile a model again and again."""
     counts: dict[tuple[str, int], float] = defaultdict(float)
     for call in calls:
         if call.activity == Activity.LOADING:
@@ -390,18 +385,15 @@ def _most_torn_s(seconds: Sequence[float]) -> float:
 
 
 def _own_places(sample: _Sample) -> list[Place]:
-    """Return the lines of the user's code on a stack, from the loop inward, each once."""
     return _shown_places(_inner(sample))
 
 
 def _shown_places(stack: Sequence[Frame]) -> list[Place]:
-    """Return the lines of the user's code on a stack, outermost first, each once."""
     own = [frame for frame in stack if is_own(frame)]
     return list(dict.fromkeys(map(activities.place_of, own)))
 
 
 def _called_package(sample: _Sample, own: Frame) -> str:
-    """Return the installed package that a line of the user's code calls; "" for none."""
     inner = list(_inner(sample))
     following = inner[len(inner) - inner[::-1].index(own) :]
     packages = (activities.package_of(frame.file) for frame in following if frame.is_python)
@@ -409,7 +401,6 @@ def _called_package(sample: _Sample, own: Frame) -> str:
 
 
 def _inner_functions(resolved: Sequence[tuple[_Sample, Activity]]) -> list[LineTime]:
-    """Return the functions of installed packages that samples were in, physics aside."""
     total_s = sum(sample.seconds for sample, _ in resolved)
     functions: dict[tuple[str, str], list[tuple[Activity, float]]] = defaultdict(list)
     lines: dict[tuple[str, str], Counter[int]] = defaultdict(Counter)
@@ -427,7 +418,6 @@ def _inner_functions(resolved: Sequence[tuple[_Sample, Activity]]) -> list[LineT
 
 
 def _inner(sample: _Sample) -> Sequence[Frame]:
-    """Return the frames of a sample from the loop inward."""
     return sample.stack[sample.loop_frame :]
 
 

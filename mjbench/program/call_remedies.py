@@ -59,12 +59,6 @@ def questions(
 
 @dataclass(frozen=True)
 class _Context:
-    """Calls that a remedy is for.
-
-    Attributes:
-      finding: of lint for the same; None without one.
-    """
-
     remedy: CallRemedy
     calls: Sequence[CallTime]
     place: Place
@@ -73,7 +67,6 @@ class _Context:
 
 
 def _contexts(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[_Context]:
-    """Yield the calls of a loop that have a remedy, by line."""
     for remedy in CALL_REMEDIES:
         by_place: dict[Place, list[CallTime]] = defaultdict(list)
         for call in loop.calls:
@@ -104,10 +97,6 @@ def _are_of_new_models(loop: LoopTime, calls: Sequence[CallTime]) -> bool:
 def _finding_of(
     remedy: CallRemedy, place: Place, loop: LoopTime, findings: Sequence[Finding]
 ) -> Finding | None:
-    """Return lint's finding about calls from a line.
-
-    JAX compiles where a function is first called, not where lint finds it.
-    """
     for finding in findings:
         if finding.code not in remedy.codes or finding.file != place.file:
             continue
@@ -129,7 +118,6 @@ class _Saving:
 def of_calls(
     loop: LoopTime, findings: Sequence[Finding], measured: MeasuredRatios
 ) -> Iterator[Remedy]:
-    """Yield what to do about calls that were timed one by one."""
     for context in _contexts(loop, findings):
         remedy, calls, finding = context.remedy, context.calls, context.finding
         saving = _saving(loop, context, measured)
@@ -179,7 +167,6 @@ def _saving(loop: LoopTime, context: _Context, measured: MeasuredRatios) -> _Sav
 
 
 def _gain_of_pair(loop: LoopTime, context: _Context, ratio: TimeRatio, share: float) -> float:
-    """Return what calls save by the ratio of both ways."""
     calls, trial = context.calls, context.remedy.trial
     if trial in (Trial.FUNCTIONS, Trial.INVERSE):
         return _gain_of_functions(loop, calls, ratio)
@@ -201,9 +188,7 @@ def _question(context: _Context) -> Question:
         simulations = sum(call.all_steps for call in calls) / steps
         steps_of_call = steps / max(1.0, count_of(calls))
         return Question(
-            remedy.trial,
-            simulations=max(1, round(simulations)),
-            steps=max(1, round(steps_of_call)),
+            remedy.trial, simulations=max(1, round(simulations)), steps=max(1, round(steps_of_call))
         )
     if remedy.trial == Trial.RAYS:
         of_step = count_of(calls) / context.nstep if context.nstep else _USUAL_RAYS
@@ -297,7 +282,6 @@ def _no_timer(loop: LoopTime) -> Question:
 
 
 def of_steps(loop: LoopTime, measured: MeasuredRatios) -> Iterator[Remedy]:
-    """Yield what to do about the steps themselves."""
     has_callbacks = any(call.is_callback for call in loop.calls)
     share = _share_with_python(loop, steps_of(loop))
     saved = measured.saved(_no_timer(loop)) if share else None
@@ -319,7 +303,6 @@ def of_steps(loop: LoopTime, measured: MeasuredRatios) -> Iterator[Remedy]:
 def of_turns(
     loop: LoopTime, measured: MeasuredRatios, incidents: Sequence[Incident]
 ) -> Iterator[Remedy]:
-    """Yield what to do about several simulations that are stepped in turn."""
     for incident in incidents:
         calls = [call for call in steps_of(loop) if call.place.position == incident.place.position]
         if incident.name != call_clock.IN_TURN or not calls:
@@ -344,14 +327,12 @@ def _batch(incident: Incident) -> Question:
 
 
 def with_software_gl(remedy: Remedy) -> Remedy:
-    """Return a remedy for rendering that says who draws."""
     if remedy.activity != Activity.RENDERING:
         return remedy
     return replace(remedy, text=f"{remedy.text}; here the processor draws (software rendering)")
 
 
 def steps_of(loop: LoopTime) -> list[CallTime]:
-    """Return the calls of `mj_step` in a loop."""
     return [call for call in loop.calls if call.callee == "mj_step"]
 
 

@@ -85,7 +85,6 @@ class CallTime:
 
     @property
     def activity(self) -> Activity:
-        """What the callee does."""
         if self.is_callback:
             return Activity.PYTHON
         return _ACTIVITIES.get(self.callee, Activity.PHYSICS)
@@ -97,12 +96,10 @@ class CallTime:
 
     @property
     def runner(self) -> _Runner:
-        """What runs the line: a thread, and a loop of it."""
         return self.thread, self.loop
 
     @property
     def is_of_jax(self) -> bool:
-        """Whether JAX does it."""
         return self.callee in (call_clock.TRACE, call_clock.COMPILE, *call_clock.FAST_JAX)
 
     @property
@@ -127,7 +124,6 @@ class Incident:
 
     @property
     def is_wrong(self) -> bool:
-        """Whether results are wrong."""
         return self.name not in (call_clock.IN_TURN, call_clock.SOFTWARE_GL)
 
 
@@ -146,7 +142,6 @@ class ProgramCalls:
 
 
 def read_all(folder: Path, headers: Mapping[int, Header]) -> ProgramCalls:
-    """Return the calls of all processes whose files are in a folder."""
     names = read_engine(folder).warnings
     calls: list[CallTime] = []
     incidents: list[Incident] = []
@@ -163,8 +158,6 @@ def read_all(folder: Path, headers: Mapping[int, Header]) -> ProgramCalls:
 
 @dataclass(frozen=True)
 class _Slot:
-    """The numbers of one slot, as `call_clock.SLOT` packs them."""
-
     calls: int
     ns: int
     timed_calls: int
@@ -179,7 +172,6 @@ class _Slot:
 
 
 def _read(file: Path, header: Header | None, warnings: Mapping[int, str]) -> ProgramCalls:
-    """Return the calls of one process."""
     raw = file.read_bytes()
     slots = [_Slot(*values) for values in call_clock.SLOT.iter_unpack(raw)]
     sites = [json.loads(line) for line in _lines(file.with_suffix(".sites"))]

@@ -32,11 +32,7 @@ Advance = Callable[[int, str, float], None]
 
 @dataclass(frozen=True)
 class Rerun:
-    """One way of running the program again.
-
-    Attributes:
-      change: that the step clock applies; "" for none.
-    """
+    """One way of running the program again."""
 
     change: str = ""
     source: Path | None = None
@@ -44,7 +40,6 @@ class Rerun:
 
     @property
     def name(self) -> str:
-        """What people read while it runs."""
         if self.copies > 1:
             return f"{self.copies} copies at once"
         return self.change or "the program again"
@@ -90,7 +85,6 @@ def most_runs(remedies: Sequence[Remedy]) -> int:
 
 
 def _sources(program: Program, folder: Path) -> tuple[Path | None, Path | None]:
-    """Return the program's file, and one with lint's fixes; None where there is none."""
     file = Path(program.arguments[0])
     if program.arguments[0] == "-m" or not file.is_file():
         return None, None
@@ -141,18 +135,12 @@ def _seconds_per_step(
 
 
 def _run_copies(run: Run, rerun: Rerun) -> list[StepTimes]:
-    """Run all copies of a rerun at once; return the steps of all their processes.
-
-    Raises:
-      MjbenchError: one of them failed.
-    """
     with ThreadPoolExecutor(rerun.copies) as pool:
         running = [pool.submit(run, rerun.change, rerun.source) for _ in range(rerun.copies)]
         return [each for done in running for each in done.result()]
 
 
 def _confirmed(unchanged_s: Sequence[float], changed_s: Sequence[float]) -> Confirmed:
-    """Return what a remedy saves of a step, from the same rounds."""
     speedup = stats.speedup(unchanged_s, changed_s)
     assert speedup.low is not None and speedup.high is not None, "there are enough rounds"
     return Confirmed(

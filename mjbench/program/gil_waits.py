@@ -37,11 +37,7 @@ LEAST_S = 0.5
 
 @dataclass(frozen=True)
 class ThreadTime:
-    """What one thread did between the first and the last look at it.
-
-    Attributes:
-      queued_s: for which it could have run, and waited for a core.
-    """
+    """What one thread did between two looks; `queued_s` is for which it waited for a core."""
 
     pid: int
     tid: int
@@ -51,7 +47,6 @@ class ThreadTime:
 
     @property
     def is_busy(self) -> bool:
-        """Whether it ran for more than a moment."""
         return self.wall_s >= LEAST_S and self.processor_s >= BUSY_SHARE * self.wall_s
 
     @property
@@ -76,11 +71,7 @@ class ThreadTimes:
     _last: dict[tuple[int, int], _Look] = field(default_factory=dict)
 
     def look(self, pids: Iterable[int], folder: Path = Path("/proc")) -> None:
-        """Look at all threads of processes.
-
-        Args:
-          folder: where the system accounts for them; see schedstat in the kernel's documentation.
-        """
+        """Look at all threads of processes."""
         for pid in pids:
             with contextlib.suppress(OSError):
                 for task in (folder / str(pid) / "task").iterdir():
@@ -91,7 +82,6 @@ class ThreadTimes:
                         self._first.setdefault(key, self._last[key])
 
     def times(self) -> Sequence[ThreadTime]:
-        """Return what each thread did."""
         return [
             ThreadTime(
                 pid,
@@ -198,7 +188,6 @@ def _waiting_share(thread: ThreadSamples) -> float:
 
 
 def _place(stacks: Sequence[Sequence[Frame]]) -> Place | None:
-    """Return the user's line that most stacks are at; None where none has one."""
     own = (next((frame for frame in reversed(stack) if is_own(frame)), None) for stack in stacks)
     lines = Counter(each for each in own if each is not None)
     return next((activities.place_of(frame) for frame, _ in lines.most_common(1)), None)

@@ -24,12 +24,7 @@ from mjbench.program import activities, calls, gil_waits, recorded_models, sampl
 from mjbench.program.activities import Place
 from mjbench.program.calls import ProgramCalls
 from mjbench.program.gil_waits import GilWait
-from mjbench.program.profiling import (
-    ProcessorClock,
-    ProcessorUse,
-    Profiling,
-    Sampling,
-)
+from mjbench.program.profiling import ProcessorClock, ProcessorUse, Profiling, Sampling
 from mjbench.program.recorded_models import RecordedModel
 from mjbench.program.samples import Frame, ThreadSamples
 from mjbench.program.step_times import StepTimes
@@ -58,7 +53,6 @@ class Program:
 
     @property
     def name(self) -> str:
-        """The file's name, or the module."""
         return self.arguments[1] if self.arguments[0] == "-m" else Path(self.arguments[0]).name
 
 
@@ -67,12 +61,8 @@ class ProgramObservation:
     """What was seen of a program.
 
     Attributes:
-      exit_code: of the program; 128 and the number of the signal that ended it.
-      was_ended: whether mjbench ended it, since its seconds were over.
       paused_share: share of time for which the profiler stopped a process of the program, summed
         over processes; None where that cannot be seen.
-      processor: time that the program and those who observe it used; None where that cannot be
-        seen, as of a program that ran before.
       problem: why there are no samples, in one line; empty where there are.
     """
 
@@ -95,8 +85,6 @@ class ProgramObservation:
 
 @dataclass
 class _Signals:
-    """Signals that came for mjbench while the program ran."""
-
     forward: Callable[[int], None] = field(default=lambda number: None)
 
     def handle(self, number: int, frame: FrameType | None) -> None:
@@ -144,11 +132,7 @@ def run(
 
 
 def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> ProgramObservation:
-    """Sample a program that runs already; it runs on afterwards.
-
-    Raises:
-      InputError: there is no such process.
-    """
+    """Sample a program that runs already; InputError without such a process."""
     if not _exists(pid):
         raise InputError(f"--attach {pid}: no such process")
     with scratch.folder() as folder:
@@ -175,11 +159,7 @@ def _observation(
     was_ended: bool = False,
     processor: ProcessorUse | None = None,
 ) -> ProgramObservation:
-    """Return what the profiler and the clocks have seen; there are no clocks in some programs.
-
-    Args:
-      profiling: None where the program ended before it began.
-    """
+    """Return what the profiler and the clocks have seen; there are no clocks in some programs."""
     waits: Sequence[GilWait] = ()
     threads: Sequence[ThreadSamples] = ()
     problem = sampler.TOO_SHORT
@@ -296,7 +276,6 @@ def _start(
     source: Path | None = None,
     quiet: bool = False,
 ) -> "subprocess.Popen[bytes]":
-    """Start the program; the step clock starts with it."""
     path = os.pathsep.join(filter(None, [str(_HOOK), os.environ.get("PYTHONPATH")]))
     environment = {**os.environ, "PYTHONPATH": path, "MJBENCH_STEP_CLOCK": str(folder)}
     if change:
@@ -330,7 +309,6 @@ def _start_profiler(
 
 
 def _first_step_ns(folder: Path) -> int | None:
-    """Return when the program, or a process of it, first stepped; None where none has yet."""
     first_ns = [header.first_ns for header in step_times.read_headers(folder).values()]
     return min(filter(None, first_ns), default=None)
 
@@ -346,7 +324,6 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
 
 
 def _kill(process: "subprocess.Popen[bytes]") -> None:
-    """End the program and what it started by force."""
     _send(process, signal.SIGKILL)
     process.wait()
 
@@ -403,5 +380,4 @@ def _exists(pid: int) -> bool:
 
 
 def _exit_code(returncode: int) -> int:
-    """Return a program's exit code as a shell gives it."""
     return returncode if returncode >= 0 else 128 - returncode

@@ -40,11 +40,6 @@ class LineTime:
     package: str = ""
 
     def __post_init__(self) -> None:
-        """Check that it does something.
-
-        Raises:
-          ValueError: there is no activity.
-        """
         if not self.activities:
             raise ValueError("a line has no activity")
 
@@ -62,7 +57,6 @@ class LineTime:
 
     @property
     def main_activity(self) -> Activity:
-        """What takes most of the line's time."""
         return max(self.activities, key=lambda activity: self.activities[activity])
 
 
@@ -108,12 +102,10 @@ class LoopTime:
 
     @property
     def has_physics(self) -> bool:
-        """Whether the engine was seen in it."""
         return Activity.PHYSICS in self.activities
 
     @property
     def is_mostly_physics(self) -> bool:
-        """Whether the engine takes nearly all of its time."""
         return self.activities.get(Activity.PHYSICS, 0.0) >= MOSTLY_PHYSICS
 
     @property

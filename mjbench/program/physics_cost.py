@@ -85,10 +85,7 @@ class PhysicsCost:
 
     @property
     def main_stage(self) -> tuple[str, float]:
-        """The stage that takes most of a step, and its share.
-
-        Collision is one stage here.
-        """
+        """The stage that takes most of a step, and its share; collision is one stage here."""
         is_phase = {name: "collision" in name for name in self.stages}
         parts = {name: share for name, share in self.stages.items() if not is_phase[name]}
         parts.pop(OTHER, None)
@@ -100,10 +97,9 @@ class PhysicsCost:
     @property
     def main_cost(self) -> Cost | None:
         """What costs most in that stage; None where the stage has no notable parts."""
-        kinds = {
-            "sensors": (CostKind.SENSORS,),
-            "collision": (CostKind.PAIR, CostKind.TYPES),
-        }.get(self.main_stage[0], ())
+        kinds = {"sensors": (CostKind.SENSORS,), "collision": (CostKind.PAIR, CostKind.TYPES)}.get(
+            self.main_stage[0], ()
+        )
         return next((cost for cost in self.costs if cost.kind in kinds), None)
 
 
@@ -111,11 +107,10 @@ def measure(models: Sequence[RecordedModel], stages: Mapping[str, float]) -> Phy
     """Return what costs in steps of a program; None where its models cannot be stepped here.
 
     Args:
-      models: of the program; the first that this process's MuJoCo can load is used.
       stages: shares of a step that were timed in the program; empty where none were.
     """
     model = loadable(models)
-    if model is None or not len(model.states):
+    if model is None:
         return None
     return isolate.call(measure_model, model, stages, limit_s=LIMIT_S, otherwise=lambda _: None)
 
@@ -187,16 +182,9 @@ def _pairs(
 
 
 def _weights(
-    model: mujoco.MjModel,
-    states: np.ndarray,
-    pairs: Sequence[tuple[int, int]],
-    far: Sequence[int],
+    model: mujoco.MjModel, states: np.ndarray, pairs: Sequence[tuple[int, int]], far: Sequence[int]
 ) -> dict[tuple[int, int], float]:
-    """Return the seconds that each pair adds to `mj_collision`, more than one that is far apart.
-
-    Args:
-      far: a pair of geoms that do not touch; none where there is none.
-    """
+    """Return the seconds that each pair adds to `mj_collision`, more than one that is far apart."""
     contype, conaffinity = np.array(model.geom_contype), np.array(model.geom_conaffinity)
 
     def only(pair: Sequence[int]) -> Callable[[], None]:
@@ -235,7 +223,6 @@ def _nearness(model: mujoco.MjModel, states: np.ndarray, pairs: np.ndarray) -> n
 
 
 def _spread_pairs(pairs: Sequence[tuple[int, int]]) -> Sequence[tuple[int, int]]:
-    """Return some pairs of all, spread over them."""
     return pairs[:: -(-len(pairs) // PAIRS_OF_GROUP)]
 
 

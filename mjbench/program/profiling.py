@@ -31,12 +31,7 @@ _TRACED = b"t"
 
 @dataclass(frozen=True)
 class Sampling:
-    """How a program is to be sampled.
-
-    Attributes:
-      rate_hz: samples per second; None for the usual, or fewer where they would cost too much.
-      has_native: whether stacks of libraries are read, too; each sample then stops the program.
-    """
+    """How a program is to be sampled."""
 
     rate_hz: int | None = None
     has_native: bool = False
@@ -78,16 +73,12 @@ class ProcessorClock:
 
     @classmethod
     def now(cls) -> "ProcessorClock":
-        """Read the clocks."""
         times = os.times()
         children_s = times.children_user + times.children_system  # zero on Windows
         return cls(time.monotonic(), times.user + times.system, children_s)
 
     def use(self, begin: "ProcessorClock", profiling: "Profiling") -> ProcessorUse | None:
-        """Return what was used since `begin`, before the last profiler's end is waited for.
-
-        None where the system does not say.
-        """
+        """Return what was used since `begin`, if known; the last profiler must still run."""
         wall_s = self.time_s - begin.time_s
         program_s = self.children_s - begin.children_s - profiling.earlier_cpu_s
         if program_s <= 0 or wall_s <= 0:
@@ -135,10 +126,7 @@ class Profiling:
     def begin(
         cls, pid: int, folder: Path, sampling: Sampling, seconds: float | None = None
     ) -> "Profiling":
-        """Start the profiler; without a rate, at the usual one, which may be lowered.
-
-        It ends with the program, or after so many seconds.
-        """
+        """Start the profiler, at the usual rate without one; `seconds` limit it."""
         usual_hz = sampler.NATIVE_RATE_HZ if sampling.has_native else sampler.DEFAULT_RATE_HZ
         rate = sampling.rate_hz or usual_hz
         if seconds is not None:  # too short to begin again
@@ -183,7 +171,6 @@ class Profiling:
 
     @property
     def look_s(self) -> float:
-        """Seconds until the next look."""
         return LOOK_S if self.adapts else LATER_LOOK_S
 
     def look_for_pause(self) -> None:
@@ -197,7 +184,6 @@ class Profiling:
             self._adapt()
 
     def _adapt(self) -> None:
-        """Start again at a lower rate where the profiler costs too much."""
         self.has_adapted = True
         share = self.paused / self.looks
         if share > MAX_PAUSED_SHARE and self.sampler.is_running:
@@ -216,7 +202,6 @@ class Profiling:
 
     @property
     def cpu_s(self) -> float:
-        """Processor seconds of the profiler so far."""
         return self.earlier_cpu_s + self.sampler.cpu_s()
 
     @property
@@ -232,7 +217,6 @@ class Profiling:
         return seen, "" if seen else self.problem or self.sampler.problem()
 
     def _read(self, end_s: float) -> Sequence[ThreadSamples]:
-        """Return the samples of the profiler that ran last; none where it wrote no file."""
         file = self.sampler.file
         if not file.is_file():
             return []
@@ -247,20 +231,16 @@ class Profiling:
 
 @dataclass
 class _Holding:
-    """The profiler of threads that hold the GIL."""
-
     pid: int
     sampler: sampler.Sampler
     begin_s: float = field(default_factory=time.monotonic)
     cpu_s: float = 0.0
 
     def look(self) -> float:
-        """Return the processor seconds since the latest look."""
         earlier_s, self.cpu_s = self.cpu_s, max(self.cpu_s, self.sampler.cpu_s())
         return self.cpu_s - earlier_s
 
     def holders(self) -> Holders | None:
-        """Return what it has seen, once it has ended; None where it could not."""
         seconds = min(HOLDERS_S, time.monotonic() - self.begin_s)
         self.sampler.stop()
         with contextlib.suppress(InputError):

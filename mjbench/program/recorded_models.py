@@ -19,7 +19,6 @@ class RecordedModel:
     """A model of a program.
 
     Attributes:
-      mjb: the model, as `mj_saveModel` writes it.
       states: (count, mj_stateSize) mjSTATE_INTEGRATION of states that the program was in.
       copied: likewise, of those that it copied; none where it copies none.
       release: of MuJoCo that the program used; others cannot load the model.
@@ -50,10 +49,11 @@ def read_all(folder: Path) -> Sequence[RecordedModel]:
 
 
 def loadable(models: Sequence[RecordedModel]) -> RecordedModel | None:
-    """Return the first model that this process's MuJoCo can load; None without one."""
+    """Return the first model with states that this process's MuJoCo can load; None without one."""
     import mujoco
 
-    return next((model for model in models if model.release == mujoco.__version__), None)
+    usable = (each for each in models if each.release == mujoco.__version__ and len(each.states))
+    return next(usable, None)
 
 
 def _read(file: Path, release: str) -> RecordedModel:
@@ -67,5 +67,4 @@ def _read(file: Path, release: str) -> RecordedModel:
 
 
 def _states(file: Path, size: int) -> np.ndarray:
-    """Return (count, size) states of a file; none where there is none."""
     return np.fromfile(file).reshape(-1, size) if file.is_file() else np.empty((0, size))

@@ -43,7 +43,6 @@ class LoopReport:
 
 
 def _physics(observation: ProgramObservation) -> PhysicsCost | None:
-    """Return what costs in the steps of a program."""
     most = sorted(observation.steps, key=lambda each: -(each.nstep or 0))
     return physics_cost.measure(
         observation.models, next((each.stages for each in most if each.stages), {})
@@ -51,7 +50,6 @@ def _physics(observation: ProgramObservation) -> PhysicsCost | None:
 
 
 def _own_files(times: Sequence[LoopTime], observation: ProgramObservation) -> list[str]:
-    """Return the user's own files that run in loops, or call what was timed."""
     files = {file for time in times for file in time.own_files}
     files |= {call.place.file for call in observation.calls.calls}
     return sorted(file for file in files if not activities.package_of(file))
@@ -134,7 +132,6 @@ class ProgramRow:
 
     @classmethod
     def of(cls, name: str, observation: ProgramObservation) -> "ProgramRow":
-        """Return the row of a program that was observed."""
         steps = [step for step in observation.steps if step.step is not None]
         pids = {step.pid for step in steps}
         collections_s = {step.pid: step.collections_s for step in steps}

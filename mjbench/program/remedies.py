@@ -118,7 +118,6 @@ def first(listed: Sequence[Remedy]) -> Remedy | None:
 def _savings(
     loop: LoopTime, findings: Sequence[Finding], measured: MeasuredRatios, others_busy_s: float
 ) -> Iterator[Remedy]:
-    """Yield what saves time, in any order."""
     of_calls = list(call_remedies.of_calls(loop, findings, measured))
     whole = (loop.activities.keys() & _ADVICE.keys()) - _OF_LINES
     if any(remedy.activity == Activity.STARTING for remedy in of_calls):
@@ -172,7 +171,6 @@ def questions_of_lines(loops: Sequence[LoopTime], findings: Sequence[Finding]) -
 
 
 def _findings_at(place: Place, findings: Sequence[Finding]) -> list[Finding]:
-    """Return the findings of a line that are about time."""
     return [
         each
         for each in findings
@@ -200,17 +198,10 @@ def _has_building(loop: LoopTime) -> bool:
 
 
 def _of_building(loop: LoopTime) -> Remedy:
-    """Return what to do about models that are built in a loop: compiling is a part of it."""
     line = loop.building
     assert line is not None, "models are built"
-    return _remedy(
-        loop,
-        RemedyKind.ACTIVITY,
-        Activity.BUILDING,
-        line.place,
-        _BUILDING_ADVICE,
-        line.share,
-    )
+    kind, activity = RemedyKind.ACTIVITY, Activity.BUILDING
+    return _remedy(loop, kind, activity, line.place, _BUILDING_ADVICE, line.share)
 
 
 def _functions(loop: LoopTime) -> Iterator[list[LineTime]]:
@@ -232,12 +223,10 @@ def _is_spread(loop: LoopTime, lines: Sequence[LineTime]) -> bool:
 
 
 def _avoidable(line: LineTime) -> float:
-    """Return the share of a line that is its own to save."""
     return sum(share for activity, share in line.activities.items() if activity in _OF_LINES)
 
 
 def _main_cost(lines: Sequence[LineTime]) -> Activity:
-    """Return what lines spend most time on, physics aside."""
     total: dict[Activity, float] = defaultdict(float)
     for line in lines:
         for activity, share in line.activities.items():
@@ -286,7 +275,6 @@ def _of_line(
 def _line_remedies(
     place: Place, findings: Sequence[Finding]
 ) -> Iterator[tuple[LineRemedy, Sequence[Finding]]]:
-    """Yield what the table says of a line, each with lint's findings that it is about."""
     codes = set[str]()
     for remedy in LINE_REMEDIES:
         matching = [each for each in findings if each.code == remedy.code]
@@ -322,12 +310,10 @@ def _gain_of_line(
 
 
 def _only_creates(text: str) -> bool:
-    """Return whether a line calls nothing but what creates arrays, or puts them into a list."""
     return " @ " not in text and set(_CALLED.findall(text)) <= _CREATE
 
 
 def _of_function(loop: LoopTime, lines: Sequence[LineTime]) -> Remedy:
-    """Return what to do about a function whose time many lines share."""
     activity, share = _main_cost(lines), sum(map(_avoidable, lines))
     place = replace(lines[0].place, text="")
     text = f"{place.function}() as a whole: {_ADVICE[activity]}"

@@ -112,5 +112,4 @@ class Confirmed:
 
     @property
     def is_certain(self) -> bool:
-        """Whether the remedy certainly saves time."""
         return self.low > 0

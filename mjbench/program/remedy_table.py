@@ -24,7 +24,6 @@ class CallRemedy:
     """What to do about calls of some functions in a loop.
 
     Attributes:
-      callees: the functions, as the call clock names them.
       text: what to do; `{count}` stands for the number of calls.
       trial: that measures what replaces the call; None where nothing does.
       codes: of lint's rules for the same; a finding's own message is shown instead of `text`.
@@ -58,14 +57,6 @@ def _is_of_stepped_data(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) 
     return math.isclose(count_of(calls), count_of(of_same), rel_tol=_ABOUT)
 
 
-def _is_centered(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
-    return "True" in calls[0].place.text
-
-
-def _has_several_simulations(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
-    return any(call.all_steps > call.steps for call in calls)
-
-
 def _are_several_a_step(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
     steps = [each for each in of_loop if each.callee == "mj_step"]
     return count_of(calls) > (1 + _ABOUT) * count_of(steps)
@@ -79,18 +70,7 @@ def _are_spread(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
     return calls_ns >= _LEAST_SPREAD * loop_ns
 
 
-def _takes_one_step(calls: Sequence[CallTime], of_loop: Sequence[CallTime]) -> bool:
-    return all(call.steps == call.calls for call in calls)
-
-
-def _takes_one_step_of_one_simulation(
-    calls: Sequence[CallTime], of_loop: Sequence[CallTime]
-) -> bool:
-    return all(call.all_steps == call.calls for call in calls)
-
-
 def count_of(calls: Sequence[CallTime]) -> float:
-    """Return how often functions were called."""
     return sum(call.calls for call in calls)
 
 
@@ -126,7 +106,7 @@ CALL_REMEDIES = (
         " leaves out sensors",
         effect="derivatives, which are less exact",
         trial=Trial.UNCENTERED,
-        applies=_is_centered,
+        applies=lambda calls, of_loop: "True" in calls[0].place.text,
     ),
     CallRemedy(
         callees=("mj_ray",),
@@ -205,7 +185,7 @@ CALL_REMEDIES = (
         text="rollout takes these simulations one after the other: give it a list with an MjData"
         " for each core, and keep a pool, rollout.Rollout(nthread=n)",
         trial=Trial.MORE_THREADS,
-        applies=_has_several_simulations,
+        applies=lambda calls, of_loop: any(c.all_steps > c.steps for c in calls),
     ),
     CallRemedy(
         callees=("rollout",),
@@ -213,7 +193,7 @@ CALL_REMEDIES = (
         " mj_step(model, data)",
         effect="later states within the solver's tolerance: rollout begins without a warm start",
         trial=Trial.NO_ROLLOUT,
-        applies=_takes_one_step_of_one_simulation,
+        applies=lambda calls, of_loop: all(c.all_steps == c.calls for c in calls),
     ),
     CallRemedy(
         callees=("Rollout.rollout",),
@@ -221,7 +201,7 @@ CALL_REMEDIES = (
         " takes controls",
         effect="later states within the solver's tolerance: rollout begins without a warm start",
         trial=Trial.BATCH_OR_ROLLOUT,
-        applies=_takes_one_step,
+        applies=lambda calls, of_loop: all(c.steps == c.calls for c in calls),
     ),
     CallRemedy(
         callees=(call_clock.PROCESS_START,),
@@ -252,7 +232,6 @@ class LineRemedy:
     """What to do about a line that samples show.
 
     Attributes:
-      line: what its text holds.
       code: of lint's rule that finds it; "" where the text alone tells.
       trial: that measures what is saved; None where the line's share bounds it.
     """

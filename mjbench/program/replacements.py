@@ -6,6 +6,7 @@ Both are timed in turns, in a child process: a model that crashes MuJoCo costs o
 import itertools
 import statistics
 import time
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -25,6 +26,9 @@ from mjbench.simulation.engine_clock import engine_clock
 BUDGET_S, LIMIT_S = 0.5, 30.0
 # Rounds: the interval of a median needs six at least. Seconds of a block, and calls of one at most.
 LEAST_ROUNDS, MOST_ROUNDS, BLOCK_S, MOST_CALLS = 15, 200, 0.002, 1000
+# Processes for a pair that uses threads, of which the median counts: how fast threads wake differs
+# from process to process.
+LAUNCHES_OF_THREADS = 3
 
 
 @dataclass(frozen=True)
@@ -72,60 +76,57 @@ class MeasuredRatios:
         return None if ratio is None else ratio.saved
 
 
-@dataclass(frozen=True)
-class _Request:
-    """To the child: on which models to measure what."""
-
-    model: RecordedModel
-    questions: Sequence[Question]
-
-
 def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> MeasuredRatios:
-    """Return the ratio of each question that could be measured.
-
-    Args:
-      models: of the program; the first that this process's MuJoCo can load is used.
-    """
+    """Return the ratio of each question that could be measured."""
     model = loadable(models)
     if model is None:
         return MeasuredRatios({})
-    ratios: dict[Question, TimeRatio] = {}
-    computes_forces: bool | None = None
+    messages: list[MeasuredRatios] = []
+    threaded = [question for question in questions if question.trial in trials.ON_THREADS]
+    others = [question for question in questions if question not in threaded]
     # a library of OpenGL that does not work, or crashes, must not cost the other answers
-    for backend in dict.fromkeys(["", *(question.backend for question in questions)]):
-        messages: list[MeasuredRatios] = []
+    backends = dict.fromkeys(["", *(question.backend for question in others)])
+    of_launches = [(b, [each for each in others if each.backend == b]) for b in backends]
+    of_launches += [("", threaded)] * (LAUNCHES_OF_THREADS if threaded else 0)
+    for backend, of_launch in of_launches:
         isolate.run(
             answer,
-            (_Request(model, [question for question in questions if question.backend == backend]),),
+            (model, of_launch),
             messages.append,
             LIMIT_S,
             environment={"MUJOCO_GL": backend, "PYOPENGL_PLATFORM": None} if backend else None,
         )
-        for message in messages:
-            ratios.update(message.ratios)
-            if message.computes_forces is not None:
-                computes_forces = message.computes_forces
-    return MeasuredRatios(ratios, computes_forces)
+    launches: dict[Question, list[TimeRatio]] = defaultdict(list)
+    for message in messages:
+        for question, ratio in message.ratios.items():
+            launches[question].append(ratio)
+    computes = [each.computes_forces for each in messages if each.computes_forces is not None]
+    return MeasuredRatios(
+        {
+            question: sorted(ratios, key=lambda ratio: ratio.estimate)[len(ratios) // 2]
+            for question, ratios in launches.items()
+        },
+        computes[-1] if computes else None,
+    )
 
 
-def answer(request: _Request, channel: Channel) -> None:
+def answer(recorded: RecordedModel, questions: Sequence[Question], channel: Channel) -> None:
     """Send what each question comes to, one by one; runs in a child."""
-    model = request.model.load()
+    model = recorded.load()
     data = mujoco.MjData(model)
-    for state in request.model.states[:1]:
+    for state in recorded.states[:1]:
         compat.set_state(model, data, state)
     mujoco.mj_step(model, data)
     channel.send(MeasuredRatios({}, bool(data.cacc.any())))
-    for question in request.questions:
+    for question in questions:
         try:
-            ratio = _ratio(model, request.model, question)
+            ratio = _ratio(model, recorded, question)
         except (MjbenchError, mujoco.FatalError, *trials.LACKING):
             continue  # this release, this model, or this machine lacks something
         channel.send(MeasuredRatios({question: ratio}))
 
 
 def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -> TimeRatio:
-    """Return the ratio of the times, over all states in turn."""
     present, suggested = trials.ways(model, question)
     is_of_copies = question.trial in trials.COPIERS and len(recorded.copied) > 0
     states = recorded.copied if is_of_copies else recorded.states

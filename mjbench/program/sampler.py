@@ -37,7 +37,6 @@ class Sampler:
 
     @property
     def is_running(self) -> bool:
-        """Whether the profiler has not ended."""
         return self.process.poll() is None
 
     @property
@@ -61,17 +60,13 @@ class Sampler:
         self._wait()
 
     def finish(self) -> None:
-        """Wait until the profiler has written its file; it ends with the program.
-
-        A process that outlives the program would keep it: then it is stopped.
-        """
+        """Wait until the profiler has written its file; stop one that outlives the program."""
         try:
             self.process.wait(ENDING_S)
         except subprocess.TimeoutExpired:
             self.stop()
 
     def _wait(self) -> None:
-        """Wait until the profiler has written its file."""
         try:
             self.process.wait(WRITING_S)
         except subprocess.TimeoutExpired:
@@ -91,11 +86,7 @@ class Sampler:
 
 
 def program() -> str:
-    """Return the path of the profiler.
-
-    Raises:
-      UnavailableError: it is not installed.
-    """
+    """Return the path of the profiler; UnavailableError where it is not installed."""
     beside = Path(sysconfig.get_path("scripts")) / ("py-spy.exe" if os.name == "nt" else "py-spy")
     path = str(beside) if beside.is_file() else shutil.which("py-spy")
     if path is None:

@@ -22,7 +22,6 @@ class Frame:
     """One frame of a stack.
 
     Attributes:
-      function: its name; an address where a library has no names.
       line: from 1; 0 in a library.
     """
 
@@ -47,11 +46,7 @@ class Thread:
 
 @dataclass(frozen=True)
 class ThreadSamples:
-    """The stacks of one thread.
-
-    Attributes:
-      stacks: the stack of each sample, outermost frame first.
-    """
+    """The stacks of one thread, each outermost frame first."""
 
     thread: Thread
     stacks: Sequence[Sequence[Frame]]
@@ -60,8 +55,6 @@ class ThreadSamples:
 
 
 class _File(msgspec.Struct):
-    """The parts of the file that are read."""
-
     profiles: list["_Profile"]
     shared: "_Shared"
 
@@ -89,11 +82,7 @@ _LABEL = re.compile(r"(process|thread) \(?\d+")
 
 
 def read(file: Path) -> list[ThreadSamples]:
-    """Return the samples of each thread.
-
-    Raises:
-      InputError: the file cannot be read, or is of another format.
-    """
+    """Return the samples of each thread; InputError for a file that cannot be read as such."""
     try:
         stored = msgspec.json.decode(file.read_bytes(), type=_File)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError) as error:

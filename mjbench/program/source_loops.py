@@ -35,17 +35,12 @@ class SourceLoop:
     last: int
 
     def holds(self, position: tuple[str, int]) -> bool:
-        """Return whether a line of a file is in it."""
         file, line = position
         return file == self.file and self.first <= line <= self.last
 
 
 def outermost_loop(file: str, line: int) -> SourceLoop | None:
-    """Return the outermost loop of a function, or of a module, that runs a line of it.
-
-    Returns:
-      The loop; None where the line is in none, or the file cannot be read.
-    """
+    """Return the outermost loop of a function or module that runs a line; None without one."""
     holding = [loop for loop in _loops(file) if loop.first <= line <= loop.last]
     return min(holding, key=lambda loop: (loop.first, -loop.last)) if holding else None
 

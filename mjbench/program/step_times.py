@@ -49,13 +49,7 @@ class Header:
 
 @dataclass(frozen=True)
 class Engine:
-    """The MuJoCo that a program used.
-
-    Attributes:
-      version: its release.
-      timers: indices by name.
-      warnings: names by number.
-    """
+    """The MuJoCo that a program used."""
 
     version: str = ""
     timers: Mapping[str, int] = field(default_factory=dict)
@@ -126,10 +120,7 @@ class StepTimes:
 
 
 def read_all(folder: Path) -> list[StepTimes]:
-    """Return the steps of all processes whose files are in a folder, by process.
-
-    A file that is cut short, since the disk was full, is left out.
-    """
+    """Return the steps of all processes whose files in a folder are whole, by process."""
     timers = read_engine(folder).timers
     times = []
     for file in sorted(folder.glob("*.steps")):
@@ -151,11 +142,7 @@ def read_headers(folder: Path) -> dict[int, Header]:
 
 
 def read(file: Path, timers: Mapping[str, int]) -> StepTimes:
-    """Return the steps of one process.
-
-    Raises:
-      InputError: the file is not one of the step clock.
-    """
+    """Return the steps of one process; InputError for another file."""
     with file.open("rb") as stream:
         head = stream.read(step_file.FIRST_RECORD)
     if len(head) < step_file.FIRST_RECORD:
@@ -174,11 +161,7 @@ def _used(records: np.ndarray) -> int:
 def step_times(
     header: Header, records: np.ndarray, timer_s: Sequence[float], timers: Mapping[str, int]
 ) -> StepTimes:
-    """Return what the records of a process say.
-
-    Args:
-      records: (count,) records, in the order in which they were written.
-    """
+    """Return what (count,) records of a process say, in the order in which they were written."""
     burst = np.cumsum(records["kind"] == step_file.BURST)
     is_step = records["kind"] == step_file.STEP
     steps, step_burst = records[is_step], burst[is_step]
@@ -247,10 +230,7 @@ def _intervals_ns(header: Header, records: np.ndarray, burst: np.ndarray) -> np.
 
 
 def _stages(timer_s: Sequence[float], timers: Mapping[str, int], step_s: float) -> dict[str, float]:
-    """Return the share of a step by stage; nothing where the engine's timers hold no times.
-
-    Without MuJoCo's timer they hold anything.
-    """
+    """Return the share of a step by stage; nothing where the timers cannot be of MuJoCo's timer."""
     seconds = {name: timer_s[i] for name, i in timers.items() if i < len(timer_s)}
     longest_s = max(seconds.values(), default=0.0)
     if not LEAST_TIMER_SHARE * step_s < longest_s < MOST_TIMER_SHARE * step_s:

@@ -69,7 +69,6 @@ def with_collections(time: LoopTime, seconds: float) -> LoopTime:
 
 
 def _unsampled(loop: SourceLoop, calls: Sequence[CallTime], main_pid: int) -> LoopTime:
-    """Return a loop of which there are no samples."""
     pids = sorted({call.pid for call in calls})
     return LoopTime(
         loop=loop,
@@ -88,10 +87,7 @@ def _unsampled(loop: SourceLoop, calls: Sequence[CallTime], main_pid: int) -> Lo
 
 
 def _span_s(calls: Sequence[CallTime]) -> float:
-    """Return the seconds from the first call to the end of the last, summed over threads.
-
-    What the clock took is not the loop's.
-    """
+    """Return the seconds from the first call to the end of the last, summed over threads."""
     by_thread: dict[tuple[int, int], list[CallTime]] = defaultdict(list)
     for call in calls:
         by_thread[call.pid, call.thread].append(call)
@@ -104,7 +100,6 @@ def _span_s(calls: Sequence[CallTime]) -> float:
 
 
 def _timed(time: LoopTime, calls: Sequence[CallTime], stretch: float | None = 1.0) -> LoopTime:
-    """Return a loop with its calls: what they take is known, and samples divide the rest."""
     has_samples = time.samples >= FEW_SAMPLES
     seconds = _span_s(calls)
     if has_samples and stretch is not None:
@@ -213,7 +208,6 @@ def _timed_lines(
     rest: Mapping[tuple[str, int], Mapping[Activity, float]],
     factor: float,
 ) -> list[LineTime]:
-    """Return the lines of a loop: their timed calls, and what samples saw of them beside those."""
     places = {line.place.position: line.place for line in time.lines}
     packages = {line.place.position: line.package for line in time.lines}
     parts: dict[tuple[str, int], list[tuple[Activity, float]]] = defaultdict(list)

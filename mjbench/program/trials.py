@@ -67,7 +67,6 @@ class Question:
     """What to measure.
 
     Attributes:
-      functions: of the engine, for `Trial.FUNCTIONS`.
       simulations: in turn or at once; rays, for `Trial.RAYS`.
       steps: of each simulation, for trials of rollout; after each new MjData; of each call, for
         `Trial.NO_TIMER`; before the functions of `Trial.FUNCTIONS`.
@@ -109,27 +108,19 @@ COPIERS: Mapping[Trial, Callable[[mujoco.MjData], mujoco.MjData]] = {
 }
 # Trials of calls of `mujoco.rollout`.
 ROLLOUTS = (Trial.POOL, Trial.MORE_THREADS, Trial.NO_ROLLOUT, Trial.BATCH_OR_ROLLOUT)
-# Trials of which other threads compute a part, or whose seconds are compared with wall time.
-BY_WALL_TIME = {
-    *(set(ROLLOUTS) - {Trial.NO_ROLLOUT}),
-    *(Trial.BATCH, Trial.RENDERER, Trial.NAMED_ACCESS),
-}
+# Trials of which other threads compute a part; and those whose seconds are compared with wall time.
+ON_THREADS = {*ROLLOUTS, Trial.BATCH} - {Trial.NO_ROLLOUT}
+BY_WALL_TIME = {*ON_THREADS, Trial.RENDERER, Trial.NAMED_ACCESS}
 # What is raised where a release, a model or a machine lacks something; OpenGL raises its own kinds.
 LACKING = (AttributeError, ImportError, ValueError, RuntimeError)
 
 
 def ways(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
-    """Return what the program does, and what mjbench suggests.
-
-    Raises:
-      InputError: the model has nothing to try it on.
-    """
+    """Return what the program does, and what mjbench suggests; InputError without a use for it."""
     return _WAYS[question.trial](model, question)
 
 
 def _of(*trials: Trial) -> Callable[[_Ways], _Ways]:
-    """Declare the two ways of trials."""
-
     def declare(function: _Ways) -> _Ways:
         _WAYS.update(dict.fromkeys(trials, function))
         return function
@@ -140,7 +131,6 @@ def _of(*trials: Trial) -> Callable[[_Ways], _Ways]:
 def _calling(
     model: mujoco.MjModel, names: Sequence[str], steps: int
 ) -> Callable[[mujoco.MjData], None]:
-    """Return what calls functions of the engine, after `mj_step` if there are steps."""
     functions = [getattr(mujoco, name) for name in ("mj_step", *names)[steps == 0 :]]
 
     def run(data: mujoco.MjData) -> None:
@@ -210,7 +200,6 @@ def _no_timer(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
 
 @_of(Trial.NAMED_ACCESS)
 def _named_access(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
-    """Return the access to an element by its name, and that to one looked up before."""
     names = [model.body(body).name for body in range(model.nbody)]
     body = next(name for name in reversed(names) if name)  # the world has one
     hoisted: list[Any] = []
@@ -249,7 +238,6 @@ def _concatenation(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]
 
 @_of(Trial.CONTACTS)
 def _contacts(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
-    """Return a field of each contact, and that of all."""
     return (
         Way(lambda data: [contact.dist for contact in data.contact]),
         Way(lambda data: data.contact.dist),
@@ -275,7 +263,6 @@ def _rays(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
 
 @_of(*ROLLOUTS)
 def _rollouts(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
-    """Return rollout as the program calls it, and what takes the same steps."""
     from mujoco import rollout
 
     threads, nstep = machine.usable_cores(), question.steps
@@ -332,18 +319,11 @@ def _batch(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
 def _creating(
     create: Callable[[mujoco.MjData], Any], use: Callable[[Any, mujoco.MjData], None]
 ) -> Way:
-    """Return a way that creates an object each time."""
     return Way(lambda data: use(create(data), data), create, use)
 
 
-@_of(
-    Trial.NEW_DATA_OR_RESET,
-    Trial.NEW_DATA_OR_COPY,
-    Trial.COPY_OR_COPY,
-    Trial.DEEP_COPY_OR_COPY,
-)
+@_of(Trial.NEW_DATA_OR_RESET, Trial.NEW_DATA_OR_COPY, Trial.COPY_OR_COPY, Trial.DEEP_COPY_OR_COPY)
 def _new_data(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
-    """Return steps of a new MjData, and of one that stays."""
     scratch = mujoco.MjData(model)
     is_copy = question.trial != Trial.NEW_DATA_OR_RESET
 
@@ -372,7 +352,6 @@ def _new_data(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
 
 @_of(Trial.RENDERER)
 def _renderer(model: mujoco.MjModel, question: Question) -> tuple[Way, Way]:
-    """Return a frame by a renderer of its own, and by one that stays."""
     height, width = question.frame
     model.vis.global_.offheight = max(height, model.vis.global_.offheight)
     model.vis.global_.offwidth = max(width, model.vis.global_.offwidth)

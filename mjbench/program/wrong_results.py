@@ -70,7 +70,6 @@ def wrong_results(
 
 
 def _unfilled(calls: ProgramCalls, files: Sequence[str]) -> Iterator[Remedy]:
-    """Yield fields that are read and that nothing computes, by name."""
     if any(call.callee == "mj_rnePostConstraint" for call in calls.calls):
         return
     seen = set()

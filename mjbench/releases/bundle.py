@@ -29,12 +29,7 @@ def default_path() -> Path:
 
 
 def read(bundle: Path) -> list[Release]:
-    """Return the releases of a history, in its order.
-
-    Raises:
-      InputError: there is no such file.
-      MachineError: git is missing, or cannot read the file.
-    """
+    """Return the releases of a history, in its order; InputError without the file."""
     with _cloned(bundle) as repository:
         log = _git(repository, "log", "--first-parent", "--reverse", "--format=%ct %s", BRANCH)
     releases = []

@@ -38,7 +38,6 @@ class Catalogue:
     """The releases known here.
 
     Attributes:
-      releases: in the order of upload.
       problem: why the package index is not among the sources; empty if it is.
     """
 
@@ -51,9 +50,6 @@ def list_releases(history: Path) -> Catalogue:
 
     A release that is installed but neither in the history nor on the index, such as a local
     build, comes last.
-
-    Args:
-      history: the git bundle; it may be missing.
 
     Raises:
       MachineError: git is missing, or cannot read the history.

@@ -49,7 +49,6 @@ class Segment:
 
     @property
     def is_sloped(self) -> bool:
-        """Whether it has a slope."""
         return self.first != self.last
 
 
@@ -59,7 +58,6 @@ class ChangePoint:
 
     Attributes:
       index: of the first release after it.
-      change: of the log ratio.
     """
 
     before: int
@@ -182,7 +180,6 @@ def _costs(sums: np.ndarray, end: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _fit(values: np.ndarray, weights: np.ndarray, begin: int, end: int, is_sloped: bool) -> Segment:
-    """Return the best fit of a segment."""
     y, w = values[begin:end], weights[begin:end]
     total = float(w.sum())
     mean = float((w * y).sum()) / total

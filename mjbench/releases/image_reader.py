@@ -114,9 +114,6 @@ class _Reader:
 
         Where two do, the later one decides what its content may be used for. Bit by bit that must
         be what either needs: code of the one could not be executed otherwise.
-
-        Raises:
-          ImmovableError: the content of such a page would not be that of both.
         """
         flags = self._loads[0].p_flags
         for before, after in zip(self._loads, self._loads[1:], strict=False):
@@ -147,7 +144,6 @@ class _Reader:
                 yield from ((place + i, 0) for i in range(4))
 
     def _place(self, segment: Any) -> int:
-        """Return where the header of a segment is in the file."""
         header = self._elf.header
         index = next(i for i, other in enumerate(self._segments) if other is segment)
         return int(header.e_phoff + index * header.e_phentsize)
@@ -260,7 +256,6 @@ class _Reader:
         yield np.array([slot for slot in slots if self._number(slot)], dtype=np.int64)
 
     def _offset(self, address: int) -> int:
-        """Return where the content of an address lies in the file."""
         for segment in self._loads:
             if segment.p_vaddr <= address < segment.p_vaddr + segment.p_filesz:
                 return int(address - segment.p_vaddr + segment.p_offset)

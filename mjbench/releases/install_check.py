@@ -11,7 +11,6 @@ import hashlib
 import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
@@ -144,34 +143,6 @@ def _stray_module(package: Path) -> str | None:
     return None
 
 
-@dataclass(frozen=True)
-class _RecordedFile:
-    """A file as RECORD names it: its hash such as `sha256=…`, and its size in bytes."""
-
-    name: str
-    hash: str
-    size: int
-
-
-def _recorded_files(record: str) -> list[_RecordedFile]:
-    """Return the files of a RECORD that can be checked.
-
-    Those without a size cannot (RECORD itself), nor can compiled Python, which pip compiles anew
-    where a wheel has it, nor scripts, which pip puts elsewhere than RECORD says (`..`).
-
-    Raises:
-      ValueError: it is not a RECORD.
-    """
-    try:
-        return [
-            _RecordedFile(name, recorded_hash, int(size))
-            for name, recorded_hash, size in filter(None, csv.reader(record.splitlines()))
-            if size and not name.startswith("..") and not name.endswith(".pyc")
-        ]
-    except csv.Error as error:
-        raise ValueError(str(error)) from error
-
-
 def _changed_file(
     distributions: Iterable[metadata.Distribution], compare_hashes: bool
 ) -> str | None:
@@ -195,16 +166,21 @@ def _damaged_file(record: str, folder: Path, compare_hashes: bool = True) -> str
       compare_hashes: of MuJoCo's files and shared libraries, beside the sizes of all.
     """
     try:
-        recorded_files = _recorded_files(record)
-    except ValueError as error:
+        # RECORD and compiled Python have no size; pip puts scripts elsewhere than it says (`..`)
+        recorded = [
+            (name, recorded_hash, int(size))
+            for name, recorded_hash, size in filter(None, csv.reader(record.splitlines()))
+            if size and not name.startswith("..") and not name.endswith(".pyc")
+        ]
+    except (ValueError, csv.Error) as error:
         return f"a RECORD is broken: {error}"
-    for recorded in recorded_files:
-        name, file = recorded.name, folder / recorded.name
+    for name, recorded_hash, size_bytes in recorded:
+        file = folder / name
         try:
-            changed = file.stat().st_size != recorded.size or (
+            changed = file.stat().st_size != size_bytes or (
                 compare_hashes
                 and (name.startswith(_FOLDER) or ".so" in file.suffixes)
-                and _hash(file, recorded.hash) != recorded.hash
+                and _hash(file, recorded_hash) != recorded_hash
             )
         except FileNotFoundError:
             return f"{name} is missing"

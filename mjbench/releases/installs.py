@@ -52,7 +52,6 @@ class ReleaseSpec:
 
     Attributes:
       name: as the user named it: a version, a wheel, a folder of wheels, or `installed`.
-      version: the version that the release must report.
       wheels: the local wheels to install; empty for a version of the index.
       own_wheels: of the user's code, or of packages that the user named; installed beside the
         release with what they need.
@@ -113,12 +112,7 @@ def is_release(text: str) -> bool:
 
 
 def parse_release(text: str) -> ReleaseSpec:
-    """Return the release that an argument of the command line names; installs nothing.
-
-    Raises:
-      InputError: it names no release, one that is too old, or wheels that cannot be installed.
-      MachineError: the package index is needed to know it, and cannot be reached.
-    """
+    """Return the release that an argument names; InputError, or MachineError without the index."""
     if text in (NEWEST, PREVIOUS):
         known = sorted((r.version for r in package_index.releases()), key=version_key)
         from_end = 1 if text == NEWEST else 2
@@ -186,11 +180,7 @@ def _version(text: str) -> str | None:
 
 
 def cache_folder() -> Path:
-    """Return the folder of all installs: $MJBENCH_CACHE, or one in the user's cache folder.
-
-    Raises:
-      MachineError: this user has no home folder, in which it would be.
-    """
+    """Return the folder of all installs: $MJBENCH_CACHE, or one in the user's cache folder."""
     try:
         folder = os.environ.get("MJBENCH_CACHE") or platformdirs.user_cache_path("mjbench")
         return Path(folder).expanduser().absolute()
@@ -202,7 +192,6 @@ def cache_folder() -> Path:
 
 
 def install_names() -> list[str]:
-    """Return the names of the installs in the cache folder, sorted."""
     folders = [marker.parent for marker in cache_folder().glob(f"*/{MARKER}")]
     return sorted(folder.name for folder in folders if not folder.name.startswith("."))
 
@@ -264,12 +253,7 @@ def use(release: ReleaseSpec) -> Iterator[Path | None]:
 
 
 def install(release: ReleaseSpec) -> Path:
-    """Install a release unless it is there; return its folder.
-
-    Raises:
-      InputError: the index has no such release for this Python.
-      MachineError: it cannot be installed, or a file of its install has been damaged.
-    """
+    """Install a release unless it is there; return its folder."""
     folder = cache_folder() / release.key
     with locked(release.key):
         if _is_complete(folder):
@@ -280,8 +264,6 @@ def install(release: ReleaseSpec) -> Path:
             for remains in (partial, folder):  # of an install that was killed
                 if remains.exists():
                     shutil.rmtree(remains)
-            beside = f" with {', '.join(release.requirements)}" if release.requirements else ""
-            _LOG.info("installing MuJoCo %s%s", release.version, beside)
             pip.install(release.version, release.wheels, partial, release.beside)
             (partial / MARKER).write_text(f"{release.version}\n")
             partial.rename(folder)
@@ -293,12 +275,7 @@ def install(release: ReleaseSpec) -> Path:
 
 
 def remove(name: str) -> None:
-    """Remove an install by its name.
-
-    Raises:
-      InputError: there is no install of that name.
-      MachineError: it is in use, or cannot be removed.
-    """
+    """Remove an install by its name; InputError without one, MachineError while it is in use."""
     names = install_names()
     if name not in names:
         raise InputError(f"no install {name!r}; there are {', '.join(names) or 'none'}")
@@ -319,11 +296,7 @@ def _is_complete(folder: Path) -> bool:
 
 
 def _check_files(folder: Path) -> None:
-    """Refuse an install with a file that is not as it was installed; folder and name are the same.
-
-    Raises:
-      MachineError: there is one.
-    """
+    """Refuse an install with a changed file; folder and name are the same."""
     problem = install_check.damaged_file(folder)
     if problem:
         raise MachineError(

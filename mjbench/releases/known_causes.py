@@ -20,10 +20,8 @@ class KnownCause:
     """Why models or operations changed in a release.
 
     Attributes:
-      release: in which they did.
       series: regular expression that matches the whole names of the models and operations.
       commit: by which the changelog names the item; empty where it names none.
-      text: what changed, in our words.
     """
 
     release: str
@@ -38,11 +36,7 @@ def default_path() -> Path:
 
 
 def load(file: Path) -> list[KnownCause]:
-    """Read the table of causes.
-
-    Raises:
-      InputError: it cannot be read, or an entry lacks something.
-    """
+    """Read the table of causes; InputError where an entry lacks something."""
     try:
         entries = tomllib.loads(file.read_text(encoding="utf-8")).get("cause", [])
         causes = msgspec.convert(entries, list[KnownCause])
@@ -56,12 +50,7 @@ def load(file: Path) -> list[KnownCause]:
 
 
 def explaining(release: str, series: str, causes: Sequence[KnownCause]) -> list[KnownCause]:
-    """Return the causes of a change.
-
-    Args:
-      release: the first release with it.
-      series: name of the model or operation that changed.
-    """
+    """Return the causes of a change."""
     return [
         cause for cause in causes if cause.release == release and re.fullmatch(cause.series, series)
     ]

@@ -26,11 +26,7 @@ _CHECKED = "checked-relro"
 
 
 def site_folder(install: Path | None) -> Path:
-    """Return the folder that holds the mujoco package: an install, or this environment's.
-
-    Raises:
-      ImmovableError: this environment has none that an installer recorded.
-    """
+    """Return the folder with the mujoco package; ImmovableError if no installer recorded it."""
     if install is not None:
         return install
     try:
@@ -40,13 +36,7 @@ def site_folder(install: Path | None) -> Path:
 
 
 def read(site: Path) -> MovableInstall:
-    """Return what moves in the release of a folder.
-
-    Reading takes a few seconds the first time.
-
-    Raises:
-      ImmovableError: its libraries cannot be moved here.
-    """
+    """Return what moves in a release, after seconds the first time; else ImmovableError."""
     if sys.platform != "linux" or platform.machine() != "x86_64":
         raise ImmovableError("only libraries for Linux on x86-64 can be moved")
     try:
@@ -70,13 +60,11 @@ def read(site: Path) -> MovableInstall:
 
 
 def was_checked(install: MovableInstall) -> bool:
-    """Return whether moved images of an install were seen to work here."""
     file = _cached(install.digest, _CHECKED)
     return file is not None and file.exists()
 
 
 def note_checked(install: MovableInstall) -> None:
-    """Note that moved images of an install were seen to work here."""
     file = _cached(install.digest, _CHECKED)
     with contextlib.suppress(OSError):
         if file is not None:
@@ -85,7 +73,6 @@ def note_checked(install: MovableInstall) -> None:
 
 
 def _image(content: bytes) -> MovableImage:
-    """Return what changes in a library, from the cache if it is there."""
     file = _cached(moved_install.digest(content), "npz")
     if file is None:
         return image_reader.read(content)

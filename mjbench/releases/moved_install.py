@@ -78,7 +78,6 @@ class MovableImage:
         return len(content) + shift
 
     def _change(self, content: np.ndarray, shift: int) -> None:
-        """Change in the library's bytes what changes when it is moved."""
         numbers = content[: len(content) // 8 * 8].view("<u8")
         numbers[self.addresses // 8] += np.uint64(shift)
         content[self.permissions[:, 0]] = self.permissions[:, 1]
@@ -94,7 +93,6 @@ class MovableInstall:
       site: the folder that holds the package and its metadata, as installed.
       images: what changes in each library that moves, by the name of its file.
       versions: of the files that were read, by name (see `file_version`).
-      digest: a short name for the content of all libraries that move.
     """
 
     site: Path
@@ -103,11 +101,7 @@ class MovableInstall:
     digest: str
 
     def link_others(self, folder: Path) -> None:
-        """Link whatever lies beside the package, such as NumPy, into a new folder.
-
-        Raises:
-          OSError: it cannot be written.
-        """
+        """Link whatever lies beside the package, such as NumPy, into a new folder."""
         folder.mkdir()
         own = {_PACKAGE, *(metadata.name for metadata in _metadata_folders(self.site))}
         for entry in self.site.iterdir():
@@ -139,12 +133,7 @@ class MovableInstall:
         return folder / _PACKAGE
 
     def create(self, folder: Path, placement: Placement) -> None:
-        """Create the package and its metadata in a new folder, libraries moved.
-
-        Raises:
-          ImmovableError: a library was changed since it was read.
-          OSError: it cannot be written.
-        """
+        """Create the package and its metadata in a new folder, libraries moved."""
         package = folder / _PACKAGE
         package.mkdir(parents=True)
         sizes = {}
@@ -181,7 +170,6 @@ def is_recorded(site: Path) -> bool:
 
 
 def digest(content: bytes) -> str:
-    """Return a short name for the content of a library."""
     return hashlib.blake2b(content, digest_size=16).hexdigest()
 
 

@@ -39,26 +39,16 @@ class Upload:
 
 @dataclass(frozen=True)
 class _Answer:
-    """The index's JSON."""
-
     releases: Mapping[str, Sequence[Mapping[str, Any]]]
 
 
 def releases() -> list[Release]:
-    """Return the final releases that pip's package index has, in upload order.
-
-    Raises:
-      MachineError: the index cannot be reached, or its answer is not understood.
-    """
+    """Return the final releases of pip's index, in upload order; MachineError without it."""
     return _final_releases(_uploads())
 
 
 def files() -> dict[str, list[str]]:
-    """Return the names of all files that pip's package index has, by version.
-
-    Raises:
-      MachineError: the index cannot be reached, or its answer is not understood.
-    """
+    """Return the names of all files of pip's index, by version; MachineError without it."""
     return _files(_uploads())
 
 
@@ -83,7 +73,6 @@ def _uploads() -> Mapping[str, Sequence[Upload]]:
 
 
 def _files(uploads_of: Mapping[str, Sequence[Upload]]) -> dict[str, list[str]]:
-    """Return the names of the files of each version that is one."""
     return {
         version: [upload.filename for upload in uploads if upload.filename]
         for version, uploads in uploads_of.items()
@@ -92,10 +81,7 @@ def _files(uploads_of: Mapping[str, Sequence[Upload]]) -> dict[str, list[str]]:
 
 
 def _final_releases(uploads_of: Mapping[str, Sequence[Upload]]) -> list[Release]:
-    """Return the final releases in upload order, from FIRST on, without yanked ones.
-
-    A release of which no file has a time is left out.
-    """
+    """Return the final releases with times, in upload order, from FIRST on, unless yanked."""
     final = []
     for version, uploads in uploads_of.items():
         times = [
@@ -109,7 +95,6 @@ def _final_releases(uploads_of: Mapping[str, Sequence[Upload]]) -> list[Release]
 
 
 def _is_final(version: str) -> bool:
-    """Return whether a version is neither a pre-release nor a development version."""
     parsed = _parsed(version)
     return parsed is not None and not parsed.is_prerelease
 
@@ -146,7 +131,6 @@ def _index_url() -> str:
 
 
 def _run_python(*arguments: str) -> str:
-    """Return what this environment's Python prints."""
     done = subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False)
     if done.returncode:
         raise MachineError(f"cannot run pip in this environment: {one_line(done.stderr)}")

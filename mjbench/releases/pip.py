@@ -5,6 +5,8 @@ reached. Its output is for people, so the index is asked instead of parsing it.
 """
 
 import bisect
+import contextlib
+import logging
 import os
 import re
 import subprocess
@@ -17,12 +19,15 @@ from pathlib import Path
 from packaging.version import Version
 
 from mjbench.errors import InputError, MachineError, one_line
-from mjbench.host import child
+from mjbench.host import child, scratch
 from mjbench.releases import package_index, packages
 from mjbench.releases.release import OLDEST, version_key
 from mjbench.releases.wheels import wheel_of
 from mjbench.status import ExitCode
 
+_LOG = logging.getLogger(__name__)
+# Seconds between two reports of how far it is.
+_TICK_S = 0.5
 # What pip says last where a wheel cannot be built, and the line that says why.
 _BUILD_FAILED = "ERROR: Failed to build"
 _OF_COMPILER = re.compile(r"\b(?:error|\w+Error): (?!subprocess-exited)")
@@ -55,7 +60,9 @@ def install(version: str, wheels: Sequence[Path], target: Path, beside: Sequence
       MachineError: pip failed, or the index cannot be reached.
     """
     numpy = [] if "numpy" in packages.names_of(beside) else [this_numpy()]
+    names = ", ".join(Path(each).name for each in beside)
     problem = run(
+        f"installing MuJoCo {version}{f' with {names}' if names else ''}",
         "install",
         f"--target={target}",
         *(f"--find-links={folder}" for folder in {wheel.parent for wheel in wheels}),
@@ -64,7 +71,6 @@ def install(version: str, wheels: Sequence[Path], target: Path, beside: Sequence
         *numpy,
     )
     if problem and beside:
-        names = ", ".join(Path(each).name for each in beside)
         raise BuildError(f"cannot install {names} with MuJoCo {version}: {problem}")
     if problem:
         raise _error(version, bool(wheels), problem)
@@ -75,42 +81,56 @@ def this_numpy() -> str:
     return f"numpy=={metadata.version('numpy')}"
 
 
-def build(source: Path, target: Path) -> None:
-    """Build the wheel of a source tree into a folder.
+def build(name: str, source: Path, target: Path) -> None:
+    """Build the wheel of a source tree into a folder; BuildError if it cannot be built.
 
-    Raises:
-      BuildError: it cannot be built.
+    `name` is what people call it.
     """
-    if problem := run("wheel", "--no-deps", f"--wheel-dir={target}", str(source)):
+    arguments = ("--no-deps", f"--wheel-dir={target}", str(source))
+    if problem := run(f"building {name}", "wheel", *arguments):
         raise BuildError(problem)
 
 
-def run(command: str, *arguments: str) -> str:
+def run(phase: str, command: str, *arguments: str) -> str:
     """Run a command of pip that takes wheels alone; return why it failed, or nothing.
 
     pip ends with all that it started, such as a compiler. On Linux it also dies with this process,
     so that it cannot write on while another one installs.
+
+    Args:
+      phase: what this is, logged as it begins, and for debugging with how much pip has written.
     """
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-    with tempfile.TemporaryFile() as errors:
+    _LOG.info(phase)
+    with scratch.folder() as folder, tempfile.TemporaryFile() as errors:
         process = child.Child(
             [
                 *(sys.executable, "-m", "pip", command),
                 *("--quiet", "--disable-pip-version-check", "--no-input", "--only-binary=:all:"),
                 *arguments,
             ],
-            env={_VERSION_OF_GIT: "0", **environment},
+            env={_VERSION_OF_GIT: "0", **environment, "TMPDIR": str(folder)},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=errors,
             preexec_fn=child.die_with_parent,
         )
         try:
-            process.wait()
+            while process.wait(_TICK_S) is None:
+                _LOG.debug("%s: %.0f MB", phase, _size_bytes(folder) / 1e6)
         finally:
             exit_code = process.end()
         errors.seek(0)
         return "" if exit_code == 0 else _reason(errors.read().decode(errors="replace"))
+
+
+def _size_bytes(folder: Path) -> int:
+    """Return the size of the files in a folder, in which others come and go."""
+    size_bytes = 0
+    for file in folder.rglob("*"):
+        with contextlib.suppress(OSError):
+            size_bytes += file.lstat().st_size
+    return size_bytes
 
 
 def _reason(stderr: str) -> str:
@@ -128,7 +148,6 @@ def _reason(stderr: str) -> str:
 
 
 def _error(version: str, local: bool, reason: str) -> InputError | MachineError:
-    """Return the error that stands for a failure of pip, which was given local wheels or none."""
     try:
         files_of = package_index.files()
     except MachineError as error:

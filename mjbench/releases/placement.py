@@ -47,7 +47,6 @@ class Placement:
 
     @classmethod
     def draw(cls, residue: int, rng: random.Random) -> "Placement":
-        """Return a random placement of one of the RESIDUES."""
         lines = range(0, HUGE_PAGE_BYTES, CACHE_LINE_BYTES)
         return cls(residue + rng.choice(lines), residue + rng.choice(lines))
 
@@ -61,7 +60,6 @@ class PlacementPair:
 
     @property
     def is_moved(self) -> bool:
-        """Whether the libraries of both are moved."""
         return self.old is not None and self.new is not None
 
     @property

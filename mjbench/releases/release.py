@@ -18,7 +18,6 @@ class Release:
     """A release of MuJoCo.
 
     Attributes:
-      version: such as `3.5.0`.
       uploaded: when its first file was uploaded, in whole seconds, UTC.
     """
 
@@ -32,10 +31,7 @@ class Release:
 
 
 def version_key(version: str) -> tuple[int, ...]:
-    """Return the first three numbers of a version, by which versions sort.
-
-    That is (3, 2, 0) for `3.2.0`, `3.2.0rc1` and `3.2.0.post1` alike.
-    """
+    """Return the numbers by which versions sort: (3, 2, 0) for `3.2.0rc1` and `3.2.0` alike."""
     return tuple(int(number) for number in re.findall(r"\d+", version)[:3])
 
 

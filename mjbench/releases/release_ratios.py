@@ -70,7 +70,6 @@ class LogEstimate:
 
     @property
     def ratio(self) -> float:
-        """The estimate itself."""
         return math.exp(self.log_ratio)
 
 
@@ -230,7 +229,6 @@ class OperationRatioRecord(RatioRecord):
 
     @property
     def series(self) -> str:
-        """See `RatioRecord.series`."""
         return self.operation
 
 

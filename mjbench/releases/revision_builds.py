@@ -46,7 +46,7 @@ def _wheel(revision: Revision, source: Path, tree: str) -> Path:
             if not folder.exists():
                 shutil.rmtree(partial, ignore_errors=True)
                 partial.mkdir(parents=True)
-                pip.build(source, partial)
+                pip.build(str(revision), source, partial)
                 (partial / installs.MARKER).write_text(f"{revision}\n")
                 partial.rename(folder)
             with contextlib.suppress(OSError):  # a cache that may only be read

@@ -36,7 +36,6 @@ class Revision:
     """A revision that a user named.
 
     Attributes:
-      name: as the user named it, such as `main`.
       commit: its full hash; empty for WORKTREE.
     """
 
@@ -62,33 +61,19 @@ class Commit:
 
     @property
     def revision(self) -> Revision:
-        """The revision that it is."""
         return Revision(short_commit(self.commit), self.commit)
 
 
 class Repository:
-    """The git repository around a folder.
-
-    Attributes:
-      top: the folder of its checkout.
-    """
+    """The git repository around a folder."""
 
     def __init__(self, folder: Path):
-        """Find the repository.
-
-        Raises:
-          InputError: the folder is in no checkout of a git repository.
-          MachineError: there is no git.
-        """
+        """Find the repository; InputError outside of one, MachineError without git."""
         problem = f"{folder} is in no checkout of a git repository"
         self.top = Path(_git(folder, ["rev-parse", "--show-toplevel"], problem).rstrip("\n"))
 
     def parse(self, name: str) -> Revision:
-        """Return the revision of a name: a branch, a tag, a commit, or WORKTREE.
-
-        Raises:
-          InputError: there is none.
-        """
+        """Return the revision of a branch, a tag, a commit, or WORKTREE; InputError without it."""
         if name == WORKTREE:
             return Revision(name)
         commit = ""
@@ -190,7 +175,6 @@ class Repository:
         return self._run("write-tree", variables=variables).strip()
 
     def _submodules(self, tree: str, variables: Mapping[str, str]) -> list[tuple[str, str]]:
-        """Return path and commit of each submodule of a tree."""
         listing = self._run("ls-tree", "-r", "-z", tree, variables=variables)
         entries = [entry.partition("\t") for entry in listing.split("\0") if entry]
         return [
@@ -231,10 +215,6 @@ def _git(
     Args:
       problem: what it means that the command fails; empty where git says it.
       variables: of the environment, to be added.
-
-    Raises:
-      InputError: it fails, and that means a problem of the user's.
-      MachineError: it fails otherwise, or there is no git.
     """
     environment = {k: v for k, v in os.environ.items() if k not in _REDIRECTING}
     settings = ("core.fsmonitor=false", "core.hooksPath=/dev/null", "core.splitIndex=false")

@@ -32,15 +32,11 @@ def source_folders(tree: Path) -> list[Path]:
 
 
 def package_names(tree: Path) -> frozenset[str]:
-    """Return the names of all packages that lie in a source tree, and of the modules beside them.
-
-    A package has an `__init__.py`, and lies in a folder without one.
-    """
+    """Return the packages of a source tree, each with `__init__.py`, and the modules beside."""
     return frozenset(_names(tree))
 
 
 def has_module(tree: Path, name: str) -> bool:
-    """Return whether a module or a package lies directly in a source folder of a tree."""
     files = (f"{name}.py", f"{name}/__init__.py")
     return any((folder / file).is_file() for folder in source_folders(tree) for file in files)
 
@@ -80,16 +76,11 @@ def lock_files(tree: Path) -> dict[str, bytes]:
 
 
 def is_installable(tree: Path) -> bool:
-    """Return whether a source tree is a package that pip can install."""
     return (tree / "pyproject.toml").exists() or (tree / "setup.py").exists()
 
 
 def _pyproject(tree: Path) -> Mapping[str, Any]:
-    """Return the settings of a project; empty without any.
-
-    Raises:
-      MachineError: they cannot be read.
-    """
+    """Return the settings of a project; empty without any."""
     file = tree / "pyproject.toml"
     try:
         return tomllib.loads(file.read_text(encoding="utf-8"))

@@ -120,7 +120,6 @@ def change(before: MeasuredRelease, after: MeasuredRelease) -> LogEstimate:
 
 
 def knows_work(before: MeasuredRelease, after: MeasuredRelease) -> bool:
-    """Return whether it is known how the work changed from one release to another."""
     old, new = before.record, after.record
     if isinstance(old, StepRatioRecord) and isinstance(new, StepRatioRecord):
         return old.work is not None and new.work is not None and old.workload == new.workload

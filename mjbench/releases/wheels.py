@@ -30,8 +30,6 @@ class Wheel:
 
     Attributes:
       project: such as `mujoco-core`.
-      version: of the project.
-      tags: the Pythons and platforms that it is for.
     """
 
     file: Path
@@ -84,7 +82,6 @@ def find(text: str) -> list[Wheel]:
 
 
 def is_folder(text: str) -> bool:
-    """Return whether an argument names a folder."""
     try:
         return bool(text.strip()) and Path(text).is_dir()
     except (OSError, ValueError):  # its name is too long, or has a NUL
@@ -122,7 +119,6 @@ def _other_python(text: str) -> InputError:
 
 
 def _wheel(text: str) -> Wheel:
-    """Return the wheel that a file name stands for."""
     path = Path(text)
     try:
         exists = path.is_file()
@@ -151,11 +147,7 @@ def wheel_of(file: Path) -> Wheel | None:
 
 
 def _check_content(wheel: Path) -> None:
-    """Refuse a file that is no wheel inside.
-
-    Raises:
-      InputError: it cannot be read, is no zip file or only half of one, or holds no package.
-    """
+    """Refuse a file that is no wheel inside."""
     try:
         with zipfile.ZipFile(wheel) as archive:
             names = archive.namelist()

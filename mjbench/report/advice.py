@@ -173,7 +173,8 @@ def _choose(
     elif chosen == base and reason == Reason.FASTER:
         reason = Reason.NO_GAIN
     contenders = (model_results.timed(race.variants[i]) for i in standing.contenders)
-    rivals = [each for each in contenders if each is not None and each != chosen]
+    # a path is only chosen where it is certainly faster than the plain loop
+    rivals = [each for each in contenders if each is not None and each not in (chosen, base)]
     rivals.sort(key=lambda result: result.steps_per_s or 0.0, reverse=True)
     most_gain = standing.most_gain if math.isfinite(standing.most_gain) else None
     return _Choice(chosen, reason, is_certain, [each.variant for each in rivals], most_gain)

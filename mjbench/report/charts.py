@@ -196,7 +196,12 @@ _CONFIG: Spec = {
         "titleFontSize": 12,
         "titleFontWeight": "normal",
     },
-    "legend": {"labelColor": _TEXT, "titleColor": _TEXT, "labelFontSize": 12},
+    "legend": {
+        "labelColor": _TEXT,
+        "titleColor": _TEXT,
+        "labelFontSize": 12,
+        "columnPadding": 20,
+    },
     "title": {"color": _TEXT, "anchor": "start"},
 }
 

@@ -12,7 +12,16 @@ from mjbench.host.machine import Machine
 from mjbench.loop.profile import ProfiledSteps, ProfileRow
 from mjbench.measuring.ratio import Ratio
 from mjbench.program.records import ProgramRow
-from mjbench.report import advice, checkup_items, environment, formats, profile, program, tuning
+from mjbench.report import (
+    advice,
+    checkup_items,
+    environment,
+    formats,
+    profile,
+    program,
+    tuning,
+    tuning_notes,
+)
 from mjbench.report.checkup_item import CheckupItem, GainGroup, GainUnit, ResultChange
 from mjbench.report.checkup_items import combination_gain
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Snippet, Tone
@@ -85,6 +94,7 @@ def list_section(run: Run) -> Section:
             for number, item in enumerate(listed_items, 1)
             if item.snippet
         ],
+        is_open=True,
     )
 
 
@@ -188,7 +198,8 @@ def _is_certain(run: Run) -> bool:
 
 def _is_decided(record: TuneRecord) -> bool:
     """Return whether no setting that keeps results may still be faster."""
-    return not (record.untried or record.withdrawn or any(map(_may_gain, record.attempts)))
+    is_open = record.untried or record.untried_combinations or record.withdrawn
+    return not (is_open or any(map(_may_gain, record.attempts)))
 
 
 def _may_gain(attempt: Attempt) -> bool:
@@ -228,12 +239,11 @@ def _why_no_path(results: ModelResults) -> str:
 
 
 def _why_no_setting(record: TuneRecord) -> str:
-    """Return how many settings were tried; those for which there was no time are named, too."""
+    """Return how many settings were tried."""
     tried = sum(len(each.settings) == 1 for each in record.attempts)
     if not tried:
         return "there was no time to try settings" if record.untried else ""
-    left = f" ({record.untried} were not tried)" if record.untried else ""
-    return f"none of {count_of(tried, 'setting')} is certainly faster with the same results{left}"
+    return f"none of {count_of(tried, 'setting')} is certainly faster with the same results"
 
 
 def _stages(steps: ProfiledSteps) -> str:
@@ -251,8 +261,8 @@ def _table(listed_items: Sequence[CheckupItem]) -> DataTable:
         "What to do, the most important first",
         enumerate(listed_items, 1),
         (Column("", str), lambda row: row[0]),
-        (Column("gain"), lambda row: row[1].gain_text or None),
-        (Column("95 %"), lambda row: row[1].ends_text or None),
+        (Column("gain", has_figures=True), lambda row: row[1].gain_text or None),
+        (Column("95 %", has_figures=True), lambda row: row[1].ends_text or None),
         (Column("unit"), lambda row: row[1].unit if row[1].gain is not None else None),
         (Column("what to do", wraps=True), lambda row: row[1].action),
         (Column("changes in results", wraps=True), lambda row: row[1].change_text),
@@ -276,6 +286,7 @@ def _notes(
             yield f"Not done: mjbench {part.part}: {part.detail}"
     for record in run.of_type(TuneRecord):
         yield from checkup_items.far_settings(record, checkup_items.quoted(parts[0].target))
+        yield from tuning_notes.left_out(record)
     yield from dict.fromkeys(slow for item in listed_items for slow in item.slow_effects)
     is_open = not _is_certain(run) and all(item.gain is None for item in listed_items)
     if is_open and parts[0].kind == TargetKind.MODEL and run.of_type(ProfileRow):

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from mjbench.comparison.records import ModelRecord
 from mjbench.paired.race import MAX_LAUNCHES
+from mjbench.paired.race_record import MIN_LAUNCHES
 from mjbench.paths.accelerated import keyword_arguments
 from mjbench.report import comparison_figures, formats
 from mjbench.report.advice import (
@@ -116,14 +117,20 @@ def model_section(sizes: Sequence[ModelResults]) -> Section:
 
 
 def section_so_far(sizes: Sequence[ModelResults]) -> Section | None:
-    """Return what is shown of a model while it is measured; None before there is a speed."""
+    """Return what is shown of a model while it is measured; None before there is a speed.
+
+    Nothing is advised before a race has a few launches.
+    """
     timed = [each for each in sizes if any(result.is_timed for result in each.results)]
     if not timed:
         return None
+    race = timed[-1].race
+    is_advised = race is None or len(race.launches) >= MIN_LAUNCHES
+    conclusions = [*_conclusions(timed[-1], len(timed) > 1)]
     return Section(
         heading=heading(timed[-1].model),
-        conclusions=[*_conclusions(timed[-1], len(timed) > 1)],
-        tables=[path_table(timed)],
+        conclusions=[each for each in conclusions if is_advised or each.tone == Tone.CAUTION],
+        tables=[path_table(timed) if is_advised else path_table(timed).without([""])],
     )
 
 

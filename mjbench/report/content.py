@@ -55,6 +55,7 @@ class Column:
       leaves: in which order columns leave a table that is too wide, the first one at 1; 0 for one
         that stays.
       is_bar: whether its cells are bars of text, which pages draw as a chart instead.
+      has_figures: whether its texts are figures, which are aligned as numbers are.
     """
 
     title: str
@@ -62,11 +63,17 @@ class Column:
     wraps: bool = False
     leaves: int = 0
     is_bar: bool = False
+    has_figures: bool = False
 
     @property
     def is_number(self) -> bool:
         """Whether it holds numbers, or intervals."""
         return self.form is not None
+
+    @property
+    def is_right_aligned(self) -> bool:
+        """Whether its cells end below each other, and none may be cut."""
+        return self.is_number or self.has_figures
 
     def number(self, cell: Cell) -> float | None:
         """Return what a cell is sorted by: its number, or the lower end of its interval."""

@@ -43,8 +43,12 @@ def sections(records: Sequence[EnvironmentRecord]) -> Iterator[Section]:
 
 
 def _section(record: EnvironmentRecord, facts: EnvironmentFacts) -> Section:
-    sentences = [Conclusion(text, Tone.CAUTION) for text in cautions(record)]
-    sentences += [Conclusion(text) for text in conclusions(record)]
+    name = record.environment
+    sentences = [Conclusion(text, Tone.CAUTION, name) for text in cautions(record)]
+    sentences += [
+        Conclusion(text, subject="" if text.startswith(name) else name)
+        for text in conclusions(record)
+    ]
     if record.check is not None and record.check.status == Status.DISAGREES:
         text = f"{record.environment}: {physics_lines(record)[0]}"
         sentences.insert(0, Conclusion(text, Tone.BAD))

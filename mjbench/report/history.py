@@ -33,7 +33,7 @@ _METHODS = {
 
 
 def sections(history: SpeedHistory, has_plots: bool = True) -> Iterator[Section]:
-    """Yield what a history of one or more models comes to, its changes, and then its figures."""
+    """Yield what a history of one or more models comes to, its plots, then all its figures."""
     first = history.releases()[0]
     measure = f"mjbench history measure --since {first}"
     explain = f"mjbench history explain --since {first}"
@@ -45,6 +45,19 @@ def sections(history: SpeedHistory, has_plots: bool = True) -> Iterator[Section]
         command=measure,
         see_also=_METHODS,
     )
+    if has_plots:
+        yield Section(
+            "Plots",
+            facts=[
+                "From top to bottom: the time of a step relative to the reference, with two"
+                " standard errors and change points; its instructions; its work; and how far one"
+                " step ends from where the reference ends. Shaded: the ratio as shipped, where it"
+                " certainly differs."
+            ],
+            figures=[history_plots.figure(history, series) for series in history.models],
+            command=both,
+            is_open=True,
+        )
     yield from _change_points(history, both)
     yield _section(
         tables.excursions(history),
@@ -65,18 +78,6 @@ def sections(history: SpeedHistory, has_plots: bool = True) -> Iterator[Section]
         " errors. Few launches are as shipped, so only large differences are seen.",
     )
     yield _section(tables.totals(history), measure)
-    if has_plots:
-        yield Section(
-            "Plots",
-            facts=[
-                "From top to bottom: the time of a step relative to the reference, with two"
-                " standard errors and change points; its instructions; its work; and how far one"
-                " step ends from where the reference ends. Shaded: the ratio as shipped, where it"
-                " certainly differs."
-            ],
-            figures=[history_plots.figure(history, series) for series in history.models],
-            command=both,
-        )
     yield _section(
         tables.step_times(history),
         measure,

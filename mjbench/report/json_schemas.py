@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from mjbench.report.documents import RunSetDocument
-from mjbench.report.kinds import DOCUMENTS, RECORD_TYPES
+from mjbench.report.kinds import DOCUMENTS, PRESENT_NAMES, RECORD_TYPES
 from mjbench.store.json_form import json_type
 from mjbench.store.run_set import SectionHeader, SetHeader
 from mjbench.store.runs import RunHeader
@@ -28,7 +28,10 @@ def json_schemas() -> dict[str, dict[str, Any]]:
     There is one a document, `run-file` for a line of a run file, `run-set` for a line of a set that
     is none of a run file, and `show-run-set` for what `show` writes of one.
     """
-    schemas = {name: _schema(kind, f"mjbench {name} --json") for name, kind in DOCUMENTS.items()}
+    schemas = {
+        name: _schema(kind, f"mjbench {PRESENT_NAMES.get(name, name)} --json")
+        for name, kind in DOCUMENTS.items()
+    }
     schemas["show-run-set"] = _schema(RunSetDocument, "mjbench show --json, of a run set")
     title = "one line of a run file of mjbench"
     schemas["run-file"] = _lines_schema([RunHeader, *RECORD_TYPES.values()], title)

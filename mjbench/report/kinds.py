@@ -5,7 +5,7 @@ results of `import mjbench` know of a kind.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from mjbench.checkups.records import CheckedPart
@@ -13,6 +13,7 @@ from mjbench.comparison import records as comparison_records
 from mjbench.comparison.planning_run import PlanningRow
 from mjbench.counts.records import ExplainRecord, InstructionsRecord
 from mjbench.environment.records import EnvironmentRecord
+from mjbench.host.neighbours import Disturbance
 from mjbench.loop.latency import LatencyRow
 from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.profile import ProfileRow
@@ -44,7 +45,7 @@ from mjbench.report import (
     verdicts,
     web,
 )
-from mjbench.report.content import Section
+from mjbench.report.content import Conclusion, Section, Tone
 from mjbench.report.lint import LintDocument
 from mjbench.report.results import derive_all
 from mjbench.store.runs import SCHEMA, Record, Run
@@ -58,6 +59,7 @@ class Kind:
 
     Attributes:
       commands: those whose `--json` writes its document.
+      sections_of: what a run comes to, whatever disturbed it.
       rows: of the flat table (`mjbench.load`).
     """
 
@@ -65,8 +67,20 @@ class Kind:
     records: tuple[type[Record], ...]
     document_type: type[Any]
     document: Callable[[Run], object]
-    sections: Callable[[Run], Iterable[Section]]
+    sections_of: Callable[[Run], Iterable[Section]]
     rows: Callable[[Run], Iterable[object]]
+
+    def sections(self, run: Run) -> list[Section]:
+        """Return what a run comes to; what disturbed it comes first."""
+        sections = [*self.sections_of(run)]
+        if sections and not run.of_type(RaceRecord):  # a race says itself what disturbed it
+            cautions = [
+                Conclusion(sentence, Tone.CAUTION)
+                for disturbance in run.of_type(Disturbance)
+                for sentence in disturbance.sentences
+            ]
+            sections[0] = replace(sections[0], conclusions=[*cautions, *sections[0].conclusions])
+        return sections
 
 
 def _kind(
@@ -195,7 +209,8 @@ KINDS: Sequence[Kind] = (
 
 # The records of a run file by their `type`.
 RECORD_TYPES: Mapping[str, type[Any]] = {
-    record.record_type: record for kind in KINDS for record in kind.records
+    **{record.record_type: record for kind in KINDS for record in kind.records},
+    Disturbance.record_type: Disturbance,
 }
 
 # The document of each command that takes `--json`; `show` has those of others, and of a run set its
@@ -208,6 +223,18 @@ DOCUMENTS: Mapping[str, type[Any]] = {
     "doctor": documents.DoctorDocument,
     "lint": LintDocument,
     "releases": documents.ReleasesDocument,
+}
+
+# How commands are called by now whose documents and runs have an earlier name.
+PRESENT_NAMES = {
+    "diff": "show --against",
+    "explain": "versions --explain",
+    "history": "history measure",
+    "history-explain": "history explain",
+    "instructions": "profile --instructions",
+    "overhead": "profile --habits",
+    "placement": "doctor --placement",
+    "selfcheck": "doctor --verdicts",
 }
 
 

@@ -31,7 +31,7 @@ def section(rows: Sequence[PlanningRow]) -> Section:
     if fastest := fastest_of(of_size):
         conclusions.append(Conclusion(_fastest_text(fastest)))
     facts = [
-        f"{first.task}, {_outcome(first.achieved)} {first.algorithm} with {first.samples} samples ×"
+        f"{first.task}, {_outcome(first)} {first.algorithm} with {first.samples} samples ×"
         f" {first.horizon} steps, {first.nplan} plans"
     ]
     if first.starts is not None:
@@ -53,11 +53,13 @@ def _variant(row: PlanningRow) -> Variant:
     return Variant(row.path, row.options)
 
 
-def _outcome(achieved: bool | None) -> str:
+def _outcome(row: PlanningRow) -> str:
     """Return whether a task was achieved, as words before the name of the planner."""
-    match achieved:
-        case None:
+    match row.achieved:
+        case None if row.starts is not None:
             return "each plan from another state, by"
+        case None:
+            return "ended by the budget, by"
         case True:
             return "achieved by"
         case False:

@@ -96,7 +96,7 @@ def _sensors(steps: ProfiledSteps) -> DataTable:
         "Sensors by type",
         steps.sensors,
         (Column("sensors"), lambda cost: cost.type),
-        (Column("number"), lambda cost: cost.count),
+        (Column("number", formats.count), lambda cost: cost.count),
         (Column("computed after"), lambda cost: cost.stage.value),
         (Column("of a step", formats.percent), lambda cost: cost.share),
         (Column("ns", formats.digits(4)), lambda cost: cost.share * steps.engine_ns),

@@ -276,7 +276,7 @@ def _remedies_table(remedies: Sequence[Remedy]) -> DataTable:
         "What to do first, and what it saves of the loop",
         enumerate(remedies[:_MOST_REMEDIES], 1),
         (Column("", str), lambda row: row[0]),
-        (Column("saves"), lambda row: saving(row[1])),
+        (Column("saves", has_figures=True), lambda row: saving(row[1])),
         (Column("where"), lambda row: str(row[1].place or "the loop")),
         (Column("what", wraps=True), lambda row: _described(row[1])),
     )
@@ -315,7 +315,7 @@ def _activities_table(time: LoopTime) -> DataTable:
     columns = (
         Column("time goes to"),
         Column("share", whole_percent),
-        Column("±"),
+        Column("±", has_figures=True),
         Column("", is_bar=True),
     )
     rows: list[Sequence[Cell]] = []

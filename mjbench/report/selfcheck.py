@@ -75,7 +75,7 @@ def _slowdown_table(rows: Sequence[SelfcheckRow]) -> DataTable:
     """Return the table of trials in which both targets are the same build."""
     return _table(
         "Known slowdowns",
-        "slowdown",
+        Column("slowdown", has_figures=True),
         rows,
         (
             Column("measured", lambda share: f"{100 * share:+.2f} %", leaves=9),
@@ -91,7 +91,7 @@ def _build_table(rows: Sequence[SelfcheckRow]) -> DataTable:
     """Return the table of trials between builds that execute the same instructions."""
     return _table(
         "Builds of the same code",
-        "old → new",
+        Column("old → new"),
         rows,
         (Column("different", formats.percent), lambda row: row.wrong),
         (Column("by code", formats.percent), lambda row: row.by_code),
@@ -101,7 +101,7 @@ def _build_table(rows: Sequence[SelfcheckRow]) -> DataTable:
 
 def _table(
     title: str,
-    case: str,
+    case: Column,
     rows: Sequence[SelfcheckRow],
     *shares: tuple[Column, Callable[[SelfcheckRow], Cell]],
 ) -> DataTable:
@@ -110,7 +110,7 @@ def _table(
         title,
         rows,
         (Column("model"), lambda row: row.model),
-        (Column(case), describe_case),
+        (case, describe_case),
         (Column("placement", leaves=6), lambda row: "averaged" if row.averaged else "as shipped"),
         (Column("trials", formats.count), lambda row: row.trials),
         *shares,

@@ -190,7 +190,7 @@ def _front_figure(record: TuneRecord, present: Present) -> Figure:
     return charts.figure(
         f"{record.model}: time and error of settings",
         f"{len(rows)} points: the farther left, the faster; the lower, the more accurate."
-        f" {len(record.front)} are confirmed from new starts.",
+        f" Confirmed from new starts: {len(record.front)}.",
         data,
         [charts.layer("point", points, filled=True, size=60, tooltip={"content": "data"})],
         height=320,

@@ -1,5 +1,7 @@
 """The notes of a search for settings: what its figures rest on, and what it left out."""
 
+from collections.abc import Iterator
+
 from mjbench.report.formats import short_percent
 from mjbench.report.starts import starts_lines
 from mjbench.simulation.starts import Starts
@@ -17,11 +19,6 @@ _MOST_FAILED = 12
 def notes(record: TuneRecord) -> list[str]:
     """Return what the figures rest on, and what was not recommended, a line each."""
     lines, starts = _basis(record)
-    if record.no_reference:
-        lines.append(
-            "There is no reference from which to measure errors, so settings that change the motion"
-            f" are not recommended: {record.no_reference}"
-        )
     lines += starts_lines(starts)
     lines += [
         f"Withdrawn by the second look: {label(each.settings)}: {each.reason}"
@@ -31,18 +28,28 @@ def notes(record: TuneRecord) -> list[str]:
     lines += [f"Failed: {label(row.settings)}: {row.detail}" for row in failed[:_MOST_FAILED]]
     if len(failed) > _MOST_FAILED:
         lines.append(f"{len(failed) - _MOST_FAILED} more failed")
-    if record.untried:
-        untried = count_of(record.untried, "setting")
-        lines.append(f"There was no time for {untried}: give a longer --budget")
-    if record.untried_combinations:
-        untried = count_of(record.untried_combinations, "combination")
-        lines.append(f"There was no time for {untried} of settings")
+    lines += left_out(record)
     lines += [
         f"Geom {mesh.geom} collides as the mesh {mesh.mesh}, which fills"
         f" {100 * mesh.share:.0f} % of a {mesh.primitive}"
         for mesh in record.meshes
     ]
     return lines
+
+
+def left_out(record: TuneRecord) -> Iterator[str]:
+    """Yield what was not judged, and why, a line each."""
+    if record.no_reference:
+        yield (
+            "There is no reference from which to measure errors, so settings that change the motion"
+            f" are not recommended: {record.no_reference}"
+        )
+    if record.untried:
+        untried = count_of(record.untried, "setting")
+        yield f"There was no time for {untried}: give a longer --budget"
+    if record.untried_combinations:
+        untried = count_of(record.untried_combinations, "combination")
+        yield f"There was no time for {untried} of settings: give a longer --budget"
 
 
 def _basis(record: TuneRecord) -> tuple[list[str], Starts]:

@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from mjbench.measuring.ratio import Ratio
 from mjbench.paired import family
 from mjbench.paired.across_machines import (
     AcrossMachines,
@@ -14,28 +13,21 @@ from mjbench.paired.across_machines import (
     MachineVerdict,
 )
 from mjbench.paired.family import Family
+from mjbench.paired.metrics import METRICS
 from mjbench.paired.outcomes import MIN_EFFECT, Cause, Metric, ResultsOutcome, Verdict
 from mjbench.paired.records import ControlRow, Pair, TargetRow, VerdictRow
 from mjbench.paths import BASE
 from mjbench.releases import packages
 from mjbench.report import charts, formats
+from mjbench.report.changes import describe_ratio
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report.starts import starts_lines, warning_lines
 from mjbench.simulation import agreement
 from mjbench.status import Status
-from mjbench.units import count_of, duration, plain
+from mjbench.units import count_of, duration
 
-# What stands behind the name of a comparison of something else than the time of a block.
-_METRICS = {
-    Metric.TIME: "",
-    Metric.P99: ", the slowest 1 % of steps",
-    Metric.INSTRUCTIONS: ", instructions",
-}
 # Machines that a sentence names, at most; of more it says how many.
 _MOST_NAMES = 3
-# From this factor on, a change is a factor and not a percentage.
-_LARGE = 2.0
-
 
 _WORK = {True: "changed", False: "same"}
 _TONES = {
@@ -122,32 +114,37 @@ def _label(row: VerdictRow) -> str:
 
 def has_evidence(row: VerdictRow) -> bool:
     """Return whether a comparison can be decided with others; old run files hold no e-values."""
-    is_exact = row.metric == Metric.INSTRUCTIONS
-    return is_exact or row.verdict is None or row.ratio is None or row.e_slower is not None
+    return (
+        METRICS[row.metric].is_exact
+        or row.verdict is None
+        or row.ratio is None
+        or row.e_slower is not None
+    )
 
 
 def describe_family(decided: Family, confidence: float) -> str:
     """Return what comparisons show together, as a sentence."""
+    changes = [*decided.slower, *decided.faster]
+    spec = METRICS[changes[0].metric if changes else Metric.TIME]
     parts = [
         f"{outcome} in {_count_of_models(rows)}"
         for outcome, rows in (
-            ("slower", decided.slower),
-            ("faster", decided.faster),
+            (spec.more, decided.slower),
+            (spec.less, decided.faster),
             ("undecided", decided.undecided),
         )
     ]
     sentence = f"All {decided.count} together: {', '.join(parts)}."
-    changes = [*decided.slower, *decided.faster]
-    if any(row.metric != Metric.INSTRUCTIONS for row in changes):
-        sentence += _false_alarms(bool(decided.slower), bool(decided.faster), confidence)
+    if not all(METRICS[row.metric].is_exact for row in changes):
+        sentence += _false_alarms(
+            {spec.more: bool(decided.slower), spec.less: bool(decided.faster)}, confidence
+        )
     return sentence
 
 
-def _false_alarms(names_slower: bool, names_faster: bool, confidence: float) -> str:
+def _false_alarms(are_named: Mapping[str, bool], confidence: float) -> str:
     """Return how many of the changes that are named may be wrong; empty where none is named."""
-    named = [
-        word for word, is_there in (("slower", names_slower), ("faster", names_faster)) if is_there
-    ]
+    named = [word for word, is_there in are_named.items() if is_there]
     if not named:
         return ""
     each = " each" if len(named) == 2 else ""
@@ -164,11 +161,12 @@ def describe_all_machines(across: AcrossMachines) -> str:
     parts = [f"{count} {outcome.value}" for outcome, count in counts.items() if count]
     counted = count_of(len(verdicts), "verdict")
     machines = count_of(len(across.machines), "machine")
-    return f"{counted} on {machines}, decided together: {', '.join(parts)}." + _false_alarms(
-        any(_is_timed(c) and c.of_outcome(MachinesOutcome.SLOWER) for c in across.comparisons),
-        any(_is_timed(c) and c.of_outcome(MachinesOutcome.FASTER) for c in across.comparisons),
-        across.confidence,
-    )
+    are_named = {
+        outcome.value: any(_is_timed(c) and c.of_outcome(outcome) for c in across.comparisons)
+        for outcome in (MachinesOutcome.SLOWER, MachinesOutcome.FASTER)
+    }
+    text = f"{counted} on {machines}, decided together: {', '.join(parts)}."
+    return text + _false_alarms(are_named, across.confidence)
 
 
 def describe_machines(comparison: MachineComparison, name: str) -> str:
@@ -194,7 +192,7 @@ def comparison_name(comparison: MachineComparison) -> str:
     name = f"{comparison.model}, {describe_targets(comparison)}"
     if comparison.path not in (BASE, ""):
         name += f", {comparison.path}"
-    return name + _METRICS[comparison.metric]
+    return name + METRICS[comparison.metric].suffix
 
 
 def _on_machines(
@@ -221,7 +219,7 @@ def _spread(comparison: MachineComparison) -> str:
 
 
 def _is_timed(comparison: MachineComparison) -> bool:
-    return comparison.metric != Metric.INSTRUCTIONS
+    return not METRICS[comparison.metric].is_exact
 
 
 def _count_of_models(rows: Sequence[VerdictRow]) -> str:
@@ -231,9 +229,8 @@ def _count_of_models(rows: Sequence[VerdictRow]) -> str:
 
 def describe_verdict(row: VerdictRow) -> str:
     """Return a comparison as a sentence, such as `humanoid, 3.3.0 → 4.0.0: slower by 1.4 % …`."""
-    name = f"{row.model}, {describe_targets(row)}"
-    if row.metric == Metric.P99:
-        name += _METRICS[row.metric]
+    spec = METRICS[row.metric]
+    name = f"{row.model}, {describe_targets(row)}{'' if spec.is_exact else spec.suffix}"
     outcome = f"{row.verdict}: " if row.verdict and row.ratio is None else ""
     return f"{name}: {outcome}{describe_change(row)}"
 
@@ -246,7 +243,8 @@ def describe_change(row: VerdictRow) -> str:
         f"changed work: {describe_work(row)}" if row.changed_work else _same_work(row)
     )
     detail = f"; {row.detail}" if row.detail else ""
-    ratio = _describe_ratio(row.verdict, row.ratio)
+    things = "steps" if row.path else "calls"
+    ratio = describe_ratio(row.metric, row.verdict, row.ratio, things)
     if row.timesteps_s is not None and row.metric == Metric.TIME:
         ratio += f" per simulated second (timestep {_timesteps(row.timesteps_s)})"
     return f"{ratio}{_describe_cause(row)}, {work}{_describe_placement(row)}{detail}"
@@ -372,24 +370,6 @@ def _timesteps(timesteps: Pair[float]) -> str:
     return f"{timesteps.old:g} → {timesteps.new:g} s"
 
 
-def _describe_ratio(verdict: Verdict, ratio: Ratio) -> str:
-    if ratio.low is not None and ratio.high is not None:
-        if verdict == Verdict.FASTER and ratio.estimate <= 1 / _LARGE:
-            interval = formats.ends(ratio.inverse, _times, " to ")
-            return f"faster, {_times(1 / ratio.estimate)} times as fast (interval {interval})"
-        if verdict == Verdict.SLOWER and ratio.estimate >= _LARGE:
-            interval = formats.ends(ratio, _times, " to ")
-            return f"slower, takes {_times(ratio.estimate)} times as long (interval {interval})"
-    if verdict == Verdict.SAME:
-        ends = [end for end in (ratio.low, ratio.high) if end is not None]
-        return f"same within {formats.short_percent(max(abs(end - 1) for end in ends))}"
-    interval = formats.ends(ratio, formats.change, " to ") or "unknown"
-    if verdict == Verdict.INCONCLUSIVE:
-        return f"inconclusive, {formats.change(ratio.estimate)} (interval {interval})"
-    size = formats.short_percent(abs(ratio.estimate - 1))
-    return f"{verdict} by {size} (interval {interval})"
-
-
 def _describe_cause(row: VerdictRow) -> str:
     """Return what follows a change of time: whether the code changed, where that is known."""
     is_different = row.verdict in (Verdict.FASTER, Verdict.SLOWER)
@@ -415,10 +395,6 @@ def _describe_placement(row: VerdictRow) -> str:
     return f"; the placement of these builds adds {change} ({certainty})"
 
 
-def _times(factor: float) -> str:
-    return plain(factor, 3)
-
-
 def _settings(target: TargetRow) -> Mapping[str, Any]:
     """Return what was chosen for a target, by name."""
     return {
@@ -440,7 +416,7 @@ def _table(rows: Sequence[VerdictRow]) -> DataTable:
         (Column("old → new", wraps=True), describe_targets),
         (Column("new / old", _four_digits), lambda row: row.ratio.estimate if row.ratio else None),
         (Column("interval", formats.ends_in(_four_digits)), lambda row: row.ratio),
-        (Column("verdict"), lambda row: (row.verdict or row.status).value),
+        (Column("verdict"), _outcome),
         (Column("cause", leaves=6), lambda row: row.cause.value if row.cause else None),
         (Column("placement", formats.change, leaves=4), _added_by_placement),
         (
@@ -451,6 +427,10 @@ def _table(rows: Sequence[VerdictRow]) -> DataTable:
         (Column("launches", formats.count, leaves=3), lambda row: row.launches),
         (Column("seconds", formats.tenths, leaves=2), lambda row: row.seconds),
     )
+
+
+def _outcome(row: VerdictRow) -> str:
+    return METRICS[row.metric].outcome(row.verdict) if row.verdict else row.status.value
 
 
 def _four_digits(ratio: float) -> str:

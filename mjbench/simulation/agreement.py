@@ -68,7 +68,6 @@ def first_differing_entry(
 
     Args:
       values: (nbatch, nstate) float64, as `reference`.
-      mask: (nbatch, nstate) bool, the entries to compare; None for all.
 
     Raises:
       ValueError: the shapes differ.
@@ -99,9 +98,6 @@ def first_differing_step(
     """Return the first entry of a step's output that differs in any bit, or None.
 
     First means the earliest step, then the lowest simulation, then the first entry of its row.
-
-    Args:
-      values: (nbatch, nstep, size) float64, as `reference`.
 
     Raises:
       ValueError: the shapes differ.
@@ -155,11 +151,7 @@ def field_scales(fields: Mapping[str, np.ndarray]) -> dict[str, float]:
 
 
 def result_changes(baseline_drift: float | None, candidate_drift: float | None) -> list[str]:
-    """Return, in a phrase, that two releases step to different results; empty if they do not.
-
-    Args:
-      baseline_drift: from one step of a fixed release to one of the baseline; None if unknown.
-    """
+    """Return, in a phrase, that two releases step to different results; empty if they do not."""
     if baseline_drift is None or candidate_drift is None:
         return []
     low, high = sorted((baseline_drift, candidate_drift))

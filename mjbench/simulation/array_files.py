@@ -30,9 +30,6 @@ class ArrayFile:
 def read(file: Path, what: str, fields: Collection[str]) -> ArrayFile:
     """Return the arrays of a file that are named like fields.
 
-    Args:
-      what: the arrays are, for messages.
-
     Raises:
       InputError: the file cannot be read, or the arrays are too large.
     """
@@ -74,11 +71,7 @@ def _check_size(file: Path, fields: Collection[str]) -> None:
 
 
 def floats(values: np.ndarray, name: str) -> np.ndarray:
-    """Return finite numbers as float64, in which small integers take eight times their space.
-
-    Raises:
-      InputError: they are others, or would be too large.
-    """
+    """Return finite numbers as float64, if they fit into memory; else InputError."""
     if values.dtype.kind not in "fiub":
         raise InputError(f"{name} does not hold numbers")
     if values.size * np.dtype(float).itemsize > MOST_BYTES:

@@ -38,7 +38,6 @@ class ModelLayout:
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "ModelLayout":
-        """Return the layout of a model."""
         return cls(
             nq=int(model.nq),
             nv=int(model.nv),
@@ -62,7 +61,6 @@ class CaptureHeader:
     Attributes:
       digests: of the models that were stepped (see `model_digest`); several where the program
         changes its model.
-      steps: steps of the model in the program during the capture.
       changed_inputs: MjData fields, other than the controls, that the program sets between steps.
     """
 
@@ -81,11 +79,7 @@ class CaptureHeader:
 
     @classmethod
     def of_array(cls, array: np.ndarray, file_name: str) -> "CaptureHeader":
-        """Return the header that a file holds.
-
-        Raises:
-          InputError: it is no header, or one of a later format.
-        """
+        """Return the header that a file holds; InputError for none, or a later format."""
         try:
             values = json.loads(str(array))
             version = int(values["format"])
@@ -101,7 +95,6 @@ class CaptureHeader:
             ) from error
 
     def check(self, model: mujoco.MjModel, file_name: str) -> None:
-        """Refuse a model of another layout."""
         own = ModelLayout.of(model)
         if own == self.layout:
             return

@@ -39,7 +39,6 @@ _DIVERGENCE = ("BADQPOS", "BADQVEL", "BADQACC", "BADCTRL")
 
 @functools.cache
 def state_spec(name: str) -> int:
-    """Return the value of `mjtState.mjSTATE_<name>` in this release."""
     return int(getattr(mujoco.mjtState, f"mjSTATE_{name}"))
 
 
@@ -48,7 +47,6 @@ INTEGRATION, FULLPHYSICS = state_spec("INTEGRATION"), state_spec("FULLPHYSICS")
 
 
 def state_size(model: mujoco.MjModel, spec: int = INTEGRATION) -> int:
-    """Return the number of mjtNum of a state specification (see mj_stateSize)."""
     return int(mujoco.mj_stateSize(model, spec))
 
 
@@ -144,7 +142,6 @@ def threadpool_unavailable() -> str | None:
 
 
 def has_bind() -> bool:
-    """Return whether MjData has `bind`."""
     return hasattr(mujoco.MjData, "bind")
 
 
@@ -189,7 +186,6 @@ def line_search_iterations(data: mujoco.MjData) -> int:
 
 
 def warning_counts(data: mujoco.MjData) -> np.ndarray:
-    """Return a copy of the warning counters, one per mjtWarning."""
     return np.array(data.warning.number)
 
 
@@ -217,10 +213,7 @@ def known(function: Callable[..., Any], **keywords: Any) -> dict[str, Any]:
 
 
 def mjx_own(data: Any) -> Any:
-    """Return the object with the fields that only one implementation of MJX has.
-
-    It is `data._impl`; in older releases, `data` itself.
-    """
+    """Return what has the fields of one implementation of MJX: `data._impl`, or older, `data`."""
     return getattr(data, "_impl", data)
 
 

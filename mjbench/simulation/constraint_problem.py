@@ -53,7 +53,6 @@ def converging(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def without_constraints(model: mujoco.MjModel) -> mujoco.MjModel:
-    """Return a copy of a model whose smooth dynamics alone act."""
     changed, disable = copy.copy(model), mujoco.mjtDisableBit
     changed.opt.disableflags |= int(disable.mjDSBL_CONSTRAINT) | int(disable.mjDSBL_CONTACT)
     return changed
@@ -63,7 +62,6 @@ class ConstraintProblem:
     """The constraint problem of one state of a model after the other.
 
     Attributes:
-      model: with the user's own settings.
       own: C's solution with its own contacts, of the present state.
       contacts: those of C, in simulation 0.
     """
@@ -125,11 +123,7 @@ class ConstraintProblem:
         return float(model.geom_margin[pair].max() - model.geom_gap[pair].max())
 
     def solve(self, contacts: Contacts) -> Solution:
-        """Return C's solution of the present state with other contacts, of one simulation.
-
-        Raises:
-          KeyError: C has not met a pair of geoms (see `has_examples`).
-        """
+        """Return C's solution with other contacts; KeyError for a pair that C has not met."""
         return self.solve_at(self._state, contacts)
 
     def solve_touching_at(self, state: np.ndarray) -> tuple[Contacts, Solution]:

@@ -37,12 +37,10 @@ class Contacts:
         return np.bincount(self.simulation, minlength=nbatch)
 
     def select(self, rows: np.ndarray) -> "Contacts":
-        """Return some contacts: a mask or indices."""
         arrays = (self.simulation, self.geom, self.distance, self.position, self.frame)
         return Contacts(*(array[rows] for array in arrays))
 
     def first(self, nbatch: int) -> "Contacts":
-        """Return the contacts of the first `nbatch` simulations."""
         return self.select(self.simulation < nbatch)
 
     @classmethod

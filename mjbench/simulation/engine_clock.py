@@ -23,12 +23,10 @@ class EngineClock:
     """A call of `engine_clock`; in a `with` statement, it holds until the end of the block."""
 
     def __init__(self, on: bool):
-        """Switch the timer."""
         self._call = _Switch(on, weakref.ref(self))
         self._begin()
 
     def __enter__(self) -> "EngineClock":
-        """Leave the timer as it was set."""
         if self._call not in _CALLS.active:
             self._begin()
         return self
@@ -78,8 +76,6 @@ def has_clock(model: mujoco.MjModel) -> bool:
 
 
 class _Switch:
-    """What a call of `engine_clock` asked for."""
-
     def __init__(self, on: bool, clock: "weakref.ref[EngineClock]"):
         self.on, self.clock = on, clock
 
@@ -110,7 +106,6 @@ _CALLS: ProcessWide[_Switch] = ProcessWide(_TIMER.set)
 
 @functools.cache  # a timed block may ask for it
 def _mjcb_time() -> ctypes.c_void_p:
-    """Return the variable of the C library that holds the timer's address."""
     try:
         return ctypes.c_void_p.in_dll(engine_library.loaded(), "mjcb_time")
     except ValueError as error:

@@ -45,7 +45,6 @@ class GeomPairs:
     is_too_large: bool = False
 
     def only(self, mask: np.ndarray) -> "GeomPairs":
-        """Return the pairs where the boolean mask is true."""
         return GeomPairs(self.geoms[mask], self.bodies[mask], self.are_bounded[mask])
 
 
@@ -98,7 +97,6 @@ def need_convex_collider(model: mujoco.MjModel, pairs: GeomPairs) -> bool:
 
 
 def _compatible(model: mujoco.MjModel, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return (npair,) bool: whether contype and conaffinity of two geoms let them collide."""
     contype, conaffinity = np.asarray(model.geom_contype), np.asarray(model.geom_conaffinity)
     forward = contype[first] & conaffinity[second]
     backward = contype[second] & conaffinity[first]
@@ -118,7 +116,6 @@ def _same_or_parent(model: mujoco.MjModel, first: np.ndarray, second: np.ndarray
 
 
 def _excluded(model: mujoco.MjModel, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return (npair,) bool: whether `<exclude>` names two bodies."""
     low, high = np.minimum(first, second), np.maximum(first, second)
     return np.isin((low << 16) + high, np.asarray(model.exclude_signature))
 

@@ -20,17 +20,12 @@ _NAMES = ("ctrl", "actions")
 
 @dataclass(frozen=True, eq=False)
 class GivenControls:
-    """The controls of a file.
-
-    Attributes:
-      sequences: (nsequence, ncontrol, nu).
-    """
+    """The controls of a file."""
 
     sequences: np.ndarray
     name: str
 
     def most_nstep(self, hold: int) -> int:
-        """Return for how many steps there are controls."""
         return int(self.sequences.shape[1]) * hold
 
     def check(self, nstep: int, hold: int) -> None:
@@ -67,11 +62,7 @@ class GivenControls:
 
 
 def read(file: Path, model: mujoco.MjModel) -> GivenControls:
-    """Return the controls of a file.
-
-    Raises:
-      InputError: it cannot be read, or does not fit the model.
-    """
+    """Return the controls of a file; InputError if it cannot be read, or does not fit."""
     name = shown(file.name)
     values = array_files.floats(_read_array(file, name), name)
     if values.ndim not in (2, 3):
@@ -89,7 +80,6 @@ def read(file: Path, model: mujoco.MjModel) -> GivenControls:
 
 
 def _read_array(file: Path, name: str) -> np.ndarray:
-    """Return the array of controls of a file."""
     content = array_files.read(file, "controls", _NAMES)
     named = (content.arrays[name] for name in _NAMES if name in content.arrays)
     array = content.unnamed if content.unnamed is not None else next(named, None)

@@ -35,12 +35,7 @@ def with_every_input(workload: Workload, seed: int) -> Workload:
 def set_inputs(
     model: mujoco.MjModel, states: np.ndarray, seed: int, fields: Collection[str] | None = None
 ) -> np.ndarray:
-    """Return states with a non-trivial value in every input; see `with_every_input`.
-
-    Args:
-      states: (n, nstate) rows of mjSTATE_INTEGRATION.
-      fields: the only MjData fields to set; None for all.
-    """
+    """Return states with a non-trivial value in every input; see `with_every_input`."""
     rng, changed = np.random.default_rng([seed, 3]), states.copy()
     columns = compat.state_columns(model)
     for i, row in enumerate(changed):
@@ -97,7 +92,6 @@ def _with_one_changed(active: np.ndarray, i: int) -> np.ndarray:
 
 
 def _activations(model: mujoco.MjModel, act: np.ndarray) -> np.ndarray:
-    """Return activations within the ranges of their actuators."""
     clipped = act.copy()
     for i in np.flatnonzero(model.actuator_actlimited):
         first, count = int(model.actuator_actadr[i]), int(model.actuator_actnum[i])

@@ -62,7 +62,6 @@ class Measure:
         return self.limit is None or (self.value is not None and self.value <= self.limit)
 
     def __str__(self) -> str:
-        """Return it in a phrase."""
         value = "not finite" if self.value is None else f"{self.value:.1g}"
         beside = [] if self.limit is None else [f"limit {self.limit:.1g}"]
         beside += [] if self.in_c is None else [f"C {self.in_c:.1g}"]
@@ -128,7 +127,6 @@ class PairContacts:
     unmet: int = 0
 
     def __str__(self) -> str:
-        """Return how they differ, in a phrase."""
         text = "–".join(self.types)
         if self.other_counts:
             text += (

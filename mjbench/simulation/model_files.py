@@ -30,10 +30,7 @@ def _included(file: Path) -> Iterator[str]:
 
 
 def _assets(file: Path) -> Iterator[str]:
-    """Yield assets; the engine's list has height fields in another folder than they are read from.
-
-    They are read from `meshdir`, as meshes and skins are (MuJoCo 3.14.0 and 4.0.0).
-    """
+    """Yield assets, height fields from `meshdir`, as they are read (MuJoCo 3.14.0 and 4.0.0)."""
     if not hasattr(mujoco, "MjSpec"):
         return
     spec = mujoco.MjSpec.from_file(str(file))

@@ -19,7 +19,6 @@ class ModelGuard:
     """Remembers a model, and says what has changed in it since."""
 
     def __init__(self, model: mujoco.MjModel):
-        """Remember `model`."""
         self._model = model
         self._buffer = np.empty(mujoco.mj_sizeModel(model), dtype=np.uint8)
         mujoco.mj_saveModel(model, None, self._buffer)
@@ -30,14 +29,7 @@ class ModelGuard:
         return self.difference(self._model)
 
     def check(self, culprit: str = "") -> None:
-        """Refuse a change.
-
-        Args:
-          culprit: begins the message, such as `threads `.
-
-        Raises:
-          MachineError: a field has changed.
-        """
+        """Refuse a change of a field by a MachineError, which `culprit` begins."""
         if field := self.change():
             raise MachineError(f"{culprit}changes the model, which all paths share: {field}")
 
@@ -55,7 +47,6 @@ class ModelGuard:
         return _differing_field(model, self._loaded(), _OF_ORIGIN)
 
     def _loaded(self) -> mujoco.MjModel:
-        """Return the model that was remembered."""
         files = {"model.mjb": self._original.tobytes()}
         return mujoco.MjModel.from_binary_path("model.mjb", files)
 

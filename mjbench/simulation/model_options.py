@@ -55,11 +55,7 @@ def check(field: str, text: str) -> None:
 
 
 def set_option(model: mujoco.MjModel, field: str, text: str) -> None:
-    """Set a field of `model.opt` to a number, or to an enum's value by name, such as `cg`.
-
-    Raises:
-      InputError: no such field in this release, or it cannot have this value.
-    """
+    """Set a field of `model.opt` to a number, or an enum's value by name; else InputError."""
     _set_field(model.opt, field, text)
 
 
@@ -102,7 +98,6 @@ def set_flag(options: Any, name: str, text: str) -> None:
 
 
 def _set_field(options: Any, field: str, text: str) -> None:
-    """Set a field of an MjOption; see `set_option`."""
     check(field, text)
     if not hasattr(options, field):
         raise InputError(f"option {field}: MuJoCo {mujoco.mj_versionString()} has no such field")
@@ -160,7 +155,6 @@ def _enum_value(field: str, text: str) -> int:
 
 
 def _flags(field: str, text: str) -> int:
-    """Return a sum of flags that this release has."""
     flags, value = _values(_FLAGS[field]), int(_number(field, text))
     unknown = value
     for flag in flags.values():

@@ -72,7 +72,6 @@ def shipped_folder() -> Path:
 
 
 def shipped() -> list[str]:
-    """Return the names of our own models, sorted."""
     return sorted(path.stem for path in shipped_folder().glob("*.xml"))
 
 
@@ -107,12 +106,7 @@ def resolve(name: str) -> ModelSource:
 
 
 def load(source: ModelSource) -> "mujoco.MjModel":
-    """Return the compiled model of `source`.
-
-    Raises:
-      InputError: MuJoCo rejects the file, or the model has no degree of freedom to step or no
-        timestep to step by.
-    """
+    """Return the compiled model; InputError for one that MuJoCo rejects, or that cannot step."""
     import mujoco
 
     compiled = source.path.suffix.lower() == _COMPILED
@@ -154,11 +148,7 @@ def is_utf16(text: bytes) -> bool:
 
 
 def save(model: "mujoco.MjModel", file: Path) -> None:
-    """Save a compiled model.
-
-    Raises:
-      MachineError: the disk is full, which MuJoCo does not report.
-    """
+    """Save a compiled model; MachineError where the disk is full, which MuJoCo does not report."""
     import mujoco
 
     mujoco.mj_saveModel(model, str(file), None)
@@ -173,7 +163,6 @@ def write_carried(file: Path, paths: Mapping[str, Path]) -> None:
 
 
 def _carried(name: str) -> Path | None:
-    """Return the file of a model that was carried here; None if there is none of this name."""
     listed = os.environ.get(CARRIED_VARIABLE)
     if not listed:
         return None
@@ -196,7 +185,6 @@ def _expanded(name: str) -> Path:
 
 
 def _status(name: str, path: Path) -> os.stat_result | None:
-    """Return what the file system says of a path; None if nothing is there."""
     try:
         return path.stat()
     except (FileNotFoundError, NotADirectoryError, ValueError):  # ValueError: NUL, or a surrogate
@@ -208,7 +196,6 @@ def _status(name: str, path: Path) -> os.stat_result | None:
 
 
 def _check_file(name: str, path: Path, status: os.stat_result) -> None:
-    """Refuse what cannot be a model file."""
     label = shown(name)
     if stat.S_ISDIR(status.st_mode):
         raise InputError(f"{label} is a folder; name a model file in it")
@@ -226,7 +213,6 @@ def _check_file(name: str, path: Path, status: os.stat_result) -> None:
 
 
 def _missing_error(name: str, path: Path) -> InputError:
-    """Return the error for a name that stands for nothing."""
     label = shown(name)
     try:
         target = path.readlink()
@@ -276,7 +262,6 @@ def _in_package(package: str, name: str) -> Path:
 
 
 def _package_folders(package: str) -> list[Path]:
-    """Return the folders of an installed package."""
     try:
         spec = importlib.util.find_spec(package)  # imports nothing, as the name has no dot
     except (ImportError, ValueError, AttributeError):

@@ -15,12 +15,7 @@ class ProcessWide(Generic[Change]):
     """
 
     def __init__(self, apply: Callable[[Sequence[Change]], None]):
-        """Begin without a change.
-
-        Args:
-          apply: sets what the active changes ask for, in the order in which they began; without
-            any, what was set before the first. Calls never overlap.
-        """
+        """Begin without a change; `apply` sets what active ones ask for, one call at a time."""
         self._apply = apply
         self._active: tuple[Change, ...] = ()
         self._lock = lock = threading.RLock()
@@ -31,7 +26,6 @@ class ProcessWide(Generic[Change]):
 
     @property
     def active(self) -> tuple[Change, ...]:
-        """The active changes, in the order in which they began."""
         return self._active
 
     def begin(self, change: Change) -> None:

@@ -23,8 +23,6 @@ class ReferenceRun:
     """A run of C, and of its shadow.
 
     Attributes:
-      columns: of each MjData field in a row of `states`.
-      control: (nbatch, ncontrol, nu).
       has_reset: whether an MjData must be reset between simulations.
       states: (nstep + 1, nbatch, nstate) rows of mjSTATE_INTEGRATION, with the start.
       unconstrained_nstep: steps before the first on which a constraint acted in any simulation;
@@ -137,7 +135,6 @@ class _ShadowMove:
         self._rng = np.random.default_rng([seed, 4])
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
-        """Return moved states, which have nstate columns, or moved controls."""
         towards = np.where(self._rng.random(values.shape) < 0.5, -np.inf, np.inf)
         moved = np.where(values == 0, values, np.nextafter(values, towards))
         if values.shape[-1] == self._nstate:

@@ -63,7 +63,6 @@ class _Given:
 
     @classmethod
     def read(cls, model: mujoco.MjModel, plan: StartPlan) -> "_Given":
-        """Return what the files of a plan hold."""
         controls_file = plan.controls_file
         return cls(
             None if plan.file is None else state_file.read(plan.file, model),
@@ -125,7 +124,6 @@ def draw(model: mujoco.MjModel, request: SampleRequest) -> Sample:
 
 
 def _window(sample: Sample, request: SampleRequest) -> Window:
-    """Return what is stepped from the starts of a sample."""
     observation, model = sample.observation, sample.workload.model
     return Window(
         nstart=sample.workload.nbatch,
@@ -160,14 +158,7 @@ def _later(sample: Sample, request: SampleRequest) -> Later | None:
 
 
 def most_nstep(model: mujoco.MjModel, plan: StartPlan, nbatch: int, hold: int) -> int | None:
-    """Return how many steps of simulations the files of a plan have controls for.
-
-    Returns:
-      A multiple of hold; None for any number.
-
-    Raises:
-      InputError: a file cannot be read, or does not fit the model.
-    """
+    """Return a multiple of hold: steps that the files of a plan have controls for; None for any."""
     return _Given.read(model, plan).most_nstep(nbatch, hold)
 
 
@@ -231,7 +222,6 @@ def _from_file(
     recorded: RecordedStates,
     controls: GivenControls | None,
 ) -> Iterator[Sample]:
-    """Yield workloads that start from the rows of a file."""
     header = recorded.header
     origin = Starts(
         0.0,
@@ -257,7 +247,6 @@ def _held_inputs(header: CaptureHeader) -> tuple[str, ...]:
 
 
 def _name(controls: GivenControls | None) -> str | None:
-    """Return the name of the file of controls; None without one."""
     return None if controls is None else controls.name
 
 

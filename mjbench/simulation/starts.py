@@ -53,8 +53,6 @@ class StartPlan:
     Attributes:
       settle_s: simulated seconds before the first start; 0 for keyframe 0 itself, None for the
         model's default (see `settle_s`).
-      file: the user's own start states instead (see `state_file`).
-      controls_file: the user's own controls (see `given_controls`).
     """
 
     settle_s: float | None = None
@@ -63,7 +61,6 @@ class StartPlan:
 
     @property
     def files(self) -> list[Path]:
-        """The files that it names."""
         return [file for file in (self.file, self.controls_file) if file is not None]
 
 
@@ -170,7 +167,6 @@ class Starts:
 
 
 def settle_s(model: mujoco.MjModel, plan: StartPlan) -> float:
-    """Return the simulated seconds for which a plan lets a model settle."""
     if plan.settle_s is not None:
         return plan.settle_s
     return KEYFRAME_SETTLE_S if model.nkey else DEFAULT_SETTLE_S
@@ -190,11 +186,7 @@ def max_settling_nstep(step_s: float) -> int:
 
 
 def settle_nstep(model: mujoco.MjModel, settle_s: float, max_nstep: int | None = None) -> int:
-    """Return the steps for which a model settles: half of its settling run.
-
-    Args:
-      max_nstep: steps of the whole settling run at most; None for no bound.
-    """
+    """Return the steps for which a model settles: half of its run of `max_nstep` at most."""
     nstep = max(1, round(settle_s / float(model.opt.timestep)))
     return nstep if max_nstep is None else min(nstep, max(1, max_nstep // 2))
 

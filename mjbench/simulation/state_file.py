@@ -35,7 +35,6 @@ class RecordedStates:
     Attributes:
       fields: by MjData field, each (nrow, size).
       segment: (nrow,) segment of each row; rows of one segment are consecutive steps.
-      header: None where the states were not captured.
     """
 
     fields: Mapping[str, np.ndarray]
@@ -45,7 +44,6 @@ class RecordedStates:
 
     @property
     def nrow(self) -> int:
-        """Number of states."""
         return len(self.fields["qpos"])
 
     @property
@@ -118,11 +116,7 @@ def write(
 
 
 def read(file: Path, model: mujoco.MjModel) -> RecordedStates:
-    """Return the states of a file.
-
-    Raises:
-      InputError: it cannot be read, or does not fit the model.
-    """
+    """Return the states of a file; InputError if it cannot be read, or does not fit."""
     name = shown(file.name)
     columns = compat.state_columns(model)
     wanted = [*columns, capture_header.ARRAY, capture_header.SEGMENT_ARRAY]

@@ -138,5 +138,4 @@ def spread_indices(count: int, max_count: int) -> np.ndarray:
 
 
 def as_float32(values: np.ndarray) -> np.ndarray:
-    """Return float64 values rounded to float32."""
     return values.astype(np.float32).astype(np.float64)

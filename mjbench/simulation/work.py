@@ -85,7 +85,6 @@ class Observation:
       healthy: (nbatch,) bool: simulations that raised no warning of a bad state and ended in a
         finite one; the others are called diverged.
       work: mean over the steps of the healthy simulations.
-      start_contacts: contacts at the first simulation's start.
       summed_iterations: solver iterations of a step, summed over constraint islands.
       solver_limited: share of the steps whose solver stopped at its limit of iterations.
       asleep: mean share of the model's trees that slept; None where sleeping is not enabled.
@@ -144,7 +143,6 @@ class ModelFacts:
 
 
 def observe(workload: Workload) -> Observation:
-    """Return the reference run of a workload."""
     model, data = workload.model, mujoco.MjData(workload.model)
     final_state = np.empty_like(workload.initial_state)
     warnings = np.zeros((workload.nbatch, len(compat.warning_counts(data))), dtype=int)
@@ -187,11 +185,7 @@ def observe_healthy(workload: Workload) -> tuple[Workload, Observation]:
 
 
 def step_s(model: mujoco.MjModel, state: np.ndarray | None = None) -> float:
-    """Return about how long one step takes, in seconds.
-
-    Args:
-      state: (nstate,) row of mjSTATE_INTEGRATION to step from; None for keyframe 0.
-    """
+    """Return about how many seconds one step takes, from a state or from keyframe 0."""
     data = start_data(model)
     if state is not None:
         compat.set_state(model, data, state)
@@ -236,7 +230,6 @@ def states_after(workload: Workload, nsteps: Sequence[int]) -> np.ndarray:
 
 
 def step_outputs(workload: Workload) -> StepOutputs:
-    """Return what the plain loop returns of every step, as the workload asks for."""
     outputs = StepOutputs.empty(workload)
     if outputs.state is None:
         return outputs
@@ -267,7 +260,6 @@ def one_step(model: mujoco.MjModel, states: np.ndarray) -> dict[str, np.ndarray]
 
 
 def describe(model: mujoco.MjModel) -> ModelFacts:
-    """Return the facts about a model that determine what a step costs."""
     data = start_data(model)
     mujoco.mj_forward(model, data)
     return ModelFacts(
@@ -289,7 +281,6 @@ def describe(model: mujoco.MjModel) -> ModelFacts:
 def _work(
     model: mujoco.MjModel, contacts: float, constraints: float, solver_iterations: float
 ) -> Work:
-    """Return the work of a step: these counters, and the sizes of the model."""
     senses, shares = compat.flag_enabled(model, "sensor") is not False, compat.sensor_shares(model)
     is_ray = np.asarray(model.sensor_type) == int(mujoco.mjtSensor.mjSENS_RANGEFINDER)
     pairs = geom_pairs.read(model)
@@ -362,7 +353,6 @@ def _raised(warnings: np.ndarray, which: np.ndarray) -> dict[str, int]:
 
 
 def _start_contacts(workload: Workload) -> int:
-    """Return the contacts at the first simulation's start."""
     data = mujoco.MjData(workload.model)
     compat.set_state(workload.model, data, workload.initial_state[0])
     mujoco.mj_forward(workload.model, data)

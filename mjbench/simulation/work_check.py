@@ -68,7 +68,6 @@ class StateDrift:
 
 
 def points(nstep: int) -> list[int]:
-    """Return the numbers of steps after which states are recorded: the start, …, the end."""
     return sorted({round(share * nstep) for share in _POINTS})
 
 
@@ -79,7 +78,6 @@ def probe(drawn: Workload) -> Fields:
 
 
 def portable(drawn: Workload) -> PortableWorkload:
-    """Return a workload in a form that every release can restore, with its probe."""
     return dataclasses.replace(workload.portable(drawn), probe=probe(drawn))
 
 
@@ -134,7 +132,6 @@ def drift(
 
 
 def _probed(drawn: Workload) -> Workload:
-    """Return the workload of the simulations that are recorded."""
     return drawn.only(np.arange(drawn.nbatch) < NPROBE)
 
 

@@ -62,17 +62,14 @@ class Workload:
 
     @property
     def nbatch(self) -> int:
-        """Number of simulations."""
         return int(self.initial_state.shape[0])
 
     @property
     def ncontrol(self) -> int:
-        """Number of controls per simulation."""
         return int(self.control.shape[1])
 
     @property
     def nstep(self) -> int:
-        """Number of steps per simulation."""
         return self.ncontrol * self.hold
 
     @property
@@ -117,7 +114,6 @@ class Workload:
         )
 
     def returning(self, returns: Product) -> "Workload":
-        """Return a copy whose runs return `returns`."""
         return dataclasses.replace(
             self,
             initial_state=self.initial_state.copy(),
@@ -126,11 +122,8 @@ class Workload:
         )
 
     def first(self, ncontrol: int) -> "Workload":
-        """Return a copy that ends after its first `ncontrol` controls."""
         return dataclasses.replace(
-            self,
-            initial_state=self.initial_state.copy(),
-            control=self.control[:, :ncontrol].copy(),
+            self, initial_state=self.initial_state.copy(), control=self.control[:, :ncontrol].copy()
         )
 
 
@@ -150,7 +143,6 @@ class StepOutputs:
 
     @classmethod
     def empty(cls, workload: Workload) -> "StepOutputs":
-        """Return new arrays for what runs of a workload return."""
         if workload.returns == Product.FINAL:
             return cls(None, None)
         model, shape = workload.model, (workload.nbatch, workload.nstep)
@@ -162,7 +154,6 @@ class StepOutputs:
 
     @property
     def arrays(self) -> list[np.ndarray]:
-        """The arrays that there are."""
         return [array for array in (self.state, self.sensordata) if array is not None]
 
     def rows(self, i: int) -> tuple[np.ndarray, np.ndarray | None]:
@@ -174,12 +165,10 @@ class StepOutputs:
         """Return the arrays of some simulations, which share their memory with these."""
         state, sensordata = self.state, self.sensordata
         return StepOutputs(
-            None if state is None else state[rows],
-            None if sensordata is None else sensordata[rows],
+            None if state is None else state[rows], None if sensordata is None else sensordata[rows]
         )
 
     def clear(self) -> None:
-        """Invalidate all entries."""
         for array in self.arrays:
             array.fill(np.nan)
 
@@ -298,7 +287,6 @@ class PortableWorkload:
         )
 
     def digest(self) -> str:
-        """Return a short name for its start states and controls."""
         content = hashlib.blake2b(str(self.hold).encode(), digest_size=8)
         for name, values in (*sorted(self.fields.items()), ("control", self.control)):
             content.update(f" {name} {values.shape} {values.dtype}".encode())
@@ -318,11 +306,7 @@ def portable(workload: Workload) -> PortableWorkload:
 
 
 def restore(model: mujoco.MjModel, portable: PortableWorkload) -> Workload:
-    """Return the workload that `portable` wrote.
-
-    Raises:
-      InputError: it belongs to a model of another size.
-    """
+    """Return the workload that `portable` wrote; InputError for a model of another size."""
     ncontrol = portable.control.shape[2]
     if ncontrol != model.nu:
         raise InputError(f"the model has {model.nu} controls, the workload {ncontrol}")

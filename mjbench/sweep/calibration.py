@@ -67,8 +67,7 @@ class NodeState:
 
 
 def calibrate(
-    sleep: Callable[[float], None] = time.sleep,
-    clock: Callable[[], float] = time.perf_counter,
+    sleep: Callable[[float], None] = time.sleep, clock: Callable[[], float] = time.perf_counter
 ) -> NodeState:
     """Look at this machine for about a second."""
     others = neighbours.measuring_now()
@@ -90,7 +89,6 @@ def calibrate(
 
 
 def _cores_had(calibration: Calibration, clock: Callable[[], float]) -> Sequence[float]:
-    """Return the cores that all threads together got, again and again for a while."""
     had: list[float] = []
     end = clock() + _WORK_S
     while not had or clock() < end:

@@ -37,8 +37,6 @@ class Cell:
         one that draws start states and controls for all.
       installed: version that is meant as it is installed beside mjbench; empty where releases are
         all installed apart.
-      metric: of `versions`; None elsewhere.
-      machine: label of the machines that may measure it; empty for any.
       content: a text that stands for all else on which the result depends: the model's files, the
         options of the command, versions of packages.
     """

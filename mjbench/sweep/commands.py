@@ -27,7 +27,6 @@ class Command:
 
     Attributes:
       options: that the plan can set, by their names without dashes, such as `time-limit`.
-      name: of the command, and of its group before it.
       needs_quiet: whether anything else on the machine would spoil the result.
       together: what cells must have in common to be measured by one command line.
       most: more are not measured at once.
@@ -44,7 +43,6 @@ class Command:
 
 
 def _version_argument(cell: Cell, version: str) -> str:
-    """Return the argument by which a command line names a release."""
     return INSTALLED if version == cell.installed else version
 
 
@@ -80,7 +78,6 @@ def _instructions(cells: Sequence[Cell]) -> CommandLine:
 
 
 def _history(cells: Sequence[Cell]) -> CommandLine:
-    """Time several models in one release; they share its launches."""
     models = [argument for cell in cells for argument in ("--model", cell.model)]
     return CommandLine(
         ("history", "measure", "--no-operations", *models),
@@ -153,7 +150,6 @@ def batches(cells: Sequence[Cell], nodes: Mapping[str, int]) -> list[tuple[Cell,
 
 
 def _size(cell: Cell, sorts: Mapping[tuple[str, CellKind], int], nodes: Mapping[str, int]) -> int:
-    """Return how many cells one command is to measure."""
     command, count = COMMANDS[cell.kind], nodes.get(cell.machine, 1)
     share = math.ceil(sorts[cell.machine, cell.kind] / (2 * count)) if count > 1 else command.most
     return min(command.most, max(command.least, share))

@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from mjbench.paired.outcomes import Metric
+from mjbench.paired.metrics import METRICS
 from mjbench.paths import BASE
 from mjbench.releases.installs import INSTALLED
 from mjbench.sweep import model_files
@@ -17,11 +17,7 @@ from mjbench.sweep.software import Software
 
 @dataclass(frozen=True)
 class Matrix:
-    """All that a sweep measures.
-
-    Attributes:
-      cells: each once, in the order in which they are measured.
-    """
+    """All that a sweep measures."""
 
     plan: Plan
     cells: tuple[Cell, ...]
@@ -34,7 +30,7 @@ class Matrix:
         return count // max(1, len(self.plan.machines))
 
     def command_line(self, cells: Sequence[Cell]) -> CommandLine:
-        """Return the command line that measures cells which belong together."""
+        """Return the command line for cells that one command measures."""
         kind = cells[0].kind
         line = COMMANDS[kind].line(cells)
         arguments = [*line.arguments, *self.plan.options[kind]]
@@ -49,11 +45,7 @@ class Matrix:
 
 
 def build(plan: Plan, software: Software) -> Matrix:
-    """Return the cells of a plan; models of the user's own are read, with what they refer to.
-
-    Args:
-      software: that measures. Results with other versions are other cells.
-    """
+    """Return the cells of a plan for some software; the user's models are read."""
     carried = {
         source.name: model_files.carry(source)
         for source in plan.models
@@ -76,7 +68,6 @@ def build(plan: Plan, software: Software) -> Matrix:
 
 
 def _content(plan: Plan, kind: CellKind, software: Software, digest: str) -> str:
-    """Return a text for what a result depends on, beside what the cell names."""
     versions = [software.python, software.numpy]
     if kind == CellKind.COMPARE:
         versions.append(software.mujoco)
@@ -84,7 +75,6 @@ def _content(plan: Plan, kind: CellKind, software: Software, digest: str) -> str
 
 
 def _cells(plan: Plan, kind: CellKind, model: str, machine: str, content: str) -> Iterator[Cell]:
-    """Yield the cells of one kind on one model and machine."""
     cell = Cell(kind, model, machine=machine, content=content)
     if kind == CellKind.COMPARE:
         yield cell
@@ -93,7 +83,7 @@ def _cells(plan: Plan, kind: CellKind, model: str, machine: str, content: str) -
     cell = replace(cell, installed=installed)
     if kind == CellKind.VERSIONS:
         for metric in plan.metrics:
-            for path in plan.paths if metric == Metric.TIME else (BASE,):
+            for path in (BASE,) if METRICS[metric].refusal else plan.paths:
                 compared = replace(cell, path=path, metric=metric)
                 for old, new in plan.pairs:
                     yield replace(compared, release=new.version, baseline=old.version)

@@ -39,7 +39,6 @@ class CarriedModel:
 
 
 def content_digest(source: ModelSource) -> str:
-    """Return a digest of a model's own file alone, in hexadecimal."""
     return hashlib.sha256(_content(source.name, source.path)).hexdigest()
 
 
@@ -49,11 +48,7 @@ def is_shipped(source: ModelSource) -> bool:
 
 
 def carry(source: ModelSource, limit_s: float = TIME_LIMIT_S) -> CarriedModel:
-    """Return a model with all that it refers to.
-
-    Raises:
-      InputError: MuJoCo does not load it, also not from a copy elsewhere, or it is too large.
-    """
+    """Return a model with all that it refers to."""
     # without `..`, as the files that it refers to are listed
     source = ModelSource(source.name, Path(os.path.normpath(source.path.absolute())))
     paths = isolate.call(list_files, source, limit_s=limit_s)
@@ -63,11 +58,7 @@ def carry(source: ModelSource, limit_s: float = TIME_LIMIT_S) -> CarriedModel:
 
 
 def unpack(carried: Sequence[CarriedModel], folder: Path) -> Path:
-    """Write models into a folder; return the list of them, for `models`.
-
-    Raises:
-      MachineError: a model is not what was sent, or a file cannot be written.
-    """
+    """Write models into a folder; return the list of them, for `models`."""
     paths: dict[str, Path] = {}
     with writing(folder):
         for number, model in enumerate(carried):
@@ -109,7 +100,6 @@ def list_files(source: ModelSource, channel: Channel) -> list[Path]:
 
 
 def _dependencies(file: Path) -> list[Path] | None:
-    """Return the files that an MJCF file refers to, itself included; None where it is not known."""
     import mujoco
 
     from mjbench.simulation import model_files
@@ -124,7 +114,6 @@ def _dependencies(file: Path) -> list[Path] | None:
 
 
 def _all_below(source: ModelSource) -> Iterator[Path]:
-    """Yield the files of a model's folder; of a compiled one, only itself."""
     if source.path.suffix.lower() == ".mjb":
         yield source.path
         return

@@ -50,7 +50,6 @@ class Request:
     """What a node is to measure.
 
     Attributes:
-      cells: in the order in which the command measures them.
       rules: None where the node need not be quiet.
       program: what runs the command line; empty for this version of mjbench.
     """
@@ -94,7 +93,6 @@ class BusyError(Exception):
 
 
 def describe() -> tuple[Software, Machine]:
-    """Return what this node is."""
     return software.installed(), machine.describe()
 
 
@@ -135,7 +133,6 @@ def measure(
 def _wait_until_quiet(
     rules: NodeRules | None, calibrate: Callable[[], NodeState], sleep: Callable[[float], None]
 ) -> tuple[float, str]:
-    """Return how many seconds this node was busy, and why; nothing if it need not be quiet."""
     busy_s, first = 0.0, ""
     while rules and (objection := calibration.objection(calibrate(), rules.limits)):
         first = first or objection
@@ -149,7 +146,6 @@ def _wait_until_quiet(
 def _run(
     request: Request, carried: tuple[CarriedModel, ...], label: str, folder: Path
 ) -> Iterator[CellResult]:
-    """Run the command in a folder of its own."""
     work, log = folder / "work", folder / "errors.txt"
     work.mkdir()
     index = model_files.unpack(carried, folder / "models") if carried else None
@@ -182,7 +178,6 @@ def _run(
 
 
 def _without_result(cells: Sequence[Cell], code: int, detail: str) -> Iterator[CellResult]:
-    """Yield the cells that no node can measure, because their command line is wrong."""
     here = machine.describe()
     if code != ExitCode.USAGE:
         is_killed = code < 0 or code == ExitCode.INTERRUPTED
@@ -207,15 +202,12 @@ def environment(
 
 
 class _Tail:
-    """Reads what is appended to the one run file of a folder, whole lines only."""
-
     def __init__(self, folder: Path):
         self._folder = folder
         self._file: IO[bytes] | None = None
         self._rest = b""
 
     def read(self) -> tuple[bytes, ...]:
-        """Return the lines that are complete since the last call."""
         if self._file is None:
             path = next(self._folder.glob("*.jsonl"), None)
             if path is None:
@@ -230,6 +222,5 @@ class _Tail:
 
 
 def _last_line(log: Path) -> str:
-    """Return the last line that a command wrote to standard error, without its name."""
     lines = child.text(log).strip().splitlines()
     return one_line(lines[-1].removeprefix("mjbench: ")) if lines else ""

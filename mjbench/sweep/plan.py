@@ -13,6 +13,7 @@ from mjbench.comparison import selection
 from mjbench.errors import InputError, MachineError, shown, suggestion
 from mjbench.limits import MAX_SECONDS
 from mjbench.paired import targets
+from mjbench.paired.metrics import METRICS
 from mjbench.paired.outcomes import Metric
 from mjbench.paths import BASE
 from mjbench.releases import bundle, install_check, installs, package_index
@@ -43,9 +44,7 @@ class Plan:
     """A plan, complete and checked.
 
     Attributes:
-      releases: each version once, in the order of the plan.
       pairs: baseline and candidate of each comparison of releases.
-      paths: that releases are compared by.
       metrics: that they are compared by; of paths other than the plain loop, only the time.
       machines: labels of machines, each of which measures all cells; empty for one on any machine.
     """
@@ -74,14 +73,9 @@ def known_versions() -> frozenset[str]:
 
 
 def load(
-    path: Path,
-    check: CheckCommand,
-    known: Callable[[], Collection[str]] = known_versions,
+    path: Path, check: CheckCommand, known: Callable[[], Collection[str]] = known_versions
 ) -> Plan:
     """Read a plan.
-
-    Args:
-      known: returns the versions of MuJoCo that there are; none where that is not known.
 
     Raises:
       InputError: something is wrong with it; one line, with its place in the file.
@@ -101,8 +95,8 @@ def load(
                 "releases",
             )
     paths, metrics = _paths(file), _metrics(file)
-    if BASE not in paths and set(metrics) != {Metric.TIME}:
-        raise file.error(f"p99 and instructions are of {BASE} only: add it", "", "paths")
+    if BASE not in paths and any(METRICS[metric].refusal for metric in metrics):
+        raise file.error(f"all metrics but time are of {BASE} only: add it", "", "paths")
     return Plan(
         models=_models(file),
         releases=releases,
@@ -125,7 +119,6 @@ def _known_keys() -> Mapping[str, Sequence[str]]:
 
 
 def _models(file: PlanFile) -> tuple[ModelSource, ...]:
-    """Return the models; paths are relative to the plan's folder."""
     sources: dict[Path, ModelSource] = {}
     for name in file.texts("models", models.shipped()):
         with file.at("", "models", name):
@@ -155,7 +148,6 @@ def _paths(file: PlanFile) -> tuple[str, ...]:
 
 
 def _refuse_own(names: Sequence[str], advice: str = "") -> None:
-    """Refuse paths that other machines do not have."""
     for name in names:
         if ":" in name:
             raise InputError(f"{shown(name)}: a path of your own is not on other machines{advice}")
@@ -182,7 +174,6 @@ def _machines(file: PlanFile) -> tuple[str, ...]:
 
 
 def _releases(file: PlanFile, known: Callable[[], Collection[str]]) -> tuple[ReleaseSpec, ...]:
-    """Return the releases in the order of the plan, `A..B` as all that were published between."""
     specs: dict[str, ReleaseSpec] = {}
     versions: Collection[str] | None = None
     for name in file.texts("releases"):
@@ -198,7 +189,6 @@ def _releases(file: PlanFile, known: Callable[[], Collection[str]]) -> tuple[Rel
 
 
 def _release(name: str) -> ReleaseSpec:
-    """Return a release that nodes can install; raises InputError if it is none, or a wheel."""
     spec = installs.parse_release(name)
     if spec.wheels or spec.has_packages:
         raise InputError(f"{shown(name)}: nodes install releases from the package index; give one")
@@ -224,7 +214,6 @@ def _range(text: str, versions: Collection[str]) -> list[ReleaseSpec]:
 
 
 def _check_exists(spec: ReleaseSpec, versions: Collection[str]) -> None:
-    """Refuse a release that is neither published nor installed here."""
     apart = {name.partition("-")[0] for name in installs.install_names()}
     here = {install_check.installed_version(), *apart}
     if versions and spec.version not in versions and spec.version not in here:
@@ -235,7 +224,6 @@ def _check_exists(spec: ReleaseSpec, versions: Collection[str]) -> None:
 def _pairs(
     file: PlanFile, specs: Sequence[ReleaseSpec]
 ) -> tuple[tuple[ReleaseSpec, ReleaseSpec], ...]:
-    """Return baseline and candidate of each comparison."""
     against = file.get(CellKind.VERSIONS, _AGAINST, _FIRST)
     if against == _BEFORE:
         return tuple(itertools.pairwise(specs))
@@ -253,7 +241,6 @@ def _pairs(
 
 
 def _options(file: PlanFile, kind: CellKind, check: CheckCommand) -> tuple[str, ...]:
-    """Return the options that the keys of a table stand for."""
     command = COMMANDS[kind]
     options: list[str] = []
     for name in command.options:
@@ -273,7 +260,6 @@ def _options(file: PlanFile, kind: CellKind, check: CheckCommand) -> tuple[str, 
 
 
 def _arguments(name: str, value: Any, is_switch: bool) -> list[str]:
-    """Return the arguments by which a command line has the value of an option."""
     if isinstance(value, bool) or is_switch:
         if not (isinstance(value, bool) and is_switch):
             raise InputError(f"give {'true or false' if is_switch else 'a number or a text'}")

@@ -23,7 +23,6 @@ class PlanFile:
     """
 
     def __init__(self, path: Path):
-        """Read a file; raises InputError if it cannot be read, or is not TOML."""
         self.path = path
         try:
             if path.is_dir():
@@ -44,14 +43,10 @@ class PlanFile:
         self.values: Mapping[str, Mapping[str, Any]] = {"": top, **tables}
 
     def get(self, table: str, key: str, default: Any = None) -> Any:
-        """Return a value, or the default where it is not given."""
         return self.values.get(table, {}).get(key, default)
 
     def texts(self, key: str, default: Sequence[str] = ()) -> list[str]:
-        """Return a list of texts before the first table; one text stands for a list of it.
-
-        It is not empty, and names nothing twice.
-        """
+        """Return a list of different texts before the first table; one text is a list of it."""
         values = self.get("", key)
         if values is None:
             return list(default)
@@ -80,7 +75,6 @@ class PlanFile:
         Args:
           table: empty before the first one.
           key: empty for the table itself.
-          item: a text of a list.
         """
         number = self._line(table, key, item)
         where = f", line {number}" if number else ""
@@ -88,11 +82,7 @@ class PlanFile:
         return InputError(f"{self.path}{where}: {printable(name)}: {text}")
 
     def check_keys(self, known: Mapping[str, Iterable[str]]) -> None:
-        """Refuse tables and keys that a plan cannot have; the error has what may have been meant.
-
-        Args:
-          known: the keys of each table; the empty one are those before the first table.
-        """
+        """Refuse tables and keys that a plan cannot have, which has those in `known` by table."""
         for table, values in self.values.items():
             if table not in known:
                 hint = suggestion(table, filter(None, known))
@@ -104,7 +94,6 @@ class PlanFile:
                     raise self.error(_unknown(key, table, known), table, key)
 
     def _line(self, table: str, key: str, item: str) -> int | None:
-        """Return the number of the line on which something stands; None where it is not found."""
         current, begin = "", None
         for number, line in enumerate(self._lines, 1):
             if heading := _TABLE.match(line):
@@ -122,7 +111,6 @@ class PlanFile:
 
 
 def _unknown(key: str, table: str, known: Mapping[str, Iterable[str]]) -> str:
-    """Return what is wrong with a key that its table does not have."""
     hint = suggestion(key, known[table])
     elsewhere = [name for name, keys in known.items() if key in keys]
     if elsewhere and not hint:

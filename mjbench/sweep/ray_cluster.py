@@ -77,11 +77,7 @@ class RayCluster:
     """A cluster of Ray, as a context manager; nodes that join later are not among its `nodes`."""
 
     def __init__(self, address: str | None = None, tries: int = 3):
-        """Connect to nothing yet.
-
-        Args:
-          address: of a cluster, or `auto` for the one that runs here; None to start one here.
-        """
+        """Connect to nothing yet; `auto` is the cluster that runs here; None starts one."""
         self._address, self._tries = address or LOCAL, tries
         self._running: dict[Any, Request] = {}
         self._models: dict[str, Any] = {}
@@ -89,10 +85,7 @@ class RayCluster:
         self.left_out: tuple[LeftOut, ...] = ()
 
     def __enter__(self) -> "RayCluster":
-        """Start Ray here, or connect to a cluster, and ask its nodes what they are.
-
-        It raises what `ray_session.session` does.
-        """
+        """Start Ray here, or connect to a cluster, and ask its nodes what they are."""
         with contextlib.ExitStack() as closing:
             closing.enter_context(ray_session.session(self._address))
             closing.callback(self._cancel_all)
@@ -106,7 +99,6 @@ class RayCluster:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        """Cancel what runs; a cluster that was started here ends."""
         self._closing.close()
 
     def submit(self, request: Request, carried: Sequence[CarriedModel] = ()) -> None:
@@ -151,14 +143,12 @@ class RayCluster:
             yield _ended(self._running.pop(task), error)
 
     def _is_possible(self) -> bool:
-        """Return whether there is a node for some of what is to be measured."""
         left_out = {one.id for one in self.left_out}
         labels = {_label(one) for one in _listed() if one["NodeID"] not in left_out}
         wanted = {request.cells[0].machine for request in self._running.values()}
         return bool(labels & wanted or (labels and "" in wanted))
 
     def _reference(self, carried: CarriedModel) -> Any:
-        """Return a model in Ray's store, from which each node takes it once."""
         import ray
 
         if carried.digest not in self._models:
@@ -166,7 +156,6 @@ class RayCluster:
         return self._models[carried.digest]
 
     def _cancel_all(self) -> None:
-        """Have all nodes stop, and wait some seconds for it."""
         import ray
 
         with contextlib.suppress(Exception):  # the cluster is gone
@@ -223,7 +212,6 @@ def _name(host: str, node_id: str) -> str:
 
 
 def _ask(listed: Sequence[Mapping[str, Any]]) -> list[ClusterNode | LeftOut]:
-    """Return what nodes are, when all have said it."""
     import ray
     from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
@@ -243,7 +231,6 @@ def _ask(listed: Sequence[Mapping[str, Any]]) -> list[ClusterNode | LeftOut]:
 
 
 def _answer(listed: Mapping[str, Any], answer: Any) -> ClusterNode | LeftOut:
-    """Return what a node says of itself."""
     import ray
 
     node_id = str(listed["NodeID"])
@@ -261,7 +248,6 @@ def _answer(listed: Mapping[str, Any], answer: Any) -> ClusterNode | LeftOut:
 
 
 def _ended(request: Request, error: Exception) -> Failed | Refused:
-    """Return why a task has ended by an error."""
     match getattr(error, "cause", None):
         case BusyError() as busy:
             return Refused(request, str(busy))
@@ -271,7 +257,6 @@ def _ended(request: Request, error: Exception) -> Failed | Refused:
 
 
 def _cause(error: Exception) -> str:
-    """Return why a task did not end well, in one line."""
     import ray
 
     match error:

@@ -33,7 +33,6 @@ def session(address: str) -> Iterator[None]:
     """Start Ray here, or connect to a cluster, for as long as the block runs.
 
     Raises:
-      InputError: the address is not one that can be used.
       MachineError: Ray is missing, does not start, or is not there.
     """
     extras.require("mjbench sweep", "ray", ["ray"])
@@ -130,7 +129,6 @@ def _unheard() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _own_signals() -> Iterator[None]:
-    """Keep the handlers of this process, where Ray sets its own."""
     handlers = {
         number: signal.getsignal(number)
         for name in _SIGNALS

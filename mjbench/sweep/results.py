@@ -14,6 +14,7 @@ from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.counts.records import InstructionsRecord
 from mjbench.errors import Failure
 from mjbench.host.machine import Machine
+from mjbench.host.neighbours import Disturbance
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import TargetRow, VerdictRecord
@@ -54,7 +55,10 @@ _RECORD_TYPES: Mapping[str, type] = {
     **comparison_records.RECORD_TYPES,
     **{
         record.record_type: record
-        for record in (RaceRecord, VerdictRecord, StepRatioRecord, InstructionsRecord)
+        for record in (
+            *(RaceRecord, VerdictRecord, StepRatioRecord, InstructionsRecord),
+            Disturbance,
+        )
     },
 }
 
@@ -65,7 +69,6 @@ class CellOutcome:
 
     Attributes:
       status: the worst of its records.
-      detail: of the record with this status, in one line; empty when ok.
       seconds: that it took; None where its records do not say.
     """
 
@@ -83,7 +86,6 @@ class CellResult:
 
     @property
     def outcome(self) -> CellOutcome:
-        """How it ended."""
         return outcome(self.section.run)
 
 
@@ -102,9 +104,6 @@ class Collector:
     """Takes the lines of one command, and gives its cells in their order as they are complete.
 
     Lines that are not those of a run file raise InputError.
-
-    Attributes:
-      missing: the cells that it has not given yet.
     """
 
     def __init__(self, cells: Sequence[Cell]):
@@ -143,7 +142,6 @@ class Collector:
         return self.missing[0].kind == CellKind.COMPARE
 
     def _take(self) -> list[CellResult]:
-        """Return the complete cells that no missing one comes before."""
         taken = []
         while self.missing and self.missing[0] in self._complete:
             taken.append(self._complete[self.missing.pop(0)])
@@ -159,7 +157,6 @@ def _named(cell: Cell, section: RunSection) -> CellResult:
 
 
 def _is_answer(record: Record, cell: Cell) -> bool:
-    """Return whether a record is the result of a cell; one that was interrupted is none."""
     match record:
         case VerdictRecord() if cell.kind == CellKind.VERSIONS:
             names = (record.model, record.path, record.old, record.new)

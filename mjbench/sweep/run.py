@@ -21,9 +21,7 @@ class NodeRecord:
     """What a node did.
 
     Attributes:
-      measured_s: seconds of its commands that delivered them.
       busy_s: seconds for which it was not quiet before.
-      objection: why it was not, the last time; empty if it always was.
     """
 
     name: str
@@ -62,7 +60,6 @@ class Sweep:
         """Prepare.
 
         Args:
-          done: those that need not be measured.
           on_result: called with each result, to be stored at once, the node that it comes from,
             and the number of cells that have one, earlier ones included.
 
@@ -111,7 +108,6 @@ class Sweep:
         return self._summary()
 
     def _is_active(self) -> bool:
-        """Return whether a node has measured something within the plan's patience."""
         return self._clock() - self._active_s < self._patience_s
 
     def _submit(self, missing: Sequence[Cell]) -> None:
@@ -144,7 +140,6 @@ class Sweep:
                     self._keep(results.failed(cell, failure, machine))
 
     def _machine(self, label: str) -> Machine:
-        """Return the first machine that may measure cells with a label."""
         return next(one.machine for one in self._cluster.nodes if label in ("", one.label))
 
     def _keep(self, result: CellResult, node: str = "no node") -> None:
@@ -154,7 +149,6 @@ class Sweep:
         del self._missing[result.cell]
 
     def _note(self, measured: NodeMeasurement) -> None:
-        """Note what a node did."""
         name = measured.node
         record = self._records.get(name, NodeRecord(name, measured.label))
         self._records[name] = replace(

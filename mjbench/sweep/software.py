@@ -32,7 +32,6 @@ class Software:
 
 @functools.cache
 def installed() -> Software:
-    """Return what is installed here."""
     mujoco, numpy = (_version(name) for name in _PACKAGES)
     return Software(platform.python_version(), mjbench.__version__, _code_digest(), mujoco, numpy)
 
@@ -52,7 +51,6 @@ def difference(here: Software, there: Software) -> str:
 
 
 def _code_digest() -> str:
-    """Return a digest of the package's files and of the shipped models."""
     package = Path(mjbench.__file__).parent
     files = [file for suffix in ("py", "json") for file in package.rglob(f"*.{suffix}")]
     contents = {file.relative_to(package).as_posix(): file for file in files}

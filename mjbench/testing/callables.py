@@ -174,11 +174,7 @@ def _too_little_time(rounds: int, question: SpeedQuestion) -> str:
 
 
 def _judge(here: Interval, question: SpeedQuestion) -> SpeedCheck:
-    """Return what rounds show.
-
-    Args:
-      here: interval of the log ratio in this process.
-    """
+    """Return what rounds show."""
     between = margin(question.confidence, PROCESS_SPREAD)
     half_width = math.hypot(here.half_width, between)
     low, high = here.mean - half_width, here.mean + half_width
@@ -218,10 +214,7 @@ def untraced() -> Iterator[None]:
 
 
 def _calls_per_block(function: Function, setup: Function, clock: Clock) -> int:
-    """Return how many calls of a function last as long as a block.
-
-    It has been called before its calls are counted, so what it does only once is done.
-    """
+    """Return how many calls of a function last as long as a block, after a first one."""
     function()
 
     def block_s(count: int) -> float:
@@ -240,7 +233,6 @@ class _Round:
 
     @property
     def log_ratio(self) -> float:
-        """See `stats.paired_log_ratio`."""
         return stats.paired_log_ratio(self.orders, self.seconds)
 
     def block_s(self, letter: str) -> float:
@@ -250,7 +242,6 @@ class _Round:
 
 
 def _block_s(function: Function, count: int, clock: Clock) -> float:
-    """Return the seconds of some calls of a function."""
     return timing.block_s(timing.Contender(_block(function, count)), clock)
 
 
@@ -259,7 +250,6 @@ def _block(function: Function, count: int) -> Callable[[], None]:
 
 
 def _time_round(pair: FunctionPair, count: int, clock: Clock, rng: random.Random) -> _Round:
-    """Time as many quads as a round needs."""
     blocks = _block(pair.baseline, count), _block(pair.candidate, count)
     orders, times, spent_s = list[str](), list[list[float]](), 0.0
     while spent_s < ROUND_S and len(orders) < MOST_QUADS:
@@ -276,11 +266,7 @@ def margin(confidence: float, deviation: float) -> float:
 
 
 def of_interval(low: float, high: float, max_slowdown: float) -> Answer:
-    """Return what an interval of the log ratio of candidate time over baseline time shows.
-
-    Args:
-      max_slowdown: share of the baseline's time.
-    """
+    """Return what an interval of the log ratio of candidate time over baseline time shows."""
     log_limit = float(np.log1p(max_slowdown))
     if high <= log_limit:
         return Answer.NOT_SLOWER

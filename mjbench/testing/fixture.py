@@ -26,7 +26,6 @@ class SpeedFixture:
     """Compares the speed of functions for one test."""
 
     def __init__(self, request: pytest.FixtureRequest):
-        """Prepare for a test."""
         self._request = request
 
     def not_slower(

@@ -32,12 +32,7 @@ _NEARLY_STEADY = 1.1
 
 @dataclass(frozen=True)
 class Engine:
-    """The builds of a release, and what runs them.
-
-    Attributes:
-      limit_s: seconds without an answer after which a process is killed.
-      nthread: workers of a build with threads.
-    """
+    """The builds of a release, and what runs them."""
 
     package: NpmPackage
     node: NodeProgram
@@ -50,15 +45,11 @@ class BuildRun:
 
     Its methods raise NodeError where a process fails, crashes or hangs, and MachineError where none
     can be started or files cannot be written.
-
-    Attributes:
-      variant: the build's path, and its options.
     """
 
     def __init__(
         self, engine: Engine, variant: Variant, model: str, reference: CReference, folder: Path
     ):
-        """Start nothing yet; files of the run go to `folder`, which is removed at its end."""
         self.variant = variant
         self._engine, self._model, self._reference = engine, model, reference
         self._folder = folder
@@ -78,7 +69,6 @@ class BuildRun:
 
     @property
     def process(self) -> NodeProcess:
-        """The process that is timed."""
         return self._processes[0]
 
     def load(self) -> None:
@@ -104,7 +94,6 @@ class BuildRun:
         return rounding_check.check(traced.run, steps, self._states, after, of_same_model)
 
     def prepare(self) -> None:
-        """Prepare blocks, each of which steps the first simulations."""
         run, block = self._reference.traced.run, self._reference.block
         control = run.control[: block.nbatch, : block.nstep // run.hold]
         self.process.prepare(self._steps(run.states[0, : block.nbatch], control, run.hold))
@@ -175,7 +164,6 @@ class BuildRun:
         return states
 
     def _steps(self, starts: np.ndarray, control: np.ndarray, hold: int) -> StepsInFiles:
-        """Write a workload to files."""
         arrays = {"starts_file": starts, "control_file": control}
         files = {name: self._folder / f"{name}.f64" for name in arrays}
         for name, array in arrays.items():
@@ -191,9 +179,7 @@ class BuildRun:
 
 
 def warm_up(
-    time_block: Callable[[], int],
-    least_s: float,
-    clock: Callable[[], float] = time.perf_counter,
+    time_block: Callable[[], int], least_s: float, clock: Callable[[], float] = time.perf_counter
 ) -> list[int]:
     """Run blocks until they are steady: until they get no faster, or for ten seconds.
 
@@ -214,23 +200,17 @@ def warm_up(
 
 
 def seconds_before_steady(blocks_ns: Sequence[int]) -> float:
-    """Return how long blocks took before the first that was about as fast as the last ones."""
     steady_ns = _NEARLY_STEADY * statistics.median(blocks_ns[-_WINDOW:])
     return sum(itertools.takewhile(lambda ns: ns > steady_ns, blocks_ns)) / 1e9
 
 
 def _is_steady(blocks: list[int]) -> bool:
-    """Return whether the last blocks are no faster than those before."""
     last, before = blocks[-_WINDOW:], blocks[-2 * _WINDOW : -_WINDOW]
     return statistics.median(last) >= _STEADY * statistics.median(before)
 
 
 def _read(file: Path, shape: tuple[int, ...]) -> np.ndarray:
-    """Return an array that the Node program wrote.
-
-    Raises:
-      MachineError: the file is missing, or has another size.
-    """
+    """Return an array that the Node program wrote."""
     try:
         values = np.fromfile(file)
     except OSError as error:

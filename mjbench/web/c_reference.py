@@ -63,12 +63,10 @@ class CReference:
 
     @property
     def nbatch(self) -> int:
-        """Simulations that are compared."""
         return int(self.traced.run.states.shape[1])
 
     @property
     def nstep(self) -> int:
-        """Steps of each."""
         return len(self.traced.run.states) - 1
 
 
@@ -123,7 +121,6 @@ def prepare(
 
 
 def block_size(run: ReferenceRun, step_s: float) -> RunSize:
-    """Return the size of a timed block: first steps of first simulations."""
     nbatch, nstep = run.states.shape[1], len(run.states) - 1
     fitting = max(_MIN_BLOCK_NSTEP, int(_BLOCK_S / step_s))
     block_nstep = min(nstep, whole_holds(fitting, run.hold))
@@ -131,7 +128,6 @@ def block_size(run: ReferenceRun, step_s: float) -> RunSize:
 
 
 def _first(workload: PortableWorkload, run: ReferenceRun, block: RunSize) -> PortableWorkload:
-    """Return the workload of a block, and where it ends."""
     first = workload.only(np.arange(block.nbatch), run.states[block.nstep])
     return replace(first, control=first.control[:, : block.nstep // run.hold])
 

@@ -68,8 +68,6 @@ def measure(pool: WorkerPool, source: ModelSource, plan: WebPlan) -> WebRecord:
 
 
 class _Measurement:
-    """The builds on one model, and what is known of them so far."""
-
     def __init__(self, pool: WorkerPool, source: ModelSource, plan: WebPlan):
         self._pool, self._source, self._plan = pool, source, plan
         self._reference: CReference | None = None
@@ -78,7 +76,6 @@ class _Measurement:
         self._runs: dict[int, BuildRun] = {}
 
     def record(self, ending: Failure) -> WebRecord:
-        """Return what is known, and how the measurement ended."""
         plan, reference = self._plan, self._reference
         record = WebRecord(
             model=self._source.name,
@@ -122,7 +119,6 @@ class _Measurement:
             self._time(processes, core)
 
     def _checked(self, position: int, run: BuildRun) -> WebPathRecord:
-        """Check a build; keep it for timing where it agrees."""
         record = WebPathRecord(path=run.variant.path, options=run.variant.options)
         try:
             run.load()
@@ -140,7 +136,6 @@ class _Measurement:
         return replace(record, start_up=start_up)
 
     def _time(self, processes: Sequence[WorkerProcess], core: int | None) -> None:
-        """Time the paths of C, and the builds that agree, in turns."""
         blocks = {i: process.time_block for i, process in enumerate(processes)}
         for i, run in self._runs.items():
             blocks[i] = run.process.time_block
@@ -158,7 +153,6 @@ class _Measurement:
             self._paths[i] = replace(self._paths[i], rss_bytes=rss_bytes)
 
     def _drop(self, position: int, error: NodeError) -> None:
-        """Note that a build failed while it was timed."""
         self._paths[position] = _failed(self._paths[position], error)
         del self._runs[position]
 
@@ -231,6 +225,5 @@ def _longest(rows: Sequence[Mapping[int, int]]) -> int | None:
 
 
 def _failed(record: WebPathRecord, error: MjbenchError) -> WebPathRecord:
-    """Return the record of a build that failed."""
     failure = error.failure if isinstance(error, NodeError) else failure_of(error)
     return replace(record, status=failure.status, detail=failure.detail)

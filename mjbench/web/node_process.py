@@ -95,18 +95,10 @@ class NodeProcess:
 
     What it is asked for raises NodeError where that fails, or where the process crashes or does not
     answer in time.
-
-    Attributes:
-      name: for error messages, such as `wasm (cartpole)`.
-      limit_s: seconds without an answer after which it is killed.
     """
 
     def __init__(self, node: NodeProgram, name: str, folder: Path, limit_s: float):
-        """Start the process; the folder is an empty one, for what it prints.
-
-        Raises:
-          MachineError: no process can be started.
-        """
+        """Start the process; the folder is an empty one, for what it prints."""
         self.name, self.limit_s = name, limit_s
         self._failure: Failure | None = None
         self._answers = child_connection.start(
@@ -120,34 +112,24 @@ class NodeProcess:
 
     @property
     def pid(self) -> int:
-        """The process id."""
         return self._answers.process.pid
 
     def instantiate(self, script: Path, nthread: int) -> Instantiated:
-        """Import and instantiate a build; one with threads starts so many workers."""
         arguments = {"script": str(script), "nthread": nthread}
         return self._call(Instantiated, "instantiate", "instantiating the module", **arguments)
 
     def load(self, files: Sequence[str], engine_threads: int) -> float:
-        """Compile a model, whose own file is the first; return the milliseconds that it took.
-
-        The module's own file system has the files where they are here.
-
-        Args:
-          engine_threads: of the engine's own pool; 0 for none.
-        """
+        """Compile a model, whose own file is the first; return the milliseconds that it took."""
         pairs = [(Path(file).absolute().as_posix(), file) for file in files]
         model = pairs[0][0]
         arguments = {"files": pairs, "model": model, "engine_threads": engine_threads}
         return self._call(float, "load", "loading the model", **arguments)
 
     def record(self, steps: StepsInFiles, points: Sequence[int], states_file: Path) -> None:
-        """Step a workload; write the states after some numbers of steps to a file."""
         arguments = {**asdict(steps), "points": list(points), "states_file": str(states_file)}
         self._call(type(None), "record", "stepping the model", **arguments)
 
     def prepare(self, steps: StepsInFiles) -> None:
-        """Prepare blocks that step a workload."""
         self._call(type(None), "prepare", "preparing a run", **asdict(steps))
 
     def time_block(self) -> int:
@@ -159,11 +141,9 @@ class NodeProcess:
         return ns
 
     def save(self, states_file: Path) -> None:
-        """Write the final states of the last block to a file."""
         self._call(type(None), "save", "saving states", states_file=str(states_file))
 
     def memory(self) -> Memory:
-        """Return how much memory the module and the process take."""
         return self._call(Memory, "memory", "measuring memory")
 
     def confine(self, allowed: Collection[int]) -> None:
@@ -171,11 +151,9 @@ class NodeProcess:
         cores.confine([self.pid], allowed)
 
     def end(self) -> None:
-        """End the process, whatever it is doing."""
         self._answers.end()
 
     def _call(self, kind: type[_T], action: str, activity: str, **arguments: object) -> _T:
-        """Have an action of the runner done, and return its answer."""
         if self._failure is not None:
             raise NodeError(self.name, self._failure)
         with contextlib.suppress(OSError):  # its end is reported where its answer is read
@@ -207,7 +185,6 @@ def _die_with(parent: int) -> Callable[[], None]:
 
 
 def _oldest_node() -> int:
-    """Return the oldest major version that will do."""
     wanted = json.loads(_PIN.read_text(encoding="utf-8"))["engines"]["node"]
     return int(wanted.removeprefix(">="))
 
@@ -236,11 +213,6 @@ def find_node(command: str = COMMAND, limit_s: float = _VERSION_LIMIT_S) -> Node
 
 
 def _version(file: str, limit_s: float) -> str:
-    """Return the version that a program says.
-
-    Raises:
-      MachineError: it says none.
-    """
     try:
         done = subprocess.run(
             [file, "--version"],

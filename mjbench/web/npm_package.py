@@ -56,21 +56,15 @@ class NpmPackage:
 
 
 def pinned_version() -> str:
-    """Return the release that mjbench pins."""
     return str(json.loads(_PIN.read_text(encoding="utf-8"))["dependencies"][NAME])
 
 
 def cache_folder() -> Path:
-    """Return the folder in which npm is to install packages, each in a folder by its version.
-
-    Raises:
-      MachineError: this user has no home folder, in which it would be.
-    """
+    """Return the folder in which npm is to install packages, each in a folder by its version."""
     return installs.cache_folder() / "npm"
 
 
 def install_command(version: str) -> str:
-    """Return the command by which npm installs a release where `find` looks for it."""
     prefix = shlex.quote(str(cache_folder() / version))
     return f"npm install --no-package-lock --prefix {prefix} {NAME}@{version}"
 
@@ -116,7 +110,6 @@ def find(version: str | None = None, folder: Path | None = None) -> NpmPackage:
 
 
 def _in_folder(folder: Path) -> NpmPackage:
-    """Return the package in a folder that a user named."""
     for below in (_MANIFEST, Path(NAME, "package.json"), Path("package.json")):
         manifest = folder / below
         if manifest.is_file() and _manifest(manifest).get("name") == NAME:
@@ -128,11 +121,6 @@ def _in_folder(folder: Path) -> NpmPackage:
 
 
 def _read(manifest: Path) -> NpmPackage:
-    """Return the package of a manifest.
-
-    Raises:
-      MachineError: a file of it is missing, or it names no version.
-    """
     version = _manifest(manifest).get("version")
     package = NpmPackage(manifest.parent.resolve(), str(version))
     if not installs.is_release(package.version):
@@ -148,11 +136,6 @@ def _read(manifest: Path) -> NpmPackage:
 
 
 def _manifest(file: Path) -> Mapping[str, Any]:
-    """Return the content of a manifest.
-
-    Raises:
-      MachineError: it is not the manifest of a package.
-    """
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

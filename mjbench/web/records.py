@@ -10,13 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
-from mjbench.bounds import (
-    NonNegativeFloat,
-    NonNegativeInt,
-    PositiveFloat,
-    PositiveInt,
-    Version,
-)
+from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, Version
 from mjbench.measuring import stats
 from mjbench.measuring.stats import Estimate
 from mjbench.simulation.starts import Starts
@@ -147,11 +141,6 @@ class WebRecord:
     paths: Sequence[WebPathRecord] = ()
 
     def __post_init__(self) -> None:
-        """Check that what was timed is described, and that rounds have all their times.
-
-        Raises:
-          ValueError: it is not.
-        """
         rounds = max((len(path.block_ns) for path in self.paths), default=0)
         of_c = (len(path.block_ns) for path in self.paths if path.path == C_PATH)
         if rounds > max(of_c, default=0):

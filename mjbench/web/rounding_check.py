@@ -96,11 +96,6 @@ class RoundingCheck:
     has_same_model: bool = False
 
     def __post_init__(self) -> None:
-        """Check that there is a last point.
-
-        Raises:
-          ValueError: there is none.
-        """
         if not self.points:
             raise ValueError("points are missing")
 

@@ -11,6 +11,7 @@ import pytest
 import mjbench
 from mjbench.errors import InputError, MachineError
 from mjbench.host import child
+from mjbench.loop import rendering
 from mjbench.paired.outcomes import Metric
 from mjbench.simulation import models
 from mjbench.status import Status
@@ -69,8 +70,9 @@ def test_releases_are_compared() -> None:
     assert compared.family.count == 1
 
 
-def test_a_step_is_profiled(model: Any) -> None:
-    profiled = mjbench.profile(model)
+def test_a_step_is_profiled(model: Any, monkeypatch: pytest.MonkeyPatch, inline: None) -> None:
+    monkeypatch.setattr(rendering, "BACKENDS", ())
+    profiled = mjbench.profile(model, budget_s=0.05)
     assert profiled.steps.loop_ns > 0
     assert sum(profiled.stages.values()) == pytest.approx(1.0)
     assert profiled.row.python_ns == profiled.steps.python_ns
@@ -85,7 +87,7 @@ def test_single_steps_are_timed() -> None:
     assert "p99" in str(timed)
 
 
-def test_states_of_the_program_are_the_starts() -> None:
+def test_states_of_the_program_are_the_starts(inline: None) -> None:
     cartpole = mujoco.MjModel.from_xml_path(str(models.resolve("cartpole").path))
     log = mjbench.record(cartpole, mujoco.MjData(cartpole), 50, ["time", "qpos", "qvel"])
     timed = mjbench.latency(cartpole, nstep=100, states=log)

@@ -2,8 +2,11 @@
 
 import json
 import re
+import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import FrozenInstanceError
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jsonschema
@@ -15,8 +18,10 @@ from step_profiles import step_profile
 import mjbench
 from mjbench.api.compare import Comparison
 from mjbench.api.profile import Profile
+from mjbench.api.session import Item, Measurement, Observer
 from mjbench.api.versions import ReleaseComparison
 from mjbench.host import machine
+from mjbench.measuring.progress import Progress
 from mjbench.measuring.ratio import Ratio
 from mjbench.pages import fragment
 from mjbench.paired.outcomes import Verdict
@@ -25,7 +30,7 @@ from mjbench.report.content import Tone
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 from mjbench.store import runs
-from mjbench.store.runs import Run, RunHeader
+from mjbench.store.runs import Record, Run, RunHeader
 
 HOSTILE = "<img src=x onerror=alert(1)>&\x1b[31m"
 
@@ -53,6 +58,56 @@ def verdict(model: str = "humanoid") -> VerdictRecord:
         pairs=80,
         seconds=3.0,
     )
+
+
+class Cell:
+    """What a notebook displays, in place of IPython."""
+
+    def __init__(self, shell: object):
+        self.lines: list[str] = []
+        self.display = SimpleNamespace(display=self.displayed)
+        self.get_ipython = lambda: shell
+
+    def displayed(self, data: dict[str, str], *, raw: bool, display_id: bool) -> "Cell":
+        assert raw and display_id
+        return self.update(data, raw=raw)
+
+    def update(self, data: dict[str, str], *, raw: bool) -> "Cell":
+        self.lines.append(data["text/plain"])
+        return self
+
+
+def measured_in(monkeypatch: pytest.MonkeyPatch, cell: Cell, *on_progress: Progress) -> None:
+    """Measure a step, with progress."""
+
+    def items(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+        observer.begin("m: racing")
+        for _ in range(2):
+            observer("m: launch 3", 0.25)
+        yield Item([step_profile()])
+
+    ipython: Any = cell
+    monkeypatch.setitem(sys.modules, "IPython", ipython)
+    Profile.of(Measurement("profile", {}, [], items), False, *on_progress)
+
+
+def test_a_notebook_shows_progress_in_a_line_that_is_empty_at_the_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    cell = Cell(SimpleNamespace(kernel="a kernel"))
+    measured_in(monkeypatch, cell)
+    assert cell.lines == ["", "m: racing", "m: launch 3 (25 %)", ""]
+
+
+def test_progress_goes_to_the_function_of_a_program_or_to_nobody(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    cell, seen = Cell(SimpleNamespace(kernel="a kernel")), list[str]()
+    measured_in(monkeypatch, cell, lambda name, share: seen.append(name))
+    assert (cell.lines, seen) == ([], ["m: launch 3"] * 2)
+    in_terminal = Cell(SimpleNamespace())
+    measured_in(monkeypatch, in_terminal)
+    assert in_terminal.lines == []
 
 
 def comparison(model: str = "m") -> Comparison:

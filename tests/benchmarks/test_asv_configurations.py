@@ -28,6 +28,23 @@ def test_committed_results_are_read_by_a_configuration_that_differs_in_folders_a
 def test_own_results_are_ignored_by_git() -> None:
     ignored = (ROOT / ".gitignore").read_text().splitlines()
     assert ".asv/" in ignored
-    for name in ("asv.conf.json", "benchmarks/asv.mjx.conf.json"):
-        _, folders = configuration(ROOT / name)
-        assert folders["results_dir"].is_relative_to(ROOT / ".asv")
+    _, folders = configuration(ROOT / "asv.conf.json")
+    assert folders["results_dir"].is_relative_to(ROOT / ".asv")
+
+
+def test_a_release_brings_its_own_mjx_and_takes_it_away() -> None:
+    values, _ = configuration(ROOT / "asv.conf.json")
+    assert any("jax==" in command for command in values["install_command"])
+    assert "mujoco-mjx<=" in values["install_command"][-1]
+    assert "mujoco-mjx" in values["uninstall_command"][0]
+
+
+def test_results_keep_the_name_of_the_committed_ones() -> None:
+    """Whatever else the matrix requires becomes part of it, but for asv's own package."""
+    values, _ = configuration(ROOT / "asv.conf.json")
+    ((name, (version,)),) = (
+        (name, versions)
+        for name, versions in values["matrix"]["req"].items()
+        if name != "pip+asv_runner"
+    )
+    assert list((ROOT / "results/asv/kvm-2core").glob(f"*-virtualenv-py3.11-{name}{version}.json"))

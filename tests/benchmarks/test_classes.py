@@ -27,21 +27,21 @@ import pytest
 from commands import ROOT
 
 import benchmarks
-from benchmarks import mjx, reference, stored
+from benchmarks import instructions, mjx, reference, stored
 from mjbench.errors import MachineError
 from mjbench.paired.moved_check import Averaging
 from mjbench.releases import installs
 from mjbench.simulation import models
 
 PREFIXES = ("time_", "timeraw_", "track_", "peakmem_")
-# Models whose ratio to the reference release is measured: one with contacts and one without.
-RATIO_MODELS = ("cartpole", "cube_table")
+# Models that are counted, and compared with the reference release: with contacts and without.
+FEW_MODELS = ("cartpole", "cube_table")
 # Units of what may be 0: counts of a model without contact, and a drift of nothing. A ratio, a time
 # or a number of instructions that is 0 was never measured.
 ZERO_IS_POSSIBLE = {"contacts/step", "constraints/step", "iterations/step", "SI"}
 
 # Seconds of all rounds of a timed benchmark, about, and the fewest and the most rounds.
-SECONDS, LEAST_ROUNDS, MOST_ROUNDS = 0.15, 4, 20
+SECONDS, LEAST_ROUNDS, MOST_ROUNDS = 0.1, 4, 20
 # Parameters that decide what is done, and not how.
 WORK = ("model", "samples")
 
@@ -108,8 +108,8 @@ class Case:
     @property
     def is_heavy(self) -> bool:
         """Whether it takes long, and another case shows as well that the benchmark works."""
-        if self.kind is reference.Reference:
-            return self.model not in RATIO_MODELS
+        if self.kind in (instructions.Instructions, reference.Reference):
+            return self.model not in FEW_MODELS
         return self.model in stored.HEAVY or self.params[1:] == (mjx.NBATCH,)
 
     @property
@@ -230,19 +230,19 @@ def test_what_is_tracked_is_a_number_that_was_measured(
 ) -> None:
     if exact.kind is reference.Reference:
         request.getfixturevalue("reference_release")
+    if exact.kind is instructions.Instructions:
+        monkeypatch.setattr(models, "shipped", lambda: FEW_MODELS)
     # any number will do, not a precise one
-    light = stored.light()
-    monkeypatch.setattr("benchmarks.instructions.models.shipped", lambda: light)
     monkeypatch.setattr("benchmarks.instructions.NBATCH", 1)
     monkeypatch.setattr("benchmarks.instructions.stored.nstep_of", lambda name: stored.HEAVY_NSTEP)
+    monkeypatch.setattr("benchmarks.reference.LAUNCHES", 2)
+    monkeypatch.setattr(reference.Reference, "params", list(FEW_MODELS))
+    monkeypatch.setattr(mjx.Mjx, "params", (["cartpole"], [1]))
     monkeypatch.setattr("benchmarks.mjx.NBATCH", 2)
     monkeypatch.setattr("benchmarks.mjx.HANDWRITTEN_NSTEP", 2)
     monkeypatch.setattr("benchmarks.mjx.ROUNDS", 3)
     as_shipped = Averaging(False)
     monkeypatch.setattr("mjbench.paired.moved_check.averaging", lambda *arguments: as_shipped)
-    monkeypatch.setattr(
-        "mjbench.releases.release_ratios.are_enough", lambda done, seconds: len(done) >= 2
-    )
     value = exact.bound()(*exact.params)
     if exact.method.startswith("peakmem_"):
         assert value is None  # asv reads the memory of the process
@@ -261,6 +261,16 @@ def test_times_are_of_one_thing_and_grouped_by_what_is_compared() -> None:
         "rollout of 64 × 50 steps, by threads: humanoid"
     }
     assert {case.variant for case in rollouts} >= {"threads=1", "threads=2"}
+
+
+def test_no_module_declares_a_benchmark_of_another() -> None:
+    """asv would measure it twice: it takes every class that it finds in a module."""
+    for info in pkgutil.iter_modules(benchmarks.__path__):
+        module = importlib.import_module(f"benchmarks.{info.name}")
+        for name, kind in inspect.getmembers(module, inspect.isclass):
+            methods = [each for each in dir(kind) if each.startswith(PREFIXES)]
+            is_benchmark = any(inspect.isfunction(getattr(kind, each)) for each in methods)
+            assert not is_benchmark or kind.__module__ == module.__name__, f"{info.name}.{name}"
 
 
 def test_every_benchmark_has_an_explicit_version_and_a_name_for_readers() -> None:

@@ -3,6 +3,8 @@
 import pytest
 
 from benchmarks import own_programs
+from benchmarks.studies import tally_file
+from benchmarks.studies.page_part import of_lines
 
 # The others need OpenGL or JAX, or take longer; `python -m benchmarks.own_programs` runs them all.
 QUICK = (
@@ -26,3 +28,9 @@ def test_every_program_whose_fault_costs_time_has_its_change():
     for program in own_programs.PROGRAMS:
         assert program.file.is_file()
         assert program.changed_file.is_file() != program.is_wrong
+
+
+def test_the_page_has_the_committed_results() -> None:
+    tally = tally_file.load(own_programs.TALLY, own_programs.ProgramTally, "programs")
+    assert own_programs.PART.text() == of_lines(tally.lines())
+    assert {each.name for each in tally.programs} == {each.name for each in own_programs.PROGRAMS}

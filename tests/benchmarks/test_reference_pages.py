@@ -13,6 +13,7 @@ from mjbench.report.kinds import DOCUMENTS
     [
         (reference_pages.COMMANDS, reference_pages.command_lines),
         (reference_pages.LINT_RULES, reference_pages.rule_lines),
+        (reference_pages.SETTINGS, reference_pages.setting_lines),
         (reference_pages.KEYS, reference_pages.key_lines),
     ],
     ids=lambda each: getattr(each, "name", ""),

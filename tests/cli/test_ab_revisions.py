@@ -92,6 +92,7 @@ def test_functions_are_compared_and_become_a_comment(
         (("rev=old", "path=rollout"), 2, "a revision is compared with a revision"),
         (("path=rollout", "", "bench.py::step"), 2, "functions are compared in revisions"),
         (("rev=old", "rev=new", "bench.py::step", "--nbatch", "4"), 2, "are of models"),
+        (("rev=old", "rev=new", "bench.py::step", "--metric", "load"), 2, "is of models"),
         (("rev=old", "rev=new", "bench.py::none"), 2, "bench has no none"),
         (("rev=old", "rev=new", "bench.py::new"), 6, "new, so not compared"),
         (("rev=new", "rev=old", "bench.py::new"), 3, "cannot import name 'added'"),

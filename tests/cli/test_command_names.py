@@ -11,6 +11,7 @@ from commands import ROOT, mjbench
 
 from mjbench.cli import cli, show_pages
 from mjbench.cli.command_names import EARLIER, LISTED, with_mode
+from mjbench.report.kinds import DOCUMENTS, PRESENT_NAMES
 
 MODES = sorted(name for name in cli.commands if " --" in name)
 
@@ -85,3 +86,10 @@ def test_a_page_is_named_after_html_or_after_o(monkeypatch: pytest.MonkeyPatch) 
     for words in (["--html", "a.jsonl", "page.html"], ["--html", "a.jsonl", "-o", "page.html"]):
         assert CliRunner().invoke(cli, ["show", *words]).exit_code == 0
     assert written == [((Path("a.jsonl"),), "html", "page.html")] * 2
+
+
+def test_documents_have_the_present_names_of_their_commands() -> None:
+    renamed = {name: " ".join(words).removesuffix("=") for name, words in EARLIER.items()}
+    assert {name: now for name, now in PRESENT_NAMES.items() if name in EARLIER} == {
+        name: renamed[name] for name in DOCUMENTS if name in renamed
+    }

@@ -9,8 +9,10 @@ from mjbench.api.session import Item, Measurement, Observer, Session
 from mjbench.cli.context import OutputOptions, RunContext, measure_and_print
 from mjbench.errors import Failure, MachineError
 from mjbench.host.machine import ProcessorTime
+from mjbench.host.neighbours import Disturbance
 from mjbench.loop.overhead import OverheadRow
-from mjbench.report.content import Section
+from mjbench.report import kinds
+from mjbench.report.content import Section, Tone
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 from mjbench.store import runs
@@ -130,6 +132,33 @@ def test_time_that_the_host_took_is_reported_where_it_matters(
         pass
     expected = "The host took 13 % of this machine's processor time for others"
     assert (expected in capsys.readouterr().out) == is_reported
+
+
+def test_what_disturbed_a_run_is_its_last_record_and_comes_first_when_it_is_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ProcessorTime, "stolen_since", lambda now, begin: 0.13)
+    measured(lambda: iter([Item([row("a")])]), tmp_path)
+    (file,) = tmp_path.glob("*.jsonl")
+    run = runs.load(file, RECORD_TYPES)
+    assert run.records[-1] == Disturbance([], 0.13)
+    first, *_ = kinds.kind_of(run).sections(run)[0].conclusions
+    assert (first.tone, first.text[:18]) == (Tone.CAUTION, "The host took 13 %")
+
+
+def test_a_continued_run_has_what_disturbed_it_before_and_since(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ProcessorTime, "stolen_since", lambda now, begin: 0.13)
+    measured(lambda: iter([Item([row("a")])]), tmp_path)
+    (file,) = tmp_path.glob("*.jsonl")
+    monkeypatch.setattr(ProcessorTime, "stolen_since", lambda now, begin: 0.5)
+    measured(lambda: iter([Item([row("b")])]), tmp_path, file)
+    run = runs.load(file, RECORD_TYPES)
+    assert run.of_type(Disturbance) == [
+        Disturbance([], 0.13),
+        Disturbance([], 0.5),
+    ]
 
 
 def test_a_command_that_measures_no_time_says_nothing_of_the_host(

@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from commands import mjbench
 
+from mjbench.environment import vectors
+
 QUICK = ["--steps", "40", "--budget", "0", "--threads", "1", "--no-vector"]
 
 
@@ -29,7 +31,7 @@ def test_it_measures_and_writes_json_and_show_prints_it_again(tmp_path: Path) ->
     assert "where a step's time goes" in report.stdout
 
 
-def test_an_environment_that_fails_costs_its_row(tmp_path: Path) -> None:
+def test_an_environment_that_fails_costs_its_row(tmp_path: Path, inline: None) -> None:
     names = ["example_environments:Raises", "example_environments:make"]
     done = mjbench("env", *names, *QUICK, "--json", "out.json", cwd=tmp_path)
     assert done.returncode == 2
@@ -38,7 +40,9 @@ def test_an_environment_that_fails_costs_its_row(tmp_path: Path) -> None:
     assert [row["status"] for row in rows] == ["input", "ok"]
 
 
-def test_physics_that_a_plain_loop_does_not_repeat_is_a_finding(tmp_path: Path) -> None:
+def test_physics_that_a_plain_loop_does_not_repeat_is_a_finding(
+    tmp_path: Path, inline: None
+) -> None:
     done = mjbench("env", "example_environments:StaleStart", *QUICK, cwd=tmp_path)
     assert done.returncode == 1
     assert "NOT the same physics as a plain loop: qpos[7] is" in done.stdout
@@ -53,7 +57,7 @@ def test_physics_that_a_plain_loop_does_not_repeat_is_a_finding(tmp_path: Path) 
         (["env", "no_such_module:make"], "no module no_such_module"),
         (["env", "example_environments:mak"], "did you mean make"),
         (["env", "example_environments:number"], "int is no environment"),
-        (["env", "a:make", "--steps", "0"], "0 is not in the range"),
+        (["env", "a:make", "--steps", "0"], "'0' is not a whole number, at least 1"),
         (["env", "a:make", "--no-vector", "--num-envs", "2"], "not both"),
     ],
 )
@@ -90,8 +94,9 @@ def make():
 
 @pytest.mark.skipif(not importlib.util.find_spec("gymnasium"), reason="needs gymnasium")
 def test_environments_of_gymnasium_are_measured_with_each_of_their_wrappers(
-    tmp_path: Path,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(vectors, "LEAST_LAUNCHES", 2)
     (tmp_path / "stack.py").write_text(STACK)
     quick = ["--steps", "50", "--budget", "0", "--json", "out.json"]
     rows = []
@@ -103,8 +108,8 @@ def test_environments_of_gymnasium_are_measured_with_each_of_their_wrappers(
         rows.append(row)
     plain, stack = rows
     assert plain["facts"]["unrepeated"] == []
-    vectors = [(vector["form"], vector["status"]) for vector in stack["vectors"]]
-    assert vectors == [("SyncVectorEnv", "ok"), ("AsyncVectorEnv", "ok")]
+    forms = [(vector["form"], vector["status"]) for vector in stack["vectors"]]
+    assert forms == [("SyncVectorEnv", "ok"), ("AsyncVectorEnv", "ok")]
     assert [each["field"] for each in stack["facts"]["unrepeated"]] == ["observation"]
     (layer,) = (each for each in stack["layers"] if each["layer"] == "wrappers")
     assert {

@@ -39,7 +39,7 @@ QUICK = ["--nbatch", "6", "--nstep", "40", "--budget", "0.1", "--results", "runs
         (["compare", "cartpole", "--paths", "rolout"], 2, "did you mean rollout"),
         (["compare", "cartpole", "--nbatch", "0"], 2, "each at least 1 and at most"),
         (["compare", "cartpole", "--nbatch", "16,0"], 2, ": '0'"),
-        (["compare", "cartpole", "--nstep", "-5"], 2, "-5 is not in the range"),
+        (["compare", "cartpole", "--nstep", "-5"], 2, "'-5' is not a whole number, at least 1"),
         (["compare", "cartpole", "--nstep", "10", "--hold", "3"], 2, "not a multiple"),
         (["compare", "cartpole", "--nbatch", "1000000000"], 2, "reduce --nbatch"),
         (["compare", "cartpole", "--threads", "0"], 2, "each at least 1 and at most 1024"),
@@ -56,7 +56,7 @@ QUICK = ["--nbatch", "6", "--nstep", "40", "--budget", "0.1", "--results", "runs
     ],
 )
 def test_bad_input_ends_in_one_clear_line(
-    tmp_path: Path, words: list[str], code: int, message: str
+    tmp_path: Path, words: list[str], code: int, message: str, inline: None
 ) -> None:
     (tmp_path / "broken.xml").write_text("<mujoco><worldbody>")
     (tmp_path / "empty.xml").write_text("")

@@ -8,7 +8,8 @@ from commands import mjbench
 
 
 def test_it_measures_and_writes_json(tmp_path: Path) -> None:
-    done = mjbench("profile", "cartpole", "--json", "out.json", cwd=tmp_path)
+    words = ("profile", "cartpole", "--budget", "0.1s")
+    done = mjbench(*words, "--json", "out.json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
     assert row["loop_ns"] > 0
@@ -25,7 +26,7 @@ def test_it_measures_and_writes_json(tmp_path: Path) -> None:
     assert "constraint solver" in again.stderr
 
 
-def test_a_model_that_does_not_load_costs_its_row(tmp_path: Path) -> None:
+def test_a_model_that_does_not_load_costs_its_row(tmp_path: Path, inline: None) -> None:
     (tmp_path / "broken.xml").write_text("<mujoco><nothing/></mujoco>")
     done = mjbench("profile", "broken.xml", "--json", "out.json", cwd=tmp_path)
     assert done.returncode == 2

@@ -6,7 +6,7 @@ from pathlib import Path
 from commands import mjbench
 
 
-def test_a_model_that_does_not_load_costs_its_row(tmp_path: Path) -> None:
+def test_a_model_that_does_not_load_costs_its_row(tmp_path: Path, inline: None) -> None:
     (tmp_path / "broken.xml").write_text("<mujoco><nothing/></mujoco>")
     done = mjbench("profile", "--habits", "broken.xml", "--json", "out.json", cwd=tmp_path)
     assert done.returncode == 2

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
+    Count,
     Hertz,
     LargeCount,
     Names,
@@ -97,8 +98,12 @@ def test_every_command_reads_a_time_limit_alike() -> None:
     assert {name for name, o in options.items() if not isinstance(o.type, Seconds)} == set()
 
 
-def test_a_budget_is_a_time_as_a_limit_is() -> None:
-    assert isinstance(options_of_commands("--budget")["compare"].type, Seconds)
+def test_every_command_that_measures_times_has_a_budget() -> None:
+    options = options_of_commands("--budget")
+    everyday = {"checkup", "run", "env", "compare", "tune", "versions", "ab", "bisect", "doctor"}
+    closer = {"profile", "profile --habits", "latency", "plan", "web", "doctor --placement"}
+    assert everyday | closer <= set(options)
+    assert {name for name, o in options.items() if not isinstance(o.type, Seconds)} == set()
 
 
 def number_options() -> Iterator[tuple[str, click.Option]]:
@@ -143,6 +148,7 @@ TEXTS = st.one_of(
 @pytest.mark.parametrize(
     ("kind", "low", "high"),
     [
+        (Count(), 1, COUNT.most),
         (Numbers(), 1, COUNT.most),
         (Numbers(THREADS), 1, THREADS.most),
         (LargeCount(), 1, LARGE_COUNT.most),

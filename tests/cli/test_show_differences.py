@@ -188,6 +188,12 @@ def test_what_is_certainly_slower_than_an_earlier_run_fails_in_ci(
     assert done.stdout.splitlines()[1].startswith(f"Of 4 rows: {4 - verdicts.count(None)} ")
 
 
+@pytest.mark.parametrize(("finding", "code"), [("slower", 1), ("faster", 0)])
+def test_a_stored_verdict_fails_in_ci(finding: str, code: int) -> None:
+    run = RUNS / "reference-story-versions.jsonl"
+    assert CliRunner().invoke(cli, ["show", str(run), "--fail-on", finding]).exit_code == code
+
+
 def test_a_disturbed_run_decides_nothing(tmp_path: Path) -> None:
     old, new = raced_run(tmp_path / "old", 1.0), raced_run(tmp_path / "new", 2.0, cores=0.5)
     words = ["show", str(new), "--against", str(old), "--fail-on", "slower"]
@@ -199,7 +205,8 @@ def test_a_disturbed_run_decides_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--fail-on", "slower"], "add --against OLD"),
+        (["--fail-on", "slower", f"{RUNS}/reference-mujoco-4.0.0.jsonl"], "add --against OLD"),
+        (["--fail-on", "slower", "--html"], "leave out the format"),
         (["--html", "--against", "old"], "leave out --code and formats"),
         (["-o", "x"], "add --html, --markdown or --format"),
         (["--markdown", "--json", "-"], "leave out the format"),

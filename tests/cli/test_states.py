@@ -96,20 +96,20 @@ def test_compare_replays_captured_states_or_actions_and_continues_with_no_others
     assert "actions.npz has changed since that run began" in refused.stderr
 
 
-def test_states_of_another_model_cost_one_line(folder: Path) -> None:
+def test_states_of_another_model_cost_one_line(folder: Path, inline: None) -> None:
     done = run_mjbench("latency", "humanoid", "--states", "states.npz", cwd=folder)
     assert done.returncode == 2
     assert "humanoid: states.npz holds states of another model, cartpole: nq 2" in done.stderr
     assert done.stderr.count("\n") == 1
 
 
-def test_latency_of_captured_states_says_so(folder: Path) -> None:
+def test_latency_of_captured_states_says_so(folder: Path, inline: None) -> None:
     arguments = ("latency", "cartpole", "--nstep", "200", "--rate", "10000", "--hold", "2")
     free, _ = results(folder, *arguments, "--states", "states.npz")
     assert free["starts"]["file"] == "states.npz"
 
 
-def test_plan_plans_from_captured_states(folder: Path) -> None:
+def test_plan_plans_from_captured_states(folder: Path, inline: None) -> None:
     size = ("--samples", "2", "--knots", "2", "--hold", "5", "--duration", "0.05")
     rows = results(
         folder, "plan", "cartpole", *size, "--paths", "rollout", "--states", "states.npz"
@@ -128,7 +128,7 @@ def test_profile_is_given_the_file_and_stores_its_digest(
     given: list[Any] = []
 
     def measure(*arguments: Any) -> profile.ProfileRow:
-        given.append(arguments[-1])
+        given.append(arguments[2])
         return step_profile()
 
     monkeypatch.setattr(profile, "measure", measure)

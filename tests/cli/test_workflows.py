@@ -14,6 +14,7 @@ from set_files import labelled, run_file
 from verdict_records import SLOWER
 
 WORKFLOWS = sorted((ROOT / ".github/workflows").glob("*.yml"))
+EXAMPLES = ROOT / "docs/examples"
 ACTION = ROOT / ".github/actions/mjbench/action.yml"
 
 
@@ -78,12 +79,10 @@ def cube_table() -> Path:
     return ROOT / "models/cube_table.xml"
 
 
-def test_the_workflow_of_the_guide_merges_what_its_jobs_upload(tmp_path: Path) -> None:
+def test_the_workflow_for_several_machines_merges_what_its_jobs_upload(tmp_path: Path) -> None:
     pytest.importorskip("jinja2")
     pytest.importorskip("vl_convert")
-    guide = (ROOT / "docs/guides/machines.md").read_text()
-    (block,) = re.findall(r"```yaml\n(.*?)```", guide, flags=re.S)
-    jobs = yaml.safe_load(block)["jobs"]
+    jobs = yaml.safe_load((EXAMPLES / "machines.yml").read_text())["jobs"]
     for runner in jobs["measure"]["strategy"]["matrix"]["runner"]:
         run_file(tmp_path / f"runs-{runner}", labelled(runner), SLOWER, command="versions")
     binary = tmp_path / "bin/mjbench"
@@ -107,8 +106,8 @@ def test_the_workflow_of_the_guide_merges_what_its_jobs_upload(tmp_path: Path) -
 
 def test_the_workflows_of_a_change_read_and_comment_apart() -> None:
     """The job that runs the code of a pull request may write nothing."""
-    guide = (ROOT / "docs/guides/revisions.md").read_text()
-    measure, comment = map(yaml.safe_load, re.findall(r"```yaml\n(.*?)```", guide, flags=re.S))
+    files = (EXAMPLES / "speed.yml", EXAMPLES / "speed-comment.yml")
+    measure, comment = (yaml.safe_load(file.read_text()) for file in files)
     assert measure["permissions"] == {"contents": "read"}
     assert comment["permissions"]["pull-requests"] == "write"
     assert comment[True]["workflow_run"]["workflows"] == [measure["name"]]  # YAML reads on as true

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from commands import TESTS
 from pretender import MODEL, NSTEP, available, make_workload
 
 from mjbench.comparison import accelerated_run
@@ -30,21 +31,24 @@ def measured(
     save_workload(workload, observe(workload).peaks, file)
     request = AcceleratedRequest(models.resolve(model), Variant(path.name, {}), file)
     records: list[MeasurementRecord] = []
-    ended = accelerated_run.run(dataclasses.replace(request, **more), records.append, str(folder))
+    ended = accelerated_run.run(dataclasses.replace(request, **more), records.append, str(TESTS))
     assert ended.status == Status.OK, ended.detail
     assert records[-1].agrees is True, records[-1].detail
     assert len(records[-1].samples_s) >= accelerated_run.MIN_BLOCKS
     return records[-1]
 
 
-@pytest.mark.parametrize(("name", "nstep"), [("mjx64", 500), ("warp", NSTEP)])
+@pytest.mark.parametrize(
+    ("engine", "nstep", "package"),
+    [("FixedMjx", 500, "mujoco-mjx"), ("QuickWarp", NSTEP, "mujoco-warp")],
+)
 def test_the_cart_pole_keeps_to_the_tolerances(
-    name: str, nstep: int, tmp_path: Path, request: pytest.FixtureRequest
+    engine: str, nstep: int, package: str, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
-    if name == "mjx64":  # `mjx` runs as where Warp is installed
+    if engine == "FixedMjx":  # `mjx_warp` runs as where Warp is installed
         request.getfixturevalue("without_warp")
     workload = make_workload(nstep=nstep)
-    record = measured(available(name), workload, tmp_path)
+    record = measured(available(f"quick_engines:{engine}"), workload, tmp_path)
     assert record.compile_s is not None
     assert record.compile_s > 0
     assert record.device
@@ -53,7 +57,8 @@ def test_the_cart_pole_keeps_to_the_tolerances(
     assert record.memory_bytes is not None
     assert record.memory_bytes > 2**20
     assert record.versions is not None
-    assert "mujoco-warp" in record.versions or "mujoco-mjx" in record.versions
+    assert package in record.versions
+    assert (record.cached_compile_s is not None) == (engine == "FixedMjx")
     judgement = record.judgement
     assert judgement is not None
     assert judgement.answer == EngineAnswer.YES
@@ -75,7 +80,8 @@ def test_warp_called_by_mjx_has_room_and_reports_its_contacts(tmp_path: Path) ->
     model = str(tmp_path / "ball.xml")
     workload = make_workload(model, nbatch=8, nstep=10)
     assert observe(workload).peaks.contacts == 1
-    record = measured(available("mjx_warp"), workload, tmp_path, model=model, limit_s=120.0)
+    path = available("quick_engines:QuickMjxWarp")
+    record = measured(path, workload, tmp_path, model=model, limit_s=120.0)
     judgement = record.judgement
     assert judgement is not None
     assert judgement.contact_states > 0
@@ -85,25 +91,6 @@ def test_warp_called_by_mjx_has_room_and_reports_its_contacts(tmp_path: Path) ->
     assert pair.normal_degrees < 1e-3
     # 48 contacts of each world; twice the 4 constraints of the cone
     assert "naconmax=384, njmax=8" in record.snippet
-
-
-def test_a_number_of_steps_that_is_compiled_in_changes_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, without_warp: None
-) -> None:
-    """As it is for a GPU, here in float32."""
-    available("mjx")
-    (tmp_path / "fixed.py").write_text(
-        "import dataclasses\n"
-        "from mjbench.paths.mjx import Mjx\n"
-        "class Fixed(Mjx):\n"
-        "    name = 'fixed:Fixed'\n"
-        "    def needs_fixed_nstep(self): return True\n"
-        "    def compile(self, *arguments):\n"
-        "        compiled = super().compile(*arguments)\n"
-        "        return dataclasses.replace(compiled, cached_compile_s=lambda: None)\n"
-    )
-    monkeypatch.syspath_prepend(str(tmp_path))
-    assert measured(available("fixed:Fixed"), make_workload(), tmp_path).agreement
 
 
 def test_a_program_that_never_returns_is_a_row_that_says_timeout(

@@ -31,7 +31,7 @@ def test_mppi_swings_up_the_cartpole_through_rollout_and_batch_with_the_same_sta
     assert all(row.plans_per_s for row in rows if row.status == Status.OK)
 
 
-def test_a_path_that_returns_other_states_disagrees(tmp_path: Path) -> None:
+def test_a_path_that_returns_other_states_disagrees(tmp_path: Path, inline: None) -> None:
     words = ["--samples", "4", "--knots", "4", "--hold", "5", "--duration", "0.1s"]
     paths = "wrong_paths:Right,wrong_paths:WrongMiddle,wrong_paths:Memo,wrong_paths:FinalOnly"
     done = mjbench("plan", "--paths", paths, *words, "--json", "out.json", cwd=tmp_path)
@@ -48,7 +48,7 @@ def test_a_path_that_returns_other_states_disagrees(tmp_path: Path) -> None:
     assert "cartpole: fastest here is " in done.stdout
 
 
-def test_several_sizes_of_plans_are_tried(tmp_path: Path) -> None:
+def test_several_sizes_of_plans_are_tried(tmp_path: Path, inline: None) -> None:
     words = ["--samples", "2,4", "--knots", "3,5", "--hold", "5", "--duration", "0.1s"]
     words += ["--paths", "rollout", "--threads", "1,2"]
     done = mjbench("plan", *words, "--json", "out.json", cwd=tmp_path)
@@ -63,7 +63,22 @@ def test_several_sizes_of_plans_are_tried(tmp_path: Path) -> None:
     assert "cartpole, by the size of the plan" in again.stderr
 
 
-def test_a_model_without_controls_is_refused_in_a_line(tmp_path: Path) -> None:
+def test_the_budget_ends_the_loop_and_a_finished_run_is_not_measured_again(
+    tmp_path: Path, inline: None
+) -> None:
+    words = ["plan", "--nbatch", "2", "--knots", "2", "--paths", "rollout", "--budget", "0.001"]
+    done = mjbench(*words, "--json", "out.json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "ended by the budget, by mppi with 2 samples × 40 steps, 4 plans" in done.stdout
+    (file,) = (tmp_path / "results/runs").glob("*.jsonl")
+    before = file.read_text()
+    again = mjbench(*words, "--resume", str(file), "--json", "again.json", cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    assert (tmp_path / "again.json").read_text() == (tmp_path / "out.json").read_text()
+    assert file.read_text() == before
+
+
+def test_a_model_without_controls_is_refused_in_a_line(tmp_path: Path, inline: None) -> None:
     done = mjbench("plan", "cube_table", "--duration", "0.1s", cwd=tmp_path)
     assert done.returncode == 2
     assert "has no controls to plan" in done.stderr

@@ -69,7 +69,7 @@ def test_an_environment_is_measured_and_compared() -> None:
 
 
 @pytest.mark.parametrize("factory", ["dm_control", "robosuite"])
-def test_other_frameworks_are_measured_as_well(factory: str) -> None:
+def test_other_frameworks_are_measured_as_well(factory: str, inline: None) -> None:
     record = measured(factory)
     assert record.facts is not None
     assert (record.status, record.facts.framework) == (Status.OK, factory)
@@ -78,7 +78,7 @@ def test_other_frameworks_are_measured_as_well(factory: str) -> None:
     assert record.paths[0].ns
 
 
-def test_a_changed_model_is_said_and_not_compared() -> None:
+def test_a_changed_model_is_said_and_not_compared(inline: None) -> None:
     record = measured("NewGravity")
     assert record.status == Status.OK
     assert record.changes[0].field == "opt.gravity"
@@ -98,7 +98,9 @@ def test_a_changed_model_is_said_and_not_compared() -> None:
         ("StaleStart", Status.DISAGREES, "qpos[7] is "),
     ],
 )
-def test_what_cannot_be_compared_has_its_reason(factory: str, status: Status, detail: str) -> None:
+def test_what_cannot_be_compared_has_its_reason(
+    factory: str, status: Status, detail: str, inline: None
+) -> None:
     record = measured(factory)
     assert record.check is not None
     assert record.check.status == status
@@ -106,7 +108,7 @@ def test_what_cannot_be_compared_has_its_reason(factory: str, status: Status, de
     assert record.paths == []
 
 
-def test_physics_is_compared_where_only_what_steps_return_does_not_repeat() -> None:
+def test_physics_is_compared_where_only_what_steps_return_does_not_repeat(inline: None) -> None:
     record = measured("remembering")
     assert record.facts is not None
     assert [each.field for each in record.facts.unrepeated] == ["observation"]
@@ -131,7 +133,9 @@ def test_physics_is_compared_where_only_what_steps_return_does_not_repeat() -> N
         ("mak", "did you mean make"),
     ],
 )
-def test_what_is_wrong_with_an_environment_is_one_line(factory: str, detail: str) -> None:
+def test_what_is_wrong_with_an_environment_is_one_line(
+    factory: str, detail: str, inline: None
+) -> None:
     record = measured(factory)
     assert record.status == Status.INPUT
     assert detail in record.detail

@@ -74,7 +74,10 @@ def test_messages_around_and_above_the_size_of_a_chunk_arrive_whole_and_in_order
         ("close_every_descriptor", "Bad file descriptor"),
     ],
 )
-def test_a_task_that_breaks_the_pipe_of_messages_ends_in_one_line(task: str, detail: str) -> None:
+def test_a_task_that_breaks_the_pipe_of_messages_ends_in_one_line(
+    task: str, detail: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(child_connection, "_EXIT_S", 0.1)
     ended, _ = run(task)
     assert ended.status == Status.CRASHED
     assert detail in ended.detail
@@ -269,6 +272,14 @@ def test_an_extension_never_shortens_the_limit(connect: Connect) -> None:
     extension = isolate._SilenceAllowed(1.0)
     connection = connect((0.0, extension), (2.0, Text("in time")))
     assert received(connection) == ["in time", "timeout"]
+
+
+def test_a_child_that_takes_too_much_memory_is_killed(
+    connect: Connect, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(isolate.child, "memory_bytes", lambda pid: 3 << 30)
+    ended = isolate._converse(connect((5.0, Text("late"))), None, lambda m: None, 60.0, 2 << 30)
+    assert ended == Ended(Status.FAILED, "took more than 2.0 GiB of memory, killed")
 
 
 def test_an_exception_in_the_parent_leaves_no_process() -> None:

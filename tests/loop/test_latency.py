@@ -110,7 +110,7 @@ def test_steps_that_wait_for_a_late_one_are_late_as_well() -> None:
     assert (np.diff(late) < 0).all()
 
 
-def test_latency_prints_both_paces_and_what_slow_steps_share(tmp_path: Path) -> None:
+def test_latency_prints_both_paces_and_what_slow_steps_share(tmp_path: Path, inline: None) -> None:
     words = ["--nstep", "1000", "--rate", "5000", "--json", "out.json"]
     done = mjbench("latency", "cartpole", *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -1,11 +1,8 @@
 """Where a step's time goes: stages, and what a simulated second is made of."""
 
-from pathlib import Path
-
 import pytest
 from step_profiles import step_profile
 
-from mjbench.errors import InputError
 from mjbench.loop import profile
 from mjbench.simulation import engine_clock, models, workload
 
@@ -32,10 +29,3 @@ def test_stages_are_shares_of_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
         assert sum(stages.values()) == pytest.approx(1.0)
         assert all(share >= 0 for share in stages.values())
         assert stages["constraint solver"] > 0
-
-
-def test_a_model_that_does_not_load_is_bad_input(tmp_path: Path) -> None:
-    file = tmp_path / "broken.xml"
-    file.write_text("<mujoco><nothing/></mujoco>")
-    with pytest.raises(InputError):
-        profile.measure(models.resolve(str(file)))

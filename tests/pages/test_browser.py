@@ -60,7 +60,7 @@ def test_every_chart_has_marks(opened: Any) -> None:
 
 def test_tables_sort_and_filter(opened: Any) -> None:
     table = opened.find_element("css selector", "details[open] table")
-    heading = table.find_element("css selector", "th.number button")
+    heading = table.find_element("css selector", "th[data-number] button")
     index = opened.execute_script("return arguments[0].closest('th').cellIndex", heading)
     read = (
         "return [...arguments[0].tBodies[0].rows].map(r => r.cells[arguments[1]].dataset.value)"
@@ -127,6 +127,10 @@ def test_the_first_screen_has_the_conclusions_and_what_was_measured(opened: Any)
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_no_serious_fault(opened: Any, scheme: str) -> None:
+def test_axe_finds_no_fault(opened: Any, scheme: str) -> None:
     emulate(opened, prefers_color_scheme=scheme)
-    assert violations(opened, "serious", "critical") == []
+    resize(opened, 375)
+    opened.execute_script(
+        "for (const each of document.querySelectorAll('details')) each.open = true"
+    )
+    assert violations(opened) == []

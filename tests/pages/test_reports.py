@@ -226,12 +226,12 @@ def test_markdown_shows_little_and_folds_the_rest(name: str) -> None:
 
 OF_A_HISTORY = (
     "What changed between releases",
+    "Plots",
     "Change points of a step",
     "Single releases that are off",
     "Drifts",
     "Changed by placement",
     "From the first release to the last",
-    "Plots",
     "Time of a step",
     "Instructions of a step",
     "Releases that compute something else",

@@ -5,16 +5,19 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
 from commands import ROOT
 from example_races import BATCH_STEP, ROLLOUT, compared, raced
+from headless_browser import resize
 from set_files import labelled, run_file, set_of
 from verdict_records import SLOWER
 
 from mjbench.cli import cli
 from mjbench.errors import MachineError
+from mjbench.host.neighbours import Disturbance
 from mjbench.pages import reports, site
 from mjbench.pages.reports import NamedRun
 from mjbench.pages.site import Project
@@ -44,6 +47,7 @@ def project_in(folder: Path, *, has_docs: bool = True) -> Project:
         (folder / "docs/guides").mkdir(parents=True)
         (folder / "docs/guides/README.md").write_text("# Guides\n\n[Words](../words.md#one)\n")
         (folder / "docs/words.md").write_text("# Words\n\n## One\n\n[a module](../mjbench/x.py)\n")
+        (folder / "LICENSE").write_text("\n    Some Licence\n  Version 2\n")
         (folder / "README.md").write_text("# Project\n\n[Guides](docs/guides/README.md)\n")
     return Project(folder, [NamedRun(RUN, runs.load(RUN, RECORD_TYPES))])
 
@@ -83,15 +87,19 @@ def assert_complete(folder: Path, *pages: str) -> None:
 
 def test_the_first_page_says_what_was_found(tmp_path: Path, history: SpeedHistory) -> None:
     entrants = [(ROLLOUT, 3.0), (BATCH_STEP, 2.0)]
-    sizes = [compared(raced(entrants, nbatch_asked=n, cores=n / 32), nbatch=n) for n in (32, 64)]
-    records = [record for size in sizes for record in size]
-    named_runs = reports.read([run_file(tmp_path / "runs", labelled("a"), *records)])
+    files = []
+    for name, cores, sizes in (("a", 2.0, (32, 64)), ("b", 1.0, (128,))):
+        of_sizes = [compared(raced(entrants, nbatch_asked=n, cores=cores), nbatch=n) for n in sizes]
+        records = [record for records in of_sizes for record in records]
+        files.append(run_file(tmp_path / "runs", labelled(name), *records))
+    named_runs = reports.read(files)
     site.write_source(Project(tmp_path, named_runs, history), tmp_path)
     index = (tmp_path / "index.md").read_text()
     assert index.index("a step became slower for") < index.index("The newest comparison of paths")
     assert "The newest release, 4.0.0: " in index
-    assert "- m: 32 simulations: Disturbed: threads had 1.00 of 2 cores. Measure again." in index
-    assert index.index("Disturbed: ") < index.index("| m | 32 | open | ? rollout")
+    assert "| m | 32 | open | ✓ rollout" in index
+    assert "Disturbed" not in index and "| m | 128 |" not in index
+    assert "| disturbed |" in (tmp_path / "reports.md").read_text()
     assert "| m | 64 | closed | ✓ batch_step threads=2 data=shared | 2.0" in index
     releases = history.releases()[1:]
     assert sorted(path.stem for path in (tmp_path / "releases").glob("*.md")) == sorted(releases)
@@ -99,8 +107,8 @@ def test_the_first_page_says_what_was_found(tmp_path: Path, history: SpeedHistor
     assert "\n# MuJoCo 3.3.1\n\nA step became slower for " in page
     assert "| 3.3.0 → 3.3.1 | cartpole |" in page
     assert "| humanoid | 3.3.0 |" in page
-    (report,) = [file.read_text() for file in (tmp_path / "copied/reports").iterdir()]
-    assert report.startswith("<!doctype html>")
+    for report in (tmp_path / "copied/reports").iterdir():
+        assert report.read_text().startswith("<!doctype html>")
 
 
 def test_guides_are_in_the_order_in_which_their_first_page_links_them(tmp_path: Path) -> None:
@@ -113,6 +121,7 @@ def test_guides_are_in_the_order_in_which_their_first_page_links_them(tmp_path: 
     index = (tmp_path / "source/index.md").read_text()
     listed = re.findall(r"^docs/guides/(\w+)$", index, flags=re.M)
     assert listed == ["README", "c", "b", "a"]
+    assert "\n[Some Licence](LICENSE)\n" in index
 
 
 def test_a_set_has_one_report_of_all_its_machines(tmp_path: Path) -> None:
@@ -190,14 +199,29 @@ def test_a_link_to_what_is_not_on_the_site_is_text(tmp_path: Path) -> None:
     assert "[Words](../words.md#one)" in (source / "docs/guides/README.md").read_text()
 
 
-def test_a_small_project_becomes_a_site_that_needs_no_network(tmp_path: Path) -> None:
-    for package in site.PACKAGES:
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build the site of a small project."""
+    for package in (*site.PACKAGES, "jinja2", "vl_convert"):
         pytest.importorskip(package)
-    scratch, output = tmp_path / "scratch", tmp_path / "site"
-    scratch.mkdir()
-    assert site.build(project_in(tmp_path / "project"), scratch, output) == []
-    assert_complete(output, "index.html", "reports.html", "docs/guides/README.html")
-    assert "Guides" in (output / "index.html").read_text()
+    folder = tmp_path_factory.mktemp("small")
+    (folder / "scratch").mkdir()
+    project = project_in(folder / "project")
+    assert site.build(project, folder / "scratch", folder / "site") == []
+    return folder / "site"
+
+
+def test_a_small_project_becomes_a_site_that_needs_no_network(built: Path) -> None:
+    assert_complete(built, "index.html", "reports.html", "docs/guides/README.html")
+    assert "Guides" in (built / "index.html").read_text()
+
+
+@pytest.mark.parametrize("width", [375, 768, 1280])
+def test_no_page_of_a_site_is_wider_than_its_screen(browser: Any, built: Path, width: int) -> None:
+    resize(browser, width)
+    for name in ("index", "reports", "docs/guides/README"):
+        browser.get((built / f"{name}.html").as_uri())
+        assert browser.execute_script("return document.documentElement.scrollWidth") <= width
 
 
 def test_the_documents_of_this_project_become_a_site(tmp_path: Path, history: SpeedHistory) -> None:
@@ -263,6 +287,14 @@ def test_a_run_file_that_cannot_be_read_is_left_out_and_named(
     assert result.exit_code == 0, result.output
     assert "left out: " in result.output
     assert [named.file.name for named in projects[0].runs] == ["run.jsonl"]
+
+
+def test_a_run_beside_another_measurement_is_not_on_the_first_page(tmp_path: Path) -> None:
+    records = [SLOWER, Disturbance(["compare"])]
+    file = run_file(tmp_path / "runs", labelled("a"), *records, command="versions")
+    site.write_source(Project(tmp_path, reports.read([file])), tmp_path / "source")
+    assert "| disturbed |" in (tmp_path / "source/reports.md").read_text()
+    assert "comparison of releases" not in (tmp_path / "source/index.md").read_text()
 
 
 def test_the_page_of_reports_names_commands_and_marks_what_not_to_trust(tmp_path: Path) -> None:

@@ -172,16 +172,19 @@ def test_what_is_logged_is_a_phase_and_a_warning_a_line_without_a_bar_before_it(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     logger = logging.getLogger("mjbench.releases.installs")
-    out = Console(file=io.StringIO(), width=60, force_terminal=True)
+    out = Console(file=io.StringIO(), width=80, force_terminal=True)
     with progress(out) as bar:
         logger.info("installing MuJoCo %s", "3.16.0")
+        logger.debug("installing MuJoCo %s: %d MB", "3.16.0", 12)
         bar.show(None)
         logger.warning("mjbench: a file has been changed")
     text = out.file.getvalue()  # type: ignore[attr-defined]
-    assert "installing MuJoCo 3.16.0" in text
+    assert "installing MuJoCo 3.16.0 " in text
+    assert "installing MuJoCo 3.16.0: 12 MB" in text
     assert "\x1b[2K" in text  # the bar is gone
     with progress(Console(file=io.StringIO())):
         logger.info("installing MuJoCo %s", "3.17.0")
+        logger.debug("installing MuJoCo %s: %d MB", "3.17.0", 12)
     assert capsys.readouterr().err == "mjbench: a file has been changed\ninstalling MuJoCo 3.17.0\n"
 
 

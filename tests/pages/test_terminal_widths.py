@@ -3,6 +3,8 @@
 A page of a terminal is read by the gaps between columns, as a person does.
 """
 
+import functools
+import io
 import json
 import re
 from collections.abc import Iterator, Mapping
@@ -11,6 +13,15 @@ from typing import Any
 
 import pytest
 from commands import ROOT, mjbench
+from rich.cells import cell_len
+from rich.console import Console
+from rich.table import Table
+
+from mjbench.pages import terminal
+from mjbench.report import kinds
+from mjbench.report.content import DataTable
+from mjbench.report.kinds import RECORD_TYPES
+from mjbench.store import run_set
 
 RUNS = ROOT / "results/runs"
 WIDTHS = (60, 80, 100, 200)
@@ -103,11 +114,34 @@ def test_trials_read_back_as_their_document(
     assert [row[share] for row in table] == [f"{100 * r[key]:.1f} %" for r in results]
 
 
+@functools.cache
+def committed_tables() -> list[tuple[str, DataTable]]:
+    """Return the tables of all committed runs, each with its file."""
+    tables = []
+    for file in sorted((ROOT / "results").glob("*/*.jsonl")):
+        for run in run_set.read(file, RECORD_TYPES).runs:
+            sections = kinds.kind_of(run).sections(run)
+            tables += [(file.name, table) for section in sections for table in section.tables]
+    return [(name, table) for name, table in tables if table.rows]
+
+
 @pytest.mark.parametrize("width", WIDTHS)
-def test_no_line_of_a_table_is_wider_than_the_terminal(width: int) -> None:
-    for file in sorted(RUNS.glob("*.jsonl")):
-        done = mjbench("show", str(file), env={"COLUMNS": str(width)})
-        in_tables = [  # and not in code, which has comments
-            line for line in done.stdout.splitlines() if re.search(r"\S {2,}[^\s#]", line)
-        ]
-        assert max(map(len, in_tables)) <= width, file
+def test_no_number_is_cut_and_no_table_is_wider_than_the_terminal(width: int) -> None:
+    assert len(committed_tables()) > 50
+    for name, table in committed_tables():
+        printed, *left_out = terminal.table_parts(table, width)
+        assert isinstance(printed, Table)
+        out = Console(file=io.StringIO(), width=1000)
+        out.print(printed)
+        text = out.file.getvalue()  # type: ignore[attr-defined]
+        assert max(map(cell_len, text.splitlines())) <= width, name
+        headings = [column.header for column in printed.columns]
+        filled = table.filled_columns()
+        gone = {column.title for column in filled.columns if column.title not in headings} - {""}
+        named = str(left_out[0]).partition(": ")[2].split(", ") if left_out else []
+        assert set(named) == gone, name
+        words = set(re.split(r"\n| {2,}", text))
+        for i, column in enumerate(filled.columns):
+            if column.is_right_aligned and column.title in headings:
+                cut = [row[i] for row in filled.texts if row[i] and row[i].strip() not in words]
+                assert cut == [], (name, column.title)

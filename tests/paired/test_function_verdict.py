@@ -15,7 +15,7 @@ from mjbench.paired.call_results import Leaf
 from mjbench.paired.function_pair import CallPlan, FunctionTarget, FunctionTargets
 from mjbench.paired.function_verdict import OtherCodeError
 from mjbench.paired.launches import Targets
-from mjbench.paired.outcomes import ResultsOutcome, Verdict
+from mjbench.paired.outcomes import Metric, ResultsOutcome, Verdict
 from mjbench.paired.records import LaunchRow, Pair, VerdictRecord
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.timed_function import CodeOrigin, FunctionFacts, FunctionSource
@@ -235,6 +235,13 @@ def test_a_function_with_threads_gets_all_cores(cores: float, nthread_is_one: bo
     plan = CallPlan.of([replace(FACTS, calls=7), replace(FACTS, cores=cores)])
     assert plan.count == 7
     assert (plan.nthread == 1) is (nthread_is_one or plan.nthread == 1)
+
+
+def test_a_block_whose_growth_is_measured_has_enough_calls() -> None:
+    brief, long = (replace(FACTS, calls=calls) for calls in (7, 1))
+    assert CallPlan.of([brief, brief], Metric.GROWTH).count == 1400
+    assert CallPlan.of([brief, long], Metric.GROWTH).count == 200
+    assert CallPlan.of([brief, long], Metric.MEMORY).count == 1
 
 
 def test_an_argument_that_only_the_baseline_takes_is_new(decided: Decided) -> None:

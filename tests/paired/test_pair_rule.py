@@ -45,7 +45,7 @@ class Enough(PairRule):
 class Pair(Targets[LaunchRow]):
     """Stands for two targets: each launch takes a second, or fails."""
 
-    work_check, baseline_workload = "check", "file"
+    work_check, results, baseline_workload = "check", None, "file"
 
     def __init__(
         self,

@@ -14,7 +14,7 @@ from paired_examples import CARTPOLE
 from mjbench.errors import MachineError
 from mjbench.host import machine, platforms
 from mjbench.host.child_connection import ChildError
-from mjbench.paired import cores, launch_seeds, protocol, time_limit
+from mjbench.paired import cores, launch_seeds, pair_work, protocol, time_limit
 from mjbench.paired.process_pairs import ProcessPairs
 from mjbench.paired.protocol import TargetPair
 from mjbench.paired.records import LaunchRow
@@ -250,11 +250,11 @@ def test_all_simulations_are_drawn_equally_often_and_none_twice_at_once(
     counts = [0] * size
     for _ in range(40):
         before = list(counts)
-        drawn = protocol.draw_least(counts, count)
+        drawn = pair_work.draw_least(counts, count)
         assert len(set(drawn)) == count
         assert [n + (i in drawn) for i, n in enumerate(before)] == counts
         assert max(counts) - min(counts) <= 1
 
 
 def test_simulations_are_drawn_in_random_order() -> None:
-    assert len({tuple(protocol.draw_least([0] * 8, 8)) for _ in range(20)}) > 15
+    assert len({tuple(pair_work.draw_least([0] * 8, 8)) for _ in range(20)}) > 15

@@ -143,6 +143,13 @@ def test_a_task_that_fails_says_so_and_the_others_go_on(
 
 
 @pytest.mark.usefixtures("no_blocks")
+def test_a_fixed_number_of_launches_is_neither_more_nor_less(pool: WorkerPool) -> None:
+    tasks = [InventedTask("first", fine), InventedTask("second", fine)]
+    records = release_ratio.measure(pool, tasks, launches=3)
+    assert [len(record.launches) for record in records] == [3, 3]
+
+
+@pytest.mark.usefixtures("no_blocks")
 def test_ctrl_c_ends_tasks_that_are_not_complete_and_what_was_measured_stays(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from commands import PYTHONPATH
 from pretender import NBATCH, available, make_workload
+from quick_engines import QUICK_WARP
 
 from mjbench import extras, paths
 from mjbench.comparison import selection
 from mjbench.errors import MachineError
+from mjbench.paths import warp
 from mjbench.paths.warp_buffers import check_overflow
 from mjbench.simulation import trajectory, workload
 
@@ -44,7 +46,7 @@ def test_the_snippet_computes_what_c_computes(
     path, work = available(name), make_workload()
     np.savez(tmp_path / "in.npz", state=work.initial_state, control=work.control)
     (tmp_path / "run.py").write_text(
-        "import numpy as np\n"
+        (QUICK_WARP if name == "warp" else "") + "import numpy as np\n"
         "from mjbench.simulation import models\n"
         "model = models.load(models.resolve('cartpole'))\n"
         "given = np.load('in.npz')\n"
@@ -91,3 +93,14 @@ def test_a_buffer_of_warp_that_was_too_small_is_reported() -> None:
     flags = np.array([0, overflow.NEFC | overflow.ITERATIONS, overflow.NEFC | overflow.CCD])
     with pytest.raises(MachineError, match="overflowed in 2 worlds: NEFC, CCD"):
         check_overflow(flags)
+
+
+def test_a_process_that_measures_warp_compiles_everything_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = pytest.importorskip("warp").config
+    monkeypatch.setattr(config, "kernel_cache_dir", None)
+    monkeypatch.setattr(config, "log_level", config.log_level)
+    monkeypatch.chdir(tmp_path)
+    warp.configure_warp()
+    assert Path(config.kernel_cache_dir).parent == tmp_path

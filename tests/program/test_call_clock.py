@@ -377,3 +377,14 @@ def test_models_and_states_are_written_for_later(observed):
     assert len(model.mjb) > 1000
     assert 1 <= len(model.states) <= watch.MAX_STATES
     assert np.isfinite(model.states).all()
+
+
+def test_states_are_spread_over_the_whole_program(tmp_path):
+    file = tmp_path / "0.states"
+    states = watch.SpreadStates(str(file))
+    for number in range(101):
+        if states.is_due():
+            states.keep(bytes([number]))
+    kept = list(file.read_bytes())
+    assert watch.MAX_STATES / 2 < len(kept) <= watch.MAX_STATES
+    assert kept == [16 * place for place in range(len(kept))]

@@ -46,7 +46,7 @@ def quick(monkeypatch):
 
 def answers(questions, model=MODEL):
     channel = Channel()
-    replacements.answer(replacements._Request(recorded(model), questions), channel)
+    replacements.answer(recorded(model), questions, channel)
     return channel.sent
 
 
@@ -90,3 +90,21 @@ def test_a_model_that_crashes_the_child_costs_only_its_ratios():
     damaged = replace(recorded(), mjb=b"no model")
     measured = replacements.measure([damaged], [Question(Trial.NO_TIMER)])
     assert measured == replacements.MeasuredRatios({})
+
+
+def test_of_a_pair_on_threads_the_median_launch_counts(monkeypatch):
+    threaded, alone = Question(Trial.POOL), Question(Trial.ONE_CALL)
+    estimates = iter((0.9, 0.5, 1.4, 0.6))
+
+    def launch(function, arguments, on_message, *_, **__):
+        for question in arguments[1]:
+            estimate = next(estimates)
+            ratio = replacements.TimeRatio(estimate, estimate, estimate, 0.0)
+            on_message(replacements.MeasuredRatios({question: ratio}))
+
+    monkeypatch.setattr(replacements.isolate, "run", launch)
+    ratios = replacements.measure([recorded()], [threaded, alone]).ratios
+    assert {question: ratio.estimate for question, ratio in ratios.items()} == {
+        alone: 0.9,
+        threaded: 0.6,
+    }

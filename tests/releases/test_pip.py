@@ -1,6 +1,7 @@
 """How pip is run, and what its failures mean. A script stands in for Python, so for pip too."""
 
 import contextlib
+import logging
 import os
 import select
 import subprocess
@@ -155,9 +156,37 @@ def test_pip_dies_with_the_process_that_runs_it(tmp_path: Path) -> None:
 def test_what_pip_started_ends_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     script(tmp_path / "python", f"sleep 60 &\necho $! >{tmp_path}/compiler\nexit 0\n")
     monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
-    pip.build(Path("source"), Path("target"))
+    pip.build("own", Path("source"), Path("target"))
     with pytest.raises(ProcessLookupError):
         os.kill(int((tmp_path / "compiler").read_text()), 0)
+
+
+def test_how_much_was_installed_is_logged_while_pip_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    os.mkfifo(tmp_path / "end")
+    script(
+        tmp_path / "python", f"head -c 3000000 /dev/zero >$TMPDIR/wheel\nread x <{tmp_path}/end\n"
+    )
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+    monkeypatch.setattr(pip, "_TICK_S", 0.01)
+
+    class Ending(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            if record.getMessage().endswith(": 3 MB"):
+                with contextlib.suppress(OSError):  # it does not read yet
+                    end = os.open(tmp_path / "end", os.O_WRONLY | os.O_NONBLOCK)
+                    os.write(end, b"\n")
+                    os.close(end)
+
+    with caplog.at_level(logging.DEBUG, "mjbench"):
+        logging.getLogger("mjbench").addHandler(handler := Ending())
+        try:
+            pip.install("3.5.0", (), tmp_path / "target")
+        finally:
+            logging.getLogger("mjbench").removeHandler(handler)
+    assert caplog.messages[0] == "installing MuJoCo 3.5.0"
+    assert caplog.messages[-1] == "installing MuJoCo 3.5.0: 3 MB"
 
 
 def test_a_version_that_comes_from_git_is_0(
@@ -165,7 +194,7 @@ def test_a_version_that_comes_from_git_is_0(
 ) -> None:
     script(tmp_path / "python", 'test "$SETUPTOOLS_SCM_PRETEND_VERSION" = 0')
     monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
-    assert pip.run("wheel") == ""
+    assert pip.run("building", "wheel") == ""
 
 
 @pytest.mark.parametrize(
@@ -187,4 +216,4 @@ def test_a_failed_build_says_what_the_compiler_says(
 ) -> None:
     failing_pip(f"{lines}ERROR: Failed to build own\\n")
     with pytest.raises(pip.BuildError, match=expected):
-        pip.build(Path("source"), Path("target"))
+        pip.build("own", Path("source"), Path("target"))

@@ -20,7 +20,7 @@ def sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     monkeypatch.setenv("MJBENCH_CACHE", str(tmp_path / "cache"))
     built: list[str] = []
 
-    def run(command: str, *arguments: str) -> str:
+    def run(phase: str, command: str, *arguments: str) -> str:
         assert command == "wheel"
         (target,) = (a.partition("=")[2] for a in arguments if a.startswith("--wheel-dir="))
         (Path(target) / "own-1.0-py3-none-any.whl").write_text(arguments[-1])

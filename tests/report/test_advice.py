@@ -132,6 +132,15 @@ def test_rivals_are_listed_the_fastest_first_and_one_alone_is_named() -> None:
         assert conclusion(replace(advice, rivals=rivals, most_gain=0.04)).endswith(doubt)
 
 
+def test_the_plain_loop_is_no_rival_of_a_path_that_is_certainly_faster() -> None:
+    model_results = derived(raced([(ROLLOUT, 1.94)], spread=0.5, launches=6))
+    assert model_results.race is not None
+    assert 0 in model_results.race.standings[Loop.OPEN].contenders
+    advice = advise(model_results)[0]
+    assert (advice.path, advice.is_certain, advice.rivals) == ("rollout", False, [])
+    assert sentences(model_results)[0].endswith("; not certain")
+
+
 def test_a_disturbed_race_makes_nothing_certain_where_only_the_plain_loop_was_timed() -> None:
     assert chosen(derived(raced([]))) == [("python_loop", Reason.ALONE, True)] * 2
     disturbed = derived(raced([], stolen_share=0.2))

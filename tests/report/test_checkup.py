@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 import example_environment_records
+import pytest
 from example_races import BATCH_STEP, ROLLOUT, compared, raced
 from set_files import MACHINE
 from step_profiles import step_profile
@@ -208,8 +209,20 @@ def test_nothing_to_gain_is_an_answer_with_its_reasons() -> None:
     )
 
 
-def test_where_there_was_no_time_it_says_that_nothing_is_certain() -> None:
-    records = [*of_paths((ROLLOUT, 0.5)), step_profile(), tuned(attempts=[SLOW], untried=3)]
+@pytest.mark.parametrize(
+    ("fields", "left_out"),
+    [
+        ({"untried": 3}, "There was no time for 3 settings: give a longer --budget"),
+        (
+            {"untried_combinations": 2},
+            "There was no time for 2 combinations of settings: give a longer --budget",
+        ),
+    ],
+)
+def test_where_there_was_no_time_it_says_that_nothing_is_certain(
+    fields: dict[str, Any], left_out: str
+) -> None:
+    records = [*of_paths((ROLLOUT, 0.5)), step_profile(), tuned(attempts=[SLOW], **fields)]
     section = checkup.list_section(run(*records))
     (conclusion,) = section.conclusions
     assert (
@@ -217,7 +230,12 @@ def test_where_there_was_no_time_it_says_that_nothing_is_certain() -> None:
         " 'my robot.xml'"
     ) in section.notes
     assert conclusion.text.startswith(f"{TARGET}: no gain is certain yet: ")
-    assert conclusion.text.endswith("with the same results (3 were not tried)")
+    assert left_out in section.notes
+
+
+def test_settings_that_could_not_be_judged_are_a_line() -> None:
+    section = checkup.list_section(run(*PATHS, tuned(attempts=[SLOW], no_reference="crashed")))
+    assert any(note.endswith("are not recommended: crashed") for note in section.notes)
 
 
 def test_a_setting_that_is_not_decided_leaves_no_certainty() -> None:

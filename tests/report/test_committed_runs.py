@@ -1,16 +1,14 @@
 """The committed runs are readable and complete, and say what the documentation says of them."""
 
-import functools
-import itertools
 import json
 import math
 import re
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 from commands import ROOT
+from committed_trials import BETWEEN_BUILDS, INSIDE_STEP, RUNS, SELFCHECKS, trials_of
 
 from benchmarks import history_repeats
 from benchmarks.studies import selfcheck_page
@@ -31,14 +29,12 @@ from mjbench.simulation import models
 from mjbench.status import ExitCode, Status
 from mjbench.store import runs
 
-RUNS = ROOT / "results/runs"
 COMPARISONS = sorted(RUNS.glob("reference-mujoco-*.jsonl"))
-SELFCHECKS = sorted(RUNS.glob("reference-selfcheck-*.jsonl"))
-INSIDE_STEP = sorted(RUNS.glob("reference-inside-step*.jsonl"))
 HISTORY_AGAIN = RUNS / "reference-history-again.jsonl"
 NO_CHANGE = RUNS / "reference-history-no-change.jsonl"
 STORY = sorted(RUNS.glob("reference-story-*.jsonl"))
-BETWEEN_BUILDS = sorted(RUNS.glob("reference-between-builds*.jsonl"))
+CHECKUP = RUNS / "reference-checkup-humanoid.jsonl"
+MJX = RUNS / "reference-mjx-cpu.jsonl"
 
 
 def test_every_committed_run_is_tested_and_there_is_one_of_each_kind() -> None:
@@ -46,8 +42,8 @@ def test_every_committed_run_is_tested_and_there_is_one_of_each_kind() -> None:
     assert SELFCHECKS
     assert INSIDE_STEP
     assert len(BETWEEN_BUILDS) == 6
-    histories = {HISTORY_AGAIN, NO_CHANGE}
-    committed = {*COMPARISONS, *SELFCHECKS, *INSIDE_STEP, *BETWEEN_BUILDS, *histories, *STORY}
+    single = {HISTORY_AGAIN, NO_CHANGE, CHECKUP, MJX}
+    committed = {*COMPARISONS, *SELFCHECKS, *INSIDE_STEP, *BETWEEN_BUILDS, *single, *STORY}
     assert committed == set(RUNS.glob("reference-*.jsonl"))
 
 
@@ -147,61 +143,14 @@ def test_at_most_one_of_forty_no_change_pairs_is_called_different_by_code(file: 
     assert all(trial.placement is not None and trial.placement.averaged for trial in trials)
 
 
-@functools.cache
-def _trials_of(file: Path) -> list[TrialRecord]:
-    return runs.load(file, RECORD_TYPES).of_type(TrialRecord)
-
-
-def _trials(files: Sequence[Path]) -> list[TrialRecord]:
-    return [trial for file in files for trial in _trials_of(file)]
-
-
-def _case(trial: TrialRecord) -> tuple[str, str]:
-    return trial.model, trial.callback
-
-
-@pytest.mark.parametrize(
-    "page", ["README.md", "docs/guides/trust.md", "docs/method/README.md", "docs/method/errors.md"]
-)
-def test_pages_count_every_kind_of_trial_of_the_committed_selfchecks(page: str) -> None:
-    """A slowdown inside a step counts if it is 0.9 % or more in the mean."""
-    known, between = _trials(SELFCHECKS), _trials(BETWEEN_BUILDS)
-    alike = [t for t in known if t.slowdown == 0]
-    injected = [t for t in known if t.slowdown and t.slowdown >= 0.01]
-    inside = [
-        t
-        for file in INSIDE_STEP
-        for _, of_case in itertools.groupby(sorted(_trials([file]), key=_case), key=_case)
-        if len(trials := list(of_case)) and np.mean([t.estimate for t in trials]) >= 1.009
-        for t in trials
-    ]
-    different = {Verdict.SLOWER, Verdict.FASTER}
-    alarms = [sum(t.verdict in different for t in arm) for arm in (alike, between)]
-    missed = [sum(t.verdict != Verdict.SLOWER for t in arm) for arm in (injected, inside)]
-    text = " ".join((ROOT / page).read_text().split())
-    alarms_of_all = f"{sum(alarms)} of {len(alike) + len(between)}"
-    missed_of_all = f"{sum(missed)} of {len(injected) + len(inside)}"
-    if page == "docs/guides/trust.md":
-        assert f"called different | {alarms_of_all} |" in text
-        assert f"missed | {missed_of_all} |" in text
-        return
-    assert f"{alarms_of_all} comparisons without a slowdown" in text
-    assert f"{missed_of_all} slowdowns of about 1 % or more" in text
-    if page != "docs/method/README.md":
-        undecided = sum(t.verdict == Verdict.INCONCLUSIVE for t in between)
-        assert f"{alarms[0]} of {len(alike)} of a build with itself" in text
-        assert f"{alarms[1]} of {len(between)} between builds" in text
-        assert f"{undecided} of the {len(between)} stayed undecided" in text
-
-
 def test_the_page_of_errors_has_the_verdicts_of_all_committed_selfchecks() -> None:
     trials = selfcheck_page.committed_trials()
-    assert len(trials) == len(_trials([*SELFCHECKS, *INSIDE_STEP, *BETWEEN_BUILDS]))
+    assert len(trials) == len(trials_of([*SELFCHECKS, *INSIDE_STEP, *BETWEEN_BUILDS]))
     assert selfcheck_page.PART.text() == of_lines(selfcheck_page.lines(trials))
 
 
 def test_no_false_alarm_excludes_the_rate_that_the_page_names() -> None:
-    alike = sum(trial.slowdown == 0 for trial in _trials(SELFCHECKS))
+    alike = sum(trial.slowdown == 0 for trial in trials_of(SELFCHECKS))
     excluded = 100 * (1 - 0.05 ** (1 / alike))
     page = (ROOT / "docs/method/errors.md").read_text()
     assert (
@@ -209,13 +158,8 @@ def test_no_false_alarm_excludes_the_rate_that_the_page_names() -> None:
     )
 
 
-def test_the_story_has_the_committed_speeds_and_what_its_commands_stored() -> None:
-    stored = json.loads((ROOT / "results/story.json").read_text())
-    before, after = (float(np.median(stored["steps_per_s"][n])) for n in ("walk_env", "walk_batch"))
+def test_the_story_has_the_commands_of_its_runs() -> None:
     page = (ROOT / "docs/guides/story.md").read_text()
-    assert f"| `walk_env.py` | {before:,.0f} |" in page
-    assert f"| `walk_batch.py` | {after:,.0f} |" in page
-    assert f"That is {after / before:.1f} times as fast" in page
     for file in STORY:
         words = runs.load(file, RECORD_TYPES).header.command_line
         assert any(" ".join(words[:2]) in line for line in page.splitlines()), words

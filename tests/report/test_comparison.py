@@ -148,9 +148,27 @@ def test_results_so_far_stand_above_the_bar_of_a_terminal() -> None:
     assert text.index("Disturbed: ") < text.index("For RL") < text.index(str(ROLLOUT))
 
 
-def test_without_a_terminal_nothing_is_shown_so_far(capsys: pytest.CaptureFixture[str]) -> None:
-    shown_by(PhaseLines(), derived(raced()))
+def test_without_a_terminal_the_first_results_are_lines_on_standard_error(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    lines = PhaseLines()
+    shown_by(lines, derived(replace(raced(), launches=())))
     assert capsys.readouterr() == ("", "")
+    shown_by(lines, derived(raced()))
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("First results; the final ones follow.\n")
+    assert str(ROLLOUT) in err
+    shown_by(lines, derived(raced()))
+    shown_by(PhaseLines(has_results=False), derived(raced()))
+    assert capsys.readouterr() == ("", "")
+
+
+def test_nothing_is_advised_before_a_race_has_a_few_launches() -> None:
+    record = raced()
+    first = comparison.section_so_far([derived(replace(record, launches=record.launches[:1]))])
+    assert first is not None and first.tables[0].rows
+    assert (first.conclusions, first.tables[0].columns[0].title) == ([], "path")
 
 
 def test_nothing_is_shown_before_there_is_a_speed() -> None:

@@ -10,6 +10,7 @@ from sweep_examples import MACHINE, count_cell, header, line, verdict, verdict_c
 
 from mjbench.counts.records import InstructionsRecord
 from mjbench.errors import Failure, InputError
+from mjbench.host.neighbours import Disturbance
 from mjbench.releases.release_ratios import StepRatioRecord
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
@@ -20,6 +21,7 @@ from mjbench.sweep.cells import Cell, CellKind
 from mjbench.sweep.results import Collector
 
 CELLS = [verdict_cell("pile", release) for release in ("3.5.0", "4.0.0")]
+DISTURBANCE = Disturbance(["compare"])
 COMPARE = Cell(CellKind.COMPARE, "m")
 
 
@@ -72,8 +74,15 @@ def test_counts_and_ratios_complete_the_cell_of_their_model_and_release() -> Non
         assert result.cell == cell
 
 
+def test_what_disturbed_a_command_is_no_result_of_a_cell() -> None:
+    collector = Collector(CELLS)
+    lines = [header(), line(verdict(CELLS[0])), line(DISTURBANCE)]
+    (result,) = collector.add(lines)
+    assert result.section.lines == tuple(lines[:2])
+
+
 def test_a_comparison_is_complete_when_its_command_has_ended() -> None:
-    lines = [header("compare"), *map(line, compared(raced()))]
+    lines = [header("compare"), *map(line, [*compared(raced()), DISTURBANCE])]
     collector = Collector([COMPARE])
     assert collector.add(lines) == []
     (result,) = collector.end(0)

@@ -80,7 +80,7 @@ def tried(measurements, *settings, **keywords):
     return present, {label(each.settings): each for each in attempts}
 
 
-def test_c_itself_transfers_without_error_and_fewer_iterations_do_not(on):
+def test_c_itself_transfers_without_error_and_fewer_iterations_do_not(on, inline):
     engine = on("pretender:Pretender")
     facts = engine.baseline(PLAN)
     assert facts.rounding.share == 0.0  # this engine computes in float64
@@ -122,20 +122,20 @@ def test_a_buffer_that_is_too_small_fails_and_the_engine_s_own_is_replaced(on):
     assert attempts["nconmax=9"].error is None
 
 
-def test_present_settings_that_the_engine_rejects_or_that_diverge_end_the_search(on):
-    picky = on("faulty:Picky")
+def test_present_settings_that_the_engine_rejects_or_that_diverge_end_the_search(on, inline):
+    picky = on("faulty:Picky", model="cartpole")
     picky.baseline(PLAN)
     with pytest.raises(UnavailableError, match=r"does not take this model: .*no contact"):
         tried(picky)
     with pytest.raises(UnavailableError, match="a_package_that_nobody_has"):
-        on("faulty:Needy").baseline(PLAN)
-    divergent = on("faulty:Divergent")
+        on("faulty:Needy", model="cartpole").baseline(PLAN)
+    divergent = on("faulty:Divergent", model="cartpole")
     divergent.baseline(PLAN)
     with pytest.raises(MachineError, match="diverges in 3 of 64 runs"):
         tried(divergent)
 
 
-def test_nothing_is_begun_after_its_time(on):
+def test_nothing_is_begun_after_its_time(on, inline):
     engine = on("pretender:Pretender", model="cartpole")
     engine.baseline(PLAN)
     _, attempts = tried(engine, option("solver", "CG"), stop_after_s=0.0)

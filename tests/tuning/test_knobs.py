@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import mujoco
@@ -367,9 +366,3 @@ def test_the_loop_has_a_clock_and_threads(monkeypatch: pytest.MonkeyPatch) -> No
         knob_values.topology, "read", lambda: SimpleNamespace(thread_counts=lambda: (1,))
     )
     assert "engine threads" not in knobs.settings(seen(model_xml()))
-
-
-def test_the_method_page_lists_every_knob():
-    page = (Path(__file__).parents[2] / "docs" / "method" / "tune.md").read_text()
-    for knob in knobs.KNOBS:
-        assert f"| {knob.name} | {knob.changes} | {knob.since} |" in page

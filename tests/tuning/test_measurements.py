@@ -41,7 +41,7 @@ def tried(measurements, *settings, nrun=None, timed_s=0.0, **keywords):
     return attempt
 
 
-def test_what_changes_no_state_is_free(cartpole):
+def test_what_changes_no_state_is_free(cartpole, inline):
     flag = Setting("island", "island=disable", (Edit(Part.FLAG, "island", "disable"),))
     done = tried(cartpole, flag)
     assert done.status == Status.OK
@@ -58,7 +58,7 @@ def test_a_larger_timestep_errs_more_and_its_time_is_of_a_simulated_second(cartp
     assert done.time_ratio > 0
 
 
-def test_fewer_runs_are_spread_over_all(cartpole):
+def test_fewer_runs_are_spread_over_all(cartpole, inline):
     some, every = (tried(cartpole, option("timestep", "0.004"), nrun=nrun) for nrun in (8, None))
     errors = every.accuracy.run_errors
     assert some.accuracy.run_errors == [errors[i * 63 // 7] for i in range(8)]
@@ -95,7 +95,7 @@ def test_a_loop_that_reaches_other_states_is_refused():
         (Setting("x", "x", (Edit(Part.EXCLUDE, "a", "b"),)), Status.INPUT, "exclude a b"),
     ],
 )
-def test_settings_that_cannot_be_are_one_line(cartpole, setting, status, detail):
+def test_settings_that_cannot_be_are_one_line(cartpole, setting, status, detail, inline):
     done = tried(cartpole, setting)
     assert done.status == status
     assert detail in done.detail and "\n" not in done.detail
@@ -113,7 +113,7 @@ def test_settings_that_hang_are_ended(cartpole, monkeypatch):
     assert (third.settings, third.status) == (settings[2], Status.OK)
 
 
-def test_settings_that_diverge_are_one_line(tmp_path):
+def test_settings_that_diverge_are_one_line(tmp_path, inline):
     stiff = tmp_path / "stiff.xml"
     stiff.write_text(
         """<mujoco><option timestep="0.001"/><worldbody><body><joint stiffness="6000"/>
@@ -184,7 +184,7 @@ RAYS = """<mujoco><worldbody><geom type="plane" size="5 5 .1"/>
 <sensor><rangefinder site="eye"/><rangefinder site="down"/></sensor></mujoco>"""
 
 
-def test_a_ray_that_loses_its_target_is_a_change(tmp_path):
+def test_a_ray_that_loses_its_target_is_a_change(tmp_path, inline):
     file = tmp_path / "rays.xml"
     file.write_text(RAYS)
     discarded = Setting(

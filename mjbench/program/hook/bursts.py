@@ -19,7 +19,6 @@ class Burst:
     """The slots of calls that are timed in bursts, such as steps."""
 
     def __init__(self, calls: CallClock) -> None:
-        """Begin without a call."""
         self._calls = calls
         self.begin_process()
 
@@ -72,11 +71,7 @@ class Burst:
         ]
 
     def pass_on(self, written: Written, bursts: float, until_ns: int = 0) -> None:
-        """Count calls that were not timed, as many bursts of calls as in those that were written.
-
-        Args:
-          until_ns: when the last of them ended; 0 where that is not known.
-        """
+        """Count untimed calls: as many bursts as were written, until `until_ns`, if known."""
         for slot, calls, ns, steps in written:
             slot[9] += round(calls * bursts)
             slot[10] += round(ns * bursts)
@@ -86,13 +81,7 @@ class Burst:
 
 
 class CallBursts:
-    """Bursts of calls that are paced by themselves, such as those of JAX.
-
-    Attributes:
-      to_pass: calls that are to pass without being timed.
-      call_cost_ns: what a call costs that is timed.
-      passed_cost_ns: what one costs that is passed on.
-    """
+    """Bursts of calls that are paced by themselves, such as those of JAX."""
 
     def __init__(
         self,
@@ -100,14 +89,12 @@ class CallBursts:
         now_ns: Callable[[], int] = time.perf_counter_ns,
         processor_ns: Callable[[], int] = time.process_time_ns,
     ) -> None:
-        """Time the first burst."""
         self._calls, self._burst, self._now_ns = calls, Burst(calls), now_ns
         self._pacer = Pacer(now_ns, processor_ns)
         self.call_cost_ns = self.passed_cost_ns = 0
         self.begin_process()
 
     def begin_process(self) -> None:
-        """Begin anew, in a process that was forked."""
         self._burst.begin_process()
         self._pacer.begin()
         self.to_pass = self._planned_to_pass = 0
@@ -121,7 +108,6 @@ class CallBursts:
         return not self._burst_calls
 
     def begin(self) -> None:
-        """Begin a burst, if none has begun."""
         if not self._burst_calls:
             self._pass_on()
             self._begin_ns = self._now_ns()
@@ -163,10 +149,7 @@ class CallBursts:
         self._calls.cost_ns += self._cost_ns - earlier_ns
 
     def end(self) -> None:
-        """Count what has passed until now, as far as it could; a burst that has begun is broken.
-
-        The next call begins a burst.
-        """
+        """Count what has passed, as far as it could, and break a burst that has begun."""
         passed = self._planned_to_pass - self.to_pass
         if passed > 0:
             self._pass_on(min(self._end_ns + passed * self._period_ns, self._now_ns()))

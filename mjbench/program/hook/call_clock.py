@@ -85,7 +85,6 @@ class CallClock:
     """Times the calls of this process by the line that makes them."""
 
     def __init__(self, folder: str, now_ns: Callable[[], int] = time.perf_counter_ns) -> None:
-        """Begin the process's file."""
         self._folder, self._now_ns = folder, now_ns
         self.is_own: dict[str, bool] = {}
         self.before_steps: Callable[[], None] = lambda: None  # called before a call that steps
@@ -153,7 +152,6 @@ class CallClock:
         self.add(callee, frame, now_ns, now_ns)
 
     def write(self, slot: Sequence[int]) -> None:
-        """Write a slot into the file."""
         SLOT.pack_into(self._map, slot[0] * SLOT.size, *slot[1:])
 
     def write_memory(self, first_bytes: int, latest_bytes: int) -> None:
@@ -281,11 +279,7 @@ class CallClock:
         before: Callable[[Sequence[Any]], None] | None = None,
         detail: Callable[[Sequence[Any], FrameType | None], Sequence[Any]] | None = None,
     ) -> Any:
-        """Return what stands for a slow function: it counts each call, but none inside another.
-
-        Args:
-          detail: returns what is noted with the line, of the arguments and the line's frame.
-        """
+        """Return what stands for a slow function: it counts each call, but none inside another."""
         now_ns = self._now_ns
 
         def call(*args: Any, **kwargs: Any) -> Any:

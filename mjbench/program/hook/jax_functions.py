@@ -52,13 +52,11 @@ class JaxFunctions:
         now_ns: Callable[[], int] = time.perf_counter_ns,
         processor_ns: Callable[[], int] = time.process_time_ns,
     ) -> None:
-        """Replace nothing yet."""
         self._calls, self._now_ns = calls, now_ns
         self.bursts = CallBursts(calls, now_ns, processor_ns)
         self.begin_process()
 
     def begin_process(self) -> None:
-        """Begin anew, in a process that was forked."""
         self.bursts.begin_process()
         self._compilations: list[tuple[int, int]] = []
         self._compiled_ns: dict[int, int] = {}  # by thread
@@ -92,8 +90,6 @@ class JaxFunctions:
                 setattr(owner, name, self._timed(original, callee))
 
     def _to_host(self, function: Any, array_type: type) -> Any:
-        """Return what stands for a function of NumPy that makes an array, be it of one of JAX."""
-
         # with the names of its first arguments: most calls have no others
         def call(a: Any = _NONE, /, dtype: Any = None, *args: Any, **kwargs: Any) -> Any:
             if type(a) is array_type:
@@ -108,8 +104,6 @@ class JaxFunctions:
         return named_like(function, call)
 
     def _to_device(self, function: Any) -> Any:
-        """Return what stands for a function of JAX that makes an array of one of the host."""
-
         def call(*args: Any, **kwargs: Any) -> Any:
             # arrays and tracers of JAX are on the device
             if not args or type(args[0]).__module__.startswith("jax"):
@@ -173,7 +167,6 @@ class JaxFunctions:
         self.bursts.end()
 
     def _calibrate(self) -> None:
-        """Measure what a call costs, on a clock without a file."""
         calls = CallClock(os.devnull, self._now_ns)
         calls.count_as_own(__file__, True)
         scratch = JaxFunctions(calls, self._now_ns, lambda: 0)
@@ -207,7 +200,6 @@ class CompiledFunction:
     """A function that `jax.jit` has returned: each call counts, and all else is the function's."""
 
     def __init__(self, function: Any, clock: JaxFunctions) -> None:
-        """Stand for a function."""
         # as attributes of its own, for those who look for them without asking for them
         names = [name for name in dir(function) if not name.startswith("__")]
         vars(self).update({name: getattr(function, name) for name in names})
@@ -224,11 +216,9 @@ class CompiledFunction:
         return self._clock.count(self._function, args, kwargs, DISPATCH, sys._getframe(1))
 
     def __get__(self, owner: Any, kind: Any = None) -> Any:
-        """Return a method, where the function is an attribute of a class."""
         return self if owner is None else MethodType(self, owner)
 
     def __getattr__(self, name: str) -> Any:
-        """Return what the function has."""
         return getattr(object.__getattribute__(self, "_function"), name)
 
     def __reduce_ex__(self, protocol: Any) -> Any:

@@ -31,12 +31,10 @@ class OtherFunctions:
         watch: Watch,
         now_ns: Callable[[], int],
     ) -> None:
-        """Time calls into the burst of the steps, or into bursts of calls without a step."""
         self._steps, self._burst, self._bursts = steps, burst, bursts
         self._watch, self._now_ns = watch, now_ns
 
     def begin_process(self) -> None:
-        """Begin anew, in a process that was forked."""
         self._bursts.begin_process()
         self._is_alone = False  # whether they have bursts of their own
         self._calls_since_step = 0
@@ -44,7 +42,6 @@ class OtherFunctions:
         self._step_count = 0  # changes with each step
 
     def timing(self, function: Any, name: str) -> Any:
-        """Return what stands for a function."""
         now_ns, add, steps, bursts = self._now_ns, self._burst.add, self._steps, self._bursts
 
         def call(_: Any, *args: Any, **kwargs: Any) -> Any:
@@ -73,7 +70,6 @@ class OtherFunctions:
         return engine_function(call, function)
 
     def _note_step(self, step_count: int) -> None:
-        """Note that there was a step since the last call."""
         has_few = self._calls_since_step <= MOST_BETWEEN_STEPS
         self._steps_with_few = self._steps_with_few + 1 if has_few else 0
         if self._is_alone and self._steps_with_few > BURST_CALLS:

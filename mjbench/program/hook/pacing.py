@@ -23,12 +23,10 @@ class Pacer:
         now_ns: Callable[[], int] = time.perf_counter_ns,
         processor_ns: Callable[[], int] = time.process_time_ns,
     ) -> None:
-        """Let the time begin of which bursts may take a share."""
         self._now_ns, self._processor_ns = now_ns, processor_ns
         self.begin()
 
     def begin(self) -> None:
-        """Let that time begin anew."""
         self._start_ns, self._processor_start_ns = self._now_ns(), self._processor_ns()
 
     def _elapsed_ns(self) -> int:

@@ -1,4 +1,4 @@
-"""Run a program from another file than its own: `python run_source.py SOURCE PROGRAM [ARGS]…`.
+"""Run a program from another file: `python run_source.py SOURCE PROGRAM [ARGS]…`.
 
 The program sees its own name, folder and arguments, as if it were run itself.
 """
@@ -9,7 +9,6 @@ from typing import Any
 
 
 def main() -> None:
-    """Run the source as the main program."""
     source, program, *arguments = sys.argv[1:]
     sys.argv[:] = [program, *arguments]
     sys.path[0] = os.path.dirname(os.path.abspath(program))

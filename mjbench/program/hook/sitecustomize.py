@@ -11,7 +11,6 @@ import sys
 
 
 def _start() -> None:
-    """Start the clocks, in the folder that `mjbench run` names."""
     here = os.path.dirname(os.path.abspath(__file__))
     sys.path[:] = [entry for entry in sys.path if os.path.abspath(entry or ".") != here]
     folder = os.environ.get("MJBENCH_STEP_CLOCK")
@@ -27,7 +26,6 @@ def _start() -> None:
 
 
 def _import_next() -> None:
-    """Import the user's own `sitecustomize`, if there is one."""
     own = sys.modules.pop("sitecustomize", None)
     try:
         importlib.import_module("sitecustomize")

@@ -52,7 +52,6 @@ class SlowFunctions:
     """Replaces the slow functions of MuJoCo in this process."""
 
     def __init__(self, calls: CallClock, watch: Watch) -> None:
-        """Replace nothing yet."""
         self._calls, self._watch = calls, watch
         self._has_seen_renderer = False
         self._callback_code: Any = self  # of what times a callback; at first, of nothing
@@ -84,8 +83,6 @@ class SlowFunctions:
         self._watch.keep_state(args[0].model, args[0], "copied")
 
     def _setting(self, setter: Any, name: str) -> Any:
-        """Return what stands for a function that sets a callback."""
-
         def set_callback(function: Any) -> Any:
             if hasattr(function, "__code__"):
                 function = self._calls.callback(function, name)
@@ -113,7 +110,6 @@ class SlowFunctions:
         return [args[0].height, args[0].width, os.environ.get("MUJOCO_GL", "")]
 
     def install_processes(self, module: ModuleType) -> None:
-        """Time how long the start of a process takes."""
         self._replace(module.BaseProcess, "start", PROCESS_START)
 
     def install_rollout(self, module: ModuleType) -> None:
@@ -141,7 +137,6 @@ class SlowFunctions:
             module.Rollout.rollout = named_like(of_pool, call_of_pool)
 
     def _look(self, model: Any, data: Any) -> None:
-        """Look at the first simulation of a rollout, from time to time."""
         now_ns = time.perf_counter_ns()
         if now_ns >= self._watch.next_look_ns:
             model, data = (
@@ -151,7 +146,6 @@ class SlowFunctions:
             self._watch.look(model, data, sys._getframe(2), now_ns)
 
     def install_batch(self, module: ModuleType) -> None:
-        """Time `mujoco.batch`."""
         owner = getattr(module, "Batch", None)
         for method, steps in (("rollout", _batch_rollout_steps), ("step", _batch_steps)):
             original = getattr(owner, method, None)
@@ -174,7 +168,6 @@ class SlowFunctions:
 
 
 def _draws_in_software() -> bool:
-    """Return whether the library of OpenGL that the program has loaded draws on the processor."""
     import ctypes
 
     for library in _GL_LIBRARIES:

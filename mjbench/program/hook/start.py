@@ -33,11 +33,7 @@ _HIGH_DESCRIPTOR = 500
 
 
 def start(folder: str, change: str = "") -> None:
-    """Start the clocks.
-
-    Args:
-      change: that the step clock applies; "" for none.
-    """
+    """Start the clocks."""
     calls = CallClock(folder)
     watch = Watch(folder, calls)
     steps, slow, of_jax = (
@@ -128,7 +124,6 @@ def _hide_clocks() -> None:
 
 
 def _without_own(frames: Any) -> Any:
-    """Return a traceback without the frames of the clocks."""
     rest = []
     while frames is not None:
         if not frames.tb_frame.f_code.co_filename.startswith(_HERE):

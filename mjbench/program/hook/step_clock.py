@@ -54,11 +54,7 @@ class StepClock:
         now_ns: Callable[[], int] = time.perf_counter_ns,
         processor_ns: Callable[[], int] = time.process_time_ns,
     ) -> None:
-        """Begin the process's file.
-
-        Args:
-          change: to apply, `NO_ENGINE_CLOCK` or `NO_COLLECTION`; "" for none.
-        """
+        """Begin the process's file; `change` is `NO_ENGINE_CLOCK`, `NO_COLLECTION` or empty."""
         self._folder, self._change = folder, change
         self._now_ns, self._pacer = now_ns, Pacer(now_ns, processor_ns)
         self._file, self._calls, self._watch = StepFile(folder), calls, watch
@@ -147,7 +143,6 @@ class StepClock:
         self._calls.is_observing = is_observing
 
     def _note_change(self) -> None:
-        """Leave a note that the change was applied."""
         with open(os.path.join(self._folder, self._change), "w", encoding="utf-8"):
             pass
 
@@ -226,11 +221,7 @@ class StepClock:
         self._file.write(BURST, self._burst_begin_ns, self._burst_begin_ns, 0, 0)
 
     def _pass_on(self, passed: int, since_ns: int, until_ns: int) -> None:
-        """Let calls since the last burst count as those in it.
-
-        Args:
-          until_ns: when the last of them ended; 0 where that is not known.
-        """
+        """Let calls since the last burst count as those in it; `until_ns` of 0 is not known."""
         if self._was_left and self._burst_period_ns:  # nothing counted them
             self._was_left = False
             passed = since_ns // max(1, self._burst_period_ns - self.cold_ns)
@@ -241,9 +232,6 @@ class StepClock:
         """Learn what a timed call costs this program, from what it took between two bursts.
 
         Where the program's own data fill the caches, that is more than the calibration says.
-
-        Args:
-          passed_ns: from one call to the next, on average, since the last burst.
         """
         self._costs_ns.append(self._burst_period_ns - passed_ns)
         del self._costs_ns[:-_MOST_COSTS]
@@ -313,7 +301,6 @@ class StepClock:
             self._turns = None
 
     def _passed(self) -> int:
-        """Return how many calls were passed through until now."""
         return self._calls_passed + self._planned_to_pass - self.to_pass
 
     def _cost_ns(self) -> int:
@@ -337,8 +324,6 @@ class StepClock:
                     setattr(self._module, name, self._timed[name])
 
     def _returning(self, function: Any) -> Any:
-        """Return what stands for a function that resets a simulation."""
-
         def call(_: Any, *args: Any, **kwargs: Any) -> Any:
             if self._is_away and self._pacer.has_earned(self._cost_ns() - self._calls.cost_ns):
                 self._come_back()
@@ -349,8 +334,6 @@ class StepClock:
         return engine_function(call, function)
 
     def _calibrate(self) -> None:
-        """Measure what a call costs that is timed, and one that is passed through."""
-
         def nothing(*args: Any, **kwargs: Any) -> None:
             return None
 
@@ -385,7 +368,6 @@ class StepClock:
     # Environments and garbage collection
 
     def install_environment(self, module: ModuleType, class_name: str, method: str) -> None:
-        """Note when an environment begins a step."""
         owner = getattr(module, class_name, None)
         original = getattr(owner, method, None)
         if owner is None or original is None:
@@ -454,7 +436,6 @@ class StepClock:
 
 
 def _timestep_ns(model: Any) -> int:
-    """Return the timestep of a model; 0 where there is none."""
     try:
         return int(1e9 * model.opt.timestep)
     except (AttributeError, TypeError):
@@ -462,7 +443,6 @@ def _timestep_ns(model: Any) -> int:
 
 
 def _timers(data: Any) -> list[float] | None:
-    """Return the seconds by the engine's timers of a simulation."""
     try:
         return [float(value) for value in data.timer.duration]
     except (AttributeError, TypeError):

@@ -25,11 +25,7 @@ _THREAD_BITS = 2**63 - 1
 
 
 def map_file(path: str, size: int) -> mmap.mmap:
-    """Return the memory of a new file, filled with zeros: it survives any end of the program.
-
-    Raises:
-      OSError: the file cannot be created, or the disk is full.
-    """
+    """Return the memory of a new file of zeros, which survives any end of the program."""
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o600)
     try:
         os.ftruncate(descriptor, size)
@@ -56,7 +52,6 @@ class StepFile:
         self._timers = [0.0] * MAX_TIMERS
 
     def close(self) -> None:
-        """Write no more records."""
         self._map = mmap.mmap(-1, FIRST_RECORD)
         self._next = itertools.repeat(CAPACITY).__next__
 

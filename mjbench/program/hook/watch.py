@@ -15,9 +15,34 @@ from .call_clock import COPIED_ENVIRONMENT, HALVES, IN_TURN, SHARED_DATA, WARNIN
 from .replaced import named_like
 
 # States of a model that are noted, to measure other calls on; models, and bytes of one.
-MAX_STATES, MAX_MODELS, MAX_MODEL_BYTES = 4, 4, 64 << 20
+MAX_STATES, MAX_MODELS, MAX_MODEL_BYTES = 8, 4, 64 << 20
 # Between two looks at the memory of the process and the state of the simulation.
 LOOK_NS = 100_000_000
+
+
+class SpreadStates:
+    """States of a model at equal distances, from the first offered to the last."""
+
+    def __init__(self, path: str) -> None:
+        """Begin without any; they are written to a file."""
+        self._path, self._states = path, list[bytes]()
+        self._offered, self._every = 0, 1
+
+    def is_due(self) -> bool:
+        """Count a state that is offered; return whether to keep it."""
+        number = self._offered
+        self._offered += 1
+        if number % self._every == 0 and len(self._states) == MAX_STATES:
+            del self._states[1::2]
+            self._every *= 2
+        return number % self._every == 0
+
+    def keep(self, state: bytes) -> None:
+        """Write a state beside the others; a process that is killed leaves the file whole."""
+        self._states.append(state)
+        with open(f"{self._path}.new", "wb") as file:
+            file.write(b"".join(self._states))
+        os.replace(f"{self._path}.new", self._path)
 
 
 class Watch:
@@ -26,21 +51,19 @@ class Watch:
     def __init__(
         self, folder: str, calls: CallClock, now_ns: Callable[[], int] = time.perf_counter_ns
     ) -> None:
-        """Begin to watch."""
         self._folder, self._calls, self._now_ns = folder, calls, now_ns
         self.begin_process()
 
     def begin_process(self) -> None:
-        """Begin anew, in a process that was forked."""
         self._active: dict[int, int] = {}  # thread by the MjData that it steps
         self._warnings: dict[int, list[int]] = {}
-        # number by model, and how many states of each kind were written
-        self._models: dict[int, tuple[int, dict[str, int]]] = {}
+        # number by model, and its states by kind; None for a model that is too large
+        self._models: dict[int, tuple[int, dict[str, SpreadStates] | None]] = {}
         self._first_bytes = 0  # of memory, at the first look
         self.next_look_ns = 0
 
     def install_copies(self, module: ModuleType) -> None:
-        """Note copies of environments, which begin anew, in the module `gymnasium.utils.ezpickle`.
+        """Note copies of environments (`gymnasium.utils.ezpickle`), which begin anew.
 
         That of an environment that has not stepped yet is as its original.
         """
@@ -65,7 +88,6 @@ class Watch:
         self._active[data] = thread
 
     def leave(self, data: int) -> None:
-        """Note that the step ended."""
         self._active.pop(data, None)
 
     def note_turns(self, simulations: int, frame: FrameType, now_ns: int) -> None:
@@ -110,33 +132,41 @@ class Watch:
 
     def keep_state(self, model: Any, data: Any, kind: str = "states") -> None:
         """Write a model once, and a few of its states, or of those that the program copies."""
-        if id(model) not in self._models and len(self._models) == MAX_MODELS:
+        if id(model) not in self._models:
+            if len(self._models) == MAX_MODELS:
+                return
+            self._models[id(model)] = len(self._models), self._write_model(model)
+        number, kinds = self._models[id(model)]
+        if kinds is None:
             return
-        number, states = self._models.setdefault(id(model), (len(self._models), {}))
-        if states.get(kind, 0) >= MAX_STATES:
-            return
+        if kind not in kinds:
+            kinds[kind] = SpreadStates(f"{self._path(number)}.{kind}")
+        if kinds[kind].is_due():
+            import numpy as np
+
+            module = sys.modules["mujoco"]
+            spec = module.mjtState.mjSTATE_INTEGRATION
+            state = np.empty(module.mj_stateSize(model, spec))
+            get_state = module.mj_getState
+            getattr(get_state, "__wrapped__", get_state)(model, data, state, spec)
+            kinds[kind].keep(state.tobytes())
+
+    def _write_model(self, model: Any) -> dict[str, SpreadStates] | None:
+        """Write a model and the size of its states; return its states, of which there are none."""
         module = sys.modules["mujoco"]
         if module.mj_sizeModel(model) > MAX_MODEL_BYTES:
-            states[kind] = MAX_STATES
-            return
-        import numpy as np
+            return None
+        path = self._path(len(self._models))
+        module.mj_saveModel(model, f"{path}.mjb", None)
+        with open(f"{path}.count", "w", encoding="utf-8") as sizes:
+            sizes.write(str(module.mj_stateSize(model, module.mjtState.mjSTATE_INTEGRATION)))
+        return {}
 
-        spec = module.mjtState.mjSTATE_INTEGRATION
-        state = np.empty(module.mj_stateSize(model, spec))
-        path = os.path.join(self._folder, f"{os.getpid()}.{number}")
-        if not states:
-            module.mj_saveModel(model, f"{path}.mjb", None)
-            with open(f"{path}.count", "w", encoding="utf-8") as sizes:
-                sizes.write(str(state.size))
-        get_state = module.mj_getState
-        getattr(get_state, "__wrapped__", get_state)(model, data, state, spec)
-        with open(f"{path}.{kind}", "ab") as file:
-            file.write(state.tobytes())
-        states[kind] = states.get(kind, 0) + 1
+    def _path(self, number: int) -> str:
+        return os.path.join(self._folder, f"{os.getpid()}.{number}")
 
 
 def _resident_bytes() -> int:
-    """Return the memory of this process; 0 where the system does not say."""
     try:
         with open("/proc/self/statm", "rb") as file:
             return int(file.read().split()[1]) * mmap.PAGESIZE

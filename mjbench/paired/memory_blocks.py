@@ -1,0 +1,131 @@
+"""How much memory a process takes up: at its peak, and how much its steps add.
+
+This module runs in the environment of any release: it needs the standard library, NumPy and MuJoCo.
+"""
+
+import gc
+import mmap
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import mujoco
+
+from mjbench.errors import UnavailableError
+from mjbench.host import machine
+from mjbench.paired.loop_sections import LoopSection
+from mjbench.paired.metrics import GROWTH_UNIT_BYTES
+from mjbench.paired.outcomes import Metric
+from mjbench.paired.worker import Worker, activity
+from mjbench.simulation import compat
+from mjbench.simulation.workload import Workload
+
+_STATUS = Path("/proc/self/statm")
+
+
+class MemoryGrowth:
+    """A block of steps or calls, and what they add to the memory of this process."""
+
+    def __init__(
+        self,
+        step: Callable[[], None],
+        nstep: int,
+        resident_bytes: Callable[[], int],
+    ):
+        """Take no step yet.
+
+        Args:
+          step: takes all steps of a block, `nstep` of them, or as many calls.
+        """
+        self._nstep, self._resident_bytes = nstep, resident_bytes
+        self._before_bytes = 0
+        self.section = LoopSection(step, self._begin, reading=self.reading_bytes)
+
+    def _begin(self) -> None:
+        gc.collect()  # what may be collected is no growth, and workers do not collect in blocks
+        self._before_bytes = self._resident_bytes()
+
+    def reading_bytes(self) -> int:
+        """Return what 1,000 steps of the last block added, with GROWTH_UNIT_BYTES; never 0."""
+        gc.collect()
+        growth = self._resident_bytes() - self._before_bytes
+        return max(1, round(GROWTH_UNIT_BYTES + 1000 * growth / self._nstep))
+
+
+def resident_bytes() -> int:
+    """Return the memory of this process.
+
+    Raises:
+      UnavailableError: the system does not say.
+    """
+    try:
+        return int(_STATUS.read_bytes().split()[1]) * mmap.PAGESIZE
+    except OSError:
+        raise UnavailableError("growth of memory is measured under Linux only") from None
+
+
+def section_of(metric: Metric, step: Callable[[], None], nstep: int) -> LoopSection:
+    """Take all steps of a block; return the blocks that say what this took, or what more adds.
+
+    Args:
+      step: takes all steps of a block, `nstep` of them, or as many calls.
+
+    Raises:
+      UnavailableError: the system does not say it.
+    """
+    step()
+    if metric == Metric.MEMORY:
+        return LoopSection(lambda: None, reading=machine.peak_memory_bytes)
+    resident_bytes()
+    return MemoryGrowth(step, nstep, resident_bytes).section
+
+
+@activity("measuring memory")
+def prepare_growth(worker: Worker, nstep: int) -> int:
+    """Take the steps of a block once, and have blocks say what more of them add.
+
+    Returns:
+      How many nanoseconds the steps of a block take.
+    """
+    step = _stepping(worker.workload, nstep)
+    begin = time.perf_counter_ns()
+    worker.sections = [section_of(Metric.GROWTH, step, nstep)]
+    return time.perf_counter_ns() - begin
+
+
+@activity("measuring memory")
+def prepare_peak(
+    worker: Worker, file: Path, options: Mapping[str, str], workload_file: Path
+) -> int:
+    """Load a model and do a workload, and have blocks say what this process took at most.
+
+    Returns:
+      How many nanoseconds that took.
+    """
+    begin = time.perf_counter_ns()
+    worker.load_model("", file, options)
+    worker.read_workload(workload_file)
+    nstep = worker.workload.nbatch * worker.workload.nstep
+    step = _stepping(worker.workload, nstep)
+    worker.sections = [section_of(Metric.MEMORY, step, nstep)]
+    return time.perf_counter_ns() - begin
+
+
+def _stepping(workload: Workload, nstep: int) -> Callable[[], None]:
+    """Return what takes `nstep` steps in the plain loop: those of a workload, again and again."""
+    model, hold = workload.model, workload.hold
+    data, mj_step = mujoco.MjData(model), mujoco.mj_step
+
+    def step() -> None:
+        left = nstep
+        while left > 0:
+            for start, controls in zip(workload.initial_state, workload.control, strict=True):
+                compat.restart(model, data, start)
+                for values in controls[: -(-left // hold)]:
+                    data.ctrl[:] = values
+                    mj_step(model, data, hold)
+                left -= hold * len(controls)
+                if left <= 0:
+                    return
+
+    return step

@@ -1,0 +1,56 @@
+"""What the check of metrics plants, and what it calls wrong."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from verdict_records import SLOWER
+
+from benchmarks.metric_checks import PAIRED, Case, baseline, is_wrong, planted, unchanged
+from mjbench.paired.outcomes import Metric, Verdict
+from mjbench.simulation import models
+from mjbench.simulation.model_digest import model_digest
+from mjbench.status import Status
+
+
+def test_each_fault_is_of_some_metrics_and_all_others_look_for_it(tmp_path: Path) -> None:
+    cases = list(planted(tmp_path, PAIRED))
+    assert {case.metric for case in cases if case.name == "a longer file"} == set(PAIRED)
+    finders = {(case.name, case.metric) for case in cases if case.is_slower}
+    assert finders == {
+        ("a longer file", Metric.LOAD),
+        ("a heavier step", Metric.TIME),
+        ("a heavier step", Metric.P99),
+    }
+
+
+def test_a_longer_file_holds_the_same_model(tmp_path: Path) -> None:
+    case = next(planted(tmp_path, PAIRED))
+    assert case.candidate.model.path.stat().st_size > 100_000
+    digests = {model_digest(models.load(each.model)) for each in (baseline(), case.candidate)}
+    assert len(digests) == 1
+
+
+def test_unchanged_models_are_compared_as_often_as_asked_for_by_each_metric() -> None:
+    cases = list(unchanged([Metric.LOAD, Metric.MEMORY], 3))
+    assert [case.metric for case in cases] == [Metric.LOAD] * 3 + [Metric.MEMORY] * 3
+    assert not any(case.is_slower for case in cases)
+
+
+@pytest.mark.parametrize(
+    ("is_slower", "verdict", "status", "wrong"),
+    [
+        (True, Verdict.SLOWER, Status.OK, False),
+        (True, Verdict.SAME, Status.OK, True),
+        (True, Verdict.INCONCLUSIVE, Status.OK, True),
+        (False, Verdict.SAME, Status.OK, False),
+        (False, Verdict.INCONCLUSIVE, Status.OK, False),
+        (False, Verdict.SLOWER, Status.OK, True),
+        (False, None, Status.CRASHED, True),
+    ],
+)
+def test_what_was_missed_falsely_named_or_not_measured_is_wrong(
+    is_slower: bool, verdict: Verdict | None, status: Status, wrong: bool
+) -> None:
+    case = Case("any", Metric.LOAD, baseline(), is_slower)
+    assert is_wrong(case, replace(SLOWER, verdict=verdict, status=status)) == wrong

@@ -1,0 +1,214 @@
+"""Phrases with figures on the pages of the method, from committed files and from the code."""
+
+import json
+import math
+from collections.abc import Callable, Iterator
+
+from commands import ROOT
+from committed_trials import RUNS, trial_counts
+
+from benchmarks.odd_programs import ODD_PROGRAMS
+from benchmarks.studies.simulated_launches import Scenario
+from mjbench.comparison import (
+    accelerated_check,
+    judged_contacts,
+    judged_run,
+    judged_steps,
+    plan,
+    sizes,
+)
+from mjbench.counts import explain
+from mjbench.host import machine
+from mjbench.limits import TIME_LIMIT_S
+from mjbench.loop import latency, overhead
+from mjbench.measuring import calls, stats
+from mjbench.paired import outcomes, race_record
+from mjbench.program import loop_time, remedy, sampler
+from mjbench.program.hook import pacing, step_clock
+from mjbench.releases import change_points, placement, release_ratios
+from mjbench.report import advice, environment
+from mjbench.report import latency as latency_section
+from mjbench.report.kinds import RECORD_TYPES
+from mjbench.report.results import derive_all
+from mjbench.simulation import agreement, package_timer, sampling, starts, workload
+from mjbench.store import runs
+from mjbench.testing import callables, fixture
+from mjbench.tuning import records, reference, trajectories
+from mjbench.web import c_reference
+
+
+def percent(share: float, digits: int = 0) -> str:
+    return f"{100 * share:.{digits}f} %"
+
+
+def readme() -> Iterator[str]:
+    counts = trial_counts()
+    yield f"{counts.alarms} comparisons without a slowdown"
+    yield f"{counts.missed} slowdowns of about 1 % or more"
+    for confidence in (race_record.CONFIDENCE, outcomes.CONFIDENCE, records.CONFIDENCE):
+        yield f"| {percent(confidence)} |"  # which has which: test_docs
+
+
+def errors() -> Iterator[str]:
+    counts = trial_counts()
+    yield from counts.phrases()
+    yield f"{counts.missed_injected} that were injected"
+    yield f"and {counts.missed_inside} inside a step"
+    yield f"A slowdown below `--min-effect` ({percent(outcomes.MIN_EFFECT)})"
+    excluded = 100 * (1 - 0.05 ** (1 / counts.alarms_alike.all))
+    rate = math.ceil(10 * excluded) / 10
+    yield f"No false alarm in {counts.alarms_alike.all} excludes a rate above {rate} %"
+    yield f"for a build with itself ({percent(stats.CONFIDENCE)})"
+    yield f"cannot show a rate of {percent(1 - outcomes.CONFIDENCE)}"
+    yield f"{percent(Scenario('').deviation, 2)} where none is given"
+    yield "a launch is off by 0.8 % to one side or the other"  # the scenario's name has it
+
+
+def timing() -> Iterator[str]:
+    margin = percent(race_record.MARGIN)
+    yield f"faster than the fastest by {margin}"
+    yield f"All intervals are at {percent(race_record.CONFIDENCE)}"
+    yield f"the time for one model, {plan.BUDGET_S:.0f} s by default"
+    yield f"`--quick` is {plan.QUICK_BUDGET_S:.0f} s"
+    yield f"certainly within {margin}, and within {percent(race_record.MARGIN / 2)} by estimate"
+    yield f"no other path of the race can be faster by {margin}"
+    yield f"by {percent(package_timer.MIN_GAIN)} or more as estimated"
+    yield f"Below {percent(machine.ENOUGH_CORES)}, nothing is certain"
+    yield f"the smallest that has {percent(advice.ENOUGH)} of the best speed-up"
+    yield f"the host took {percent(machine.NOTABLE_STOLEN)} or more of the processor time"
+    tallies = [json.loads((ROOT / f"results/races{n}.json").read_text()) for n in ("", "-foreign")]
+    ours, others = (min(model["launches"] for model in tally["models"]) for tally in tallies)
+    yield f"launched {ours} times on each of our models, {others} times on others"
+    yield f"*Decided*: no path could be faster by {margin}"
+
+
+def history() -> Iterator[str]:
+    """Yield what other tests do not: those run the commands that print the figures."""
+    yield f"once the standard error is {percent(release_ratios.TARGET_DEVIATION, 1)}"
+    yield f"nine more would take longer than {release_ratios.TARGET_S:.0f} s"
+    yield f"A *change* of {percent(math.expm1(change_points.MIN_CHANGE))} or more"
+    yield f"of at most {percent(change_points._MAX_SLOPE, 1)} each"
+    page = " ".join((ROOT / "docs/method/history.md").read_text().split())
+    start, end = page.index("A release takes"), page.index("Operations are of one pass")
+    yield page[start:end]  # tests/report/test_committed_runs.py and test_committed_history.py
+
+
+def paired() -> Iterator[str]:
+    yield f"differ by more than {percent(agreement.SAME_WORK, 1)}"
+    yield f"(`--min-effect`, {percent(outcomes.MIN_EFFECT)})"
+    yield "does not contain 0 %"
+    yield "closer to `--min-effect` than to 0 %"
+    yield "as soon as 0 % is left out"
+    yield f"at most {percent(1 - outcomes.CONFIDENCE)} are expected to be false alarms"
+    yield f"does not answer for {TIME_LIMIT_S:.0f} s"
+
+
+def run() -> Iterator[str]:
+    calls_of_burst = pacing.BURST_CALLS
+    yield f"in bursts of {calls_of_burst} calls, or of 0.1 s"
+    yield f"at most {percent(pacing.MAX_COST_SHARE, 1)} of the processor time after the first 10 ms"
+    yield f"in less than {step_clock.FASTEST_PASSED_NS / 1000:.0f} µs"
+    yield f"{sampler.DEFAULT_RATE_HZ:.0f} times a second"
+    yield f"from {percent(remedy.LEAST_GAIN)} of the loop on"
+    yield f"A saving whose {percent(stats.CONFIDENCE)} interval includes 0"
+    physics = percent(loop_time.MOSTLY_PHYSICS)
+    rest = percent(1 - loop_time.MOSTLY_PHYSICS)
+    yield f"If physics takes {physics} of the loop and nothing saves {rest}"
+    yield f"runs {len(ODD_PROGRAMS)} programs under Python alone"
+
+
+def tune() -> Iterator[str]:
+    yield f"the whole {percent(records.CONFIDENCE)} interval"
+    yield f"by at most {percent(reference.SAME_SHARE, 3)} of the motion"
+    yield f"by more than {percent(trajectories.SENSOR_SHARE)} of its largest value"
+    yield f"in more than {percent(reference.MOST_LIMITED)} of the steps"
+    yield f"with {percent(records.CONFIDENCE)} confidence, nine runs in ten"
+    yield f"would take more than {reference.REFERENCE_S:.0f} s"
+    yield "a timestep of 2, 4 or 8 times yours"
+    same, none = percent(records.SAME_ERROR), percent(records.NO_ERROR, 1)
+    yield f"{same} more counts as the same, and {none} of the motion counts as none"
+    yield f"at most {same} larger than that of your present settings"
+
+
+def work() -> Iterator[str]:
+    yield f"{starts.KEYFRAME_SETTLE_S} s from a keyframe"
+    yield f"{starts.DEFAULT_SETTLE_S:.0f} s without one"
+    yield f"a correlation time of {workload.CONTROL_TIME_S} s"
+    yield f"The default is {sizes.NBATCH} × {sizes.NSTEP}"
+    yield f"more than {1000 * sizes.LONG_BLOCK_S:.0f} ms"
+    first, second = (round(1 / spread) for spread in sampling.SPREADS[1:3])
+    yield f"is made {first}, then {second} times smaller"
+
+
+def loop() -> Iterator[str]:
+    yield f"Student's {percent(overhead.CONFIDENCE)} interval"
+    median, high, higher = (f"{100 * quantile:g} %" for quantile in latency.QUANTILES)
+    yield f"which latency {median}, {high} and {higher} of the steps do not exceed"
+    yield f"sleeps until {latency.SPIN_NS / 1e6:g} ms before a paced step"
+    yield f"For the slowest {percent(1 - latency.SLOW)}"
+    yield f"({latency_section._FACTOR} times as much"
+    yield "the time that 99 of 100 single steps do not exceed"  # p99
+    yield f"differ by less than {percent(explain.REPEATABILITY, 1)}"
+
+
+def python() -> Iterator[str]:
+    yield f"in blocks of at least {1000 * calls.BLOCK_S:g} ms"
+    yield f"`time_limit_s` ({fixture.TIME_LIMIT_S:.0f} seconds)"
+    yield f"(at a confidence of {percent(outcomes.CONFIDENCE)})"
+    yield f"`max_slowdown`, {percent(fixture.MAX_SLOWDOWN)} by default"
+    yield f"by a standard deviation of {percent(callables.PROCESS_SPREAD)}"
+    least = callables.least_slowdown(outcomes.CONFIDENCE)
+    yield f"so a `max_slowdown` below {percent(least, 1)} is refused"
+    yield f"finds {percent(outcomes.MIN_EFFECT)}"
+
+
+def accelerated() -> Iterator[str]:
+    states, simulations = accelerated_check.JUDGED_STATES, accelerated_check.FOLLOWED
+    yield f"up to {states} states of {simulations} simulations"
+    yield f"at most {percent(judged_contacts.MAX_ROUNDING_EFFECT, 1)}"
+    yield "off by 1 % is an error of about 0.01"
+    yield f"more than {percent(judged_contacts.ONE_ANSWER_EFFECT, 1)} in any state"
+    yield f"change by more than {percent(judged_contacts.LACKING_EFFECT)}"
+    yield f"change by less than {percent(judged_contacts.CLOSE_EFFECT)} in nine of ten states"
+    yield f"ten times C's, or {percent(judged_steps.SETTINGS_LIMIT, 1)}"
+    yield f"within {percent(judged_run.TOGETHER_SHARE)} of C"
+    yield f"never by more than {percent(judged_run.LARGEST_SHARE)} of it"
+    groups = derive_all(runs.load(RUNS / "reference-mjx-cpu.jsonl", RECORD_TYPES).records)
+    times = {
+        group.model.model: {row.path: row.step_ns for row in reversed(group.results)}
+        for group in groups
+    }
+    slower = {model: of["mjx"] / of["python_loop"] for model, of in times.items()}
+    yield f"took {slower['cube_table']:.0f} times as long as the plain loop's on `cube_table`"
+    yield f"and {slower['gripper']:.0f} times on `gripper`"
+    yield "a force off by 1 %"  # planted by tests/comparison/test_accelerated_check.py
+    yield "a stiffness off by 2 %"
+    yield f"for at most {2 * judged_steps.JUDGING_S:.0f} seconds"
+    yield f"with its {percent(stats.CONFIDENCE)} interval"
+
+
+PHRASES: dict[str, Callable[[], Iterator[str]]] = {
+    "docs/method/README.md": readme,
+    "docs/method/accelerated.md": accelerated,
+    "docs/method/c.md": lambda: iter(
+        (
+            f"in blocks of about {1000 * c_reference._BLOCK_S:.0f} ms",
+            f"with a {percent(stats.CONFIDENCE)} interval",
+        )
+    ),
+    "docs/method/environments.md": lambda: iter(
+        (f"by more than {percent(environment.SUM_TOLERANCE)}",)
+    ),
+    "docs/method/errors.md": errors,
+    "docs/method/history.md": history,
+    "docs/method/loop.md": loop,
+    "docs/method/paired.md": paired,
+    "docs/method/placement.md": lambda: iter(
+        (f"whole lines within {placement.HUGE_PAGE_BYTES >> 20} MiB",)
+    ),
+    "docs/method/run.md": run,
+    "docs/method/timing.md": timing,
+    "docs/method/tune.md": tune,
+    "docs/method/work.md": work,
+    "docs/python.md": python,
+}

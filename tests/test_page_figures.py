@@ -1,0 +1,231 @@
+"""Every figure in the prose of README and guides follows from a committed file or from the code.
+
+A figure is a number with a unit, or a count of a count. `PHRASES` has the phrases in which figures
+stand, page by page, each computed here. A figure outside them fails, and so does a phrase that its
+page does not have.
+"""
+
+import json
+import math
+import re
+from collections.abc import Callable, Iterator
+
+import click
+import method_figures
+import numpy as np
+import pytest
+from commands import ROOT
+from committed_trials import RUNS, trial_counts
+from method_figures import percent
+from test_docs import prose_of
+
+from benchmarks.studies import races
+from benchmarks.studies.tally_file import load
+from mjbench.api import checkup
+from mjbench.cli import cli
+from mjbench.counts import explain
+from mjbench.loop import capture
+from mjbench.measuring import stats
+from mjbench.paired import bisect, call_results, outcomes, race_record
+from mjbench.report import advice, checkup_items
+from mjbench.report.kinds import RECORD_TYPES
+from mjbench.store import runs
+from mjbench.tuning import reference
+
+FIGURE = re.compile(
+    r"(?<![\w.,])\d[\d.,]*\s?"
+    r"(?:%|×|times\b|ns\b|µs\b|ms\b|s\b|seconds?\b|minutes?\b|min\b|hours?\b|[KMG]i?B\b|Hz\b"
+    r"|models?\b|releases?\b|programs?\b|MjData\b|states\b)"
+    r"|\d+ of (?:the )?\d+"
+)
+
+
+def readme() -> Iterator[str]:
+    machine = runs.load(RUNS / "reference-checkup-humanoid.jsonl", RECORD_TYPES).header.machine
+    assert "Xeon" in machine.cpu
+    is_quiet = machine.load_1min < 0.5
+    how = "while nothing else ran" if is_quiet else f"(a load of {machine.load_1min:.1f})"
+    version = machine.versions["mujoco"]
+    yield f"on two cores of an Intel Xeon with MuJoCo {version}, "
+    yield how
+    counts = trial_counts()
+    yield from counts.phrases()
+    yield f"slower than the fastest, by up to {percent(max(worst_regrets()), 1)}"
+    free, equivalent = promises()
+    assert free[0] == free[1]
+    yield f"all {free[1]} that it called free changed no state"
+    yield f"of the {equivalent[1]} within the solver's tolerance, {equivalent[0]} stayed"
+    yield from durations()
+
+
+def durations() -> Iterator[str]:
+    """Yield the times of README's table: the default budgets, up to the next half minute."""
+    for command, budgets in {"compare": 1, "env": 2, "versions": 1, "ab": 1, "tune": 1}.items():
+        (option,) = (each for each in cli.commands[command].params if "--budget" in each.opts)
+        assert isinstance(option, click.Option)
+        default = option.default if isinstance(option.default, str) else "23s"
+        seconds = 30 * math.ceil(budgets * float(default.removesuffix("s")) / 30)
+        takes = f"{seconds} s" if seconds < 60 else f"{seconds // 60} min"
+        yield f"| {takes} |"
+        if command == "compare":
+            yield f"| {takes} and compiling |"
+    yield f"| {checkup.TOTAL_S / 60:.0f} min |"
+
+
+STUDIES = (races.SHIPPED, races.FOREIGN)
+
+
+def worst_regrets() -> tuple[float, float]:
+    """Return by how much the advised path is slower in 1 of 100 races: our models, others."""
+    ours, others = (
+        max(model.worst_regret for model in load(s.tally_file, races.RaceTally, "races").models)
+        for s in STUDIES
+    )
+    return ours, others
+
+
+def promises() -> list[tuple[str, str]]:
+    """Return how many settings kept what `tune` said of them, of how many: free, equivalent."""
+    page = (ROOT / "docs/tuning.md").read_text()
+    patterns = (r"changed no state in (\d+) of (\d+) cases", r"still equivalent in (\d+) of (\d+)")
+    return [found for pattern in patterns for found in re.findall(pattern, page)]
+
+
+def trust() -> Iterator[str]:
+    counts = trial_counts()
+    yield f"called different | {counts.alarms} |"
+    yield f"slowdowns of about 1 % or more that were missed | {counts.missed} |"
+    page = (ROOT / "docs/foreign.md").read_text()
+    (agree,) = re.findall(r"For (\d+ of \d+ models) from", page)
+    yield f"| {agree} |"
+    ours, others = worst_regrets()
+    yield f"| {percent(ours, 1)} on our models, {percent(others, 1)} on others |"
+    ours, others = (
+        min(model.covered_final for model in load(s.tally_file, races.RaceTally, "races").models)
+        for s in STUDIES
+    )
+    yield f"({percent(race_record.CONFIDENCE)} should)"
+    yield f"| {percent(ours, 1)} on ours, {percent(others, 1)} on others |"
+    yield from (f"| {kept} of {of} |" for kept, of in promises())
+    yield f"if that is more than {percent(outcomes.MIN_EFFECT)}"
+    yield f"can be faster by {percent(race_record.MARGIN)}"
+    yield faster_as_a_whole(share=1 / 2, speedup=2)
+
+
+def faster_as_a_whole(share: float, speedup: float) -> str:
+    """Return how much faster a program is of which a share becomes faster."""
+    return f"{1 / (1 - share + share / speedup):.2f}".rstrip("0") + " times as fast"
+
+
+def story() -> Iterator[str]:
+    stored = json.loads((ROOT / "results/story.json").read_text())
+    before, after = (float(np.median(stored["steps_per_s"][n])) for n in ("walk_env", "walk_batch"))
+    yield f"It takes {before:,.0f} steps of the environment a second"
+    yield f"| `walk_env.py` | {before:,.0f} |"
+    yield f"| `walk_batch.py` | {after:,.0f} |"
+    yield f"That is {after / before:.1f} times as fast"
+    page = (ROOT / "docs/guides/story.md").read_text()  # its blocks are compared with their runs
+    (alone,) = re.findall(r"The same physics runs ([\d.]+) times", page)
+    yield f"a plain loop would be {alone} times as fast"
+    (promised,) = re.findall(r"([\d.]+) times \([^)]*\) by batch_step", page)
+    yield f"had promised no more than {promised}."
+
+
+def revisions() -> Iterator[str]:
+    results = json.loads((ROOT / "results/revisions.json").read_text())
+    for result in results:
+        if result["is_slower"]:
+            change = 100 * (result["verdict"]["ratio"]["estimate"] - 1)
+            yield f"| {result['case']} | {result['verdict']['verdict']} by {change:.2g} % |"
+    unchanged = [result["verdict"] for result in results if not result["is_slower"]]
+    assert {verdict["verdict"] for verdict in unchanged} == {"same"}
+    yield f"docstrings, {len(unchanged)} times | same |"
+    seconds = max(result["verdict"]["seconds"] for result in results)
+    yield f"A verdict took at most {math.ceil(seconds)} s"
+    yield f"A commit that reaches {percent(bisect.CERTAINTY)}"
+    yield f"arrays above {call_results._MOST_BYTES / 2**20:.0f} MiB"
+
+
+def browser() -> Iterator[str]:
+    for build in json.loads((ROOT / "results/web-memory.json").read_text()):
+        usual, small = build["limits"]
+        assert usual["heap_bytes"] == small["heap_bytes"]
+        yield f"The heap ends at {usual['heap_bytes'] / 2**30:.0f} GiB"
+        yield f"{usual['count']:,} MjData of a box on a plane fill it"
+        yield f"{small['count']:,} fit (MuJoCo {build['release']})"
+    yield f"with a {percent(stats.CONFIDENCE)} interval"
+
+
+def results() -> Iterator[str]:
+    (models,) = re.findall(r"For \d+ of (\d+) models", (ROOT / "docs/foreign.md").read_text())
+    yield f"do all paths agree on {models} of them?"
+
+
+def upgrades() -> Iterator[str]:
+    yield f"at {percent(outcomes.CONFIDENCE)} confidence"
+    yield f"which is at most {percent(outcomes.MIN_EFFECT)} (`--min-effect`)"
+    yield f"repeat within {percent(explain.REPEATABILITY, 1)}"
+    (releases,) = re.findall(r"^(\d+) releases, 2", (ROOT / "docs/history.md").read_text(), re.M)
+    yield f"for ten typical models and {releases} releases"
+    share, slower = 1 / 2, 0.02
+    program = percent(share * slower)
+    yield f"steps that are {percent(slower)} slower make the program {program} slower"
+
+
+def checkup_guide() -> Iterator[str]:
+    yield f"or {checkup.QUICK_S:.0f} seconds with `--quick`"
+    yield f"for {checkup._FULL.program:.0f} seconds at most"
+    yield f"whose error exceeds {percent(checkup_items._MOST_ERROR)} of the motion"
+
+
+PHRASES: dict[str, Callable[[], Iterator[str]]] = {
+    "README.md": readme,
+    "docs/faq.md": lambda: iter(()),
+    "docs/results.md": results,
+    "docs/guides/browser.md": browser,
+    "docs/guides/checkup.md": checkup_guide,
+    "docs/guides/ci.md": lambda: iter(
+        (
+            f"surely less than {percent(outcomes.MIN_EFFECT)} slower",
+            f"repeat within {percent(explain.REPEATABILITY, 1)}",
+        )
+    ),
+    "docs/guides/machines.md": lambda: iter(
+        (f"of those named slower, at most {percent(1 - outcomes.CONFIDENCE)} are expected",)
+    ),
+    "docs/guides/revisions.md": revisions,
+    "docs/guides/settings.md": lambda: iter(
+        (
+            f"by at most {percent(reference.SAME_SHARE, 3)} of the motion",
+            faster_as_a_whole(share=1 / 3, speedup=2),
+        )
+    ),
+    "docs/guides/states.md": lambda: iter(
+        (
+            f"at most `max_states` states ({capture.MAX_STATES:,})",
+            f"`nstep` consecutive steps ({capture.WINDOW_NSTEP:,})",
+        )
+    ),
+    "docs/guides/stepping.md": lambda: iter((f"that has {percent(advice.ENOUGH)} of the best",)),
+    "docs/guides/story.md": story,
+    "docs/guides/trust.md": trust,
+    "docs/guides/upgrades.md": upgrades,
+}
+PHRASES |= method_figures.PHRASES
+PAGES = sorted({*PHRASES, *(str(p.relative_to(ROOT)) for p in ROOT.glob("docs/guides/*.md"))})
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_figure_of_a_page_is_of_a_committed_file_or_of_the_code(page: str) -> None:
+    text = " ".join((ROOT / page).read_text().split())
+    rest = " ".join(prose_of(ROOT / page).split())
+    for phrase in PHRASES.get(page, lambda: iter(()))():
+        assert phrase in text
+        rest = rest.replace(" ".join(re.sub(r"`[^`]+`", "", phrase).split()), "")
+    assert FIGURE.findall(rest) == []
+
+
+def test_a_figure_is_found_with_its_unit_and_without_a_phrase() -> None:
+    text = "1.9 times as fast, 0.5 %, 1 of 953, 15 s, 2 GiB, 3 of the 240, 42 releases; MuJoCo 3.17"
+    found = ["1.9 times", "0.5 %", "1 of 953", "15 s", "2 GiB", "3 of the 240", "42 releases"]
+    assert FIGURE.findall(text) == found
