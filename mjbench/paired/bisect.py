@@ -35,6 +35,8 @@ CERTAINTY = 0.99
 LAUNCHES, MOST_TRIALS = 3, 40
 # The sides of a change are searched where it leaves more than this share of the difference.
 _REST = 1 / 3
+# The standard deviation of normal samples over the mean of their absolute differences.
+_MEAN_DISTANCES = math.sqrt(math.pi / 2)
 # No launch is more precise, in log ratio: differences between versions are not noise alone.
 _LEAST_DEVIATION = 0.003
 
@@ -192,8 +194,9 @@ class _Searcher:
         Returns:
           None where the version that was measured last is like neither end.
         """
-        deviation = _deviation([launch.log_ratio for launch in launches_to_judge(ends.samples)])
-        point = ChangePosterior(last - first, _log_change(ends), deviation / math.sqrt(LAUNCHES))
+        samples = [launch.log_ratio for launch in launches_to_judge(ends.samples)]
+        residuals = list(np.asarray(samples) - np.median(samples))
+        point = ChangePosterior(last - first, _log_change(ends), _deviation(residuals))
         for _ in range(MOST_TRIALS):
             unable = {number - first for number in self._unable}
             ready = {number - first for number in self._measurer.ready()}
@@ -201,31 +204,32 @@ class _Searcher:
             version = None if is_certain else point.next_version(unable, ready)
             if version is None:
                 break
-            log_ratio = self._measure(first, first + version)
-            if log_ratio is None:
+            log_ratios = self._measure(first, first + version)
+            if not log_ratios:
                 continue
-            if point.is_between(log_ratio):
+            residuals += _residuals(log_ratios)
+            observation = VersionRatio(version, float(np.mean(log_ratios)))
+            observations = [*point.observations, observation]
+            point = replace(point, deviation=_deviation(residuals), observations=observations)
+            if point.is_between(observation.log_ratio):
                 return None
-            observation = VersionRatio(version, log_ratio)
-            point = replace(point, observations=[*point.observations, observation])
         changed = first + point.likeliest
         while changed < last and changed in self._unable:
             changed += 1
         return changed
 
-    def _measure(self, first: int, number: int) -> float | None:
-        """Return the log ratio of a version; None where it cannot be measured."""
-        row, log_ratio = self._versions[number - 1], None
+    def _measure(self, first: int, number: int) -> Sequence[float]:
+        """Return the log ratios of a version's launches; none where it cannot be measured."""
+        row, log_ratios = self._versions[number - 1], list[float]()
         try:
-            log_ratios = self._measurer.log_ratios(first, number, LAUNCHES)
-            log_ratio = float(np.mean(log_ratios))
-            trial = BisectTrial(row, "", math.exp(log_ratio), len(log_ratios))
+            log_ratios += self._measurer.log_ratios(first, number, LAUNCHES)
+            trial = BisectTrial(row, "", math.exp(np.mean(log_ratios)), len(log_ratios))
         except (InputError, MachineError) as error:
             self._unable.add(number)
             trial = BisectTrial(row, str(error))
         self._trials.append(trial)
         self._on_trial(trial)
-        return log_ratio
+        return log_ratios
 
     def _leaves_more(self, ends: VerdictRecord, change: VerdictRecord) -> bool:
         """Return whether there may be another change: comparisons of both sides decide."""
@@ -244,8 +248,13 @@ def _log_change(record: VerdictRecord) -> float:
     return math.log(record.ratio.estimate)
 
 
-def _deviation(log_ratios: Sequence[float]) -> float:
-    """Return the deviation of a launch; robust, because some are disturbed."""
-    values = np.asarray(log_ratios)
-    median = np.median(values)
-    return max(1.4826 * float(np.median(np.abs(values - median))), _LEAST_DEVIATION)
+def _residuals(log_ratios: Sequence[float]) -> list[float]:
+    """Return how far launches of one version are from their mean, as far as from the truth."""
+    count, values = len(log_ratios), np.asarray(log_ratios)
+    return list((values - values.mean()) * math.sqrt(count / max(count - 1, 1)))
+
+
+def _deviation(residuals: Sequence[float]) -> float:
+    """Return the deviation of a version's mean, from launches; robust, as some are disturbed."""
+    launch = _MEAN_DISTANCES * float(np.mean(np.abs(residuals)))
+    return max(launch, _LEAST_DEVIATION) / math.sqrt(LAUNCHES)

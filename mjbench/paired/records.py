@@ -86,6 +86,15 @@ class Pair(Generic[_Value]):
 
 
 @dataclass(frozen=True)
+class PackageVersions:
+    """The versions of a package in two environments; empty where it is not installed."""
+
+    name: str
+    old: str
+    new: str
+
+
+@dataclass(frozen=True)
 class PlacementEffect:
     """What the placement of code has to do with a ratio of times.
 
@@ -135,7 +144,7 @@ class VerdictRow:
       results_detail: where it first differs, or why it was not compared; empty otherwise.
       control: None where nothing of the kind was measured.
       calls_s: seconds of a call of a function; None for models.
-      packages: versions in both environments, by name, where the user named packages; else None.
+      packages: of both environments, where the user named packages; else none.
     """
 
     model: str
@@ -170,7 +179,7 @@ class VerdictRow:
     results_detail: str = ""
     control: ControlRow | None = None
     calls_s: Pair[PositiveFloat] | None = None
-    packages: Pair[Mapping[str, str]] | None = None
+    packages: Sequence[PackageVersions] = ()
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@
 """
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 
 from mjbench.errors import MachineError
@@ -22,6 +22,7 @@ from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.records import (
     MAX_E_VALUE,
     LaunchRow,
+    PackageVersions,
     Pair,
     PlacementEffect,
     TargetRow,
@@ -182,13 +183,15 @@ class PairedResult(Launched):
         return record_of(self.row(), self.launches)
 
 
-def package_versions(
-    baseline: ReleaseSpec, candidate: ReleaseSpec
-) -> Pair[Mapping[str, str]] | None:
-    """Return the versions of packages in two environments; None where the user named none."""
+def package_versions(baseline: ReleaseSpec, candidate: ReleaseSpec) -> list[PackageVersions]:
+    """Return the versions of packages in two environments; none where the user named none."""
     if not (baseline.has_packages or candidate.has_packages):
-        return None
-    return Pair(installs.package_versions(baseline), installs.package_versions(candidate))
+        return []
+    old, new = map(installs.package_versions, (baseline, candidate))
+    return [
+        PackageVersions(name, old.get(name, ""), new.get(name, ""))
+        for name in sorted({**old, **new})
+    ]
 
 
 def record_of(row: VerdictRow, samples: Sequence[LaunchRow] = ()) -> VerdictRecord:

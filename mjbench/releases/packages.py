@@ -5,7 +5,7 @@ and MuJoCo itself.
 """
 
 import csv
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path, PurePosixPath
@@ -136,14 +136,3 @@ def modules(folder: Path, names: Collection[str]) -> frozenset[str]:
         tops = {PurePosixPath(row[0]) for row in rows if row and row[0].endswith((".py", ".so"))}
         found |= {path.parts[0].partition(".")[0] for path in tops}
     return frozenset(name for name in found if name.isidentifier())
-
-
-def others_that_differ(
-    baseline: Mapping[str, str], candidate: Mapping[str, str], named: Collection[str]
-) -> list[str]:
-    """Return what differs between two environments besides what was named, as `scipy 1.0 → 1.1`."""
-    return [
-        f"{name} {baseline.get(name, 'none')} → {candidate.get(name, 'none')}"
-        for name in sorted({**baseline, **candidate})
-        if name not in named and baseline.get(name) != candidate.get(name)
-    ]

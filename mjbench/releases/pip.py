@@ -127,9 +127,10 @@ def run(phase: str, command: str, *arguments: str) -> str:
 def _size_bytes(folder: Path) -> int:
     """Return the size of the files in a folder, in which others come and go."""
     size_bytes = 0
-    for file in folder.rglob("*"):
-        with contextlib.suppress(OSError):
-            size_bytes += file.lstat().st_size
+    for parent, _, names in os.walk(folder):  # it passes over folders that have gone
+        for name in names:
+            with contextlib.suppress(OSError):
+                size_bytes += Path(parent, name).lstat().st_size
     return size_bytes
 
 

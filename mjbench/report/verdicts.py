@@ -282,10 +282,12 @@ def notes(row: VerdictRow) -> list[str]:
 
 def _package_lines(row: VerdictRow) -> list[str]:
     """Return what differs between two environments besides what the user named."""
-    if row.packages is None:
-        return []
     named = frozenset().union(*(packages.names_in(side.packages) for side in row.sides))
-    others = packages.others_that_differ(row.packages.old, row.packages.new, named)
+    others = [
+        f"{each.name} {each.old or 'none'} → {each.new or 'none'}"
+        for each in row.packages
+        if each.old != each.new and each.name not in named
+    ]
     return [f"other packages differ, too: {', '.join(others)}"] if others else []
 
 

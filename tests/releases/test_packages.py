@@ -103,14 +103,5 @@ def test_what_an_environment_holds_is_read_from_what_pip_left(tmp_path: Path) ->
     assert packages.modules(tmp_path, {"own-tool"}) == {"own_tool", "_own"}
 
 
-def test_what_differs_besides_the_named_packages_is_listed() -> None:
-    old, new = {"jax": "1", "scipy": "1.0", "a": "1"}, {"jax": "2", "scipy": "1.1", "b": "1"}
-    assert packages.others_that_differ(old, new, {"jax"}) == [
-        "a 1 → none",
-        "b none → 1",
-        "scipy 1.0 → 1.1",
-    ]
-
-
 def test_names_in_a_stored_text_are_read_as_far_as_it_has_any() -> None:
     assert packages.names_in("jax==0.7.0,\x1b[31m,jaxlib") == {"jax", "jaxlib"}

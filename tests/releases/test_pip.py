@@ -217,3 +217,9 @@ def test_a_failed_build_says_what_the_compiler_says(
     failing_pip(f"{lines}ERROR: Failed to build own\\n")
     with pytest.raises(pip.BuildError, match=expected):
         pip.build("own", Path("source"), Path("target"))
+
+
+def test_a_folder_that_has_gone_has_no_size(tmp_path: Path) -> None:
+    (tmp_path / "wheel").write_bytes(b"12345")
+    assert pip._size_bytes(tmp_path) == 5
+    assert pip._size_bytes(tmp_path / "none") == 0

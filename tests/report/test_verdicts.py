@@ -12,7 +12,14 @@ from mjbench.measuring.ratio import Ratio
 from mjbench.pages import terminal
 from mjbench.paired import family
 from mjbench.paired.outcomes import Cause, ResultsOutcome, Verdict
-from mjbench.paired.records import ControlRow, Pair, PlacementEffect, TargetRow, VerdictRow
+from mjbench.paired.records import (
+    ControlRow,
+    PackageVersions,
+    Pair,
+    PlacementEffect,
+    TargetRow,
+    VerdictRow,
+)
 from mjbench.report import verdicts
 from mjbench.simulation.starts import SettleLimit, Starts
 from mjbench.simulation.work import Work
@@ -152,7 +159,11 @@ def test_comparisons_are_summed_up_together() -> None:
 
 def test_what_differs_besides_the_named_packages_is_noted() -> None:
     sides = [replace(OLD, packages=name) for name in ("jax==0.7.0", "jax==0.7.1")]
-    versions = Pair({"jax": "0.7.0", "scipy": "1.16"}, {"jax": "0.7.1", "scipy": "1.17"})
+    versions = [
+        PackageVersions("jax", "0.7.0", "0.7.1"),
+        PackageVersions("numpy", "2.4.0", "2.4.0"),
+        PackageVersions("scipy", "1.16", "1.17"),
+    ]
     row = replace(ROW, sides=sides, old="jax==0.7.0", new="jax==0.7.1", packages=versions)
     assert verdicts.describe_targets(row) == "jax==0.7.0 → jax==0.7.1"
     assert "other packages differ, too: scipy 1.16 → 1.17" in verdicts.notes(row)
