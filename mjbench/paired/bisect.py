@@ -34,7 +34,7 @@ CERTAINTY = 0.99
 # Launches of a version that is measured, and how often versions are measured in a search, at most.
 LAUNCHES, MOST_TRIALS = 3, 40
 # The sides of a change are searched where it leaves more than this share of the difference.
-_REST = 1 / 3
+_REST = 0.3
 # The standard deviation of normal samples over the mean of their absolute differences.
 _MEAN_DISTANCES = math.sqrt(math.pi / 2)
 # No launch is more precise, in log ratio: differences between versions are not noise alone.

@@ -58,7 +58,7 @@ def compiled_step(
         raise UnavailableError(reason)
     compiled = path.prepare(workload, {}, Resources(workload))
     start = start_fields(workload)
-    after = compiled.advance(start, workload.control[:, :1], 1).fields
+    after = compiled.advance(start, workload.control, 1).fields
     results = {name: after[name].astype(np.float32) for name in _COMPARED}
     compiled.reload()
     return lambda: _run(compiled, results)

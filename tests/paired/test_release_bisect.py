@@ -1,6 +1,7 @@
 """Searches of the releases: what is measured is drawn from the committed history of releases."""
 
 import random
+import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -31,6 +32,8 @@ HISTORY = Path(__file__).parents[2] / "results/history/reference-ratios.jsonl"
 class OfHistory(VersionMeasurer):
     """Releases as the history measured them, launch by launch; the truth is theirs.
 
+    A launch is as far from the truth as one of the candidate was from its mean.
+
     Attributes:
       log_ratios_of: of the launches of each release over the reference.
     """
@@ -58,8 +61,8 @@ class OfHistory(VersionMeasurer):
         return self.at_hand
 
     def _draw(self, baseline: int, candidate: int) -> float:
-        old, new = (self.rng.choice(self.log_ratios_of[n]) for n in (baseline, candidate))
-        return new - old
+        old, new = (self.log_ratios_of[number] for number in (baseline, candidate))
+        return self.rng.choice(new) - statistics.mean(old)
 
 
 @pytest.fixture(scope="module")
