@@ -32,11 +32,11 @@ class Instructions(Tracked):
         """Count all models at once; return the counts by model."""
         problem = unavailable()
         if problem:
-            return dict.fromkeys(models.shipped(), Cached(Status.UNAVAILABLE, problem))
+            return dict.fromkeys(self.params, Cached(Status.UNAVAILABLE, problem))
         cache: dict[str, Cached[float]] = {}
         with tempfile.TemporaryDirectory() as folder, InstructionCounter() as counter:
             sources = []
-            for name in models.shipped():
+            for name in self.params:
                 source = models.resolve(name)
                 try:
                     counter.use_workload(source, _write_workload(name, Path(folder)))

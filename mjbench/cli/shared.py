@@ -347,6 +347,7 @@ def metric_option(*metrics: Metric) -> Callable[[Callable[..., None]], Callable[
         )
     return click.option(
         "--metric",
+        metavar="METRIC",
         type=click.Choice([metric.value for metric in metrics]),
         default=Metric.TIME.value,
         show_default=True,

@@ -40,25 +40,14 @@ _WORST_FIRST = (
     Status.UNAVAILABLE,
 )
 # The records that say how something ended.
-_Ended = (
-    VerdictRecord
-    | StepRatioRecord
-    | InstructionsRecord
-    | ModelRecord
-    | MeasurementRecord
-    | RaceRecord
-)
-
-
+_Timed = VerdictRecord | StepRatioRecord | InstructionsRecord
+_Ended = _Timed | ModelRecord | MeasurementRecord | RaceRecord
 # The records of the commands that a sweep runs, by their `type`.
 _RECORD_TYPES: Mapping[str, type] = {
     **comparison_records.RECORD_TYPES,
     **{
         record.record_type: record
-        for record in (
-            *(RaceRecord, VerdictRecord, StepRatioRecord, InstructionsRecord),
-            Disturbance,
-        )
+        for record in (RaceRecord, VerdictRecord, StepRatioRecord, InstructionsRecord, Disturbance)
     },
 }
 
@@ -95,8 +84,7 @@ def outcome(run: Run) -> CellOutcome:
     if not ended:
         return CellOutcome(Status.FAILED, "there is no result")
     worst = min(ended, key=lambda record: _WORST_FIRST.index(record.status))
-    timed = (VerdictRecord, StepRatioRecord, InstructionsRecord)
-    seconds = [record.seconds for record in ended if isinstance(record, timed)]
+    seconds = [record.seconds for record in ended if isinstance(record, _Timed)]
     return CellOutcome(worst.status, worst.detail, sum(seconds) if seconds else None)
 
 
@@ -163,9 +151,8 @@ def _is_answer(record: Record, cell: Cell) -> bool:
             is_same = names == (cell.model, cell.path, cell.baseline, cell.release)
             is_answer = is_same and record.metric == cell.metric
         case StepRatioRecord() | InstructionsRecord():
-            kind = (
-                CellKind.HISTORY if isinstance(record, StepRatioRecord) else CellKind.INSTRUCTIONS
-            )
+            is_ratio = isinstance(record, StepRatioRecord)
+            kind = CellKind.HISTORY if is_ratio else CellKind.INSTRUCTIONS
             given = (kind, record.model, record.release)
             is_answer = given == (cell.kind, cell.model, cell.release)
         case _:
@@ -200,12 +187,11 @@ def _failed_record(cell: Cell, failure: Failure) -> Record:
         case CellKind.INSTRUCTIONS:
             return InstructionsRecord(model=model, release=release, status=status, detail=detail)
         case CellKind.HISTORY:
-            reference = release_ratios.REFERENCE
             return StepRatioRecord(
                 model=model,
                 release=release,
                 build="",
-                reference=reference,
+                reference=release_ratios.REFERENCE,
                 status=status,
                 detail=detail,
             )

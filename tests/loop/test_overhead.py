@@ -1,16 +1,22 @@
 """The overhead table: every habit, with its cheaper form and its interval."""
 
+from typing import Any
+
 import pytest
 
+from mjbench.host import isolate
 from mjbench.loop import habits, overhead
+from mjbench.loop.habits import ONE_CALL, ZERO_STEPS
+from mjbench.loop.overhead import Launch
 from mjbench.simulation import models
+from mjbench.simulation.starts import Starts
 from mjbench.status import Status
 
 
 def test_the_table_has_every_habit_with_its_cheaper_form(
     monkeypatch: pytest.MonkeyPatch, inline: None
 ) -> None:
-    monkeypatch.setattr(overhead, "MOST_QUADS", overhead.LEAST_QUADS)
+    monkeypatch.setattr(overhead, "MOST_QUADS", 3)
     table = overhead.measure(models.resolve("cartpole"), launches=2)
     assert {cost.source for cost in table.costs or ()} == {
         habit.name for habit in habits.HABITS if habit not in (habits.BARE, habits.ZERO_STEPS)
@@ -27,7 +33,25 @@ def test_the_table_has_every_habit_with_its_cheaper_form(
 def test_the_budget_bounds_the_quads_of_a_habit() -> None:
     assert overhead.quads(1.0, 1e-3) == overhead.MOST_QUADS
     assert overhead.quads(1.0, 0.125) == 8
-    assert overhead.quads(1.0, 10.0) == overhead.LEAST_QUADS
+    assert overhead.quads(1.0, 10.0) == 1
+
+
+def test_the_budget_bounds_the_launches(monkeypatch: pytest.MonkeyPatch) -> None:
+    measured = Launch(10, 1000.0, {h.name: 10.0 for h in (ONE_CALL, ZERO_STEPS)}, Starts(0.1, 0.1))
+    ended: list[int] = []
+
+    def call(
+        function: object, source: object, plan: object, seed: int, *rest: Any, **_: Any
+    ) -> Any:
+        ended.append(seed)
+        return measured
+
+    monkeypatch.setattr(isolate, "call", call)
+    for budget_s, count in ((0.5, overhead.LEAST_LAUNCHES), (3.5, 4), (100.0, overhead.LAUNCHES)):
+        ended.clear()
+        source = models.resolve("cartpole")
+        overhead.measure(source, budget_s=budget_s, clock=lambda: float(len(ended)))
+        assert ended == list(range(count))
 
 
 def test_the_row_of_a_failure_has_nothing_but_its_reason() -> None:
