@@ -18,7 +18,7 @@ _POINTS = 61
 _REACH = 6.0
 # Between two levels lies what is further from both than this share of their distance, and as many
 # deviations besides.
-_MIDDLE, _CLEAR = 0.25, 2.0
+_MIDDLE, _CLEAR = 1 / 3, 1.0
 # A log ratio that is expected to lower the entropy by less tells nothing.
 _LEAST_GAIN = 0.005
 # Versions of which it is worked out what they would tell: those nearest to the median.

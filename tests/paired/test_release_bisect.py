@@ -32,7 +32,7 @@ HISTORY = Path(__file__).parents[2] / "results/history/reference-ratios.jsonl"
 class OfHistory(VersionMeasurer):
     """Releases as the history measured them, launch by launch; the truth is theirs.
 
-    A launch is as far from the truth as one of the candidate was from its mean.
+    A launch is as far from the truth as one of either release was from its mean.
 
     Attributes:
       log_ratios_of: of the launches of each release over the reference.
@@ -61,8 +61,10 @@ class OfHistory(VersionMeasurer):
         return self.at_hand
 
     def _draw(self, baseline: int, candidate: int) -> float:
-        old, new = (self.log_ratios_of[number] for number in (baseline, candidate))
-        return self.rng.choice(new) - statistics.mean(old)
+        launches = [self.log_ratios_of[number] for number in (baseline, candidate)]
+        old, new = map(statistics.mean, launches)
+        measured = self.rng.choice(launches)
+        return new - old + self.rng.choice(measured) - statistics.mean(measured)
 
 
 @pytest.fixture(scope="module")
