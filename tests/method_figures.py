@@ -22,7 +22,7 @@ from mjbench.host import machine
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.loop import latency, overhead
 from mjbench.measuring import calls, stats
-from mjbench.paired import outcomes, race_record
+from mjbench.paired import metrics, outcomes, race_record
 from mjbench.program import loop_time, remedy, sampler
 from mjbench.program.hook import pacing, step_clock
 from mjbench.releases import change_points, placement, release_ratios
@@ -96,6 +96,9 @@ def history() -> Iterator[str]:
 def paired() -> Iterator[str]:
     yield f"differ by more than {percent(agreement.SAME_WORK, 1)}"
     yield f"(`--min-effect`, {percent(outcomes.MIN_EFFECT)})"
+    yield "the time that 99 of 100 single steps do not exceed"  # p99
+    unit = f"{metrics.GROWTH_UNIT_BYTES / 1e6:.0f} MB"
+    yield f"(candidate + {unit}) / (baseline + {unit})"
     yield "does not contain 0 %"
     yield "closer to `--min-effect` than to 0 %"
     yield "as soon as 0 % is left out"

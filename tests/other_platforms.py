@@ -7,7 +7,6 @@ The packages that mjbench uses stay those of Linux: they are imported before, or
 
 import contextlib
 import ctypes
-import functools
 import importlib
 import json
 import os
@@ -98,20 +97,11 @@ def main() -> None:
 
     from mjbench.cli import cli
 
-    if "overhead" in command_lines and sys.platform == "darwin":
-        _measure_overhead_once()
     ended = {}
     for name, words in command_lines.items():
         result = CliRunner().invoke(cli, words)
         ended[name] = (result.exit_code, result.stdout, result.stderr)
     print(json.dumps(ended))
-
-
-def _measure_overhead_once() -> None:
-    """Have `mjbench profile --habits` measure each habit in one process rather than in several."""
-    from mjbench.loop import overhead
-
-    overhead.measure = functools.partial(overhead.measure, launches=1)
 
 
 def hide_what_macos_lacks() -> None:

@@ -1,4 +1,4 @@
-"""A sweep on two nodes of Ray that run here; one of them is killed, and two others are left out.
+"""A sweep on two nodes of Ray that run here; one of them is killed, and a third is left out.
 
     python ray_sweep.py FOLDER
 
@@ -36,8 +36,7 @@ def main() -> None:
     (folder / "hang-b").touch()
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
     nodes = [cluster.add_node(num_cpus=1, resources={RESOURCE: 1}) for _ in range(2)]
-    for _ in range(2):
-        cluster.add_node(num_cpus=1, resources={RESOURCE: 1}, labels={LABEL: "other"})
+    cluster.add_node(num_cpus=1, resources={RESOURCE: 1}, labels={LABEL: "other"})
     raylets = [node.all_processes["raylet"][0].process.pid for node in nodes]
     file = RunSetFile.create(folder / "set.jsonl")
 

@@ -30,7 +30,6 @@ def optional(
 
 
 def number(name: str, value: float, bounds: Bounds) -> float:
-    """Return a number within bounds."""
     try:
         checked = float(value)
     except (TypeError, ValueError, OverflowError):
@@ -54,7 +53,6 @@ def whole(name: str, value: Any, bounds: Bounds = COUNT, is_float: bool = False)
 
 
 def wholes(name: str, value: int | Iterable[int], bounds: Bounds = COUNT) -> list[int]:
-    """Return one whole number or several, each once."""
     several = value if isinstance(value, Iterable) else (value,)
     numbers = list(dict.fromkeys(whole(name, number, bounds) for number in several))
     if not numbers:
@@ -63,7 +61,6 @@ def wholes(name: str, value: int | Iterable[int], bounds: Bounds = COUNT) -> lis
 
 
 def choice(name: str, value: str, choices: type[_Choice]) -> _Choice:
-    """Return the member of an enumeration that a text names."""
     try:
         return choices(value)
     except ValueError:

@@ -107,7 +107,6 @@ class CheckupPlan:
 
     @property
     def times(self) -> _Times:
-        """What each part may take."""
         return _QUICK if self.is_quick else _FULL.scaled(self.budget_s / TOTAL_S)
 
 
@@ -122,7 +121,6 @@ class Checkup(Measured):
 
     @property
     def document(self) -> CheckupDocument:
-        """All that `mjbench checkup --json` has."""
         return CheckupDocument.of(self.run)
 
 
@@ -213,11 +211,9 @@ class _Parts:
         self._begin_s = self.clock()
 
     def left_s(self) -> float:
-        """Return the seconds that are left."""
         return self.plan.times.end - (self.clock() - self._begin_s)
 
     def progress(self, text: str) -> None:
-        """Say what goes on."""
         share = 1 - max(0.0, self.left_s()) / self.plan.times.end
         self.observer(f"{self.source.name}: {text}", share)
 
@@ -227,18 +223,11 @@ class _Parts:
         doing: str,
         measure: Callable[[CheckedPart], tuple[CheckedPart, Sequence[Record]]],
     ) -> Item:
-        """Return what a part comes to, or why it failed; what is unavailable is no failure.
-
-        Args:
-          measure: returns the part's record, with what it holds, and the records that follow it.
-        """
+        """Return what a part comes to, or why it failed; what is unavailable is no failure."""
         name, begin_s = self.source.name, self.clock()
         self.observer.begin(f"{name}: {doing}")
         begun = CheckedPart(
-            target=name,
-            kind=targets.kind_of(self.source),
-            part=part,
-            is_quick=self.plan.is_quick,
+            target=name, kind=targets.kind_of(self.source), part=part, is_quick=self.plan.is_quick
         )
         records: Sequence[Record] = ()
         try:
@@ -254,7 +243,6 @@ class _Parts:
         return Item([ended, *records], Failure(ended.status, f"{name}: {ended.detail}"))
 
     def of_type(self, kind: type[_Record]) -> _Record | None:
-        """Return the record of a type; None where there is none."""
         return next((each for each in self.records if isinstance(each, kind)), None)
 
 
@@ -295,7 +283,6 @@ def _model_items(source: ModelSource, parts: _Parts) -> Iterator[Item]:
 def _compared(
     part: CheckedPart, pool: WorkerPool, source: ModelSource, parts: _Parts
 ) -> tuple[CheckedPart, list[Record]]:
-    """Return the records of a race of the usual paths in C."""
     plan, records = parts.plan, list[Record]()
     budget_s = max(1.0, min(plan.times.paths, parts.left_s() - _STARTING_S))
     comparison = ComparisonPlan((), starts=plan.starts, budget_s=budget_s, limit_s=plan.limit_s)
@@ -313,7 +300,6 @@ def _compared(
 def _tuned(
     part: CheckedPart, pool: WorkerPool, source: ModelSource, parts: _Parts, budget_s: float
 ) -> tuple[CheckedPart, list[Record]]:
-    """Return a search for settings of C."""
     plan = SearchPlan(starts=parts.plan.starts, budget_s=budget_s)
     record = tune(
         pool, source, plan, parts.plan.limit_s, lambda done, text, share: parts.progress(text)
@@ -366,7 +352,6 @@ def _program_items(source: ProgramFile, parts: _Parts) -> Iterator[Item]:
 
 
 def _environment_items(source: EnvironmentSource, parts: _Parts) -> Iterator[Item]:
-    """Yield where the time of env.step goes."""
     plan, cores = parts.plan, machine.usable_cores()
 
     def measured(part: CheckedPart) -> tuple[CheckedPart, list[Record]]:
@@ -374,8 +359,7 @@ def _environment_items(source: EnvironmentSource, parts: _Parts) -> Iterator[Ite
         threads = tuple(sorted({1, cores}))
         counts = () if plan.is_quick else tuple(sorted({2, cores}))
         record = environments.measure(
-            source,
-            EnvironmentPlan(None, 0, threads, counts, plan.times.rounds, plan.limit_s),
+            source, EnvironmentPlan(None, 0, threads, counts, plan.times.rounds, plan.limit_s)
         )
         is_stored = record.facts is not None or record.status == Status.INTERRUPTED
         records: list[Record] = [record] if is_stored else []

@@ -165,7 +165,6 @@ def compare(
 
 
 def measurement(sources: Sequence[ModelSource], plans: Sequence[ComparisonPlan]) -> Measurement:
-    """Return the comparison of models, each at the sizes of some plans."""
     arguments = {**to_json(plans[0]), "models": [source.name for source in sources]}
     arguments["nbatch"] = [plan.nbatch for plan in plans]
     files = [source.path for source in sources]
@@ -225,7 +224,6 @@ def _section_so_far(records: Sequence[Record]) -> Section | None:
 
 
 def _option_texts(options: Mapping[str, Any]) -> list[str]:
-    """Return options as the command line has them, such as `pool=new,kept`."""
     several = {
         name: [values] if isinstance(values, str) or not isinstance(values, Iterable) else values
         for name, values in options.items()

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
 
+from mjbench.measuring.calls import nothing
 from mjbench.status import ExitCode
 
 # Seconds that the cleanup may take before a further signal is heeded.
@@ -60,14 +61,10 @@ def one_interrupt(clock: Callable[[], float] = time.monotonic) -> Iterator[None]
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def _nothing() -> None:
-    """Do nothing."""
-
-
 def _handler(
     clock: Callable[[], float],
-    on_first: Callable[[], None] = _nothing,
-    on_late: Callable[[], None] = _nothing,
+    on_first: Callable[[], None] = nothing,
+    on_late: Callable[[], None] = nothing,
 ) -> _Handler:
     """Return a handler that raises KeyboardInterrupt, but not during the cleanup after it."""
     last_s: float | None = None

@@ -96,7 +96,6 @@ def latency(
 def measurement(
     requests: Sequence[LatencyRequest], deadline_s: float | None, limit_s: float
 ) -> Measurement:
-    """Return the measurement of single steps of models, which are asked for alike."""
     first, sources = requests[0], [request.source for request in requests]
 
     def measure_model(source: ModelSource) -> list[LatencyRow]:

@@ -73,7 +73,6 @@ class Measured:
 
     @property
     def machine(self) -> Machine:
-        """What it was measured on."""
         return self.run.header.machine
 
     def save(self, folder: str | Path = "results/runs") -> Path:
@@ -98,7 +97,6 @@ class Measured:
         return rows.of_run(self.run)
 
     def to_dict(self) -> Any:
-        """Return the JSON document of the command, as JSON-ready values."""
         return json_form(kinds.kind_of(self.run).document(self.run))
 
     def report(self) -> Report:

@@ -25,7 +25,6 @@ Model: TypeAlias = "str | os.PathLike[str] | mujoco.MjModel | mujoco.MjSpec"
 
 
 def named(model: "Model") -> ModelSource:
-    """Return the source of a model that has a name or a file."""
     if isinstance(model, str | os.PathLike):
         return models.resolve(os.fspath(model))
     raise InputError(
@@ -78,7 +77,6 @@ def _saved(model: "Model", file: Path, taken: Collection[str]) -> ModelSource:
 
 
 def _compiled(spec: "mujoco.MjSpec") -> "mujoco.MjModel":
-    """Return the model of a specification, which stays as it is."""
     try:
         return spec.copy().compile()
     except Exception as error:  # MuJoCo raises ValueError, FatalError, and others by release
@@ -86,5 +84,4 @@ def _compiled(spec: "mujoco.MjSpec") -> "mujoco.MjModel":
 
 
 def _described(value: object) -> str:
-    """Return what a value is, in a few words."""
     return "None" if value is None else f"an object of type {type(value).__name__}"

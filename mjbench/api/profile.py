@@ -87,8 +87,6 @@ def profile(
 def measurement(
     sources: Sequence[ModelSource], starts: StartPlan, limit_s: float, budget_s: float
 ) -> Measurement:
-    """Return the measurement of where the time of models' steps goes."""
-
     def measure_model(source: ModelSource) -> list[ProfileRow]:
         return [loop_profile.measure(source, limit_s, starts, budget_s)]
 

@@ -34,7 +34,6 @@ _Prepare = Callable[[WorkerPool, Callable[[str], None]], Sequence[FunctionTarget
 
 
 def revision_verdicts(comparison: RevisionComparison, plan: VerdictPlan) -> Measurement:
-    """Return the measurement of verdicts on functions in two revisions."""
     plan = replace(plan, family=len(comparison.functions), as_shipped=True)
     revisions = comparison.baseline, comparison.candidate
     measurement = _measurement(
@@ -111,11 +110,7 @@ def _measurement(
 
 
 def _decide(
-    pool: WorkerPool,
-    targets: FunctionTargets,
-    plan: VerdictPlan,
-    observer: Observer,
-    share: float,
+    pool: WorkerPool, targets: FunctionTargets, plan: VerdictPlan, observer: Observer, share: float
 ) -> VerdictRecord:
     """Return the verdict on one function; `share` of all work is done before it."""
     name = " ".join(filter(None, (targets[1].function, targets[1].path)))

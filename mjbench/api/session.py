@@ -6,11 +6,12 @@ all of them together (`mjbench.api.measured`).
 """
 
 import contextlib
+import functools
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from mjbench.errors import Failure, InputError, MjbenchError, failure_of, printable
 from mjbench.host import machine, neighbours, platforms
@@ -33,11 +34,9 @@ class Observer:
     """Passes the progress of a measurement on to a function; commands show more."""
 
     def __init__(self, on_progress: Progress | None = None):
-        """Take the function; None where nobody asks."""
         self._on_progress = on_progress or progress.ignore
 
     def __call__(self, name: str, share: float) -> None:
-        """Note what is measured now, and the share of all work that is done."""
         self._on_progress(name, share)
 
     def begin(self, phase: str) -> None:
@@ -105,9 +104,41 @@ def pinning_notes() -> list[str]:
 def input_files(
     sources: Sequence[ModelSource], releases: Sequence[ReleaseSpec], starts: StartPlan
 ) -> list[Path]:
-    """Return the files of models, releases and start states."""
     wheels = [wheel for release in releases for wheel in release.wheels]
     return [*(source.path for source in sources), *wheels, *starts.files]
+
+
+class _Named(Protocol):
+    @property
+    def name(self) -> str: ...
+
+
+_Thing = TypeVar("_Thing", bound=_Named)
+
+
+def in_turn(
+    things: Sequence[_Thing],
+    measure: Callable[[_Thing, Progress], Item],
+    earlier: Sequence[Record],
+    observer: Observer,
+    attribute: str = "model",
+) -> Iterator[Item]:
+    """Yield what one thing after the other comes to; what is known of it is not measured again.
+
+    Args:
+      measure: gets a function for its progress, which is called with a share of the thing's work.
+      attribute: of a record, has the name of the thing.
+    """
+    known: dict[str, list[Record]] = {}
+    for record in earlier:
+        known.setdefault(getattr(record, attribute), []).append(record)
+    for number, thing in enumerate(things):
+
+        def on_progress(name: str, share: float, number: int = number) -> None:
+            observer(name, (number + share) / len(things))
+
+        on_progress(thing.name, 0.0)
+        yield Item(known[thing.name]) if thing.name in known else measure(thing, on_progress)
 
 
 def of_each_model(
@@ -125,39 +156,25 @@ def of_each_model(
       arguments: for the run file's header, beside the models and their starts.
     """
 
-    def items(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
-        known = by_name(earlier, "model")
-        for number, source in enumerate(sources):
-            observer(source.name, number / len(sources))
-            if source.name in known:
-                yield Item(known[source.name])
-                continue
-            try:
-                item = Item(measure(source))
-            except MjbenchError as error:
-                failure = failure_of_model(source.name, error)
-                detail = failure.detail.removeprefix(f"{source.name}: ")
-                record = record_type(model=source.name, status=failure.status, detail=detail)
-                item = Item([record], failure)
-            yield item
+    def measured(source: ModelSource, _: Progress) -> Item:
+        try:
+            return Item(measure(source))
+        except MjbenchError as error:
+            failure = failure_of_model(source.name, error)
+            detail = failure.detail.removeprefix(f"{source.name}: ")
+            record = record_type(model=source.name, status=failure.status, detail=detail)
+            return Item([record], failure)
 
     names = {"models": [source.name for source in sources]}
     all_arguments = {**names, **(arguments or {}), "starts": starts}
     files = input_files(sources, [], starts)
+    items = functools.partial(in_turn, sources, measured)
     return Measurement(command, all_arguments, files, items, finished)
 
 
 def finished(records: Sequence[Record]) -> list[Record]:
     """Return the records of a continued run that ended well, or would end in the same way again."""
     return [record for record in records if getattr(record, "status", None) in FINISHED]
-
-
-def by_name(records: Sequence[Record], attribute: str) -> Mapping[str, Sequence[Record]]:
-    """Return records by what an attribute of theirs names."""
-    named: dict[str, list[Record]] = {}
-    for record in records:
-        named.setdefault(getattr(record, attribute), []).append(record)
-    return named
 
 
 def failure_of_model(name: str, error: MjbenchError) -> Failure:
@@ -225,7 +242,6 @@ class Session:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        """Stop measuring."""
         self._closing.close()
 
     def _enter(self, presence: Presence, wait: bool) -> Sequence[Neighbour]:
@@ -284,7 +300,6 @@ class Session:
             self._file.append(record)
 
     def run(self, records: Sequence[Record] | None = None) -> Run:
-        """Return the run as its file holds it, with all of its records or with some."""
         return Run(self.header, tuple(self.records if records is None else records))
 
     def end(self) -> Disturbance | None:

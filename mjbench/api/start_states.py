@@ -30,12 +30,6 @@ def plan(
 ) -> Iterator[StartPlan]:
     """Yield where start states and controls come from; arrays are in files while the block lasts.
 
-    Args:
-      settle_s: simulated seconds for which a model moves before its first start; None for its
-        default.
-      states: start states of the program's own instead; None for none.
-      actions: controls of the program's own instead of random ones; None for none.
-
     Raises:
       InputError: both `settle_s` and `states` are given, they are not arrays, or there is no such
         file.
@@ -50,7 +44,6 @@ def plan(
 
 
 def _states_file(states: "States", folder: Path) -> Path:
-    """Return the file of start states; arrays are stored in one."""
     if isinstance(states, str | os.PathLike):
         return Path(states)
     if not isinstance(states, Mapping):
@@ -67,7 +60,6 @@ def _states_file(states: "States", folder: Path) -> Path:
 
 
 def _actions_file(actions: "Actions", folder: Path) -> Path:
-    """Return the file of controls; an array is stored in one."""
     if isinstance(actions, str | os.PathLike):
         return Path(actions)
     file = folder / "actions.npy"
@@ -80,7 +72,6 @@ def _actions_file(actions: "Actions", folder: Path) -> Path:
 
 @contextlib.contextmanager
 def _refusing(name: str) -> Iterator[None]:
-    """Turn an error in converting values to arrays into an InputError."""
     try:
         yield
     except (TypeError, ValueError) as error:

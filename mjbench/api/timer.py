@@ -45,7 +45,6 @@ class Laps:
 
     @property
     def count(self) -> int:
-        """Number of laps."""
         return len(self.ns)
 
     @property
@@ -57,13 +56,7 @@ class Laps:
 
 @dataclass(frozen=True, eq=False)
 class Timing:
-    """How long a block took; None is what is not known.
-
-    Attributes:
-      elapsed_s: seconds from its start to its end.
-      simulated_s: simulated seconds.
-      laps: None without laps.
-    """
+    """How long a block took; None is what is not known."""
 
     elapsed_s: float
     steps: int | None = None
@@ -72,7 +65,6 @@ class Timing:
 
     @property
     def steps_per_s(self) -> float | None:
-        """Steps per second."""
         if self.steps is None or not self.elapsed_s:
             return None
         return self.steps / self.elapsed_s
@@ -138,7 +130,6 @@ class Timer:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        """Stop the clock."""
         self._end_ns = self._clock()
         if self._data is not None:
             self._end_time_s = float(self._data.time)

@@ -38,12 +38,10 @@ class ReleaseComparison(Measured):
 
     @property
     def verdicts(self) -> tuple[VerdictRow, ...]:
-        """One for each model, path and new release."""
         return tuple(record.row() for record in self.run.of_type(VerdictRecord))
 
     @property
     def confidence(self) -> float:
-        """Of the intervals, and of what the comparisons show together."""
         return family.confidence_of(self.run.header)
 
     @property
@@ -171,7 +169,6 @@ def verdicts(
 
 
 def instructions(comparison: InstructionComparison, plan: VerdictPlan) -> Measurement:
-    """Return the measurement of verdicts on the instructions of models in releases."""
     builds, sources = [comparison.baseline, *comparison.candidates], comparison.sources
 
     def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
@@ -200,7 +197,6 @@ def instructions(comparison: InstructionComparison, plan: VerdictPlan) -> Measur
 def _several(
     models: "str | os.PathLike[str] | Iterable[str | os.PathLike[str]] | None",
 ) -> "Sequence[str | os.PathLike[str]]":
-    """Return models as a sequence: those named, or all shipped ones."""
     if models is None:
         return shipped_models.shipped()
     if isinstance(models, str) or not isinstance(models, Iterable):

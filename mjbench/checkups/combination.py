@@ -89,6 +89,5 @@ def measure(
 
 
 def _save(source: ModelSource, edits: Sequence[Edit], file: Path, channel: Channel) -> None:
-    """Save a model with edits; runs in a child."""
     channel.doing("applying the settings")
     models.save(variants.compiled(source, edits), file)

@@ -48,7 +48,6 @@ class Combination:
 
     @property
     def count(self) -> int:
-        """How many changes it is made of."""
         return (self.variant.path != "python_loop") + len(self.settings) + (not self.has_timer)
 
 

@@ -52,7 +52,6 @@ class ProgramFile:
 
     @property
     def is_notebook(self) -> bool:
-        """Whether it is a notebook."""
         return self.path.suffix == _NOTEBOOK
 
 
@@ -60,7 +59,6 @@ CheckedSource = ModelSource | EnvironmentSource | ProgramFile
 
 
 def kind_of(source: CheckedSource) -> TargetKind:
-    """Return what a source is."""
     match source:
         case ModelSource():
             return TargetKind.MODEL
@@ -79,10 +77,6 @@ def may_be_target(word: str) -> bool:
 
 def recognized(name: str, arguments: tuple[str, ...], folder: Path) -> CheckedSource:
     """Return what a name stands for.
-
-    Args:
-      arguments: of a program.
-      folder: that a function is imported from.
 
     Raises:
       InputError: it stands for nothing that can be checked, or for more than one thing.
@@ -136,7 +130,6 @@ def _model_or_function(name: str, module: str, folder: Path) -> CheckedSource:
 
 
 def _is_in(folder: Path, module: str) -> bool:
-    """Return whether a module would be imported from a folder."""
     first = folder / module.partition(".")[0]
     return _exists(first.with_suffix(_PROGRAM)) or _exists(first / "__init__.py")
 

@@ -1,5 +1,6 @@
 """`mjbench checkup`, and `mjbench TARGET`: what to do about a simulation that is slow."""
 
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -68,8 +69,9 @@ def checkup(
         form: OutputFile(f"--{form}", name, work.files)
         for form, name in (("html", html_file), ("markdown", markdown_file))
     }
-    try:
+    with contextlib.ExitStack() as closing:
         for page in pages.values():
+            closing.callback(page.close)
             page.open()
         run = measure_and_print(
             work,
@@ -84,7 +86,4 @@ def checkup(
         for form, page in pages.items():
             if page.is_wanted:
                 page.write(show_pages.page(form, [named]))
-    finally:
-        for page in pages.values():
-            page.close()
     run.exit()

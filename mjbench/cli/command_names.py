@@ -59,11 +59,7 @@ REMOVED: Mapping[str, str] = {
 
 
 def with_mode(words: Sequence[str], names: Collection[str]) -> list[str]:
-    """Return the words of a command line with the command's present name, a mode as one word.
-
-    Args:
-      names: of all commands.
-    """
+    """Return the words of a command line with the command's present name, a mode as one word."""
     name, *rest = [*EARLIER.get(words[0], words[:1]), *words[1:]]
     options = rest[: rest.index("--")] if "--" in rest else rest
     for option in options:

@@ -162,7 +162,6 @@ def compare(
 
 
 def _budget_s(budget_s: float | None, is_quick: bool) -> float:
-    """Return the seconds that a model may take."""
     from mjbench.comparison.plan import BUDGET_S, QUICK_BUDGET_S
 
     if is_quick and budget_s is not None:

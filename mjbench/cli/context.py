@@ -31,9 +31,7 @@ class OutputOptions:
     """Where the results of a command go, as its options say.
 
     Attributes:
-      json_file: file for the JSON document, `-` for standard output.
       wait: whether to wait for others that measure here; None for a command that measures no time.
-      resume: run file to continue; None to begin one.
     """
 
     results: Path
@@ -64,9 +62,6 @@ class RunContext:
         """Prepare a command.
 
         Args:
-          json_file: file for the JSON document, `-` for standard output.
-          inputs: files that the command reads, and so must not write.
-          session: None for a command that measures nothing.
           to_stderr: whether people read standard error, because standard output is another
             program's.
 
@@ -124,7 +119,6 @@ class RunContext:
 
     @property
     def session(self) -> "Session":
-        """What it measures."""
         assert self._session is not None, "this command measures nothing"
         return self._session
 
@@ -165,7 +159,6 @@ class RunContext:
         self._hides_code = False
 
     def table(self, table: "DataTable") -> None:
-        """Print a table alone."""
         from mjbench.pages import terminal
 
         terminal.print_lines(self.out, terminal.table_parts(table, self.out.width))
@@ -258,7 +251,6 @@ def _measure_items(
     each: "Sections | None",
     code: bool,
 ) -> None:
-    """Store items as they are measured, and print what each comes to."""
     unshown: list[Record] = []
 
     def show() -> None:

@@ -58,7 +58,6 @@ def doctor(budget_s: float, json_file: str | None) -> None:
 
 
 def _mujoco_conditions() -> "Iterator[Condition]":
-    """Yield what MuJoCo's timer costs here, and which tools are missing."""
     from mjbench.counts import instructions
     from mjbench.host.conditions import Condition, Grade
     from mjbench.paired import machine_check
@@ -77,7 +76,6 @@ def _mujoco_conditions() -> "Iterator[Condition]":
 
 
 def _rendering() -> "Condition":
-    """Return which backends render, and how fast."""
     from mjbench.host.conditions import Condition, Grade
     from mjbench.loop import rendering
     from mjbench.simulation import models
@@ -92,7 +90,6 @@ def _rendering() -> "Condition":
 
 
 def _noise(budget_s: float) -> "NoiseRow":
-    """Return what a comparison of the cart-pole with itself shows."""
     from mjbench.errors import MjbenchError
     from mjbench.paired import machine_check
     from mjbench.paired.worker_pool import WorkerPool

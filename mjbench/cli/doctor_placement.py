@@ -20,6 +20,7 @@ from mjbench.cli.shared import (
 
 if TYPE_CHECKING:
     from mjbench.api.session import Observer
+    from mjbench.measuring.progress import Progress
     from mjbench.paired.run_sizes import Sizes
     from mjbench.simulation.models import ModelSource
     from mjbench.store.runs import Record
@@ -72,7 +73,7 @@ def doctor_placement(
       mjbench doctor --placement robot.xml
       mjbench doctor --placement cloth pile --release 3.3.1
     """
-    from mjbench.api.session import Item, Measurement, pinning_notes
+    from mjbench.api.session import Item, Measurement, in_turn, pinning_notes
     from mjbench.paired import placement_spread
     from mjbench.paired.placement_spread import SpreadPlan
     from mjbench.paired.targets import Target
@@ -85,17 +86,16 @@ def doctor_placement(
     plan = SpreadPlan(launches, time_limit, sizes)
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
-        finished = {record.model for record in placement_spread.finished(earlier)}
         with WorkerPool() as pool:
-            for number, target in enumerate(targets):
-                name = target.model.name
-                if name in finished:
-                    continue
 
-                def on_launch(count: int, number: int = number, name: str = name) -> None:
-                    observer(name, (number + count / plan.most_launches) / len(targets))
+            def measure(source: "ModelSource", on_progress: "Progress") -> Item:
+                def on_launch(count: int) -> None:
+                    on_progress(source.name, count / plan.most_launches)
 
-                yield Item([placement_spread.measure(pool, target, plan, on_launch)])
+                target = Target(release, source)
+                return Item([placement_spread.measure(pool, target, plan, on_launch)])
+
+            yield from in_turn(sources, measure, earlier, observer)
 
     measurement = Measurement(
         "placement",

@@ -129,7 +129,6 @@ def doctor_verdicts(
 def _cases(
     names: Sequence[str], slowdowns: Sequence[float], functions: Sequence[str], between_builds: bool
 ) -> list["Case"]:
-    """Return the cases of all arms that were asked for."""
     from mjbench.paired import selfcheck_cases
     from mjbench.releases.release import NO_CHANGE_PAIRS
     from mjbench.simulation import models

@@ -1,6 +1,6 @@
 """`mjbench env`: where the time of an environment's step goes."""
 
-from collections.abc import Iterator, Sequence
+import functools
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,10 +23,9 @@ from mjbench.limits import THREADS, Bounds
 from mjbench.status import Status
 
 if TYPE_CHECKING:
-    from mjbench.api.session import Item, Observer
+    from mjbench.api.session import Item
     from mjbench.environment.run import EnvironmentPlan
     from mjbench.environment.source import EnvironmentSource
-    from mjbench.store.runs import Record
 
 # Steps of an environment that are recorded at most: each holds two states and its controls.
 MAX_NSTEP = 100_000
@@ -91,7 +90,7 @@ def env(
       mjbench env dm_control:humanoid-walk --nstep 500
       mjbench env my_env:make --no-vector
     """
-    from mjbench.api.session import Item, Measurement, by_name, finished
+    from mjbench.api.session import Measurement, finished, in_turn
     from mjbench.environment.records import EnvironmentRecord
     from mjbench.environment.run import EnvironmentPlan
     from mjbench.environment.source import resolve
@@ -106,15 +105,10 @@ def env(
     nthread = tuple(threads or sorted({1, cores}))
     plan = EnvironmentPlan(nstep, seed, nthread, counts, budget_s, time_limit)
 
-    def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
-        known = by_name(earlier, "environment")
-        for number, source in enumerate(sources):
-            observer(source.name, number / len(sources))
-            if source.name in known:
-                yield Item(known[source.name])
-            else:
-                yield _measure_environment(source, plan)
+    def measure(source: "EnvironmentSource", _: object) -> "Item":
+        return _measure_environment(source, plan)
 
+    items = functools.partial(in_turn, sources, measure, attribute="environment")
     arguments = {"environments": list(names), "plan": plan}
     measurement = Measurement("env", arguments, [], items, finished)
     run = measure_and_print(measurement, output, each=ENVIRONMENT.sections)
@@ -123,7 +117,6 @@ def env(
 
 
 def _measure_environment(source: "EnvironmentSource", plan: "EnvironmentPlan") -> "Item":
-    """Return what was measured of an environment, or why nothing was."""
     from mjbench.api.session import Item
     from mjbench.environment import measurement
     from mjbench.environment.records import EnvironmentRecord
@@ -138,5 +131,4 @@ def _measure_environment(source: "EnvironmentSource", plan: "EnvironmentPlan") -
 
 
 def _doubled(most: int) -> list[int]:
-    """Return 1, 2, 4, … and `most`."""
     return sorted({most, *(2**i for i in range(most.bit_length()) if 2**i <= most)})

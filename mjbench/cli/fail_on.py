@@ -45,7 +45,6 @@ class FailOn:
     """What the exit code of a command depends on, beside failures.
 
     Attributes:
-      findings: what leads to exit code 1.
       allow_inconclusive: whether a verdict on speed may be inconclusive.
     """
 
@@ -53,11 +52,7 @@ class FailOn:
     allow_inconclusive: bool = False
 
     def exit_code(self, rows: Sequence["VerdictRow"], confidence: float) -> ExitCode:
-        """Return the exit code that verdicts stand for; a failure outweighs a finding.
-
-        Args:
-          confidence: of the whole family (see `family.decide`).
-        """
+        """Return the exit code that verdicts stand for; a failure outweighs a finding."""
         from mjbench.paired import family
 
         code = exit_code(row.status for row in rows)
@@ -78,7 +73,6 @@ class FailOn:
         return self._code(is_there, is_speed_open, any(row.changed_work is None for row in rows))
 
     def of_differences(self, rows: Sequence["RunDifference"]) -> ExitCode:
-        """Return the exit code that differences of two stored runs stand for."""
         verdicts = {row.verdict for row in rows}
         is_there = {
             GateFinding.SLOWER: Verdict.SLOWER in verdicts,
@@ -127,11 +121,6 @@ FAIL_ON = as_one(
 def measure_verdicts(
     measurement: "Measurement", confidence: float, fail_on: FailOn, output: OutputOptions
 ) -> None:
-    """Measure verdicts, print and store them, and end with their exit code.
-
-    Args:
-      confidence: of the whole family (see `family.decide`).
-    """
     from mjbench.paired.records import VerdictRecord
     from mjbench.report.kinds import VERDICT
 

@@ -98,7 +98,6 @@ def command_line() -> tuple[str, ...]:
 
 
 def _check_folder() -> None:
-    """Refuse a current folder that was removed: paths and child processes need it."""
     try:
         os.getcwd()  # noqa: PTH109 - Path.cwd() is the same call
     except FileNotFoundError:
@@ -126,7 +125,6 @@ def _errors_reported() -> Iterator[None]:
 
 
 def report_line(text: str) -> None:
-    """Write one line for people to standard error."""
     click.echo(f"mjbench: {printable(text)}", err=True)
 
 
@@ -159,7 +157,6 @@ def describe_unforeseen(error: Exception) -> str:
 
 
 def _is_of_rendering(error: BaseException) -> bool:
-    """Return whether an error was raised while a rendering library was loaded."""
     import traceback
 
     files = (frame.filename for frame in traceback.extract_tb(error.__traceback__))
@@ -199,11 +196,7 @@ def _write_details(error: Exception) -> str | None:
 
 
 def _flush_output(is_failure: bool = False) -> None:
-    """Write out what standard output holds; end with exit code 3 where that fails.
-
-    Args:
-      is_failure: whether a failure, perhaps the same one, was reported before.
-    """
+    """Write out what standard output holds; end with exit code 3 where that fails."""
     try:
         sys.stdout.flush()
     except (AttributeError, ValueError):  # there is none, or it is closed

@@ -35,11 +35,7 @@ _TOP = 12
 
 
 @cli.group(invoke_without_command=True)
-@click.option(
-    "--since",
-    metavar="VERSION",
-    help="List only changes from VERSION on.",
-)
+@click.option("--since", metavar="VERSION", help="List only changes from VERSION on.")
 @click.option(
     "--results",
     default="results/history",
@@ -122,7 +118,6 @@ def history(
 
 
 def _link(plots: Path | None, output: Path | None) -> str:
-    """Return the folder of plots as a page is to link it; empty without any."""
     if plots is None:
         return ""
     base = output.parent if output else Path()
@@ -131,14 +126,7 @@ def _link(plots: Path | None, output: Path | None) -> str:
 
 @dataclass(frozen=True)
 class _Selection:
-    """What a subcommand works on.
-
-    Attributes:
-      reference: release that others are compared with.
-      releases: in the order of the command line, or of the history.
-      sources: models whose steps are included.
-      operations: operations around the step; their inputs are fixed.
-    """
+    """What a subcommand works on."""
 
     reference: "ReleaseSpec"
     releases: Sequence["ReleaseSpec"]
@@ -146,7 +134,6 @@ class _Selection:
     operations: Sequence["Operation"]
 
     def arguments(self) -> dict[str, object]:
-        """Return what a run file's header says of it."""
         return {
             "reference": self.reference.key,
             "releases": [release.key for release in self.releases],
@@ -183,12 +170,6 @@ def _select(
 
 
 def _releases(names: Sequence[str], since: str | None, history: Path | None) -> list["ReleaseSpec"]:
-    """Return the releases that arguments name, or those of the git history.
-
-    Args:
-      since: first release of the history to return; None for all.
-      history: a git bundle; None for the checkout's.
-    """
     from mjbench.releases import bundle, installs
     from mjbench.releases.release import OLDEST, version_key
 
@@ -280,7 +261,6 @@ def measure(selection: _Selection, output: OutputOptions) -> None:
 def _measure_releases(
     selection: _Selection, earlier: "Sequence[Record]", observer: "Observer"
 ) -> "Iterator[Item]":
-    """Yield what is measured of one release after the other."""
     from mjbench.api.session import Item
     from mjbench.paired import release_ratio
     from mjbench.paired.worker_pool import WorkerPool
@@ -310,7 +290,6 @@ def _measure_releases(
 
 
 def _tasks(selection: _Selection, release: "ReleaseSpec") -> list["ReleaseTask"]:
-    """Return what is timed in a release: the steps of models, and operations."""
     from mjbench.paired.release_tasks import OperationTask, StepTask
     from mjbench.simulation import models
 
@@ -386,11 +365,7 @@ def _explain_releases(
 
 
 def _releases_to_count(selection: _Selection, done: set[tuple[str, str, str]]) -> set[str]:
-    """Return the releases of which some change is not known yet.
-
-    Args:
-      done: old release, new release and series of the changes that are known.
-    """
+    """Return the releases of which some change is not known yet."""
     selected = [source.name for source in selection.sources]
     selected += [operation.name for operation in selection.operations]
     versions = [release.version for release in selection.releases]
@@ -403,7 +378,6 @@ def _releases_to_count(selection: _Selection, done: set[tuple[str, str, str]]) -
 
 
 def _requests(selection: _Selection) -> list["OperationRequest"]:
-    """Return what is asked of each release beside the steps of models."""
     from mjbench.counts.counted_program import OperationRequest
     from mjbench.simulation import models
 

@@ -35,10 +35,7 @@ if TYPE_CHECKING:
     " free-running, the model's timestep]",
 )
 @click.option(
-    "--rate",
-    "rate_hz",
-    type=Hertz(),
-    help="Paced steps per second  [default: real time]",
+    "--rate", "rate_hz", type=Hertz(), help="Paced steps per second  [default: real time]"
 )
 @click.option(
     "--nstep", type=COUNT, help="Steps at each pace  [default: 10,000, or what the budget allows]"

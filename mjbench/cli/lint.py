@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 
 def _explain(context: click.Context, _: click.Parameter, code: str | None) -> None:
-    """Print the explanation of a rule, and end."""
     if code is None:
         return
     from mjbench.loop.lint_rules import RULES

@@ -17,10 +17,6 @@ class OutputFile:
     def __init__(self, option: str, name: str | None, inputs: Iterable[Path]):
         """Take a name that a user gave.
 
-        Args:
-          option: the option, such as `--json`.
-          name: `-` for standard output, None for nothing at all.
-
         Raises:
           InputError: it is one of the inputs.
         """
@@ -33,7 +29,6 @@ class OutputFile:
 
     @property
     def is_wanted(self) -> bool:
-        """Whether there is anywhere to write."""
         return self._is_stdout or self._file is not None
 
     def open(self) -> None:
@@ -51,7 +46,6 @@ class OutputFile:
             self._partial = files.create_beside(self._target)
 
     def write(self, text: str) -> None:
-        """Write the whole text."""
         if self._file is None:
             if sys.stdout is None:
                 raise MachineError("cannot write to standard output: it is closed")

@@ -158,7 +158,6 @@ def plan(
 
 
 def _plan_model(request: "PlanningRequest", import_from: str | None, limit_s: float) -> "Item":
-    """Return what plans of one model and size are, or why there are none."""
     from mjbench.api.session import Item, failure_of_model
     from mjbench.comparison import planning_run
 

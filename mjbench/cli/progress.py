@@ -86,7 +86,6 @@ class _Phases(logging.Handler):
 
 @contextlib.contextmanager
 def _logged_to(observer: Observer) -> Iterator[Observer]:
-    """Show in the block what mjbench logs."""
     logger, handler = logging.getLogger("mjbench"), _Phases(observer)
     level = logger.level
     logger.addHandler(handler)

@@ -82,7 +82,6 @@ def parsed(text: str, parse: Callable[[str], _Parsed]) -> list[_Parsed]:
 
 
 def _within(number: _Number, bounds: Bounds) -> _Number:
-    """Return a number; raises ValueError if it is out of bounds."""
     if number not in bounds:
         raise ValueError
     return number
@@ -166,7 +165,6 @@ class Shares(Text[list[float]]):
 
 
 def _share(word: str) -> float:
-    """Return a percentage as a share."""
     return float(word.strip().removesuffix("%")) / 100
 
 
@@ -204,7 +202,6 @@ class RenamedOption(click.Option):
     """An option whose last name is that of an earlier version: it works, and no help has it."""
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
-        """Return its line of the help."""
         record = super().get_help_record(ctx)
         return record and (record[0].replace(f", {self.opts[-1]}", ""), record[1])
 
@@ -223,8 +220,6 @@ def own_path_folder(path_names: Sequence[str] | None) -> str | None:
 
 
 def with_options(*options: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator that adds options to a command, in their order."""
-
     def add(command: Callable[..., None]) -> Callable[..., None]:
         for option in reversed(options):
             command = option(command)
@@ -301,9 +296,7 @@ def check_sizes(nstep: int | None, hold: int) -> None:
 
 
 def _start_plan(
-    settle_s: float | None = None,
-    states_file: Path | None = None,
-    actions_file: Path | None = None,
+    settle_s: float | None = None, states_file: Path | None = None, actions_file: Path | None = None
 ) -> "StartPlan":
     from mjbench.simulation import starts
 

@@ -1,19 +1,22 @@
 """`mjbench show`: run files and run sets again, printed, as a page, or beside an earlier run."""
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli import show_differences, show_pages
+from mjbench.cli import show_pages
 from mjbench.cli.context import RunContext
 from mjbench.cli.fail_on import FAIL_ON, FailOn
 from mjbench.cli.group import cli, report_line
 from mjbench.cli.shared import CODE, JSON, RESULTS, with_options
 from mjbench.errors import InputError
+from mjbench.status import exit_code
 
 if TYPE_CHECKING:
+    from mjbench.store.run_set import RunSet
     from mjbench.store.runs import Run
 
 # Runs that are printed; of more there is a list.
@@ -109,7 +112,7 @@ def show(
     if len(olds) != 1 or len(news) > 1:
         raise InputError("--against compares one RUN; `mjbench results merge` makes one of several")
     new = news[0] if news else runs.latest(results)
-    show_differences.show(olds[0], new, across, fail_on, json_file)
+    _show_differences(olds[0], new, across, fail_on, json_file)
 
 
 def _print(files: Sequence[Path], code: bool, json_file: str | None, fail_on: FailOn) -> None:
@@ -171,7 +174,6 @@ def _print_set(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:
 
 
 def _shown(run: RunContext, stored: "Run", code: bool) -> object:
-    """Print a run; return its JSON document."""
     from mjbench.report import kinds
 
     if not stored.records:
@@ -180,3 +182,41 @@ def _shown(run: RunContext, stored: "Run", code: bool) -> object:
     run.show(kind.sections(stored), code)
     run.hint_at_code()
     return kind.document(stored)
+
+
+def _show_differences(
+    old: Path, new: Path, across: bool, fail_on: FailOn, json_file: str | None
+) -> None:
+    from mjbench.report.documents import DiffDocument
+    from mjbench.report.kinds import RECORD_TYPES
+    from mjbench.report.run_differences import differences, differences_section
+    from mjbench.store import run_set
+
+    with RunContext(json_file, [old, new]) as run:
+        stored = [run_set.read(path, RECORD_TYPES) for path in (old, new)]
+        rows = differences(stored[0], stored[1], across)
+        if line := _left_out(stored):
+            report_line(line)
+        if rows:
+            run.show([differences_section(rows)])
+        if not any(row.path for row in rows):
+            raise InputError(f"{old} and {new} have no timed row of `compare` in common")
+        run.write(DiffDocument(results=rows))
+    run.exit_with(exit_code(row.status for row in rows) or fail_on.of_differences(rows))
+
+
+def _left_out(stored: "Sequence[RunSet]") -> str:
+    """Return which runs of sets are not compared, in a line; empty where all are."""
+    from mjbench.comparison.records import ModelRecord
+
+    commands = Counter(
+        each.header.command
+        for one in stored
+        if not one.is_run_file
+        for each in one.runs
+        if not each.of_type(ModelRecord)
+    )
+    if not commands:
+        return ""
+    counts = ", ".join(f"{count} of {command}" for command, count in commands.items())
+    return f"left out: runs of other commands than compare ({counts})"

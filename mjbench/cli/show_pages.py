@@ -63,7 +63,6 @@ def _stored(file: Path) -> "RunSet":
 
 
 def _text(form: str, files: Sequence[Path]) -> str:
-    """Return run files and sets in a format."""
     from mjbench.pages import comment, exports, reports
 
     if form == _COMMENT:
@@ -75,7 +74,6 @@ def _text(form: str, files: Sequence[Path]) -> str:
 
 
 def page(form: str, named_runs: "Sequence[NamedRun]") -> str:
-    """Return runs as a page."""
     from mjbench.pages import html, markdown, reports
 
     content = reports.build(named_runs)

@@ -61,7 +61,6 @@ def site(output: Path, project: Path) -> None:
 
 
 def _read(folder: Path) -> "Project":
-    """Return what a project holds."""
     from mjbench.pages import reports
     from mjbench.pages import site as pages
     from mjbench.report import history_files

@@ -103,7 +103,6 @@ def check_command(arguments: Sequence[str]) -> None:
 def _sweep(
     run: RunContext, matrix: "Matrix", target: Path, address: str | None, retry: bool
 ) -> None:
-    """Measure what is missing, and end with the exit code."""
     from mjbench.report import sweep as report
     from mjbench.report.content import Conclusion, Section
 
@@ -138,16 +137,12 @@ def _measure(
     file: "RunSetFile",
     address: str | None,
 ) -> "Summary":
-    """Measure what is missing on a cluster."""
     from mjbench.cli.progress import progress
     from mjbench.sweep.ray_cluster import RayCluster
     from mjbench.sweep.run import Sweep
 
     count = len(matrix.cells)
-    with (
-        progress(run.out) as observer,
-        RayCluster(address, matrix.plan.rules.tries) as cluster,
-    ):
+    with progress(run.out) as observer, RayCluster(address, matrix.plan.rules.tries) as cluster:
         for left_out in cluster.left_out:
             report_line(f"{left_out.name} is left out: {left_out.reason}")
 
@@ -160,11 +155,6 @@ def _measure(
 
 
 def _open(target: Path, on_error: contextlib.ExitStack) -> "RunSetFile":
-    """Open a run set, or create it.
-
-    Args:
-      on_error: removes the file again if it was created here and has no result.
-    """
     from mjbench.errors import writing
     from mjbench.store.run_set import RunSetFile
 

@@ -1,5 +1,6 @@
 """`mjbench tune`: which settings make a model faster, and what they cost in accuracy."""
 
+import contextlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,6 +26,7 @@ from mjbench.errors import InputError
 
 if TYPE_CHECKING:
     from mjbench.api.session import Observer
+    from mjbench.measuring.progress import Progress
     from mjbench.simulation.models import ModelSource
     from mjbench.simulation.starts import StartPlan
     from mjbench.store.runs import Record
@@ -54,10 +56,7 @@ NBATCH = 64
     " (equivalent), or all (approximate)  [default: approximate]",
 )
 @click.option(
-    "--skip",
-    type=Names(),
-    metavar="KNOB,…",
-    help="Knobs to leave alone, such as excludes,timestep",
+    "--skip", type=Names(), metavar="KNOB,…", help="Knobs to leave alone, such as excludes,timestep"
 )
 @click.option(
     "--max-error",
@@ -113,7 +112,7 @@ def tune(
       mjbench tune robot.xml --max-error 1% --budget 600s
       mjbench tune robot.xml --engine mjx --nbatch 1024
     """
-    from mjbench.api.session import Item, Measurement, by_name, finished, input_files
+    from mjbench.api.session import Item, Measurement, finished, in_turn, input_files
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.report.kinds import TUNE
     from mjbench.tuning import knobs, variants
@@ -132,22 +131,21 @@ def tune(
         if len(sources) > 1:
             raise InputError("--write takes one model")
         variants.check_source(sources[0])
-        _see_whether_writable(OutputFile("--write", target, files))
+        with contextlib.closing(OutputFile("--write", target, files)) as file:
+            file.open()  # fails now, rather than after the search, where it cannot be written
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
-        known = by_name(earlier, "model")
         if target is not None:
             variants.copy_in_child(sources[0], None, Path(target), time_limit)
         with WorkerPool() as pool:
-            for number, source in enumerate(sources):
-                if source.name in known:
-                    yield Item(known[source.name])
-                    continue
 
-                def advance(done: int, text: str, share: float, number: int = number) -> None:
-                    observer(text, (number + (done + share) / PARTS) / len(sources))
+            def tuned(source: "ModelSource", on_progress: "Progress") -> Item:
+                def advance(done: int, text: str, share: float) -> None:
+                    on_progress(text, (done + share) / PARTS)
 
-                yield Item([tune_model(pool, source, plan, time_limit, advance)])
+                return Item([tune_model(pool, source, plan, time_limit, advance)])
+
+            yield from in_turn(sources, tuned, earlier, observer)
 
     arguments = {"models": [source.name for source in sources], "plan": plan}
     measurement = Measurement("tune", arguments, files, items, finished)
@@ -160,7 +158,6 @@ def tune(
 def _check_engine(
     engine: str, nbatch: int | None, only: str | None, skip: list[str] | None
 ) -> None:
-    """Refuse options that another engine has."""
     if engine == "c" and nbatch is not None:
         raise InputError("--nbatch needs --engine mjx or warp")
     if engine != "c" and only is not None:
@@ -169,16 +166,7 @@ def _check_engine(
         raise InputError("--skip works with --engine c")
 
 
-def _see_whether_writable(output: OutputFile) -> None:
-    """Fail now, rather than after the search, where a file cannot be written."""
-    try:
-        output.open()
-    finally:
-        output.close()
-
-
 def _write(run: RunContext, source: "ModelSource", target: Path, limit_s: float) -> None:
-    """Write the MJCF file with the fastest settings that are recommended."""
     from mjbench.tuning import variants
     from mjbench.tuning.records import TuneRecord
     from mjbench.tuning.settings import edits_of

@@ -186,7 +186,6 @@ def releases_and_models(names: Sequence[str]) -> tuple[list[str], list["ModelSou
 
 
 def _model(name: str) -> "ModelSource":
-    """Return the model that a word names where releases are named too."""
     from mjbench.releases import installs, wheels
     from mjbench.simulation import models
 

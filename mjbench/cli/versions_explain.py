@@ -26,23 +26,13 @@ if TYPE_CHECKING:
 
 @cli.command("versions --explain")
 @click.argument("names", nargs=-1, required=True, metavar="OLD NEW [MODEL]…")
-@click.option(
-    "--top",
-    type=COUNT,
-    default=15,
-    show_default=True,
-    help="List this many functions.",
-)
+@click.option("--top", type=COUNT, default=15, show_default=True, help="List this many functions.")
 @click.option(
     "--clock/--no-clock", default=True, show_default=True, help="Compare wall-clock times too."
 )
 @with_options(VERDICT_PLAN, STORING)
 def versions_explain(
-    names: tuple[str, ...],
-    top: int,
-    clock: bool,
-    plan: "VerdictPlan",
-    output: OutputOptions,
+    names: tuple[str, ...], top: int, clock: bool, plan: "VerdictPlan", output: OutputOptions
 ) -> None:
     """Explain what changed from the OLD release to the NEW one: code, work, or time alone.
 

@@ -68,7 +68,7 @@ def web(
       mjbench web robot.xml --release 3.12.0
       mjbench web --package path/to/your/app --json web.json
     """
-    from mjbench.api.session import Item, Measurement, by_name, finished, input_files
+    from mjbench.api.session import Item, Measurement, finished, in_turn, input_files
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.releases import installs
     from mjbench.report.kinds import WEB
@@ -81,11 +81,12 @@ def web(
     plan = builds.WebPlan(spec, engine, sizes, budget_s)
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
-        known = by_name(earlier, "model")
         with WorkerPool(time_limit) as pool:
-            for number, source in enumerate(sources):
-                observer(source.name, number / len(sources))
-                yield Item(known.get(source.name) or [builds.measure(pool, source, plan)])
+
+            def measure(source: "ModelSource", _: object) -> Item:
+                return Item([builds.measure(pool, source, plan)])
+
+            yield from in_turn(sources, measure, earlier, observer)
 
     arguments = {
         "models": [source.name for source in sources],
@@ -104,7 +105,6 @@ def web(
 def _engine(
     release: "ReleaseSpec | None", package_folder: Path | None, node_command: str, limit_s: float
 ) -> "Engine":
-    """Return the builds of a release, and the Node that runs them."""
     from mjbench.host import machine
     from mjbench.web import node_process, npm_package
     from mjbench.web.build_run import Engine

@@ -46,7 +46,6 @@ class ChildProcess(ABC):
     pid: int
 
     def __init__(self, mark: str):
-        """Set the mark of what the child starts."""
         self._mark = mark
         self._has_ended = False
 
@@ -116,7 +115,6 @@ class Child(ChildProcess):
         self.pid = self.process.pid
 
     def wait(self, timeout_s: float | None = None) -> int | None:
-        """Wait until the child has ended (see `ChildProcess.wait`)."""
         try:
             return self.process.wait(timeout_s)
         except subprocess.TimeoutExpired:
@@ -133,7 +131,6 @@ class AdoptedChild(ChildProcess):
         self._exit_code: int | None = None
 
     def wait(self, timeout_s: float | None = None) -> int | None:
-        """Wait until the child has ended (see `ChildProcess.wait`)."""
         if sys.platform != "linux":
             raise NotImplementedError("only Linux adopts orphans")
         if self._exit_code is None:
@@ -174,7 +171,6 @@ def _undisturbed() -> Iterator[None]:
 
 
 def new_mark() -> str:
-    """Return a mark for one more child."""
     return f"{_OWN_MARK}-{uuid.uuid4().hex}"
 
 
@@ -194,7 +190,6 @@ def _end_where(belongs: "Callable[[psutil.Process], bool]") -> None:
 
 
 def _has_mark(process: "psutil.Process", mark: str) -> bool:
-    """Return whether the mark of the child that started a process begins with `mark`."""
     import psutil
 
     try:
@@ -234,7 +229,6 @@ def _is_alive(process: "psutil.Process") -> bool:
 
 
 def _kill(processes: "Sequence[psutil.Process]") -> None:
-    """Kill processes, without waiting until they have ended."""
     for process in processes:
         with contextlib.suppress(Exception):  # it has ended, or is another user's
             process.kill()

@@ -124,7 +124,6 @@ class ChildConnection:
         return ChildError(ending, cause, doing + child.last_line(self._output_file), self._name)
 
     def end(self) -> None:
-        """End the child, whatever it is doing."""
         try:
             self.process.end()
         finally:
@@ -173,10 +172,6 @@ def start(
     command: Callable[[int], Sequence[str]], output_file: Path, limit_s: float, **arguments: Any
 ) -> ChildConnection:
     """Start a child with a connection.
-
-    Args:
-      command: program and arguments, for the descriptor of the child's end.
-      arguments: further ones of `child.Child`.
 
     Raises:
       MachineError: no process can be started, or the file cannot be written.

@@ -55,7 +55,6 @@ class Condition:
 
 
 def all_conditions(others: Sequence[Neighbour]) -> Iterator[Condition]:
-    """Yield every condition that applies to this machine."""
     for condition in (
         cores(),
         governor(),
@@ -72,7 +71,6 @@ def all_conditions(others: Sequence[Neighbour]) -> Iterator[Condition]:
 
 
 def cores() -> Condition:
-    """Return how many cores this process may use, and of what kind."""
     usable = topology.read()
     detail = units.count_of(usable.hardware_threads, "hardware thread")
     if usable.cores is not None:
@@ -143,7 +141,6 @@ def turbo(folder: Path = _CPU) -> Condition | None:
 
 
 def load() -> Condition:
-    """Return what else runs on the machine, whose load is that of all its cores."""
     import psutil
 
     usable, average = machine.usable_cores(), psutil.getloadavg()[0]
@@ -177,7 +174,6 @@ def stolen() -> Condition | None:
 
 
 def battery() -> Condition | None:
-    """Return whether a battery powers this machine; None without one."""
     import psutil
 
     read = getattr(psutil, "sensors_battery", None)
@@ -190,7 +186,6 @@ def battery() -> Condition | None:
 
 
 def debug_build() -> Condition:
-    """Return whether Python, or something that watches it, slows down."""
     if sysconfig.get_config_var("Py_DEBUG"):
         detail, remedy = "a debug build of Python", "use a release build"
     elif sys.gettrace() is not None or sys.getprofile() is not None:
@@ -203,7 +198,6 @@ def debug_build() -> Condition:
 
 
 def other_mjbench(others: Sequence[Neighbour]) -> Condition:
-    """Return whether another mjbench measures now."""
     if not others:
         return Condition("other mjbench", Grade.GOOD, "none measures now")
     verb = "measures" if len(others) == 1 else "measure"
@@ -216,7 +210,6 @@ def other_mjbench(others: Sequence[Neighbour]) -> Condition:
 
 
 def timer(clock: Callable[[], int] = time.perf_counter_ns) -> Condition:
-    """Return the smallest step of the clock, and what reading it costs."""
     readings = [clock() for _ in range(2000)]
     steps = [b - a for a, b in itertools.pairwise(readings)]
     moves = [step for step in steps if step > 0]

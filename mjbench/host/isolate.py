@@ -76,7 +76,6 @@ class Channel:
         self._activity_file = Path.cwd() / _ACTIVITY  # the task may change the folder
 
     def receive(self) -> Any:
-        """Return what is to be called, and its arguments."""
         return self._connection.recv()
 
     def send(self, message: object) -> None:

@@ -71,7 +71,6 @@ MEMORY_SHARE = 0.6
 
 
 def usable_cores(cgroup: Path = _CGROUP) -> int:
-    """Return how many cores this process may use: affinity, limited by the cgroup's quota."""
     cores = len(platforms.affinity()) or os.cpu_count() or 1
     quota = cgroup_quota(cgroup)
     return max(1, min(cores, math.ceil(quota))) if quota else cores
@@ -177,7 +176,6 @@ class ProcessorTime:
 
     @classmethod
     def now(cls) -> "ProcessorTime":
-        """Return the time until now."""
         import psutil
 
         times = psutil.cpu_times()
@@ -229,7 +227,6 @@ class Machine:
 
 
 def describe() -> Machine:
-    """Return the machine and its software."""
     import psutil
 
     return Machine(
@@ -270,7 +267,6 @@ class Calibration:
         self._mj_step = mujoco.mj_step
 
     def single(self) -> None:
-        """Do one thread's work."""
         self._work(self._datas[0])
 
     def together(self) -> None:
@@ -291,7 +287,6 @@ class Calibration:
 
 
 def _label() -> str:
-    """Return the user's name for this machine, on one line; empty without one."""
     # cut short, it could be that of another machine
     label = one_line(os.environ.get(LABEL_VARIABLE, ""), _LABEL_LENGTH + 1)
     if len(label) > _LABEL_LENGTH:

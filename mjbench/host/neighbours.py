@@ -95,7 +95,6 @@ def shared_folder() -> Path:
 
 
 def measuring_now(folder: Path | None = None) -> list[Neighbour]:
-    """Return the processes that measure, without taking part; none where nothing is noticed."""
     if sys.platform == "win32":
         return []
     folder = folder or shared_folder()
@@ -131,11 +130,7 @@ class Presence:
         on_wait: Callable[[Sequence[Neighbour]], None] = lambda others: None,
         sleep: Callable[[float], None] = time.sleep,
     ) -> list[Neighbour]:
-        """Begin to measure; return the others that measure now.
-
-        Args:
-          on_wait: called once with the others that are waited for.
-        """
+        """Begin to measure; return the others that measure now."""
         if sys.platform == "win32":  # it has no such locks, and no command there measures
             return []
         has_waited = False
@@ -155,7 +150,6 @@ class Presence:
             return []
 
     def later_neighbours(self) -> list[Neighbour]:
-        """Return the others that began to measure after this process did."""
         if self._file is None:
             return []
         try:
@@ -179,7 +173,6 @@ class Presence:
 
 
 def _others(folder: Path) -> Iterator[tuple[Path, Neighbour]]:
-    """Yield the files of processes that measure; remove those of processes that are gone."""
     for path in sorted(folder.iterdir()):
         if not _NAME.fullmatch(path.name):
             continue
@@ -242,7 +235,6 @@ def _entry_lock(path: Path, sleep: Callable[[float], None]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _opened(path: Path, flags: int) -> Iterator[int]:
-    """Yield the descriptor of a regular file."""
     descriptor = os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK)
     try:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):

@@ -64,7 +64,6 @@ def pinning_problem() -> str | None:
 
 
 def can_adopt() -> bool:
-    """Return whether this process can adopt what its children orphan, and wait for it."""
     if sys.platform != "linux" or not hasattr(os, "pidfd_open"):  # not every build of Python has it
         return False
     try:
@@ -114,7 +113,6 @@ def _personality() -> Callable[[int], int] | None:
 
 
 def can_count_instructions() -> bool:
-    """Return whether instructions are counted on this system, if valgrind is installed."""
     return sys.platform == "linux"
 
 

@@ -16,11 +16,7 @@ _secret: dict[str, str] = {}
 
 @contextlib.contextmanager
 def local(further: Mapping[str, str | None] | None = None) -> Iterator[None]:
-    """Set the secret of this process for the block in which Ray is imported, or started here.
-
-    Args:
-      further: environment variables to set as well; None removes one.
-    """
+    """Set the secret of this process for the block in which Ray is imported, or started here."""
     if "ray" not in sys.modules:
         _secret.update(RAY_AUTH_MODE="token", RAY_AUTH_TOKEN=secrets.token_hex(32))
     values = {**(further or {}), **_secret}

@@ -35,7 +35,6 @@ class Topology:
 
     @property
     def usable(self) -> int:
-        """How many threads can run at once, within the quota."""
         quota = self.hardware_threads if self.quota_cores is None else math.ceil(self.quota_cores)
         return max(1, min(self.hardware_threads, quota))
 
@@ -74,7 +73,6 @@ def siblings(thread: int, system: Path = _SYSTEM) -> frozenset[int]:
 
 
 def _numbers(file: Path) -> frozenset[int]:
-    """Return the numbers of a list such as `0-3,8`; none where the file cannot be read."""
     numbers: set[int] = set()
     try:
         for part in file.read_text().strip().split(","):

@@ -35,7 +35,6 @@ class Interval:
 
     @property
     def half_width(self) -> float:
-        """Half of its width."""
         return (self.high - self.low) / 2
 
 
@@ -255,10 +254,7 @@ def anytime_interval(
 
 
 def interval_beside(
-    samples: Sequence[float],
-    confidence: float,
-    others: Sequence[float],
-    residues: Sequence[int],
+    samples: Sequence[float], confidence: float, others: Sequence[float], residues: Sequence[int]
 ) -> Interval:
     """Return the interval of a few launches, whose deviation many others help to estimate.
 
@@ -300,7 +296,6 @@ def e_benjamini_hochberg(e_values: Sequence[float], level: float) -> tuple[bool,
 
 
 def _interval(fitted: Fit, confidence: float, count: int) -> Interval:
-    """Return the interval of a fit of one comparison."""
     if not 0 < confidence < 1:
         raise ValueError(f"need a confidence in (0, 1), got {confidence}")
     mean, half_width = float(fitted.mean[0]), float(fitted.half_width(confidence)[0])
@@ -308,7 +303,6 @@ def _interval(fitted: Fit, confidence: float, count: int) -> Interval:
 
 
 def _cells(samples: Sequence[float], residues: Sequence[int] | None) -> np.ndarray:
-    """Return the launches of one comparison as `fit` takes them."""
     if not len(samples):
         raise ValueError("need samples")
     if residues is None:

@@ -66,12 +66,10 @@ class ChangePosterior:
 
     @property
     def likeliest(self) -> int:
-        """The version that is most probably the first slower one."""
         return int(np.argmax(self.probabilities)) + 1
 
     @property
     def certainty(self) -> float:
-        """The probability of the likeliest version."""
         return float(self.probabilities.max())
 
     def is_between(self, log_ratio: float) -> bool:

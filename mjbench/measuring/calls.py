@@ -23,7 +23,6 @@ def nothing() -> None:
 
 
 def repeat(function: Function, calls: int) -> None:
-    """Call a function some times."""
     for _ in itertools.repeat(None, calls):
         function()
 
@@ -33,9 +32,6 @@ def calls_per_block(block_s: Callable[[int], float]) -> int:
 
     A pause of the process must not pass for a call that takes long, so the shortest of some times
     counts.
-
-    Args:
-      block_s: makes some calls, and returns how many seconds they took.
     """
     calls = 1
     while calls < MOST_CALLS:

@@ -29,7 +29,6 @@ class Ratio:
         return Ratio(1 / self.estimate, low, high)
 
     def covers(self, value: float) -> bool:
-        """Return whether a value lies within; a missing end is no bound."""
         return (self.low is None or self.low <= value) and (self.high is None or value <= self.high)
 
     def is_above(self, value: float) -> bool:

@@ -133,9 +133,6 @@ def unpaired(baseline: TimedBlocks, candidate: TimedBlocks, across: bool = False
     The interval combines the intervals of both medians, each at the confidence that leaves 95 % for
     both together (Bonferroni). It does not account for changes of the machine in between.
 
-    Args:
-      across: compare even results that differ in identity.
-
     Raises:
       InputError: the two differ in identity.
     """

@@ -10,11 +10,9 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
+from mjbench.measuring.calls import nothing
+
 Clock = Callable[[], float]
-
-
-def _nothing() -> None:
-    pass
 
 
 @dataclass(frozen=True)
@@ -22,8 +20,8 @@ class Contender:
     """Something to time; `before` and `after` are called around each block, untimed."""
 
     run: Callable[[], None]
-    before: Callable[[], object] = _nothing
-    after: Callable[[], None] = _nothing
+    before: Callable[[], object] = nothing
+    after: Callable[[], None] = nothing
 
 
 def block_s(contender: Contender, clock: Clock = time.perf_counter) -> float:
@@ -81,7 +79,7 @@ def block_times(
     candidate: Callable[[], None],
     orders: Sequence[str],
     clock: Clock = time.perf_counter,
-    before: Callable[[], object] = _nothing,
+    before: Callable[[], object] = nothing,
 ) -> list[list[float]]:
     """Time two blocks against each other in this process; return the seconds of each, in order.
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from mjbench.errors import InputError
-from mjbench.pages.markdown import code, data_table, escaped
+from mjbench.pages.markdown import code, data_table, escaped, folded
 from mjbench.paired import family
 from mjbench.paired.family import Family
 from mjbench.paired.outcomes import Verdict
@@ -38,12 +38,10 @@ class _Outcome(Enum):
 
     @property
     def mark(self) -> str:
-        """The sign before it."""
         return self.value[0]
 
     @property
     def word(self) -> str:
-        """What the headline calls it."""
         return self.value[1]
 
 
@@ -81,12 +79,12 @@ def render(run: Run) -> Iterator[str]:
     yield ""
     yield f"Reproduce: {code(_command(run, rows))}"
     if rows:
-        yield from _folded(f"All {len(rows)} comparisons", _all_rows(judged))
-    yield from _folded("Machine and versions", data_table(_machine(run)))
+        lines = (f"- {j.outcome.mark} {escaped(verdicts.describe_verdict(j.row))}" for j in judged)
+        yield from folded(f"All {len(rows)} comparisons", lines)
+    yield from folded("Machine and versions", data_table(_machine(run)))
 
 
 def text(run: Run) -> str:
-    """Return a comment that is not too long; see `render`."""
     whole = "\n".join(render(run)) + "\n"
     if len(whole) <= _MOST_CHARACTERS:
         return whole
@@ -121,7 +119,6 @@ def _headline(judged: Sequence[_Judged]) -> str:
 
 
 def _sides(rows: Sequence[VerdictRow], confidence: float) -> Iterator[str]:
-    """Yield what was compared, and how."""
     pairs = dict.fromkeys(tuple(_side(row, number) for number in (0, 1)) for row in rows)
     for old, new in pairs:
         yield (
@@ -162,12 +159,6 @@ def _table(judged: Sequence[_Judged]) -> Iterator[str]:
     )
 
 
-def _all_rows(judged: Sequence[_Judged]) -> Iterator[str]:
-    yield from (
-        f"- {each.outcome.mark} {escaped(verdicts.describe_verdict(each.row))}" for each in judged
-    )
-
-
 def _change(row: VerdictRow) -> str:
     if row.ratio is None:
         return ""
@@ -190,15 +181,6 @@ def _command(run: Run, rows: Sequence[VerdictRow]) -> str:
         if (position := next(named, None)) is not None and side.commit:
             words[position] = f"rev={short_commit(side.commit)}"
     return shlex.join(["mjbench", *words])
-
-
-def _folded(title: str, lines: Iterator[str]) -> Iterator[str]:
-    yield ""
-    yield f"<details><summary>{title}</summary>"
-    yield ""
-    yield from lines
-    yield ""
-    yield "</details>"
 
 
 def _machine(run: Run) -> DataTable:

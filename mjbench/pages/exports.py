@@ -76,7 +76,6 @@ def cautions(stored: RunSet) -> list[str]:
 
 
 def _prefixed(runs: Sequence[Run]) -> list[tuple[Run, str]]:
-    """Return runs, each with what the names of its metrics begin with."""
     machines = identify([run.header.machine for run in runs])
     has_several = len(set(machines)) > 1
     return [
@@ -114,7 +113,6 @@ def _ratios(run: Run) -> Iterator[ExportedMetric]:
 
 
 def as_csv(stored: RunSet) -> str:
-    """Return results as CSV."""
     table = rows.of_set(stored)
     return csv_text([list(table[0]) if table else [], *(row.values() for row in table)])
 
@@ -251,7 +249,6 @@ def _path_cases(run: Run) -> Iterator[_Case]:
 
 
 def _cases_by_machine(runs: Sequence[Run]) -> Iterator[_Case]:
-    """Yield cases of several runs: each comparison is one case on each machine."""
     machines = [machine.name for machine in identify([run.header.machine for run in runs])]
     for run, machine in zip(runs, machines, strict=True):
         yield from (replace(case, name=f"{machine}: {case.name}") for case in _path_cases(run))

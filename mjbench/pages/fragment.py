@@ -24,11 +24,7 @@ _LINE = "border-bottom:1px solid rgba(128,128,128,.35)"
 
 
 def render(report: Report, notes: Sequence[str] = ()) -> str:
-    """Return a report as a fragment of HTML; all texts are escaped.
-
-    Args:
-      notes: sentences about the measurement as a whole.
-    """
+    """Return a report as a fragment of HTML; all texts are escaped."""
     return "".join(_parts(report, notes))
 
 

@@ -69,7 +69,6 @@ def _classes(table: DataTable) -> list[str]:
 
 
 def _csv_address(table: DataTable) -> str:
-    """Return an address that holds a table as CSV."""
     text = exports.csv_text(table.raw_rows)
     return f"data:text/csv;charset=utf-8,{urllib.parse.quote(text, safe=',')}"
 

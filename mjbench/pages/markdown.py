@@ -38,7 +38,7 @@ def render(report: Report) -> Iterator[str]:
     room = sum(length <= _MOST_CONCLUDED for length in lengths)
     yield from lines[:room]
     if lines[room:]:
-        yield from _folded(f"{len(lines) - room} further conclusions", lines[room:])
+        yield from folded(f"{len(lines) - room} further conclusions", lines[room:])
     left = _MOST_SHOWN - min(_MOST_CONCLUDED, sum(len(line) + 1 for line in lines))
     for section in report.summaries:
         table = [*_tables(section)]
@@ -46,15 +46,14 @@ def render(report: Report) -> Iterator[str]:
         if left > 0:
             yield from table
             section = replace(section, tables=(), figures=())
-        yield from _folded(section.heading, _section_lines(section))
+        yield from folded(section.heading, _section_lines(section))
     for section in report.sections:
-        yield from _folded(section.heading, _section_lines(section))
+        yield from folded(section.heading, _section_lines(section))
     if report.machines.rows:
-        yield from _folded("Machines and versions", data_table(report.machines))
+        yield from folded("Machines and versions", data_table(report.machines))
 
 
-def _folded(heading: str, lines: Iterable[str]) -> Iterator[str]:
-    """Yield lines below a heading that opens them."""
+def folded(heading: str, lines: Iterable[str]) -> Iterator[str]:
     yield ""
     yield f"<details><summary>{html.escape(heading, quote=False)}</summary>"
     yield ""
@@ -105,7 +104,6 @@ def document(sections: Iterable[Section], plots: str = "") -> Iterator[str]:
 
 
 def _tables(section: Section) -> Iterator[str]:
-    """Yield the tables of a section, and the code that is part of what it says."""
     for table in section.shown_tables:
         yield ""
         if len(section.shown_tables) > 1:
@@ -125,7 +123,6 @@ def _conclusions(conclusions: Iterable[tuple[str, Tone]]) -> Iterator[str]:
 
 
 def data_table(table: DataTable) -> Iterator[str]:
-    """Yield the lines of a table, without empty columns and bars."""
     table = table.filled_columns(with_bars=False)
     headings = [escaped(column.title) or " " for column in table.columns]
     right = {escaped(column.title) for column in table.columns if column.is_right_aligned}
@@ -140,7 +137,6 @@ def escaped(text: str) -> str:
 
 
 def code(text: str) -> str:
-    """Return a text as one line of code, whatever backticks it has; nothing for nothing."""
     line = _line(text)
     if not line:
         return ""
@@ -162,9 +158,7 @@ def _line(text: str) -> str:
 
 
 def table_lines(
-    headings: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    right_aligned: Collection[str] = (),
+    headings: Sequence[str], rows: Iterable[Sequence[str]], right_aligned: Collection[str] = ()
 ) -> Iterator[str]:
     """Yield the lines of a table.
 

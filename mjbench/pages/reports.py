@@ -68,7 +68,6 @@ def read(files: Sequence[Path]) -> list[NamedRun]:
 
 
 def build(named_runs: Sequence[NamedRun]) -> Report:
-    """Return the report of runs, of one machine or of several."""
     results = across.side_by_side([named.run for named in named_runs])
     parts = [
         part
@@ -114,7 +113,6 @@ def _has_content(section: Section) -> bool:
 
 
 def title(named_runs: Sequence[NamedRun]) -> str:
-    """Return the command with what it measured; of several runs, the commands."""
     if len(named_runs) != 1:
         return f"mjbench {', '.join(dict.fromkeys(n.present_name for n in named_runs))}"
     (named,) = named_runs
@@ -126,7 +124,6 @@ def title(named_runs: Sequence[NamedRun]) -> str:
 
 
 def _subtitle(named_runs: Sequence[NamedRun]) -> str:
-    """Return when, where and with which versions runs were measured."""
     days = sorted({named.run.header.began[:10] for named in named_runs} - {""})
     machines = [named.run.header.machine for named in named_runs]
     parts = [
@@ -185,7 +182,6 @@ def _with_fewer_figures(*groups: Sequence[Section]) -> list[list[Section]]:
 
 
 def _history_parts(named_runs: Sequence[NamedRun]) -> list[_Part]:
-    """Return the sections of the history that runs with ratios of releases hold."""
     timed = [named for named in named_runs if named.run.of_type(RatioRecord)]
     if not timed:
         return []

@@ -139,9 +139,6 @@ def _render(source: Path, rendered: Path) -> list[str]:
 def write_source(project: Project, source: Path) -> list[str]:
     """Write the pages that Sphinx renders, and its configuration; return what was left out.
 
-    Args:
-      source: a folder, empty or to be created.
-
     Raises:
       MachineError: a page cannot be written, or a document cannot be copied.
     """
@@ -243,7 +240,6 @@ def left_out(file: Path, project: Path) -> str:
 
 
 def _write_history(measured: SpeedHistory, source: Path) -> None:
-    """Write the page of all releases with its plots, and a page for each release."""
     docs = source / "docs"
     history_plots.draw(measured, docs / "history")
     page = markdown.document(history.sections(measured), "history")
@@ -272,7 +268,6 @@ def _releases_page(measured: SpeedHistory, releases: Sequence[str]) -> Iterator[
 
 
 def _reports_page(runs: Sequence[NamedRun]) -> Iterator[str]:
-    """Yield a page that links the report of each run, the newest first."""
     yield "# Reports\n"
     yield "One report for each run file or set: charts, tables, and the command that gave them.\n"
     rows = [
@@ -292,7 +287,6 @@ def _reports_page(runs: Sequence[NamedRun]) -> Iterator[str]:
 
 
 def _name(named_runs: Sequence[NamedRun]) -> str:
-    """Return what a report is called: its command, and the number of runs of a set."""
     several = f" ({len(named_runs)} runs)" if len(named_runs) > 1 else ""
     return f"{reports.title(named_runs)}{several}"
 
@@ -309,7 +303,6 @@ def _remark(named: NamedRun) -> str:
 
 
 def _by_file(runs: Sequence[NamedRun]) -> dict[Path, list[NamedRun]]:
-    """Return the runs of each file: of a run set, several."""
     by_file: dict[Path, list[NamedRun]] = {}
     for named in runs:
         by_file.setdefault(named.file, []).append(named)
@@ -386,7 +379,6 @@ def _in_order(names: Sequence[str], readme: Path) -> list[str]:
 
 
 def _summary(runs: Sequence[NamedRun]) -> Iterator[str]:
-    """Yield what a file comes to: what one run advises as a table, anything else as sentences."""
     advice = comparison.advice_table([r for each in runs for r in derive_all(each.run.records)])
     conclusions = reports.build(runs).conclusions
     is_bad = any(conclusion.tone == Tone.BAD for conclusion in conclusions)
@@ -399,7 +391,6 @@ def _summary(runs: Sequence[NamedRun]) -> Iterator[str]:
 
 
 def _toctree(caption: str, names: Sequence[str]) -> Iterator[str]:
-    """Yield a group of the navigation; nothing without pages."""
     if not names:
         return
     yield "\n```{toctree}"

@@ -156,7 +156,6 @@ def _widths(table: DataTable, width: int) -> list[int]:
 
 
 def _natural_widths(table: DataTable) -> list[int]:
-    """Return the widths of columns in which nothing wraps."""
     return [
         max(cell_len(printable(text)) for text in (column.title, *(row[i] for row in table.texts)))
         for i, column in enumerate(table.columns)
@@ -183,7 +182,6 @@ def _least_widths(table: DataTable, longest_word: int = 1000) -> list[int]:
 
 
 def _total(widths: Sequence[int]) -> int:
-    """Return how wide a table is whose columns have some widths."""
     return sum(widths) + _GAP * (len(widths) - 1)
 
 
@@ -204,7 +202,6 @@ def print_lines(out: Console, lines: Iterable[RenderableType]) -> None:
 
 
 def headed(heading: str, rest: str) -> Text:
-    """Return a line whose beginning is bold."""
     return Text.assemble((_printable_lines(heading), "bold"), _printable_lines(rest))
 
 

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from mjbench import paths
-from mjbench.errors import UnavailableError
+from mjbench.errors import InputError, UnavailableError
 from mjbench.simulation import compat, models, workload
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Product, Workload
@@ -71,6 +71,8 @@ class Operation:
 def _load(source: ModelSource, repeats: int) -> PreparedOperation:
     file, load = str(source.path), mujoco.MjModel.from_xml_path
     models.load(source)  # says in one line what is wrong with it
+    if source.path.suffix == ".mjb":
+        raise InputError(f"{source.path.name} is compiled: loading is of a model's source")
 
     def run() -> None:
         for _ in range(repeats):

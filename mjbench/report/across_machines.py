@@ -39,12 +39,10 @@ class SideBySide:
 
     @property
     def has_several(self) -> bool:
-        """Whether the runs are of more than one machine."""
         return len(set(self.machines)) > 1
 
 
 def side_by_side(runs: Sequence[Run]) -> SideBySide:
-    """Return the results of runs, side by side."""
     machines = identify([run.header.machine for run in runs])
     names = [machine.name for machine in machines]
     decided = across_machines.decide(across_machines.rows_of(runs, names))
@@ -68,12 +66,7 @@ def tables_by_machine(results: SideBySide) -> Iterator[DataTable]:
 
 
 def by_machine(title: str, subject: str, cells: Mapping[str, Mapping[str, str]]) -> DataTable:
-    """Return a table with a column for each machine, or, where that is too wide, a row a cell.
-
-    Args:
-      subject: heading of the first column.
-      cells: of each row, by its name and by machine; of those that measured it.
-    """
+    """Return a table with a column for each machine, or, where that is too wide, a row a cell."""
     machines = list(dict.fromkeys(machine for row in cells.values() for machine in row))
     headings = [subject, *machines]
     rows = [[name, *(row.get(each, "–") for each in machines)] for name, row in cells.items()]
@@ -99,7 +92,6 @@ def section(results: SideBySide) -> Section | None:
 
 
 def _verdicts(results: SideBySide) -> Iterator[Conclusion]:
-    """Yield what all verdicts come to together, then the comparisons with a change."""
     if not results.verdicts.comparisons:
         return
     yield Conclusion(verdicts.describe_all_machines(results.verdicts))
@@ -134,7 +126,6 @@ def _tone(comparison: MachineComparison) -> Tone:
 
 
 def _counts(results: SideBySide) -> Iterator[DataTable]:
-    """Yield a table of comparisons: on how many machines they came out as what."""
     comparisons = named_comparisons(results)
     if not comparisons:
         return

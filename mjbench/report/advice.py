@@ -159,7 +159,6 @@ def advise_clock(model_results: ModelResults) -> ClockAdvice | None:
 def _choose(
     model_results: ModelResults, race: RaceRecord, standing: Standing, base: PathResult
 ) -> _Choice:
-    """Return the C path to use of those that compete with each other."""
     winner = race.winner(standing)
     chosen = model_results.timed(race.variants[winner]) or base
     has_figures = race.has_final_figures(chosen.variant)
@@ -335,7 +334,6 @@ def described(variant: Variant) -> str:
 
 
 def _reasons(advice: Advice) -> list[str]:
-    """Return why a path is advised, in clauses."""
     reasons = []
     match advice.reason:
         case Reason.SIMPLER | Reason.NO_GAIN if advice.is_certain:
@@ -365,7 +363,6 @@ def _times(speedup: Ratio, baseline: str) -> str:
 
 
 def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> str:
-    """Return how many threads a path should have."""
     threads = "one thread" if row.nthread == 1 else f"{row.nthread} threads"
     name = paths.title(row.path)
     begin = f"{name}{_size(row.nbatch, names_size)}: {threads}"
@@ -380,6 +377,5 @@ def thread_conclusion(row: ThreadAdvice, names_size: bool = False) -> str:
 
 
 def clock_conclusion(clock: ClockAdvice, names_size: bool = False) -> str:
-    """Return what turning MuJoCo's timer off gains."""
     begin = f"Any path{_size(clock.nbatch, names_size)}: turn off {package_timer.NAME}"
     return f"{begin} ({package_timer.OFF_CODE}), {_times(clock.speedup, _PLAIN_LOOP)}"

@@ -142,7 +142,6 @@ def cautions(all_advice: Sequence[AdviceAcross]) -> list[str]:
 
 
 def _why_none(results: ModelResults) -> str:
-    """Return why nothing is advised."""
     if results.is_former:
         return "timed by an earlier version of mjbench"
     return "no plain loop was timed"

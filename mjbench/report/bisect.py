@@ -20,7 +20,6 @@ from mjbench.units import count_of
 
 
 def sections(records: Sequence[BisectRecord]) -> list[Section]:
-    """Return a section for each search."""
     return [
         Section(
             f"Which {record.kind} changed {record.function}?",

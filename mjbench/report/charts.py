@@ -46,16 +46,11 @@ def values(table: DataTable) -> list[dict[str, Cell]]:
 
 
 def layer(mark: str, encoding: Mapping[str, Spec], **properties: Any) -> Spec:
-    """Return marks of one kind: how they are drawn, and what of the data each channel shows."""
     return {"mark": {"type": mark, **properties}, "encoding": dict(encoding)}
 
 
 def figure(
-    title: str,
-    alternative: str,
-    data: DataTable,
-    layers: Sequence[Spec],
-    height: int | None = None,
+    title: str, alternative: str, data: DataTable, layers: Sequence[Spec], height: int | None = None
 ) -> Figure:
     """Return a chart of layers that share the data of a table.
 
@@ -122,7 +117,6 @@ def names(data: DataTable) -> Spec:
 
 
 def colour(field: str, colours: Mapping[str, str], title: str | None = None) -> Spec:
-    """Return the encoding of a category by colour."""
     return {
         "field": _escaped(field),
         "type": "nominal",
@@ -138,7 +132,6 @@ def page_colours() -> Spec:
 
 
 def rule_at(value: float, axis: str = "x") -> Spec:
-    """Return a dashed line at a value."""
     return {
         "mark": {"type": "rule", "color": GREY, "strokeDash": [4, 4], "aria": False},
         "data": {"values": [{"value": value}]},

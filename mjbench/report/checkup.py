@@ -1,5 +1,6 @@
 """What a check-up comes to: one ranked list, what it rests on, and which command looks closer."""
 
+import shlex
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -62,12 +63,10 @@ class CheckupDocument:
 
     @classmethod
     def of(cls, run: Run) -> "CheckupDocument":
-        """Return the document of a check-up."""
         return cls(machine=run.header.machine, parts=run.of_type(CheckedPart), items=items(run))
 
 
 def sections(run: Run) -> Iterator[Section]:
-    """Yield the list, and what each part came to."""
     if run.of_type(CheckedPart):
         yield list_section(run)
         yield from part_sections(run)
@@ -135,17 +134,14 @@ def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> It
 
 
 def _is_read_only(run: Run) -> bool:
-    """Return whether only source code was read, so that nothing is known of gains."""
     return all(part.part == CheckupPart.SOURCE for part in run.of_type(CheckedPart))
 
 
 def _failure(part: CheckedPart) -> str:
-    """Return how a part failed, and why."""
     return part.detail if part.status == Status.INPUT else f"{part.status}: {part.detail}"
 
 
 def _gain(item: CheckupItem) -> str:
-    """Return a gain with its unit and its interval, for a sentence."""
     assert item.gain is not None, "it was measured"
     interval = f" ({item.ends_text})" if item.ends_text else ""
     return f"{item.gain_text} {item.unit}{interval}"
@@ -172,7 +168,6 @@ def _combined(run: Run, least: float = 1.0) -> str:
 
 
 def _described(combination: Combination) -> str:
-    """Return what a combination is made of."""
     parts = []
     if combination.variant.path != paths.BASE:
         parts.append(advice.described(combination.variant))
@@ -197,7 +192,6 @@ def _is_certain(run: Run) -> bool:
 
 
 def _is_decided(record: TuneRecord) -> bool:
-    """Return whether no setting that keeps results may still be faster."""
     is_open = record.untried or record.untried_combinations or record.withdrawn
     return not (is_open or any(map(_may_gain, record.attempts)))
 
@@ -211,7 +205,6 @@ def _may_gain(attempt: Attempt) -> bool:
 
 
 def _why_nothing(run: Run) -> str:
-    """Return why nothing gains, for what was measured."""
     reasons = []
     for row in run.of_type(ProfileRow):
         if row.steps is not None:
@@ -247,7 +240,6 @@ def _why_no_setting(record: TuneRecord) -> str:
 
 
 def _stages(steps: ProfiledSteps) -> str:
-    """Return the stages that take most of a step."""
     largest = sorted(steps.stages.items(), key=lambda stage: -stage[1])[:_MOST_STAGES]
     named = [f"{name} {formats.whole_percent(share)}" for name, share in largest if share]
     return ", ".join(named)
@@ -272,7 +264,6 @@ def _table(listed_items: Sequence[CheckupItem]) -> DataTable:
 def _notes(
     run: Run, parts: Sequence[CheckedPart], listed_items: Sequence[CheckupItem]
 ) -> Iterator[str]:
-    """Yield how gains go together, which commands look closer, and what was not tried."""
     yield from _overlaps(listed_items)
     numbers = defaultdict[str, list[str]](list)
     for number, item in enumerate(listed_items, 1):
@@ -285,13 +276,13 @@ def _notes(
         if part.status == Status.UNAVAILABLE:
             yield f"Not done: mjbench {part.part}: {part.detail}"
     for record in run.of_type(TuneRecord):
-        yield from checkup_items.far_settings(record, checkup_items.quoted(parts[0].target))
+        yield from checkup_items.far_settings(record, shlex.quote(parts[0].target))
         yield from tuning_notes.left_out(record)
     yield from dict.fromkeys(slow for item in listed_items for slow in item.slow_effects)
     is_open = not _is_certain(run) and all(item.gain is None for item in listed_items)
     if is_open and parts[0].kind == TargetKind.MODEL and run.of_type(ProfileRow):
         commands = ["compare", *("tune" for _ in run.of_type(TuneRecord))]
-        target = checkup_items.quoted(parts[0].target)
+        target = shlex.quote(parts[0].target)
         lines = ", ".join(f"mjbench {command} {target}" for command in commands)
         yield f"To decide what is not certain, in more time: {lines}"
     yield from _not_tried(run, parts)
@@ -315,7 +306,7 @@ def _combination_lines(
 ) -> Iterator[str]:
     """Yield how to measure a combination again, or why it is not advised."""
     assert part.verdict is not None, "it was measured"
-    target, gain = checkup_items.quoted(part.target), combination_gain(part.verdict)
+    target, gain = shlex.quote(part.target), combination_gain(part.verdict)
     if gain is None:
         yield f"Together, {_described(combination)} is not certainly faster than the plain loop"
         return
@@ -334,7 +325,7 @@ def _not_tried(run: Run, parts: Sequence[CheckedPart]) -> Iterator[str]:
     """Yield what a check-up has no time for, with the command that tries it."""
     if not parts:
         return
-    target, kind = checkup_items.quoted(parts[0].target), parts[0].kind
+    target, kind = shlex.quote(parts[0].target), parts[0].kind
     done = {part.part for part in parts}
     if kind == TargetKind.MODEL and run.of_type(ProfileRow):
         if CheckupPart.SETTINGS not in done:
@@ -354,7 +345,6 @@ def _not_tried(run: Run, parts: Sequence[CheckedPart]) -> Iterator[str]:
 
 
 def _lines(run: Run, part: CheckedPart) -> Iterator[str]:
-    """Yield what a part came to."""
     if part.status not in (Status.OK, Status.INTERRUPTED):
         yield _failure(part)
         return
@@ -384,7 +374,6 @@ def _without_name(sentence: str, record: EnvironmentRecord) -> str:
 
 
 def _step_lines(rows: Sequence[ProfileRow]) -> Iterator[str]:
-    """Yield where a step's time goes, and what its states are like."""
     for row in rows:
         steps = row.steps
         if steps is None:
@@ -397,7 +386,6 @@ def _step_lines(rows: Sequence[ProfileRow]) -> Iterator[str]:
 
 
 def _path_lines(all_results: Sequence[ModelResults]) -> Iterator[str]:
-    """Yield what the race of ways of stepping says."""
     for results in all_results:
         for row in advice.advise(results):
             yield advice.conclusion(row)

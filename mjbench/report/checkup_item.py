@@ -24,7 +24,6 @@ class ResultChange(StrEnum):
 
     @property
     def keeps(self) -> bool:
-        """Whether results are as good as before."""
         return self in (ResultChange.NONE, ResultChange.TOLERANCE)
 
 
@@ -115,7 +114,6 @@ class CheckupItem:
 
     @property
     def change_text(self) -> str:
-        """What it changes in results."""
         match self.change:
             case ResultChange.CORRECTED:
                 return "corrects them"

@@ -40,11 +40,6 @@ def items(run: Run) -> list[CheckupItem]:
     return sorted(_items(run), key=lambda item: item.rank)
 
 
-def quoted(target: str) -> str:
-    """Return a target as a command line has it."""
-    return shlex.quote(target)
-
-
 def short_name(target: str) -> str:
     """Return a target, or the name of a file, for sentences: without its folder."""
     is_of_package = ":" in target
@@ -55,7 +50,7 @@ def _items(run: Run) -> Iterator[CheckupItem]:
     parts = run.of_type(CheckedPart)
     if not parts:
         return
-    target = quoted(parts[0].target)
+    target = shlex.quote(parts[0].target)
     searches = run.of_type(TuneRecord)
     yield from _wrong_of_model(run, target)
     for model_results in derive_all(run.records):
@@ -98,7 +93,6 @@ def _wrong_of_model(run: Run, target: str) -> Iterator[CheckupItem]:
 
 
 def _limit_raised(line: str) -> str:
-    """Return a line about the solver's limit of iterations with what to do about it."""
     return f"{line}; raise iterations in <option> until they do not"
 
 
@@ -144,7 +138,6 @@ def _each_path_once(advised: Sequence[Advice]) -> list[Advice]:
 
 
 def _whose(row: Advice, loops: set[Loop]) -> str:
-    """Return for whom a way of stepping is: how many simulations, and which loop."""
     count = f"{row.nbatch} simulations at once" if row.nbatch else "many simulations at once"
     if loops == {Loop.OPEN}:
         return f", for {count} with controls known beforehand"
@@ -166,7 +159,6 @@ def far_settings(record: TuneRecord, target: str) -> Iterator[str]:
 
 
 def _time(recommendation: Recommendation) -> float:
-    """Return the time that settings take, as a multiple of the present time."""
     return recommendation.ratio.estimate
 
 
@@ -261,7 +253,6 @@ def combination_gain(verdict: VerdictRow) -> Ratio | None:
 
 
 def combination_command(combination: Combination, target: str) -> str:
-    """Return the command that compares a combination with the plain loop."""
     settings = [f"path={combination.variant.path}"]
     settings += [f"{name}={value}" for name, value in combination.variant.options.items()]
     settings += [] if combination.has_timer else ["timer=off"]

@@ -17,25 +17,14 @@ from mjbench.report.advice import (
     conclusion,
     thread_conclusion,
 )
-from mjbench.report.content import (
-    Column,
-    Conclusion,
-    DataTable,
-    Section,
-    Snippet,
-    Tone,
-)
+from mjbench.report.content import Column, Conclusion, DataTable, Section, Snippet, Tone
 from mjbench.report.crossovers import (
     crossovers,
     describe_crossover,
     describe_work_crossover,
     work_crossovers,
 )
-from mjbench.report.judgements import (
-    judgement_conclusion,
-    judgement_tables,
-    version_lines,
-)
+from mjbench.report.judgements import judgement_conclusion, judgement_tables, version_lines
 from mjbench.report.results import FORMER, ModelResults, PathResult
 from mjbench.report.starts import starts_lines, warning_lines
 from mjbench.simulation import package_timer
@@ -82,7 +71,6 @@ def sections_together(models: Sequence[ModelResults]) -> Iterator[Section]:
 def _crossover_section(
     heading: str, model_of: Mapping[str, str], models: Sequence[ModelResults]
 ) -> Section:
-    """Return a section of conclusions, each with its model, and a figure of each model."""
     return Section(
         heading=heading,
         conclusions=[Conclusion(text) for text in model_of],
@@ -183,7 +171,6 @@ def _conclusions(model_results: ModelResults, names_size: bool) -> Iterator[Conc
 
 
 def _advice_conclusion(models: Sequence[ModelResults]) -> Conclusion:
-    """Return what the advice for several models comes to."""
     advice = [row for model_results in models for row in advise(model_results)]
     speedups = [row.speedup.estimate if row.speedup else 1.0 for row in advice]
     ncertain = sum(row.is_certain for row in advice)
@@ -196,7 +183,6 @@ def _advice_conclusion(models: Sequence[ModelResults]) -> Conclusion:
 
 
 def advice_table(models: Sequence[ModelResults]) -> DataTable:
-    """Return what is advised on every model, one row a model and loop."""
     advice = [row for model_results in models for row in advise(model_results)]
     sizes = {(row.model, row.nbatch) for row in advice}
     has_sizes = len({name for name, _ in sizes}) < len(sizes)
@@ -205,10 +191,7 @@ def advice_table(models: Sequence[ModelResults]) -> DataTable:
         "Advice",
         advice,
         (Column("model"), lambda row: names[row.model]),
-        (
-            Column("simulations", formats.count),
-            lambda row: row.nbatch if has_sizes else None,
-        ),
+        (Column("simulations", formats.count), lambda row: row.nbatch if has_sizes else None),
         (Column("loop", leaves=2), lambda row: row.loop.value),
         (Column("advised"), lambda row: f"{mark(row.is_certain)} {row.variant}"),
         (
@@ -242,7 +225,6 @@ def flat_rows(models: Sequence[ModelResults]) -> Iterator[RatedPath]:
 
 
 def mark(is_certain: bool) -> str:
-    """Return the mark of what is advised."""
     return "✓" if is_certain else "?"
 
 
@@ -258,7 +240,6 @@ def marks(model_results: ModelResults) -> dict[str, str]:
 
 
 def heading(model: ModelRecord) -> str:
-    """Return the name of a model with the sizes of its comparison."""
     if model.facts is None or model.work is None:
         return model.model
     simulations = count_of(model.nbatch or 0, "simulation")
@@ -277,7 +258,7 @@ def detail_lines(model: ModelRecord) -> list[str]:
     lines = [
         f"nv {model.facts.nv}, {model.facts.integrator}, {model.facts.solver}{actuators}; per step"
         f" {work.contacts:.1f} contacts ({model.start_contacts or 0} at the start),"
-        f" {work.constraints:.1f} constraints, {work.solver_iterations:.1f} solver iterations",
+        f" {work.constraints:.1f} constraints, {work.solver_iterations:.1f} solver iterations"
     ]
     if model.returns:
         lines.insert(0, f"Each run returns {_RETURNS[model.returns]}")
@@ -316,10 +297,7 @@ def path_table(sizes: Sequence[ModelResults]) -> DataTable:
         [(marks(each).get(str(r.variant)), r, r.speedup) for each in sizes for r in _shown(each)],
         (Column(""), lambda row: row[0]),
         (Column("path", wraps=True), lambda row: str(row[1].variant)),
-        (
-            Column("simulations", formats.count),
-            lambda row: row[1].nbatch if has_sizes else None,
-        ),
+        (Column("simulations", formats.count), lambda row: row[1].nbatch if has_sizes else None),
         (Column("ns/step", formats.count), lambda row: row[1].step_ns if row[2] else None),
         (Column("speed-up", formats.factor), lambda row: row[2].estimate if row[2] else None),
         (Column("95 %", formats.ends), lambda row: row[1].interval),
@@ -348,7 +326,6 @@ def _is_pending(result: PathResult) -> bool:
 
 
 def times_real_time(factor: float) -> str:
-    """Return how many times as fast as real time something is."""
     return f"{factor:,.0f}" if factor >= 10 else plain(factor, 2)
 
 
@@ -360,7 +337,6 @@ _AGREES = "yes"
 
 
 def agrees(result: PathResult) -> str:
-    """Return whether a path agrees, or why that is not known, in a few words."""
     if result.status == Status.OK:
         return _AGREES if result.judgement is None else result.judgement.answer.value
     return "NO" if result.status == Status.DISAGREES else str(result.status)
@@ -392,7 +368,6 @@ def _break_even(result: PathResult) -> str:
 
 
 def _memory(result: PathResult) -> str:
-    """Return the most memory that the process had, and that of the GPU."""
     sizes = {"": result.memory_bytes, "GPU ": result.gpu_memory_bytes}
     return ", ".join(f"{kind}{n / 2**20:,.0f} MiB" for kind, n in sizes.items() if n)
 
@@ -419,7 +394,6 @@ def notes(model_results: ModelResults) -> list[str]:
 
 
 def _race_notes(model_results: ModelResults) -> list[str]:
-    """Return whether all paths agree, what its advice implies, and how the race ended."""
     lines = []
     if model_results.model.status == Status.OK and not _unlike(model_results):
         lines.append("All paths agree with the plain loop.")
@@ -434,7 +408,6 @@ def _race_notes(model_results: ModelResults) -> list[str]:
 
 
 def _why_cut_short(count: int) -> str:
-    """Return why a race ended before it was decided."""
     if count >= MAX_LAUNCHES:
         return f"The race ended undecided after {count} launches, its most."
     launches = count_of(count, "launch") if count == 1 else f"{count} launches"
@@ -442,7 +415,6 @@ def _why_cut_short(count: int) -> str:
 
 
 def _buffer_lines(results: Sequence[PathResult]) -> list[str]:
-    """Return sizes of buffers that sufficed, to paste into a call of make_data."""
     return [
         f"{result.path}: {keyword_arguments(result.buffer_sizes).removeprefix(', ')} suffice for"
         f" {result.nbatch} simulations like these: twice what this run needed at most"
@@ -459,7 +431,6 @@ def _cores_note(model_results: ModelResults) -> list[str]:
 
 
 def _unavailable_lines(results: Sequence[PathResult]) -> list[str]:
-    """Return why some paths were not compared, a line for each reason."""
     paths_by_reason: dict[str, list[str]] = {}
     for result in filter(_is_unavailable, results):
         names = paths_by_reason.setdefault(result.detail, [])
@@ -471,7 +442,6 @@ def _unavailable_lines(results: Sequence[PathResult]) -> list[str]:
 
 
 def _snippets(all_advice: Sequence[Advice]) -> Iterator[Snippet]:
-    """Yield the Python of the paths that are advised, each once."""
     for snippet in dict.fromkeys(advice.snippet for advice in all_advice):
         same = [advice for advice in all_advice if advice.snippet == snippet]
         loops = " and ".join(dict.fromkeys(f"{advice.loop} loop" for advice in same))

@@ -67,7 +67,6 @@ class Column:
 
     @property
     def is_number(self) -> bool:
-        """Whether it holds numbers, or intervals."""
         return self.form is not None
 
     @property
@@ -110,7 +109,6 @@ class Column:
         ]
 
     def shown(self, cell: Cell) -> str:
-        """Return a cell as people read it."""
         if cell is None:
             return ""
         return str(cell) if isinstance(cell, str) or self.form is None else self.form(cell)
@@ -142,7 +140,6 @@ class DataTable:
 
     @property
     def raw_rows(self) -> list[tuple[str | float | None, ...]]:
-        """Its headings and its rows as programs read them."""
         columns = (
             column.raw([row[i] for row in self.rows]) for i, column in enumerate(self.columns)
         )
@@ -158,7 +155,6 @@ class DataTable:
         return self._with_columns(filled)
 
     def without(self, left_out: Collection[str]) -> "DataTable":
-        """Return the table without the columns of some titles."""
         stay = [i for i, column in enumerate(self.columns) if column.title not in left_out]
         return self._with_columns(stay)
 
@@ -221,7 +217,6 @@ class Section:
 
     @property
     def shown_tables(self) -> Sequence[DataTable]:
-        """Its tables for a reader without figures: without any, the data of its figures."""
         return self.tables or [figure.data for figure in self.figures]
 
 
@@ -246,6 +241,5 @@ class Report:
 
 
 def failure(name: str, status: str, detail: str) -> Section:
-    """Return the section of what could not be measured."""
     text = f"{name}: {status}: {detail.removeprefix(f'{name}: ')}"
     return Section(name, [Conclusion(text, Tone.BAD)])

@@ -3,11 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.counts import explain
-from mjbench.counts.function_differences import (
-    MAIN_FUNCTIONS,
-    NetDifference,
-    largest_differences,
-)
+from mjbench.counts.function_differences import MAIN_FUNCTIONS, NetDifference, largest_differences
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import ExplainRecord, FunctionDifference, InstructionsRecord
 from mjbench.report import charts, formats
@@ -125,7 +121,6 @@ def _signed(instructions: float) -> str:
 
 
 def _further_functions(row: ExplainRecord, top: int) -> list[str]:
-    """Return what the functions come to that are not listed."""
     further = row.functions[top:]
     if not further:
         return []
@@ -212,7 +207,6 @@ def _figure(row: ExplainRecord, changes: Sequence[NetDifference]) -> Figure:
 
 
 def _remarks(function: FunctionDifference) -> str:
-    """Return which name a function had, and with which functions it exchanged cost."""
     remarks = [f"was {function.old_name}"] if function.old_name else []
     if function.moved_with:
         direction = "from" if function.difference > 0 else "to"

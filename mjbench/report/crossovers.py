@@ -164,7 +164,6 @@ def _best_c_by_size(results: Sequence[PathResult]) -> dict[int, PathResult]:
 
 
 def _variants(results: Sequence[PathResult]) -> list[PathResult]:
-    """Return the first result of each path with its options."""
     keys = [(result.path, result.options) for result in results]
     return [result for i, result in enumerate(results) if keys[i] not in keys[:i]]
 

@@ -35,7 +35,6 @@ class NoiseRow:
 
     @classmethod
     def of(cls, noise: Noise) -> "NoiseRow":
-        """Return what noise that was measured comes to."""
         decidable = noise.decidable()
         return cls(
             launches=noise.launches,

@@ -31,11 +31,7 @@ from mjbench.store.runs import SCHEMA, Run
 
 
 def results_document(result: type, schema: int = SCHEMA, has_machine: bool = True) -> type:
-    """Return the document of a command whose results are of one type: `schema` and `results`.
-
-    Args:
-      has_machine: whether it says on which `machine` they were measured.
-    """
+    """Return the document of a command whose results are of one type: `schema` and `results`."""
     machine = [("machine", Machine)] if has_machine else []
     document = make_dataclass(
         f"{result.__name__}Results",
@@ -62,7 +58,6 @@ class CompareDocument:
 
     @classmethod
     def of(cls, machine: Machine, models: Sequence[ModelResults]) -> "CompareDocument":
-        """Return the document of a comparison's results."""
         results = [result for model_results in models for result in model_results.results]
         return cls(
             machine=machine,
@@ -105,7 +100,6 @@ class ModelRow:
 
     @classmethod
     def of(cls, listed: ListedModel) -> "ModelRow":
-        """Return the row of a listed model."""
         facts = vars(listed.facts) if listed.facts else {}
         return cls(listed.model, listed.status, listed.detail, **facts)
 
@@ -193,7 +187,6 @@ class RunSetDocument:
 
     @classmethod
     def of(cls, runs: Sequence[Run], results: SideBySide) -> "RunSetDocument":
-        """Return the document of a set's runs."""
         named = zip(runs, results.machines, strict=True)
         return cls(
             runs=[

@@ -34,7 +34,6 @@ _LEAST_SHARE = 0.001
 
 
 def sections(records: Sequence[EnvironmentRecord]) -> Iterator[Section]:
-    """Yield a section for each environment that was measured, or was to be."""
     for record in records:
         if record.facts is None or record.step is None:
             yield content.failure(record.environment, record.status, record.detail)
@@ -175,7 +174,6 @@ def _is_slowed(vector: VectorSamples) -> bool:
 
 
 def _overhead(vector: VectorSamples) -> str:
-    """Return why a form of processes is not as fast as its cores."""
     assert vector.step_ns is not None and vector.overhead_ns is not None, "its cores are known"
     assert vector.ncore is not None, "its cores are known"
     cores = f"{vector.ncore} cores" if vector.ncore > 1 else "one core"
@@ -188,7 +186,6 @@ def _overhead(vector: VectorSamples) -> str:
 
 
 def _recorded(facts: EnvironmentFacts) -> str:
-    """Return what was recorded, in a sentence."""
     episodes = f"{facts.nepisode} episodes" if facts.nepisode > 1 else "one episode"
     length = (
         f"of {plain(facts.episode_nstep, 3)} steps on average"
@@ -216,7 +213,6 @@ def _step_line(record: EnvironmentRecord) -> str:
 
 
 def _layers_table(record: EnvironmentRecord) -> DataTable:
-    """Return the layers of a step, and the functions of each."""
     columns = (
         Column("layer"),
         Column("of env.step", _share_text),
@@ -242,7 +238,6 @@ def _share_text(share: float) -> str:
 
 
 def reset_line(record: EnvironmentRecord) -> str:
-    """Return what a reset takes, and which share of an episode that is."""
     assert record.facts is not None and record.reset is not None and record.step is not None
     reset, length = record.reset, record.facts.episode_nstep
     share = _share_text(reset.episode_share)
@@ -260,7 +255,6 @@ def reset_line(record: EnvironmentRecord) -> str:
 
 
 def timing_lines(record: EnvironmentRecord) -> list[str]:
-    """Return what timing the layers cost, and to what they add up."""
     if record.timer is None:
         return []
     timer = record.timer
@@ -273,7 +267,6 @@ def timing_lines(record: EnvironmentRecord) -> list[str]:
 
 
 def cautions(record: EnvironmentRecord) -> list[str]:
-    """Return what to know before the figures, a sentence each."""
     lines = []
     if record.timer is not None and abs(record.timer.sum.median - 1) > SUM_TOLERANCE:
         total = f"{100 * record.timer.sum.median:.1f} %"
@@ -291,7 +284,6 @@ def cautions(record: EnvironmentRecord) -> list[str]:
 
 
 def physics_lines(record: EnvironmentRecord) -> list[str]:
-    """Return whether a plain loop does the same physics, and what the environment does besides."""
     facts, check = record.facts, record.check
     if facts is None or check is None:
         return []

@@ -57,7 +57,6 @@ def write(file: Path, threads: Sequence[ThreadSamples]) -> None:
 
 
 def _speedscope(threads: Sequence[ThreadSamples]) -> dict[str, object]:
-    """Return a profile for each thread, over frames that all share."""
     numbers: dict[Frame, int] = {}
     profiles = [
         {

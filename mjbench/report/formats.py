@@ -35,7 +35,6 @@ def digits(count: int) -> Form:
 
 
 def count(value: float) -> str:
-    """Return a whole number, with commas."""
     return f"{value:,.0f}"
 
 
@@ -116,17 +115,14 @@ def in_brackets(interval: Bounded, form: Form = factor) -> str:
 
 
 def ends_in(form: Form) -> Form:
-    """Return the form of intervals whose ends have a form."""
     return lambda interval: ends(interval, form)
 
 
 def bar(share: float) -> str:
-    """Return a bar of text, for a share of the longest."""
     return "█" * round(_BAR_WIDTH * share)
 
 
 def yes_no(value: bool) -> str:
-    """Return `yes` or `no`."""
     return "yes" if value else "no"
 
 
@@ -141,5 +137,4 @@ def short_names(names: Iterable[str]) -> dict[str, str]:
 
 
 def all_machines(number: int) -> str:
-    """Return `both machines` or, of more, such as `all 4 machines`."""
     return "both machines" if number == 2 else f"all {number} machines"

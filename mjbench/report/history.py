@@ -6,11 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from mjbench.host.machine import Machine
 from mjbench.releases import speed_history
-from mjbench.releases.change_points import (
-    FALSE_DISCOVERY_RATE,
-    MIN_CHANGE,
-    SIMULATED_DEVIATION,
-)
+from mjbench.releases.change_points import FALSE_DISCOVERY_RATE, MIN_CHANGE, SIMULATED_DEVIATION
 from mjbench.releases.release import NO_CHANGE_PAIRS, NoChangePair
 from mjbench.releases.release_ratios import LogEstimate
 from mjbench.releases.speed_history import SpeedSeries
@@ -218,7 +214,6 @@ def conclusions(history: SpeedHistory) -> Iterator[str]:
 
 
 def _range(log_ratios: Sequence[float]) -> str:
-    """Return in brackets how large changes are, smallest to largest; empty without any."""
     if not log_ratios:
         return ""
     ends = sorted(log_ratios, key=abs)[:: max(1, len(log_ratios) - 1)]

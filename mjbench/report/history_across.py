@@ -39,7 +39,6 @@ class ChangeAcross:
 
     @property
     def name(self) -> str:
-        """The change, and on how many machines it is listed, such as `… slower on 3 of 4`."""
         before = " or ".join(dict.fromkeys(each.before.release for each in self.listed))
         slower = sum(each.point.change > 0 for each in self.listed)
         counts = {"slower": slower, "faster": len(self.listed) - slower}
@@ -49,7 +48,6 @@ class ChangeAcross:
 
     @property
     def cells(self) -> dict[str, str]:
-        """The change with its standard error, by machine."""
         return {
             machine: _NOT_LISTED
             if listed is None
@@ -81,13 +79,11 @@ def changes(histories: Sequence[SpeedHistory]) -> list[ChangeAcross]:
 
 
 def _kinds(each: SpeedHistory) -> Iterator[tuple[bool, Sequence[SpeedSeries]]]:
-    """Yield the models, and the operations, each with whether it is these."""
     yield False, each.models
     yield True, each.operations
 
 
 def section(histories: Sequence[SpeedHistory]) -> Section:
-    """Return on how many machines each change is listed."""
     all_changes = changes(histories)
     cells = {change.name: change.cells for change in all_changes}
     return Section(
@@ -123,7 +119,6 @@ def sections(histories: Sequence[SpeedHistory]) -> Iterator[Section]:
 
 
 def conclusion(histories: Sequence[SpeedHistory], listed: Sequence[ChangeAcross]) -> str:
-    """Return how many changes are listed, and on how many machines."""
     count = len(histories)
     if not listed:
         return f"No history of the {count} machines lists a change."
@@ -141,7 +136,6 @@ def conclusion(histories: Sequence[SpeedHistory], listed: Sequence[ChangeAcross]
 
 
 def _machines(histories: Sequence[SpeedHistory]) -> DataTable:
-    """Return the machines, by the names that `--machine` takes."""
     return DataTable.of(
         "Machines of these histories",
         histories,

@@ -25,10 +25,7 @@ def run_files(folder: Path) -> list[Path]:
 
 
 def read(
-    files: Sequence[Path],
-    causes: Path | None,
-    since: str | None = None,
-    machine: str | None = None,
+    files: Sequence[Path], causes: Path | None, since: str | None = None, machine: str | None = None
 ) -> SpeedHistory:
     """Return the history that files hold of one machine; see `read_each` and `choose`."""
     return choose(read_each(files, causes, since), machine)
@@ -58,8 +55,6 @@ def read_each(
 
     Args:
       files: in the order that they were written; of several builds of a release the last counts.
-      causes: a table of causes that no measurement names; None for none.
-      since: the first release whose changes are listed; None for all.
 
     Returns:
       One of each machine, in the order that they were first measured.
@@ -111,5 +106,4 @@ def of_runs(
 
 
 def _has(runs: Sequence[Run], kind: type[RatioRecord]) -> bool:
-    """Return whether one of the runs has a record of a kind."""
     return any(run.of_type(kind) for run in runs)

@@ -45,7 +45,6 @@ def draw(history: SpeedHistory, folder: Path) -> None:
 
 
 def figure(history: SpeedHistory, series: SpeedSeries) -> Figure:
-    """Return the plot of a model for a page, titled by its name."""
     data = DataTable.of(
         series.name,
         series.measured,
@@ -70,7 +69,6 @@ def figure(history: SpeedHistory, series: SpeedSeries) -> Figure:
 
 
 def specification(history: SpeedHistory, series: SpeedSeries) -> Spec:
-    """Return the plot of a model, in Vega-Lite."""
     releases = [release for release in history.releases() if history.lists(release)]
     reference = series.measured[-1].record.reference
     panels = [

@@ -35,7 +35,6 @@ def operation_changes(history: SpeedHistory, only: str | None = None) -> DataTab
 
 
 def _change_points(heading: str, noun: str, listed: Sequence[Listed]) -> DataTable:
-    """Return change points, and what accounts for them; `noun`: what each is of."""
     return DataTable.of(
         heading,
         listed,
@@ -55,7 +54,6 @@ def _change_points(heading: str, noun: str, listed: Sequence[Listed]) -> DataTab
 
 
 def all_models(history: SpeedHistory, release: str) -> DataTable:
-    """Return the change of each model from the release before one."""
     counts = history.counts
     return DataTable(
         "All models",
@@ -90,7 +88,6 @@ def pairs(
 
 
 def _instruction_ratio(counts: ExplainRecord | None) -> float | None:
-    """Return new over old instructions; None where they were not counted."""
     return None if counts is None else counts.instruction_ratio
 
 
@@ -121,7 +118,6 @@ def _functions(counts: ExplainRecord | None) -> str:
 
 
 def excursions(history: SpeedHistory) -> DataTable:
-    """Return the single releases that are off."""
     return DataTable(
         "Single releases that are off",
         (
@@ -141,7 +137,6 @@ def excursions(history: SpeedHistory) -> DataTable:
 
 
 def drifts(history: SpeedHistory) -> DataTable:
-    """Return slow changes."""
     return DataTable(
         "Drifts",
         (Column("releases"), Column("model or operation"), Column("time", formats.log_change)),
@@ -149,9 +144,7 @@ def drifts(history: SpeedHistory) -> DataTable:
             (f"{begin} to {end}", _title(series), drift.change)
             for series in history.all_series
             for drift in series.changes.drifts
-            for begin, end in [
-                (series.measured[i].release for i in (drift.begin, drift.end - 1)),
-            ]
+            for begin, end in [(series.measured[i].release for i in (drift.begin, drift.end - 1))]
             if history.lists(end)
         ],
     )
@@ -194,7 +187,6 @@ def _shipped_change(
 
 
 def totals(history: SpeedHistory) -> DataTable:
-    """Return the change from the first release to the last."""
     return DataTable.of(
         "From the first release to the last",
         [series for series in history.all_series if len(series.measured) > 1],
@@ -223,13 +215,11 @@ def _by_release(
 
 
 def step_times(history: SpeedHistory) -> DataTable:
-    """Return microseconds of a step, by release and model."""
     columns = [_times(series) for series in history.models]
     return _by_release("Time of a step", history, history.models, columns)
 
 
 def operation_times(history: SpeedHistory) -> DataTable:
-    """Return microseconds of operations, by release."""
     columns = [_times(series) for series in history.operations]
     return _by_release("Time of operations", history, history.operations, columns)
 
@@ -277,7 +267,6 @@ def _mark(difference: float) -> str:
 
 
 def work(history: SpeedHistory) -> DataTable:
-    """Return the releases in which work or results changed."""
     return DataTable(
         "Releases that compute something else",
         (Column("release"), Column("model or operation"), Column("what changed", wraps=True)),
@@ -294,7 +283,6 @@ def work(history: SpeedHistory) -> DataTable:
 
 
 def failures(history: SpeedHistory) -> DataTable:
-    """Return what a release failed in."""
     return DataTable.of(
         "Measurements that failed",
         [record for record in history.failures if history.lists(record.release)],
@@ -309,7 +297,6 @@ def _title(series: SpeedSeries) -> str:
 
 
 def total(series: SpeedSeries) -> LogEstimate:
-    """Return the time in the last release over that in the first."""
     return speed_history.change(series.measured[0], series.measured[-1])
 
 

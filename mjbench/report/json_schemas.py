@@ -41,7 +41,6 @@ def json_schemas() -> dict[str, dict[str, Any]]:
 
 
 def _lines_schema(kinds: Sequence[type], title: str) -> dict[str, Any]:
-    """Return the schema of a line that is one of several records."""
     lines = [_record_schema(kind) for kind in kinds]
     definitions = {name: d for line in lines for name, d in line.pop("$defs").items()}
     return {
@@ -67,7 +66,6 @@ def _record_schema(kind: Any) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Write the schema files."""
     SCHEMA_FOLDER.mkdir(exist_ok=True)
     for name, schema in json_schemas().items():
         text = json.dumps(schema, indent=1) + "\n"

@@ -106,7 +106,6 @@ def judgement_conclusion(result: PathResult) -> str | None:
 
 
 def version_lines(results: Sequence[PathResult]) -> list[str]:
-    """Return which versions computed, and which of them is older than MuJoCo."""
     versions: dict[str, str] = {}
     for result in results:
         versions |= result.versions or {}

@@ -115,10 +115,6 @@ def _kind(
     )
 
 
-def _compare_document(run: Run) -> documents.CompareDocument:
-    return documents.CompareDocument.of(run.header.machine, derive_all(run.records))
-
-
 def _verdict_rows(run: Run) -> list[VerdictRow]:
     return [record.row() for record in run.of_type(VerdictRecord)]
 
@@ -136,10 +132,6 @@ def _selfcheck_rows(run: Run) -> list[SelfcheckRow]:
     return trials.summary(run.of_type(TrialRecord), min_effect)
 
 
-def _selfcheck_sections(run: Run) -> list[Section]:
-    return [selfcheck.section(_selfcheck_rows(run), *family.rule_of(run.header))]
-
-
 _RATIOS = (StepRatioRecord, OperationRatioRecord)
 _VERDICTS = documents.results_document(VerdictRow)
 
@@ -155,7 +147,7 @@ COMPARE = Kind(
     ("compare",),
     (*comparison_records.RECORD_TYPES.values(), RaceRecord),
     documents.CompareDocument,
-    _compare_document,
+    lambda run: documents.CompareDocument.of(run.header.machine, derive_all(run.records)),
     lambda run: comparison.sections(derive_all(run.records)),
     lambda run: comparison.flat_rows(derive_all(run.records)),
 )
@@ -178,7 +170,7 @@ SELFCHECK = Kind(
     (TrialRecord,),
     documents.SelfcheckDocument,
     _selfcheck_document,
-    _selfcheck_sections,
+    lambda run: [selfcheck.section(_selfcheck_rows(run), *family.rule_of(run.header))],
     _selfcheck_rows,
 )
 PLACEMENT = _kind(SpreadRecord, lambda rows: [placement.section(rows)], "placement")

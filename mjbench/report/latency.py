@@ -34,7 +34,6 @@ _PACES = {Pace.FREE.value: charts.BLUE, Pace.PACED.value: charts.ORANGE}
 
 
 def sections(rows: Sequence[LatencyRow]) -> Iterator[Section]:
-    """Yield a section for each model whose single steps were timed, or were to be."""
     for model, group in itertools.groupby(rows, lambda row: row.model):
         of_model = list(group)
         work = of_model[0].work
@@ -94,7 +93,6 @@ def _table(rows: Sequence[LatencyRow]) -> DataTable:
 
 
 def _common(features: Sequence[SlowFeature]) -> str:
-    """Return what the slowest 1 % of steps have in common."""
     parts = [
         f"{plain(feature.slow, 2)} {feature.name} a step instead of {plain(feature.all, 2)}"
         for feature in _common_features(features)

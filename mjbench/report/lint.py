@@ -41,7 +41,6 @@ def finding_place(finding: Finding) -> str:
 
 
 def statistics_lines(findings: Sequence[Finding]) -> list[str]:
-    """Return the number of findings of each rule that has any, as lines."""
     counts = Counter(finding.code for finding in findings)
     width = max((len(str(count)) for count in counts.values()), default=0)
     return [
@@ -78,7 +77,6 @@ def _github_value(text: str) -> str:
 
 
 def as_json(document: LintDocument) -> str:
-    """Return findings as `--json` writes them."""
     return json.dumps(to_json(document), indent=1) + "\n"
 
 
@@ -130,7 +128,6 @@ def _sarif_result(finding: Finding) -> Mapping[str, Any]:
 
 
 def _uri(file: str) -> str:
-    """Return the address of a file; of a relative name it is relative, too."""
     path = Path(file)
     if path.is_absolute():
         return path.as_uri()

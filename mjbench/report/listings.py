@@ -29,7 +29,6 @@ class PathRow:
 
     @classmethod
     def of(cls, path: SteppingPath) -> "PathRow":
-        """Return the row of a path."""
         return cls(
             path=path.name,
             summary=path.summary,
@@ -40,7 +39,6 @@ class PathRow:
 
 
 def models_table(rows: Sequence[ListedModel]) -> DataTable:
-    """Return the table of `mjbench models`, of those that could be loaded."""
     sizes = {"nq": 4, "nv": 0, "nu": 0, "na": 3, "contacts": 0, "constraints": 0}
     return DataTable.of(
         "Models",
@@ -50,10 +48,7 @@ def models_table(rows: Sequence[ListedModel]) -> DataTable:
             (Column(size, str, leaves=leaves), lambda row, size=size: getattr(row[1], size))
             for size, leaves in sizes.items()
         ),
-        (
-            Column("timestep", _milliseconds),
-            lambda row: row[1].timestep,
-        ),
+        (Column("timestep", _milliseconds), lambda row: row[1].timestep),
         (Column("integrator", leaves=2), lambda row: row[1].integrator),
         (Column("solver", leaves=1), lambda row: row[1].solver),
     )
@@ -64,7 +59,6 @@ def _milliseconds(seconds: float) -> str:
 
 
 def failed_models(rows: Sequence[ListedModel]) -> list[str]:
-    """Return why models could not be loaded, a line each."""
     return [
         f"{row.model}: {row.detail.removeprefix(f'{row.model}: ')}"
         for row in rows
@@ -73,7 +67,6 @@ def failed_models(rows: Sequence[ListedModel]) -> list[str]:
 
 
 def paths_table(rows: Sequence[PathRow]) -> DataTable:
-    """Return the table of `mjbench paths`."""
     return DataTable.of(
         "Paths",
         rows,

@@ -5,15 +5,7 @@ from collections.abc import Iterator, Sequence
 from mjbench.loop import habits
 from mjbench.loop.overhead import HabitCost, OverheadRow
 from mjbench.report import charts, content, formats
-from mjbench.report.content import (
-    Column,
-    Conclusion,
-    DataTable,
-    Figure,
-    Section,
-    Snippet,
-    Tone,
-)
+from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Snippet, Tone
 from mjbench.report.starts import starts_lines
 
 # Habits that are drawn: those that add most.
@@ -21,7 +13,6 @@ _MOST_HABITS = 12
 
 
 def sections(rows: Sequence[OverheadRow]) -> Iterator[Section]:
-    """Yield a section for each model whose loop was measured, or was to be."""
     for row in rows:
         if row.is_measured:
             yield _section(row)
@@ -30,7 +21,6 @@ def sections(rows: Sequence[OverheadRow]) -> Iterator[Section]:
 
 
 def _section(table: OverheadRow) -> Section:
-    """Return what a bare loop and the habits beside it cost for one model."""
     assert table.bare_ns is not None and table.engine_ns is not None and table.costs is not None
     python_ns = table.bare_ns - table.engine_ns
     conclusions = [
@@ -85,7 +75,6 @@ def _table(table: OverheadRow) -> DataTable:
 
 
 def _snippets(cost: HabitCost) -> Iterator[Snippet]:
-    """Yield the loop of a habit, and that of its cheaper form."""
     yield Snippet(cost.source, cost.code)
     if cost.cheaper in habits.BY_NAME:  # a later version may know others
         yield Snippet(f"cheaper, {cost.cheaper}", habits.script(habits.BY_NAME[cost.cheaper]))

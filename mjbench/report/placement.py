@@ -11,17 +11,13 @@ from mjbench.report.formats import short_percent
 
 
 def section(rows: Sequence[SpreadRecord]) -> Section:
-    """Return a sentence for each model, and the table of all residues."""
     measured = [row for row in rows if row.residues]
     table = DataTable.of(
         "Spreads",
         measured,
         (Column("model"), lambda row: row.model),
         (Column("release", leaves=3), lambda row: row.release),
-        (
-            Column("spread", short_percent),
-            lambda row: row.spread.estimate if row.spread else None,
-        ),
+        (Column("spread", short_percent), lambda row: row.spread.estimate if row.spread else None),
         (Column("interval", formats.ends_in(short_percent)), lambda row: row.spread),
         *(
             (

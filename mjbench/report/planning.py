@@ -13,14 +13,12 @@ from mjbench.units import plain
 
 
 def sections(rows: Sequence[PlanningRow]) -> Iterator[Section]:
-    """Yield a section for each model and size of plans, and one of all sizes of a model."""
     for _, group in itertools.groupby(rows, lambda row: (row.model, row.samples, row.horizon)):
         yield section(list(group))
     yield from sizes_sections(rows)
 
 
 def section(rows: Sequence[PlanningRow]) -> Section:
-    """Return what the plans of a model at one size come to."""
     first = rows[0]
     of_size = [row for row in rows if row.status != Status.UNAVAILABLE]
     conclusions = [

@@ -17,7 +17,6 @@ _UNRESOLVED = "below what was resolved"
 
 
 def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
-    """Yield a section for each model that was profiled, or was to be."""
     for row in rows:
         steps = row.steps
         if steps is None:
@@ -60,7 +59,6 @@ def conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
 
 
 def work_line(steps: ProfiledSteps) -> str:
-    """Return what a step did."""
     work = steps.work
     return (
         f"A step has {plain(work.contacts, 3)} contacts, {plain(work.constraints, 3)} constraints,"
@@ -69,7 +67,6 @@ def work_line(steps: ProfiledSteps) -> str:
 
 
 def _facts(steps: ProfiledSteps) -> list[str]:
-    """Return what a step did, and which states were stepped."""
     held = ["Each run holds the controls of its start"] if steps.run_nstep else []
     return [
         work_line(steps),
@@ -104,7 +101,6 @@ def _sensors(steps: ProfiledSteps) -> DataTable:
 
 
 def _other_lines(steps: ProfiledSteps) -> list[str]:
-    """Return what is left where it is notable."""
     share = steps.stages.get(OTHER, 0.0)
     if share < _NOTABLE_OTHER:
         return []

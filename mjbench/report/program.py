@@ -75,7 +75,6 @@ class ActivityRow:
 
 
 def program_rows(row: ProgramRow) -> Iterator[ActivityRow]:
-    """Yield the activities of a program's loops."""
     for report in row.loops:
         time = report.time
         for activity, share in time.activities.items():
@@ -226,14 +225,12 @@ def _wrong(remedy: Remedy) -> str:
 
 
 def where(time: LoopTime) -> str:
-    """Return the file and the lines of a loop."""
     loop = time.loop
     lines = f"{loop.first}" if loop.first == loop.last else f"{loop.first}–{loop.last}"
     return f"{loop.file}:{lines}"
 
 
 def _memory_lines(row: ProgramRow) -> list[str]:
-    """Return by how much memory grew, with the calls that are known to keep some."""
     growth = row.memory_growth_bytes or 0
     if growth < _LEAST_GROWTH_BYTES:
         return []
@@ -283,7 +280,6 @@ def _remedies_table(remedies: Sequence[Remedy]) -> DataTable:
 
 
 def _described(remedy: Remedy) -> str:
-    """Return what a remedy is, and what it changes besides the time."""
     code = f" ({remedy.code})" if remedy.code else ""
     changes = "" if remedy.effect in ("", "nothing") else f"; it changes {remedy.effect}"
     return f"{subject(remedy)}{remedy.text}{code}{changes}"
@@ -295,7 +291,6 @@ def subject(remedy: Remedy) -> str:
 
 
 def saving(remedy: Remedy) -> str:
-    """Return what a remedy saves, in a few words."""
     if remedy.confirmed is not None:
         sure = remedy.confirmed
         if remedy.kind == RemedyKind.COPIES:
@@ -350,7 +345,6 @@ def _shortened(text: str) -> str:
 
 
 def _jax_table(time: LoopTime) -> DataTable:
-    """Return what calls of JAX take, by line."""
     parts: dict[tuple[Place, str], list[CallTime]] = defaultdict(list)
     for call in time.calls:
         if call.is_of_jax:
@@ -404,7 +398,6 @@ def _steps_section(row: ProgramRow) -> Iterator[Section]:
 
 
 def _physics_table(row: ProgramRow) -> DataTable:
-    """Return which parts of the model cost most in a step."""
     return DataTable.of(
         "Parts of the model",
         row.physics.costs if row.physics is not None else (),

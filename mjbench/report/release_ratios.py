@@ -11,7 +11,6 @@ from mjbench.simulation import agreement
 
 
 def section(records: Sequence[RatioRecord]) -> Section:
-    """Return the ratio of each release and model, with its standard error."""
     rows: list[tuple[str, str, RatioRecord]] = []
     in_order = speed_history.in_order_of_release(records)
     for _, each in itertools.groupby(in_order, lambda record: (record.release, record.build)):
@@ -52,14 +51,12 @@ def section(records: Sequence[RatioRecord]) -> Section:
 
 
 def _failed_alike(records: Sequence[RatioRecord]) -> bool:
-    """Return whether nothing of a release could be timed, and always for one reason."""
     details = {record.detail for record in records}
     is_timed = any(record.launches for record in records)
     return len(records) > 1 and not is_timed and len(details) == 1 and "" not in details
 
 
 def _work(record: RatioRecord) -> str:
-    """Return how the work differs from that of the reference."""
     if not isinstance(record, StepRatioRecord):
         is_same = record.drift is not None and record.drift <= agreement.ROUNDING
         return "the same result" if is_same else "another result"

@@ -83,12 +83,10 @@ class PathResult(MeasurementRecord):
 
     @property
     def variant(self) -> Variant:
-        """The path with its options."""
         return Variant(self.path, self.options)
 
     @property
     def is_base(self) -> bool:
-        """Whether it is that of the plain loop, over which speed-ups are."""
         return self.variant == Variant(BASE, {})
 
     @property
@@ -103,11 +101,9 @@ class PathResult(MeasurementRecord):
 
     @property
     def is_timed(self) -> bool:
-        """Whether it has a speed."""
         return self.steps_per_s is not None
 
     def serves(self, loop: Loop) -> bool:
-        """Return whether a loop can use the path."""
         return loop == Loop.OPEN or self.closed_loop
 
     def rate_over(self, other: "PathResult") -> float:
@@ -119,9 +115,6 @@ class PathResult(MeasurementRecord):
         """Return how many steps take another path as long as compiling and they take this one.
 
         It is infinity where the other path is faster, or nothing is compiled.
-
-        Args:
-          other_ns: nanoseconds of a step of the other path.
         """
         if self.step_ns is None or self.compile_s is None or self.step_ns >= other_ns:
             return math.inf
@@ -137,11 +130,9 @@ class Cores:
 
     @property
     def share(self) -> float:
-        """The share that they had."""
         return self.had / self.wanted
 
     def __str__(self) -> str:
-        """Return it as sentences have it, such as `1.20 of 2 cores`."""
         return f"{self.had:.2f} of {self.wanted} cores"
 
 
@@ -162,7 +153,6 @@ class ModelResults:
 
     @property
     def statuses(self) -> list[Status]:
-        """How the model, its variants and its race ended."""
         race = [self.race.status] if self.race else []
         return [self.model.status, *(result.status for result in self.results), *race]
 
@@ -185,12 +175,10 @@ class ModelResults:
         return cores[(len(cores) - 1) // 2] if cores else None
 
     def _wanted(self, threads: Sequence[int]) -> int:
-        """Return how many cores the most threads of paths can use."""
         return min(self.model.usable_cores, max(threads, default=1))
 
     @property
     def disturbances(self) -> list[str]:
-        """What disturbed the race, a clause each; empty where nothing did."""
         race, lines = self.race, list[str]()
         stolen = (race.stolen_share if race else None) or 0.0
         if stolen >= machine.NOTABLE_STOLEN:
@@ -204,7 +192,6 @@ class ModelResults:
 
     @property
     def cautions(self) -> list[str]:
-        """What to know before the numbers, a sentence each."""
         sentences = []
         if self.disturbances:
             sentences.append(disturbed(self.disturbances))
@@ -219,7 +206,6 @@ class ModelResults:
 
     @property
     def base(self) -> PathResult | None:
-        """The plain loop, where it was timed."""
         return self.timed(Variant(BASE, {}))
 
     def timed(self, variant: Variant) -> PathResult | None:
@@ -235,7 +221,6 @@ class ModelResults:
 def derive(
     model: ModelRecord, measurements: Sequence[MeasurementRecord], race: RaceRecord | None
 ) -> ModelResults:
-    """Return the results of one model at one size from its records."""
     own_blocks = (m for m in measurements if m.path == BASE and m.samples_s)
     base = next((m for m in own_blocks if m.agrees and m.status == Status.OK), None)
     is_former = race is None and base is not None
@@ -277,12 +262,7 @@ def _result(
     base_ns: float | None,
     speedup: tuple[Ratio, int] | None,
 ) -> PathResult:
-    """Return the result of a variant.
-
-    Args:
-      base_ns: nanoseconds of a step of the plain loop.
-      speedup: over the plain loop, and from how many launches.
-    """
+    """Return the result of a variant."""
     untimed = PathResult(**vars(record), starts=model.starts)
     if not record.agrees or record.status != Status.OK or speedup is None or base_ns is None:
         return untimed
@@ -328,7 +308,6 @@ def _speedup(
 
 
 def _step_s(record: MeasurementRecord) -> float:
-    """Return the seconds of a step of a variant whose blocks are in its record."""
     return statistics.median(record.samples_s) / steps_per_block(record)
 
 

@@ -38,7 +38,6 @@ def load(file: str | Path) -> list[dict[str, Cell]]:
 
 
 def of_set(stored: RunSet) -> list[dict[str, Cell]]:
-    """Return the results of a run file or of a run set that was read; see `load`."""
     sections = run_set.distinct(stored.sections)
     if stored.is_run_file:
         return of_run(sections[0].run)
@@ -56,7 +55,6 @@ def of_set(stored: RunSet) -> list[dict[str, Cell]]:
 
 
 def of_run(run: Run) -> list[dict[str, Cell]]:
-    """Return the results of a run that was read; see `load`."""
     return _with_all_keys(_rows(run))
 
 
@@ -71,7 +69,6 @@ def _with_all_keys(some: Iterable[dict[str, Cell]]) -> list[dict[str, Cell]]:
 
 
 def _results(run: Run) -> Iterator[object]:
-    """Yield the results of a run of any command, one a row."""
     for kind in kinds.kinds_of(run):
         yield from kind.rows(run)
 

@@ -94,7 +94,6 @@ def differences(old: RunSet, new: RunSet, across: bool) -> list[RunDifference]:
 def _missing(
     machine: MachineIdentity, absent: str, others: Sequence[MachineIdentity]
 ) -> RunDifference:
-    """Return the row of a machine that the file `absent`, with `others`, does not have."""
     same_kind = {other for other in others if other.kind == machine.kind}
     knows_host = bool(machine.label or machine.host)
     if same_kind and not (knows_host and all(other.label or other.host for other in same_kind)):
@@ -105,7 +104,6 @@ def _missing(
 
 
 def run_differences(old: Sequence[Run], new: Sequence[Run], across: bool) -> list[RunDifference]:
-    """Return a row for every variant that was timed in both, whatever the machine."""
     olds, news = _timed(old), _timed(new)
     return [_difference(olds[key], news[key], across) for key in news if key in olds]
 
@@ -138,7 +136,6 @@ class _Timed:
 
     @property
     def is_former(self) -> bool:
-        """Whether an earlier version of mjbench timed it."""
         return self.result is not None and self.result.is_former
 
     def cautions(self, name: str) -> list[str]:
@@ -181,7 +178,6 @@ def _difference(olds: Sequence[_Timed], news: Sequence[_Timed], across: bool) ->
 
 
 def _verdict(ratio: Ratio) -> Verdict | None:
-    """Return what an interval says: it lies above, below or between the smallest effects."""
     if ratio.low is None or ratio.high is None:
         return None
     if ratio.low > 1 + MIN_EFFECT:
@@ -261,7 +257,6 @@ def _conclusion(rows: Sequence[RunDifference]) -> Conclusion:
 
 
 def _table(rows: Sequence[RunDifference]) -> DataTable:
-    """Return the table; of sets, with a column for the machine."""
     return DataTable.of(
         "Differences",
         rows,

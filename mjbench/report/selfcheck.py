@@ -15,11 +15,7 @@ _MANY = 0.2
 def section(
     rows: Sequence[SelfcheckRow], confidence: float, min_effect: float = MIN_EFFECT
 ) -> Section:
-    """Return what trials come to: a table of slowdowns and one of builds, each if there is any.
-
-    Args:
-      min_effect: the smallest change that matters, as a share.
-    """
+    """Return what trials come to: a table of slowdowns and one of builds, each if there is any."""
     between = [row for row in rows if row.arm == Arm.BETWEEN_BUILDS]
     slowdowns = [row for row in rows if row.arm != Arm.BETWEEN_BUILDS]
     problems = dict.fromkeys(row.problem for row in rows if row.problem)
@@ -72,7 +68,6 @@ def _conclusion(rows: Sequence[SelfcheckRow], confidence: float) -> Conclusion:
 
 
 def _slowdown_table(rows: Sequence[SelfcheckRow]) -> DataTable:
-    """Return the table of trials in which both targets are the same build."""
     return _table(
         "Known slowdowns",
         Column("slowdown", has_figures=True),
@@ -105,7 +100,6 @@ def _table(
     rows: Sequence[SelfcheckRow],
     *shares: tuple[Column, Callable[[SelfcheckRow], Cell]],
 ) -> DataTable:
-    """Return a table of trials; `case` heads what differs, `shares` are what it is about."""
     return DataTable.of(
         title,
         rows,

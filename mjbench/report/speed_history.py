@@ -50,7 +50,6 @@ class SpeedHistory:
     operations_machine: Machine | None = None
 
     def lists(self, release: str) -> bool:
-        """Return whether changes that came with a release are listed."""
         return self.since is None or order(release) >= order(self.since)
 
     def instructions(self, model: str) -> dict[str, float]:
@@ -65,11 +64,9 @@ class SpeedHistory:
 
     @property
     def all_series(self) -> Sequence[SpeedSeries]:
-        """The models, then the operations."""
         return [*self.models, *self.operations]
 
     def releases(self) -> list[str]:
-        """Return the releases that anything was measured in, in their order."""
         releases = {each.release for series in self.all_series for each in series.measured}
         return speed_history.in_order(releases)
 
@@ -117,7 +114,6 @@ def from_records(
 
 
 def title(record: RatioRecord) -> str:
-    """Return the name of the model or the operation of a record for people."""
     if not isinstance(record, OperationRatioRecord):
         return record.model
     return ", ".join(filter(None, (record.title, record.model)))
@@ -128,10 +124,7 @@ class Listed:
     """A change point of a series, and what is known of it.
 
     Attributes:
-      before: the last release before it.
-      after: the first release with it.
       counts: of instructions by function, in these two.
-      causes: that no measurement names.
     """
 
     series: SpeedSeries
@@ -143,12 +136,10 @@ class Listed:
 
     @property
     def title(self) -> str:
-        """What changed, for people."""
         return title(self.after.record)
 
     @property
     def work_changes(self) -> list[str]:
-        """How the work changed; empty where it did not, and where that is not known."""
         return speed_history.work_changes(self.before, self.after)
 
     @property
@@ -167,7 +158,6 @@ class Listed:
 
     @property
     def has_same_code(self) -> bool:
-        """Whether both releases are known to execute the same machine code."""
         code = self.counts.code if self.counts else None
         if code is None or any(change in code for change in OTHER_CODE):
             return False
@@ -178,11 +168,7 @@ class Listed:
 def listed_changes(
     history: SpeedHistory, all_series: Sequence[SpeedSeries], only: str | None = None
 ) -> list[Listed]:
-    """Return change points of models or operations: by release, and of one the largest first.
-
-    Args:
-      only: the release that they came with; None for all.
-    """
+    """Return change points of models or operations: by release, and of one the largest first."""
     listed = [
         Listed(
             series,

@@ -34,14 +34,12 @@ def starts_lines(starts: Starts | None, with_warnings: bool = True) -> list[str]
 
 
 def _window_line(starts: Starts, window: Window) -> str:
-    """Return how many starts are from where, and what was stepped from them."""
     count = count_of(window.nstart, "start")
     steps = f"{count_of(window.nstep, 'step')} each"
     return f"{count}{_source(starts)}, {steps}, {plain(window.contacts, 3)} contacts a step"
 
 
 def _source(starts: Starts) -> str:
-    """Return where starts and controls come from."""
     if starts.file is None:
         begin, end = plain(starts.settle_s, 3), plain(2 * starts.settle_s, 3)
         run = f" from {begin} to {end} s of the model's own run"
@@ -161,7 +159,6 @@ def warning_lines(warnings: Mapping[str, int] | None) -> list[str]:
 
 
 def _simulations(counts: Mapping[str, int]) -> str:
-    """Return numbers of simulations by warning, such as `CNSTRFULL in 64 simulations`."""
     return ", ".join(
         f"{name} in {count} simulation{'s' * (count > 1)}" for name, count in counts.items()
     )

@@ -26,7 +26,6 @@ def duration(seconds: float) -> str:
 
 
 def cells_section(cells: Sequence[Cell], done: Mapping[Cell, CellOutcome]) -> Section:
-    """Return the names of all cells, how those that have a result ended, and how many there are."""
     table = DataTable.of(
         "Results",
         cells,
@@ -53,7 +52,6 @@ def summary_section(summary: Summary, outcomes: Mapping[Cell, CellOutcome]) -> S
 
 
 def failures(outcomes: Mapping[Cell, CellOutcome]) -> list[Conclusion]:
-    """Return which cells failed, and how."""
     failed = [item for item in outcomes.items() if item[1].status in _FAILED]
     conclusions = [
         Conclusion(f"{cell.name}: {outcome.status}, {outcome.detail}", Tone.BAD)

@@ -5,27 +5,18 @@ from dataclasses import dataclass
 
 from mjbench.measuring.ratio import Ratio
 from mjbench.report import charts, formats
-from mjbench.report.content import (
-    Column,
-    Conclusion,
-    DataTable,
-    Figure,
-    Section,
-    Snippet,
-    Tone,
-)
+from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Snippet, Tone
 from mjbench.report.formats import short_percent
 from mjbench.report.tuning_notes import in_units, notes, percent
 from mjbench.simulation import package_timer
 from mjbench.status import Status
 from mjbench.tuning import knobs
-from mjbench.tuning.distance import Distance
 from mjbench.tuning.records import (
     SAME_ERROR,
+    Accuracy,
     Attempt,
     Effect,
     Recommendation,
-    TunedProgram,
     TuneRecord,
     fresh_ratio,
     saves_time,
@@ -77,7 +68,6 @@ class TunedRow:
 
 
 def rows(record: TuneRecord) -> list[TunedRow]:
-    """Return the recommendations of a search, a row each."""
     return [
         TunedRow(
             record.model,
@@ -92,7 +82,6 @@ def rows(record: TuneRecord) -> list[TunedRow]:
 
 
 def sections(records: Sequence[TuneRecord]) -> Iterator[Section]:
-    """Yield a section for each model for which settings were searched."""
     for record in records:
         tone = Tone.GOOD if record.best() is not None else Tone.NEUTRAL
         first = Conclusion(conclusion(record), tone if record.status == Status.OK else Tone.BAD)
@@ -146,7 +135,6 @@ def slow_lines(settings: Sequence[Setting]) -> list[str]:
 
 
 def _is_measured(record: TuneRecord) -> bool:
-    """Return whether there is more to say than the conclusion."""
     batch = record.batch
     return record.present is not None or (
         batch is not None and batch.facts is not None and batch.present is not None
@@ -197,41 +185,20 @@ def _front_figure(record: TuneRecord, present: Present) -> Figure:
     )
 
 
-@dataclass(frozen=True)
-class _FrontRow:
-    """Settings beside the present ones, which are none."""
-
-    settings: Sequence[Setting]
-    error: Distance | None
-    ratio: Ratio
-    program: TunedProgram | None
-    is_recommended: bool = False
-    effect: Effect | None = None
-    sensor_share: float = 0.0
-
-
-def _front_rows(record: TuneRecord) -> Iterator[_FrontRow]:
-    """Yield the present settings, what is recommended, and of MJX and Warp what else was tried."""
+def _front_rows(record: TuneRecord) -> Iterator[tuple[Recommendation, bool]]:
+    """Yield the present settings, the front, and of MJX and Warp what else was tried."""
     batch, listed = record.batch, advised(record)
     program = batch.present if batch else None
     present = program or record.present
     assert present is not None, "it was measured"
-    yield _FrontRow((), present.error, Ratio(1.0, None, None), program)
+    yield Recommendation((), Ratio(1.0, None, None), present.error, program=program), False
     for each in record.front:
-        is_recommended = batch is not None or each in listed
-        yield _FrontRow(
-            each.settings,
-            each.error,
-            each.ratio,
-            each.program,
-            is_recommended,
-            each.effect,
-            each.accuracy.sensor_share if each.accuracy else 0.0,
-        )
+        yield each, batch is not None or each in listed
     for attempt in tried(record) if batch else ():
         if attempt.time_ratio:
             ratio = Ratio(attempt.time_ratio, None, None)
-            yield _FrontRow(attempt.settings, attempt.error, ratio, attempt.program)
+            error, program = attempt.error, attempt.program
+            yield Recommendation(attempt.settings, ratio, error, program=program), False
 
 
 def _front_table(record: TuneRecord) -> DataTable:
@@ -240,42 +207,38 @@ def _front_table(record: TuneRecord) -> DataTable:
     return DataTable.of(
         "Confirmed from new starts" if is_in_c else "Settings",
         _front_rows(record),
-        (Column("advised"), lambda row: "yes" if row.is_recommended else None),
+        (Column("advised"), lambda row: "yes" if row[1] else None),
         (
             Column("results", wraps=True, leaves=3),
-            lambda row: _result(row.effect, row.sensor_share) if row.effect and is_in_c else None,
+            lambda row: _result(row[0]) if row[0].settings and is_in_c else None,
         ),
         (
             Column(f"time of a {'simulated second' if is_in_c else 'batched step'}", four_digits),
-            lambda row: row.ratio.estimate,
+            lambda row: row[0].ratio.estimate,
         ),
-        (Column("95 %", formats.ends_in(four_digits)), lambda row: row.ratio),
+        (Column("95 %", formats.ends_in(four_digits)), lambda row: row[0].ratio),
         (
             Column(f"{error_name(record)}, % of the motion", formats.digits(3)),
-            lambda row: 100 * row.error.share if row.error else None,
+            lambda row: 100 * error.share if (error := row[0].error) else None,
         ),
         (
             Column("in units", leaves=2),
-            lambda row: in_units(row.error) if row.error and is_in_c else None,
+            lambda row: in_units(error) if (error := row[0].error) and is_in_c else None,
         ),
         (
             Column("compile s", formats.digits(3), leaves=1),
-            lambda row: row.program.compile_s if row.program and not is_in_c else None,
+            lambda row: p.compile_s if (p := row[0].program) and not is_in_c else None,
         ),
-        (Column("settings"), lambda row: label(row.settings)),
+        (Column("settings"), lambda row: label(row[0].settings)),
     )
 
 
 def _alone_table(record: TuneRecord, attempts: Sequence[Attempt]) -> DataTable:
-    """Return what settings do alone."""
     return DataTable.of(
         "Settings that alone are certainly faster",
         [(each, each.settings[0]) for each in attempts],
         (Column("setting alone"), lambda row: row[1].label),
-        (
-            Column("results"),
-            lambda row: _result(a.effect, a.sensor_share) if (a := row[0].accuracy) else None,
-        ),
+        (Column("results"), lambda row: _result(a) if (a := row[0].accuracy) else None),
         (
             Column("time of a simulated second", formats.digits(4)),
             lambda row: row[0].ratio.estimate if row[0].ratio else row[0].time_ratio,
@@ -286,19 +249,16 @@ def _alone_table(record: TuneRecord, attempts: Sequence[Attempt]) -> DataTable:
 
 
 def subject(record: TuneRecord) -> str:
-    """Return the model, and the engine that is not C."""
     if record.batch is None:
         return record.model
     return f"{record.model} on {_ENGINES.get(record.engine, record.engine)}"
 
 
 def error_name(record: TuneRecord) -> str:
-    """Return what the error of settings is called."""
     return "error" if record.batch is None else "transfer error"
 
 
 def conclusion(record: TuneRecord) -> str:
-    """Return what a search came to, in one sentence; what changes no result comes first."""
     model = subject(record)
     if record.status == Status.INTERRUPTED and not record.front:
         return f"{model}: interrupted before settings could be recommended"
@@ -312,7 +272,6 @@ def conclusion(record: TuneRecord) -> str:
 
 
 def advised(record: TuneRecord) -> list[Recommendation]:
-    """Return the fastest recommendation, after those that change less."""
     best = record.best()
     if best is None:
         return []
@@ -321,7 +280,6 @@ def advised(record: TuneRecord) -> list[Recommendation]:
 
 
 def _part(each: Recommendation, record: TuneRecord) -> str:
-    """Return what a recommendation comes to."""
     return (
         f"{formats.factor(1 / each.ratio.estimate)} times as fast{_results(each, record)}:"
         f" {label(each.settings)}"
@@ -329,7 +287,6 @@ def _part(each: Recommendation, record: TuneRecord) -> str:
 
 
 def _within(record: TuneRecord) -> str:
-    """Return the error that is allowed, as a sentence goes on."""
     if record.only == Effect.FREE:
         return " with the same results"
     if record.only == Effect.EQUIVALENT:
@@ -338,7 +295,6 @@ def _within(record: TuneRecord) -> str:
 
 
 def _within_error(record: TuneRecord, share: float | None) -> str:
-    """Return an error, a share of the motion or the present one, as a sentence goes on."""
     name = error_name(record)
     if share is None:
         return f" without a larger {name}"
@@ -350,7 +306,7 @@ def _results(each: Recommendation, record: TuneRecord) -> str:
     if each.effect == Effect.FREE:
         return " with the same results"
     if each.effect == Effect.EQUIVALENT:
-        sensors = _sensors(each.accuracy.sensor_share if each.accuracy else 0.0)
+        sensors = _sensors(each.accuracy)
         return f" within the solver's tolerance{f' ({sensors})' if sensors else ''}"
     if record.present is None:  # MJX and Warp
         return _within(record)
@@ -359,14 +315,15 @@ def _results(each: Recommendation, record: TuneRecord) -> str:
     return _within_error(record, None if record.max_error is None and is_same else each.error.share)
 
 
-def _result(effect: Effect, sensor_share: float) -> str:
-    """Return what settings do to the results, for a cell of a table."""
-    sensors = _sensors(sensor_share) if effect == Effect.EQUIVALENT else ""
-    return f"{_RESULTS[effect]}; {sensors}" if sensors else _RESULTS[effect]
+def _result(known: Recommendation | Accuracy) -> str:
+    accuracy = known.accuracy if isinstance(known, Recommendation) else known
+    sensors = _sensors(accuracy) if known.effect == Effect.EQUIVALENT else ""
+    return f"{_RESULTS[known.effect]}; {sensors}" if sensors else _RESULTS[known.effect]
 
 
-def _sensors(share: float) -> str:
+def _sensors(accuracy: Accuracy | None) -> str:
     """Return by how much sensor data differ; empty where it is no more than states may."""
+    share = accuracy.sensor_share if accuracy else 0.0
     return f"sensor data differ by up to {percent(share)}" if share > SAME_SHARE else ""
 
 
@@ -418,7 +375,6 @@ def why(attempt: Attempt, record: TuneRecord) -> str:
 
 
 def _saved(by_stage: Mapping[str, float]) -> str:
-    """Return the stages that account for most of what is saved; empty for nothing."""
     most = [(stage, share) for stage, share in by_stage.items() if share > 0][:_MOST_STAGES]
     return ", ".join(f"{100 * share:.0f} % less in {stage}" for stage, share in most)
 
@@ -433,7 +389,6 @@ def changes(attempt: Attempt) -> str:
 
 
 def to_apply(settings: Sequence[Setting]) -> Iterator[Snippet]:
-    """Yield the MJCF and the Python that make some settings."""
     edits, name = edits_of(settings), label(settings)
     if mjcf := [*_mjcf(edits)]:
         yield Snippet(f"To apply {name}, in the model, last in <mujoco>", "\n".join(mjcf))
@@ -447,7 +402,6 @@ def to_apply(settings: Sequence[Setting]) -> Iterator[Snippet]:
 
 
 def _mjcf(edits: Sequence[Edit]) -> Iterator[str]:
-    """Yield the elements that make edits, last in <mujoco>."""
     option, flags = _attributes(edits, Part.OPTION), _attributes(edits, Part.FLAG)
     if flags:
         yield f"<option{option}><flag{flags}/></option>"
@@ -464,7 +418,6 @@ def _attributes(edits: Sequence[Edit], part: Part) -> str:
 
 
 def _code(loop: LoopChange) -> list[str]:
-    """Return the Python that a change of the loop stands for."""
     code = [package_timer.OFF_SNIPPET] if loop.is_clock_off else []
     if loop.engine_threads:
         code.append(f"mujoco.mju_threadpool(data, {loop.engine_threads})")

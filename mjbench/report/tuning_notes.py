@@ -17,7 +17,6 @@ _MOST_FAILED = 12
 
 
 def notes(record: TuneRecord) -> list[str]:
-    """Return what the figures rest on, and what was not recommended, a line each."""
     lines, starts = _basis(record)
     lines += starts_lines(starts)
     lines += [
@@ -53,7 +52,6 @@ def left_out(record: TuneRecord) -> Iterator[str]:
 
 
 def _basis(record: TuneRecord) -> tuple[list[str], Starts]:
-    """Return what figures rest on, a line each, and the starts of the runs."""
     if record.present is not None:
         return _basis_in_c(record.present), record.present.starts
     assert record.batch is not None and record.batch.facts is not None, "it was measured"
@@ -114,7 +112,6 @@ def in_units(error: Distance) -> str:
 
 
 def _length(metres: float) -> str:
-    """Return a length in the unit that suits it."""
     for unit, size in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
         if metres >= size:
             return f"{plain(metres / size, 2)} {unit}"

@@ -47,11 +47,7 @@ _COLOURS = {
 def section(
     rows: Sequence[VerdictRow], confidence: float, min_effect: float = MIN_EFFECT
 ) -> Section:
-    """Return what comparisons come to, decided together (see `family.decide`).
-
-    Args:
-      min_effect: the smallest change that matters, as a share.
-    """
+    """Return what comparisons come to, decided together (see `family.decide`)."""
     return Section(
         heading="Verdicts",
         conclusions=[*_conclusions(rows, confidence)],
@@ -91,7 +87,6 @@ def _deciding_s(row: VerdictRow, min_effect: float) -> float | None:
 
 
 def _conclusions(rows: Sequence[VerdictRow], confidence: float) -> Iterator[Conclusion]:
-    """Yield what all comparisons come to together, then each of them."""
     tones = [_tone(row) for row in rows]
     if len(rows) > 1 and all(has_evidence(row) for row in rows):
         together = describe_family(family.decide(rows, confidence), confidence)
@@ -123,7 +118,6 @@ def has_evidence(row: VerdictRow) -> bool:
 
 
 def describe_family(decided: Family, confidence: float) -> str:
-    """Return what comparisons show together, as a sentence."""
     changes = [*decided.slower, *decided.faster]
     spec = METRICS[changes[0].metric if changes else Metric.TIME]
     parts = [
@@ -155,7 +149,6 @@ def _false_alarms(are_named: Mapping[str, bool], confidence: float) -> str:
 
 
 def describe_all_machines(across: AcrossMachines) -> str:
-    """Return what all verdicts of all machines show together, as a sentence."""
     verdicts = across.verdicts
     counts = {o: sum(v.outcome == o for v in verdicts) for o in MachinesOutcome}
     parts = [f"{count} {outcome.value}" for outcome, count in counts.items() if count]
@@ -251,7 +244,6 @@ def describe_change(row: VerdictRow) -> str:
 
 
 def _describe_results(row: VerdictRow) -> str:
-    """Return how the results of a function compare; empty for a model."""
     match row.results:
         case None:
             return ""
@@ -292,7 +284,6 @@ def _package_lines(row: VerdictRow) -> list[str]:
 
 
 def _revision_lines(row: VerdictRow) -> list[str]:
-    """Return the commits of two revisions, how long a call takes, and what the control shows."""
     lines = []
     if any(side.revision for side in row.sides):
         named = (f"{s.revision} is {s.commit or 'not committed'}" for s in row.sides)
@@ -305,7 +296,6 @@ def _revision_lines(row: VerdictRow) -> list[str]:
 
 
 def describe_control(control: ControlRow) -> str:
-    """Return what the baseline against itself shows, as a sentence."""
     ends = formats.ends(control.ratio, formats.change, " to ")
     interval = f"interval {ends}" if ends else "too few launches for an interval"
     change = formats.change(control.ratio.estimate)
@@ -343,7 +333,6 @@ def _warning_lines(row: VerdictRow) -> list[str]:
 
 
 def describe_targets(row: VerdictRow | MachineComparison) -> str:
-    """Return what differs between the two targets, such as `3.3.0 → 4.0.0`."""
     baseline, candidate = (_settings(target) for target in row.sides)
     keys = [k for k in {**baseline, **candidate} if baseline.get(k) != candidate.get(k)]
     if keys in (["release"], ["rev"], ["packages"], []):
@@ -360,10 +349,7 @@ def describe_work(row: VerdictRow) -> str:
         return ""
     return ", ".join(
         agreement.work_changes(
-            row.work.old,
-            row.work.new,
-            row.drift,
-            (row.diverged.old, row.diverged.new),
+            row.work.old, row.work.new, row.drift, (row.diverged.old, row.diverged.new)
         )
     )
 
@@ -398,7 +384,6 @@ def _describe_placement(row: VerdictRow) -> str:
 
 
 def _settings(target: TargetRow) -> Mapping[str, Any]:
-    """Return what was chosen for a target, by name."""
     return {
         **({"rev": target.revision} if target.revision else {}),
         **({"packages": target.packages} if target.packages else {"release": target.release}),
@@ -449,7 +434,6 @@ def _percent(ratio: float | None) -> float | None:
 
 
 def _forest(rows: Sequence[VerdictRow], min_effect: float) -> Figure:
-    """Return the changes of comparisons that have a ratio, with their intervals."""
     percent = 100 * min_effect
     data = DataTable.of(
         "Changes in percent",

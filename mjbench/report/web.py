@@ -20,7 +20,6 @@ _SHORT_MS = 1.0
 
 
 def sections(records: Sequence[WebRecord]) -> Iterator[Section]:
-    """Yield a section for each model."""
     for record in records:
         is_good = all(status in (Status.OK, Status.UNAVAILABLE) for status in record.statuses())
         yield Section(
@@ -36,14 +35,12 @@ def sections(records: Sequence[WebRecord]) -> Iterator[Section]:
 
 
 def rows(record: WebRecord) -> Iterator[Mapping[str, object]]:
-    """Yield the paths on a model, a row of the flat table each."""
     for path in record.path_results:
         figures = {key: getattr(path, key) for key in _ROW_KEYS}
         yield {"model": record.model, "release": record.release, **figures}
 
 
 def _facts(record: WebRecord) -> list[str]:
-    """Return what was measured of a model."""
     if record.work is None:
         return []
     return [
@@ -88,7 +85,6 @@ def _agreement(check: RoundingCheck) -> str:
 
 
 def notes(record: WebRecord) -> list[str]:
-    """Return the lines below the table of a model."""
     lines = []
     checks: dict[str, list[str]] = {}
     for path in record.path_results:
@@ -127,10 +123,7 @@ def _check_lines(check: RoundingCheck) -> Iterator[str]:
         steps = ", ".join(str(point.step) for point in later)
         differences, shadows = (
             ", ".join(_small(value) for value in values)
-            for values in (
-                [point.difference for point in later],
-                [point.shadow for point in later],
-            )
+            for values in ([point.difference for point in later], [point.shadow for point in later])
         )
         yield f"difference after {steps} steps: {differences}; the shadow's: {shadows}"
     for kind, errors in (

@@ -33,7 +33,6 @@ def put_in_place(partial: Path, file: Path) -> None:
 
 
 def _permissions(file: Path) -> int:
-    """Return the permissions of a file, or those of a new one."""
     try:
         return stat.S_IMODE(file.stat().st_mode)
     except FileNotFoundError:

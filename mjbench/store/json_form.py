@@ -36,7 +36,6 @@ def in_json(
 
 
 def _json_attributes(kind: Any) -> Mapping[str, str]:
-    """Return field or property of a dataclass by the key in its JSON form."""
     declared: Mapping[str, str] | None = vars(kind).get("json_attributes")
     return {each.name: each.name for each in fields(kind)} if declared is None else declared
 
@@ -82,7 +81,6 @@ def json_type(kind: Any) -> Any:
 
 
 def _hint(kind: Any, hints: Mapping[str, Any], name: str) -> Any:
-    """Return the type of a field or property."""
     if name in hints:
         return hints[name]
     figure = getattr(kind, name)
@@ -91,7 +89,6 @@ def _hint(kind: Any, hints: Mapping[str, Any], name: str) -> Any:
 
 
 def _default(own: Field[Any]) -> Any:
-    """Return a field with the default of another one."""
     if own.default_factory is not MISSING:
         return field(default_factory=own.default_factory)
     return field(default=own.default)

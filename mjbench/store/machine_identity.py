@@ -31,7 +31,6 @@ class MachineKind:
 
     @classmethod
     def of(cls, machine: Machine) -> "MachineKind":
-        """Return the kind of a machine."""
         return cls(machine.cpu, machine.architecture, machine.usable_cores, machine.hypervisor)
 
 
@@ -60,7 +59,6 @@ class RunSoftware:
 
     @classmethod
     def of(cls, machine: Machine) -> "RunSoftware":
-        """Return the software of a machine."""
         versions, flags = (tuple(sorted(d.items())) for d in (machine.versions, machine.flags))
         return cls(machine.python, versions, flags)
 
@@ -106,7 +104,6 @@ def software_names(softwares: Iterable[RunSoftware]) -> dict[RunSoftware, str]:
 
 
 def _identity(machine: Machine) -> MachineIdentity:
-    """Return what a run says of its machine, without a name."""
     host = "" if machine.label else machine.host
     return MachineIdentity("", MachineKind.of(machine), machine.label, host)
 
@@ -151,7 +148,6 @@ def _names(identities: Sequence[MachineIdentity]) -> dict[MachineIdentity, str]:
 
 
 def _same_name(names: dict[MachineIdentity, str]) -> list[list[MachineIdentity]]:
-    """Return groups of two machines or more that share a name."""
     groups: dict[str, list[MachineIdentity]] = defaultdict(list)
     for identity, name in names.items():
         groups[name].append(identity)

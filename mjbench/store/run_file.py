@@ -31,7 +31,6 @@ class RunFile:
 
     @classmethod
     def create(cls, folder: Path, header: RunHeader) -> "RunFile":
-        """Create a file, and write its first line."""
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with contextlib.ExitStack() as on_error:
@@ -75,7 +74,6 @@ class RunFile:
         return cls(path, file)
 
     def append(self, record: Record) -> None:
-        """Write one record, and flush it."""
         with writing(self.path, EARLIER_IS_THERE):
             _write_line(self._file, record)
 
@@ -86,7 +84,6 @@ class RunFile:
 
 
 def _open_new(folder: Path, command: str) -> tuple[Path, TextIO]:
-    """Open a new file, named by time, process and command."""
     stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime())
     name = f"{stamp}-{os.getpid()}-{command}"
     for further in itertools.count(2):
@@ -155,11 +152,7 @@ def check_continues(path: Path, stored: RunHeader, now: RunHeader) -> None:
 
 
 def _identity(header: RunHeader, other: RunHeader) -> dict[str, Any]:
-    """Return what must be the same for records to stand side by side, by a name for people.
-
-    Args:
-      other: a label or a host counts where both have one.
-    """
+    """Return what must be the same for records to stand side by side, by a name for people."""
     machine = header.machine
     return {
         "the command": header.command,
@@ -193,5 +186,4 @@ def _contents(files: Sequence[InputFile]) -> dict[str, str]:
 
 
 def _quoted(value: Any) -> str:
-    """Return a value for a message; what is missing is `nothing`."""
     return "nothing" if value is None else one_line(value, 80)

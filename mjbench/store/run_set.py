@@ -58,12 +58,7 @@ class SectionHeader:
 
 @dataclass(frozen=True)
 class RunSection:
-    """A run within a set.
-
-    Attributes:
-      cell: which cell of a sweep it is; empty otherwise.
-      lines: lines of its run file, each with its line break.
-    """
+    """A run within a set."""
 
     cell: str
     run: Run
@@ -120,7 +115,6 @@ def distinct(sections: Iterable[RunSection]) -> tuple[RunSection, ...]:
 
 
 def _joined(sections: Sequence[RunSection]) -> Run:
-    """Return the run that sections are parts of."""
     first, *others = sections
     if not others:
         return first.run
@@ -289,7 +283,6 @@ def _section(path: Path, lines: Sequence[bytes], record_types: Mapping[str, type
 
 
 def _open(path: Path, flags: int = 0) -> FileIO:
-    """Open a file to read all of it and to append, and lock it."""
     extra = os.O_APPEND | flags
     file = FileIO(path, "r+", opener=lambda name, mode: os.open(name, mode | extra, 0o666))
     with contextlib.ExitStack() as on_error:

@@ -59,7 +59,6 @@ class InputFile:
 
     @classmethod
     def of(cls, path: Path) -> "InputFile":
-        """Return what a header says of a file."""
         try:
             with path.open("rb") as file:
                 return cls(printable(path.name), hashlib.file_digest(file, "sha256").hexdigest())
@@ -105,7 +104,6 @@ class Run:
     is_torn: bool = False
 
     def of_type(self, kind: type[_T]) -> list[_T]:
-        """Return the records of one type."""
         return [record for record in self.records if isinstance(record, kind)]
 
 

@@ -163,7 +163,6 @@ class EngineMeasurements:
 
 
 def _memory_bytes() -> int:
-    """Return how much memory a child may take now."""
     return int(CHILD_MEMORY_SHARE * machine.available_memory_bytes())
 
 
@@ -171,7 +170,6 @@ def _memory_bytes() -> int:
 
 
 def run_baseline(case: EngineCase, plan: TrialPlan, channel: Channel) -> BatchFacts:
-    """Run C, and write its runs to the file of the case."""
     path = accelerated_path(case.engine)
     channel.doing(f"loading {case.source.name}")
     model = models.load(case.source)
@@ -187,11 +185,7 @@ def run_baseline(case: EngineCase, plan: TrialPlan, channel: Channel) -> BatchFa
     starts_qpos = workload.fields(model, trials.initial_state)["qpos"]
     sizes = path.default_buffer_sizes(model)
     baseline = EngineBaseline(
-        trials,
-        runs,
-        distance.motion(model, starts_qpos, runs),
-        work.observe(repeated).peaks,
-        sizes,
+        trials, runs, distance.motion(model, starts_qpos, runs), work.observe(repeated).peaks, sizes
     )
     case.file.write_bytes(pickle.dumps(baseline))
     return BatchFacts(
@@ -257,14 +251,12 @@ class _Case:
     channel: Channel
 
     def present(self) -> _Compiled:
-        """Return the present settings, with buffers of the engine's own sizes if they suffice."""
         try:
             return self._compiled((), self.baseline.default_sizes)
         except OverflowedError:
             return self._compiled((), {})
 
     def attempt(self, settings: Settings, present: _Compiled) -> Attempt:
-        """Return how settings did beside the present ones."""
         sizes = {**present.sizes, **buffer_sizes_of(settings)}
         other = self._compiled(settings, sizes)
         samples = _timed(present.compiled, other.compiled, self.channel, self.request.case.limit_s)
@@ -275,7 +267,6 @@ class _Case:
         )
 
     def _compiled(self, settings: Settings, sizes: Mapping[str, int]) -> _Compiled:
-        """Compile settings, and measure how far their runs are from C's."""
         trials, limit_s = self.baseline.trials, self.request.case.limit_s
         changed = copy.copy(self.model)
         for edit in edits_of(settings):
@@ -349,13 +340,10 @@ def _runs(
 
 
 def _error(model: mujoco.MjModel, baseline: EngineBaseline, runs: Trajectories) -> Distance:
-    """Return how far runs are from C's."""
     return distance.distance(model, baseline.motion, runs, baseline.runs)
 
 
 def _timed(present: Compiled, other: Compiled, channel: Channel, limit_s: float) -> LaunchRow:
-    """Time two programs in alternating blocks."""
-
     def clear() -> None:
         present.clear()
         other.clear()

@@ -57,7 +57,6 @@ class EngineSearch(Search[EngineMeasurements]):
         return _helpful(self._record.attempts, limit)[:FINALISTS]
 
     def _try(self, part: int, settings: Sequence[Settings], share: float) -> None:
-        """Try settings in one process, until a share of the budget is spent."""
         count = 0
 
         def note(attempt: Attempt) -> None:
@@ -72,7 +71,6 @@ class EngineSearch(Search[EngineMeasurements]):
         self._set(batch=Batch(self._plan.nbatch, self._facts, self._present))
 
     def _limit(self, facts: BatchFacts, present: TunedProgram | None) -> float:
-        """Return the largest transfer error allowed; what rounding makes is none."""
         assert present is not None and present.error is not None, "it was measured"
         return allowed_error(self._plan.max_error, present.error.share, facts.rounding.share)
 
@@ -124,11 +122,7 @@ class EngineSearch(Search[EngineMeasurements]):
             self._recommend(first, second, ratio, samples)
 
     def _simplest(self, front: Sequence[Recommendation]) -> Iterator[Recommendation]:
-        """Yield recommendations, without those that only add settings of no certain gain.
-
-        Args:
-          front: recommendations, those of fewer settings first.
-        """
+        """Yield recommendations, without those that only add settings of no certain gain."""
         for number, each in enumerate(front):
             labels = {setting.label for setting in each.settings}
             simpler = [
@@ -144,12 +138,10 @@ class EngineSearch(Search[EngineMeasurements]):
                 yield each
 
     def _left_s(self, share: float) -> float:
-        """Return the seconds that are left of a share of the budget."""
         return share * self._plan.budget_s - (self._clock() - self._begin_s)
 
 
 def combinations(helpful: Sequence[Attempt]) -> list[Settings]:
-    """Return the fastest setting of each knob, two of them together, then three, and so on."""
     by_knob: dict[str, Setting] = {}
     for attempt in helpful:
         (setting,) = attempt.settings

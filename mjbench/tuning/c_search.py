@@ -95,7 +95,6 @@ class CSearch(Search[CMeasurements]):
         self._set(untried=self._record.untried + count)
 
     def _needs_error(self, attempt: Attempt) -> bool:
-        """Return whether settings are recommended only with a known error."""
         effect = effect_of(attempt)
         has_limit = self._plan.max_error is not None
         return effect == Effect.APPROXIMATE or (effect == Effect.EQUIVALENT and has_limit)
@@ -193,7 +192,6 @@ class CSearch(Search[CMeasurements]):
     # -- together -----------------------------------------------------------------------------
 
     def _together(self, faster: Sequence[Attempt]) -> list[Attempt]:
-        """Try combinations of settings that are faster alone."""
         chosen = fronts.combinations(faster, COMBINATIONS, self._rng)
         nrun = RUNG_NRUN
         while len(chosen) > LAST_RUNG and self._has_time(TOGETHER_END):
@@ -279,12 +277,7 @@ class CSearch(Search[CMeasurements]):
     def _confirmed(
         self, new: Sequence[Attempt], first_error: float, error: float
     ) -> list[tuple[Attempt, Attempt]]:
-        """Return settings that do the same from new starts, with what they do; withdraw others.
-
-        Args:
-          first_error: that is tolerated in the search.
-          error: that is tolerated from the new starts.
-        """
+        """Return settings that do the same from new starts, with what they do; withdraw others."""
         seconds = self._measure.launch(self._request([each.settings for each in new], nrun=None))
         for late in new[len(seconds) :]:
             self._withdraw(late.settings, "no time to run them from new starts")
@@ -351,7 +344,6 @@ class CSearch(Search[CMeasurements]):
 
     @property
     def _timed_s(self) -> float:
-        """Seconds for which a launch times a setting."""
         return min(MOST_TIMED_S, max(LEAST_TIMED_S, TIMED_SHARE * self._plan.budget_s))
 
     def _request(
@@ -362,7 +354,6 @@ class CSearch(Search[CMeasurements]):
         end: float = 1.0,
         has_stages: bool = False,
     ) -> SettingLaunchRequest:
-        """Return what a launch is to do until a share of the budget is spent."""
         stop_after_s = self._end_s(end) - self._clock()
         seed = self._rng.randrange(2**31)
         return SettingLaunchRequest(settings, timed_s, nrun, seed, has_stages, stop_after_s)
@@ -421,12 +412,10 @@ class CSearch(Search[CMeasurements]):
         return max(of_plan_s, self._clock() + LEAST_PART * self._plan.budget_s)
 
     def _has_time(self, share: float) -> bool:
-        """Return whether a share of the budget is not spent yet."""
         return self._spent_s() < share * self._plan.budget_s
 
 
 def _fastest(attempts: Sequence[Attempt], exact: bool) -> list[Attempt]:
-    """Return the fastest settings of those that change no motion, or of the others."""
     of_kind = [each for each in attempts if (effect_of(each) != Effect.APPROXIMATE) == exact]
     return sorted(of_kind, key=fronts.time_ratio_of)[:MOST_ALONE]
 
@@ -436,7 +425,6 @@ def _is_wanted(_: Sequence[Attempt]) -> bool:
 
 
 def _is_hopeful(attempts: Sequence[Attempt]) -> bool:
-    """Return whether a setting may be faster, by its launches so far."""
     ratio = _together_known(attempts).time_ratio
     return ratio is not None and ratio < 1 + MOST_LOSS
 

@@ -30,7 +30,6 @@ class Units:
     rad: float | None
 
     def larger(self, other: "Units") -> "Units":
-        """Return the larger of both, unit by unit."""
         pairs = (self.m, other.m), (self.rad, other.rad)
         return Units(*(None if a is None or b is None else max(a, b) for a, b in pairs))
 
@@ -53,7 +52,6 @@ class Distance:
     velocity: Units
 
     def larger(self, other: "Distance") -> "Distance":
-        """Return the larger of both, in each of their numbers."""
         return Distance(
             max(self.share, other.share),
             self.position.larger(other.position),
@@ -124,7 +122,6 @@ def shares(
 def distance(
     model: mujoco.MjModel, scale: Motion, runs: Trajectories, reference: Trajectories
 ) -> Distance:
-    """Return how far runs are from others with the same starts and controls."""
     position = _largest_rms(_position_errors(model, reference.qpos, runs), scale.is_rad)
     velocity = _largest_rms(runs.qvel - reference.qvel, scale.is_rad)
     return Distance(

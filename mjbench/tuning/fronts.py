@@ -47,7 +47,6 @@ def combinations(
 
 
 def _without(settings: Sequence[Attempt], *others: Attempt) -> list[Attempt]:
-    """Return settings of other knobs than some have."""
     knobs = {_knob(each) for each in others}
     return [each for each in settings if _knob(each) not in knobs]
 
@@ -96,9 +95,6 @@ def pareto_front(
     They are the fastest free one, the fastest equivalent one if it is faster, and approximate ones
     that are faster still, from the most accurate on; with the fastest one that is within the error
     allowed.
-
-    Args:
-      attempts: on which all combinations are.
     """
     front: list[Attempt] = []
     allowed = [each for each in attempts if is_allowed(each, max_error, present_error)]
@@ -135,12 +131,10 @@ def _add_if_faster(front: list[Attempt], attempt: Attempt, factor: float = DISTI
 
 
 def rank_of(attempt: Attempt) -> tuple[int, float]:
-    """Return what attempts are sorted by: their effect, then their time."""
     return effect_of(attempt).rank, time_ratio_of(attempt)
 
 
 def effect_of(attempt: Attempt) -> Effect:
-    """Return what settings that did not fail do to the motion."""
     assert attempt.accuracy is not None, "it did not fail"
     return attempt.accuracy.effect
 
@@ -156,12 +150,10 @@ def error_of(attempt: Attempt) -> float:
 
 
 def time_ratio_of(attempt: Attempt) -> float:
-    """Return the time of settings that were timed, over that of the present ones."""
     assert attempt.time_ratio is not None, "it was timed"
     return attempt.time_ratio
 
 
 def _dominates(one: Attempt, other: Attempt) -> bool:
-    """Return whether one is as fast and as near as another, and better in one of the two."""
     pair = (time_ratio_of(one), error_of(one)), (time_ratio_of(other), error_of(other))
     return all(mine <= theirs for mine, theirs in zip(*pair, strict=True)) and pair[0] != pair[1]

@@ -93,19 +93,6 @@ def timesteps(observed: ObservedModel) -> list[Setting]:
     ]
 
 
-def iterations(observed: ObservedModel) -> list[Setting]:
-    """Return bounds on the solver's iterations that some observed step exceeds."""
-    return _bounds("iterations", observed.solver, "solver iterations")
-
-
-def line_search_iterations(observed: ObservedModel) -> list[Setting]:
-    """Return bounds on the iterations of a line search that some observed step exceeds.
-
-    Not 1: a line search evaluates the cost twice in any case, so 1 does the same as 2.
-    """
-    return _bounds("ls_iterations", observed.line_search, "line-search iterations", least=2)
-
-
 def no_noslip(observed: ObservedModel) -> list[Setting]:
     """Return no iterations of the NoSlip solver, where there are some and contacts to slip."""
     has_some = observed.model.opt.noslip_iterations > 0 and observed.max_constraints > 0
@@ -137,7 +124,7 @@ def _compared(
     return values
 
 
-def _bounds(name: str, used: Usage, what: str, least: int = 1) -> list[Setting]:
+def bounds(name: str, used: Usage, what: str, least: int = 1) -> list[Setting]:
     """Return powers of 2 below what steps used: larger bounds bind nowhere."""
     evidence = f"observed steps take {used.median} {what} in the median and {used.most} at most"
     powers = (2**k for k in range(used.most.bit_length()))
@@ -145,7 +132,6 @@ def _bounds(name: str, used: Usage, what: str, least: int = 1) -> list[Setting]:
 
 
 def keyword(model: mujoco.MjModel, name: str) -> str:
-    """Return the present value of an option that holds an enum, in lower case."""
     enum, prefix = model_options.ENUMS[name]
     return compat.enum_name(getattr(mujoco, enum), getattr(model.opt, name), prefix)
 
@@ -174,8 +160,6 @@ def _can_step(model: mujoco.MjModel) -> bool:
 
 
 def flag(name: str, applies: Condition = _always, loses: str = "") -> Values:
-    """Return what offers the other value of a flag, where it applies and the engine takes it."""
-
     def values(observed: ObservedModel) -> list[Setting]:
         enabled = compat.flag_enabled(observed.model, name)
         if enabled is None or not applies(observed):
@@ -190,7 +174,6 @@ def flag(name: str, applies: Condition = _always, loses: str = "") -> Values:
 
 
 def disabled(name: str, applies: Condition = _always, loses: str = "") -> Values:
-    """Return what offers to disable a flag that is enabled."""
     other = flag(name, applies, loses)
     return lambda o: other(o) if compat.flag_enabled(o.model, name) else []
 
@@ -201,7 +184,6 @@ def has_islands(observed: ObservedModel) -> bool:
 
 
 def is_damped_euler(observed: ObservedModel) -> bool:
-    """Return whether Euler's method integrates joint damping."""
     is_euler = keyword(observed.model, "integrator") == "euler"
     return is_euler and features.damps_joints(observed.model)
 

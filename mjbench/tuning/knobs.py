@@ -145,22 +145,19 @@ KNOBS: Sequence[Knob] = (
     ),
     Knob(
         "iterations",
-        values.iterations,
+        lambda o: values.bounds("iterations", o.solver, "solver iterations"),
         _SOLVER,
         "Constraint forces of the steps that need more iterations.",
     ),
     Knob(
         "ls_iterations",
-        values.line_search_iterations,
+        # not 1: a line search evaluates the cost twice in any case, so 1 does the same as 2
+        lambda o: values.bounds("ls_iterations", o.line_search, "line-search iterations", least=2),
         _SOLVER,
         "Constraint forces of the steps that need longer line searches.",
     ),
     Knob(
-        "noslip_iterations",
-        values.no_noslip,
-        _SOLVER,
-        "Contacts may slip slowly.",
-        slow=_SLOW_SLIP,
+        "noslip_iterations", values.no_noslip, _SOLVER, "Contacts may slip slowly.", slow=_SLOW_SLIP
     ),
     Knob(
         "ccd_iterations",
@@ -265,11 +262,7 @@ def settings(observed: ObservedModel) -> dict[str, tuple[Setting, ...]]:
 
 
 def likely_gain(setting: Setting, stages: Mapping[str, float]) -> float:
-    """Return the share of the time that a setting may save at most: what is tried first.
-
-    Args:
-      stages: share of a step by stage; empty where it is not known.
-    """
+    """Return the share of the time that a setting may save at most: what is tried first."""
     knob = find(setting.knob)
     if setting.saves or not knob.stages or not stages:
         return setting.saves or _UNKNOWN_GAIN
@@ -288,5 +281,4 @@ def known(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def find(name: str) -> Knob:
-    """Return the knob of a name."""
     return {knob.name: knob for knob in KNOBS}[name]

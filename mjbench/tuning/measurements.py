@@ -75,7 +75,6 @@ class CMeasurements:
         hold: int = HOLD,
         limit_s: float = SILENCE_S,
     ):
-        """Measure nothing yet."""
         self._source = ModelSource(source.name, source.path.resolve())
         self._starts, self._hold = starts, hold
         self._limit_s, self._long_s = limit_s, max(RUNS_SILENCE_S, limit_s)
@@ -98,13 +97,8 @@ class CMeasurements:
         Args:
           horizon_ncontrol: controls over which errors are compared; None to see how many can be.
         """
-        return isolate.call(
-            run_reference,
-            self._source,
-            self._files,
-            horizon_ncontrol,
-            limit_s=self._long_s,
-        )
+        arguments = self._source, self._files, horizon_ncontrol
+        return isolate.call(run_reference, *arguments, limit_s=self._long_s)
 
     def launch(self, request: SettingLaunchRequest) -> list[Attempt]:
         """Try settings, one after the other, in a fresh process; return those that were begun.
@@ -148,12 +142,6 @@ class SettingTargets(Targets[SettingLaunch]):
         left_s: Callable[[], float],
         rng: random.Random,
     ):
-        """Launch nothing yet.
-
-        Args:
-          timed_s: seconds for which a launch times each setting.
-          left_s: seconds after which a launch that begins now begins no other setting.
-        """
         self._try_settings, self._settings, self._timed_s = try_settings, settings, timed_s
         self._left_s, self._rng = left_s, rng
         self._is_first = True
@@ -240,7 +228,6 @@ def look(
     computing_s: float,
     channel: Channel,
 ) -> Survey:
-    """Step the model, and return what there is to try."""
     channel.doing(f"stepping {source.name}")
     seen = observed.observe(source, seed, starts, hold, computing_s)
     settings = [setting for of_knob in knobs.settings(seen).values() for setting in of_knob]
@@ -263,7 +250,6 @@ def run_present(
 def run_reference(
     source: ModelSource, files: SearchFiles, horizon_ncontrol: int | None, channel: Channel
 ) -> Present:
-    """Add the reference to the file of the present runs."""
     channel.doing(f"running the reference of {source.name}")
     model = models.load(ModelSource(source.name, files.model))
     baseline: Baseline = pickle.loads(files.baseline.read_bytes())

@@ -46,7 +46,6 @@ class MeshNote:
 
 
 def mesh_notes(model: mujoco.MjModel) -> list[MeshNote]:
-    """Return a note for each colliding mesh geom that nearly fills a primitive."""
     notes = []
     fits: dict[int, tuple[Primitive, float] | None] = {}
     for geom in map(int, geom_pairs.colliding_geoms(model)):

@@ -49,7 +49,6 @@ def edited(text: bytes, edits: Sequence[Edit]) -> bytes:
 
 
 def _check_root(root: Element) -> None:
-    """Refuse what is no MJCF of its own."""
     if root.name == "mujoco":
         return
     if root.name == "robot":
@@ -148,7 +147,6 @@ def _with_children(document: Document, element: Element, children: Sequence[_New
 
 
 def _unit(document: Document) -> str:
-    """Return by how much the sections of a file are indented."""
     outer = document.indentation(document.root.start) or ""
     for section in document.root.children:
         inner = document.indentation(section.start)
@@ -186,7 +184,6 @@ def _markup(elements: Sequence[_New], indentation: str, unit: str, newline: str)
 
 
 def _escaped(value: str, quote: str) -> str:
-    """Return an attribute's value as XML holds it between two quotes."""
     if _FORBIDDEN.search(value):
         raise InputError(f"{one_line(repr(value), 60)} has a character that XML cannot hold")
     escapes = {**_ESCAPES, quote: _QUOTE_ESCAPES[quote]}

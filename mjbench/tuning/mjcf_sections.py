@@ -47,7 +47,6 @@ class Element:
     children: tuple["Element", ...]
 
     def named(self, name: str) -> list["Element"]:
-        """Return the children of a name."""
         return [child for child in self.children if child.name == name]
 
 

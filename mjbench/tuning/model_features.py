@@ -17,17 +17,14 @@ def is_zero(model: mujoco.MjModel, term: str) -> bool:
 
 
 def damps_joints(model: mujoco.MjModel) -> bool:
-    """Return whether some joint has damping, which integrators treat implicitly."""
     return bool(np.any(model.dof_damping))
 
 
 def has_limits(model: mujoco.MjModel) -> bool:
-    """Return whether some joint or tendon is limited."""
     return bool(np.any(model.jnt_limited) or np.any(model.tendon_limited))
 
 
 def can_collide(model: mujoco.MjModel) -> bool:
-    """Return whether contacts are possible at all."""
     pairs = geom_pairs.read(model)
     return bool(pairs.is_too_large or len(pairs.geoms) or model.npair or model.nflex)
 

@@ -168,7 +168,6 @@ class _Run:
     """Simulations, and what their steps did."""
 
     def __init__(self, model: mujoco.MjModel, hold: int, sample_every: int):
-        """Prepare to step a model, with distances read every so many steps."""
         self._model, self._hold, self._sample_every = model, hold, sample_every
         self._data = mujoco.MjData(model)
         self._pairs = PairWatch(model, 2 * _NSAMPLE)  # of steps and of poses
@@ -177,11 +176,9 @@ class _Run:
 
     @property
     def nstep(self) -> int:
-        """Steps of all simulations so far."""
         return len(self._iterations)
 
     def simulate(self, reset: _Reset, control: np.ndarray) -> None:
-        """Step one simulation through (ncontrol, nu) controls."""
         model, data = self._model, self._data
         reset(model, data)
         for ctrl in control:
@@ -232,7 +229,6 @@ class _Run:
 
 
 def _usage(iterations: np.ndarray) -> Usage:
-    """Return the usage of (nstep,) iterations."""
     return Usage(int(np.ceil(np.median(iterations))), int(iterations.max()))
 
 

@@ -39,7 +39,6 @@ class PairWatch:
     """
 
     def __init__(self, model: mujoco.MjModel, nsample: int):
-        """Watch a model."""
         pairs = geom_pairs.read(model)
         self._model = model
         self._pairs = pairs.only(pairs.are_bounded)

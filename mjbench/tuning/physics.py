@@ -57,20 +57,17 @@ def physics(model: mujoco.MjModel, initial_state: np.ndarray, points: np.ndarray
 
 
 def _forward(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray) -> None:
-    """Compute what follows from a state, without stepping."""
     compat.restart(model, data, np.ascontiguousarray(state))
     mujoco.mj_forward(model, data)
 
 
 def _energy_j(model: mujoco.MjModel, data: mujoco.MjData) -> float:
-    """Return potential and kinetic energy, in J."""
     mujoco.mj_energyPos(model, data)
     mujoco.mj_energyVel(model, data)
     return float(np.sum(data.energy))
 
 
 def _violation(data: mujoco.MjData) -> float:
-    """Return the largest violation of an equality or a limit."""
     kinds = np.asarray(data.efc_type[: data.nefc])
     position = np.asarray(data.efc_pos[: data.nefc])
     is_equality = kinds == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
@@ -80,7 +77,6 @@ def _violation(data: mujoco.MjData) -> float:
 
 
 def _contact_force_n(model: mujoco.MjModel, data: mujoco.MjData) -> float:
-    """Return the sum of the normal forces of all contacts, in N."""
     force = np.empty(6)
     total = 0.0
     for i in range(data.ncon):

@@ -294,7 +294,6 @@ def saves_time(ratio: Ratio) -> bool:
 
 
 def log_ratio(samples: LaunchRow) -> float:
-    """Return the logarithm of the ratio of times in a process."""
     return stats.paired_log_ratio(samples.orders, np.array(samples.ns))
 
 

@@ -220,9 +220,6 @@ def with_reference(
 ) -> Baseline:
     """Return runs with the reference, and the horizon over which errors are compared.
 
-    Args:
-      horizon_ncontrol: controls of the horizon; None to see how many can be compared.
-
     Raises:
       InputError: the reference diverges.
     """

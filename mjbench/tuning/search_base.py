@@ -16,13 +16,7 @@ from mjbench.paired.records import LaunchRow
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
 from mjbench.tuning.distance import Distance
-from mjbench.tuning.records import (
-    Attempt,
-    Effect,
-    Recommendation,
-    TuneRecord,
-    Withdrawal,
-)
+from mjbench.tuning.records import Attempt, Effect, Recommendation, TuneRecord, Withdrawal
 from mjbench.tuning.reference import HOLD, REFERENCE_S, TrialPlan
 from mjbench.tuning.settings import Setting, label
 
@@ -87,7 +81,6 @@ class Search(abc.ABC, Generic[Measurements]):
         advance: Advance = lambda done, text, share: None,
         clock: Callable[[], float] = time.monotonic,
     ):
-        """Measure nothing yet."""
         self._measure = measurements
         self._record = replace(record, seed=plan.seed, max_error=plan.max_error, only=plan.only)
         self._plan, self._advance, self._clock = plan, advance, clock
@@ -110,11 +103,9 @@ class Search(abc.ABC, Generic[Measurements]):
             self._second_look(attempts)
 
     def record(self, status: Status = Status.OK, detail: str = "") -> TuneRecord:
-        """Return what was measured so far."""
         return replace(self._record, status=status, detail=detail, seconds=self._spent_s())
 
     def _detail_of(self, error: MjbenchError) -> str:
-        """Return what went wrong, without the name of the model."""
         return failure_of(error).detail.removeprefix(f"{self._record.model}: ")
 
     @abc.abstractmethod
@@ -133,7 +124,6 @@ class Search(abc.ABC, Generic[Measurements]):
         return self._clock() - self._begin_s
 
     def _set(self, **changes: Any) -> None:
-        """Change fields of the record."""
         self._record = replace(self._record, **changes)
 
     def _note(self, attempt: Attempt) -> None:
@@ -174,7 +164,6 @@ class Search(abc.ABC, Generic[Measurements]):
 
 
 def too_far(error: float, limit: float) -> str:
-    """Return that an error, as a share of the motion, is larger than allowed."""
     return (
         f"error of {100 * error:.2g} % of the motion from new starts, where"
         f" {100 * limit:.2g} % is allowed"

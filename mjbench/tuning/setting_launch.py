@@ -154,7 +154,6 @@ class _Launch:
         return judged(self.model, self.baseline, runs)
 
     def _timed(self, changed: mujoco.MjModel, loop: LoopChange) -> LaunchRow:
-        """Time the present settings and others in alternating blocks."""
         path, trials = paths.find(loop.path), self.baseline.trials
         hold = trajectories.steps_per_control(self.model, trials.control_s)
         run_s = BLOCK_NCONTROL * hold * self._step_s
@@ -218,7 +217,6 @@ def _effect(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Ef
 
 
 def check_loop(model: mujoco.MjModel, loop: LoopChange, trials: Trials, runs: Trajectories) -> None:
-    """Refuse a change of the loop with which it reaches other states."""
     of_loop = prepared(model, trials, paths.find(loop.path), loop.options)
     if not np.array_equal(of_loop.verified_states().values, runs.points[:, -1]):
         raise InputError("the loop reaches other final states with it")
@@ -230,7 +228,6 @@ def prepared(
     path: paths.SteppingPath,
     options: Mapping[str, str | int],
 ) -> paths.Prepared:
-    """Return what does the trials by a path."""
     hold = trajectories.steps_per_control(model, trials.control_s)
     drawn = Workload(model, trials.initial_state.copy(), trials.control.copy(), hold, 0)
     reason = path.cannot_run(drawn, options)

@@ -19,12 +19,10 @@ class LoopChange:
 
     @property
     def path(self) -> str:
-        """The path that steps so."""
         return "python_loop_hold" if self.engine_threads else "python_loop"
 
     @property
     def options(self) -> dict[str, str | int]:
-        """Options of that path."""
         if self.engine_threads:
             return {"engine_threads": self.engine_threads}
         return {"clock": "off"} if self.is_clock_off else {}
@@ -61,7 +59,6 @@ class Edit:
 
     @property
     def is_of_options(self) -> bool:
-        """Whether a compiled model can take it."""
         return self.part in (Part.OPTION, Part.FLAG)
 
 
@@ -92,27 +89,22 @@ Settings = tuple[Setting, ...]
 
 
 def option(name: str, value: str, evidence: str = "", saves: float = 0.0) -> Setting:
-    """Return the setting of an attribute of `<option>`."""
     edit = Edit(Part.OPTION, name, value)
     return Setting(name, f"{name}={value}", (edit,), evidence=evidence, saves=saves)
 
 
 def edits_of(settings: Iterable[Setting]) -> list[Edit]:
-    """Return the edits of some settings, in their order."""
     return [edit for setting in settings for edit in setting.edits]
 
 
 def buffer_sizes_of(settings: Iterable[Setting]) -> dict[str, int]:
-    """Return the buffer sizes that some settings have."""
     return {name: size for each in settings for name, size in each.buffer_sizes.items()}
 
 
 def loop_change(settings: Iterable[Setting]) -> LoopChange:
-    """Return what some settings, of which one at most is of the loop, change in it."""
     changes = [setting.loop for setting in settings if setting.loop != NO_CHANGE]
     return changes[0] if changes else NO_CHANGE
 
 
 def label(settings: Sequence[Setting]) -> str:
-    """Return what people read for some settings together."""
     return ", ".join(setting.label for setting in settings) or "present settings"

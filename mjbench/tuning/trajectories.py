@@ -37,16 +37,13 @@ class Trials:
 
     @property
     def nrun(self) -> int:
-        """Number of runs."""
         return int(self.control.shape[0])
 
     @property
     def ncontrol(self) -> int:
-        """Controls of each run."""
         return int(self.control.shape[1])
 
     def only(self, runs: np.ndarray) -> "Trials":
-        """Return the trials of some runs, by index or mask."""
         return replace(self, initial_state=self.initial_state[runs], control=self.control[runs])
 
     def first(self, ncontrol: int) -> "Trials":
@@ -73,7 +70,6 @@ class Trajectories:
     diverged: np.ndarray
 
     def only(self, runs: np.ndarray) -> "Trajectories":
-        """Return some runs, by index or mask."""
         return Trajectories(
             self.qpos[runs],
             self.qvel[runs],
@@ -87,16 +83,10 @@ class Trajectories:
         return replace(self, qpos=self.qpos[:, :ncontrol], qvel=self.qvel[:, :ncontrol])
 
     def is_identical(self, other: "Trajectories") -> bool:
-        """Return whether both have the same states, to the last bit."""
-        pairs = (
-            (self.qpos, other.qpos),
-            (self.qvel, other.qvel),
-            (self.points, other.points),
-        )
+        pairs = ((self.qpos, other.qpos), (self.qvel, other.qvel), (self.points, other.points))
         return all(np.array_equal(_bits(mine), _bits(others)) for mine, others in pairs)
 
     def has_sensors_of(self, other: "Trajectories") -> bool:
-        """Return whether both have the same sensor data, to the last bit."""
         return np.array_equal(_bits(self.sensordata), _bits(other.sensordata))
 
 
@@ -114,7 +104,6 @@ class SensorChange:
 
 
 def sensor_change(model: mujoco.MjModel, runs: Trajectories, others: Trajectories) -> SensorChange:
-    """Return how sensor data differ from those of other runs."""
     if not others.sensordata.shape[2]:
         return SensorChange(0, 0.0)
     largest = np.abs(others.sensordata).max(axis=(0, 1))
@@ -137,9 +126,6 @@ def points(ncontrol: int) -> list[int]:
 
 def run(model: mujoco.MjModel, trials: Trials, nthread: int | None = None) -> Trajectories:
     """Return the runs of a model.
-
-    Args:
-      nthread: threads to step with; None for as many as there are cores.
 
     Raises:
       InputError: its states have other sizes, or its timestep does not divide a control's time.

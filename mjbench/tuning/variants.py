@@ -149,7 +149,6 @@ def with_options(
 
 
 def _compiled(source: ModelSource, edits: Sequence[Edit]) -> tuple[mujoco.MjModel, list[str]]:
-    """Return a compiled model, and what MuJoCo warned of."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         spec = _spec(source)
@@ -165,7 +164,6 @@ def _compiled(source: ModelSource, edits: Sequence[Edit]) -> tuple[mujoco.MjMode
 
 
 def _spec(source: ModelSource) -> Any:
-    """Return the MjSpec of a file."""
     try:
         return mujoco.MjSpec.from_file(str(source.path))
     except Exception as error:  # as above
@@ -173,7 +171,6 @@ def _spec(source: ModelSource) -> Any:
 
 
 def _apply(source: ModelSource, spec: Any, edit: Edit) -> None:
-    """Apply an edit to an MjSpec."""
     if edit.part == Part.EXCLUDE:
         if not _is_excluded(spec, edit):
             exclude = spec.add_exclude()
@@ -185,7 +182,6 @@ def _apply(source: ModelSource, spec: Any, edit: Edit) -> None:
 
 
 def _set_option(source: ModelSource, options: Any, edit: Edit) -> None:
-    """Set an attribute of `<option>` or `<flag>`."""
     set_one = model_options.set_flag if edit.part == Part.FLAG else model_options.set_attribute
     try:
         set_one(options, edit.name, edit.value)
@@ -210,7 +206,6 @@ def _set_compiler(source: ModelSource, spec: Any, edit: Edit) -> None:
 
 
 def _number(text: str) -> float:
-    """Return the number that an attribute's value stands for; raises ValueError if none."""
     return float(_KEYWORDS.get(text, text))
 
 
@@ -221,12 +216,10 @@ def _is_excluded(spec: Any, edit: Edit) -> bool:
 
 
 def _label(source: ModelSource, edits: Sequence[Edit]) -> str:
-    """Return a model's name and its edits, for a message."""
     return f"{source.name} with {one_line(', '.join(map(_shown, edits)))}" if edits else source.name
 
 
 def _shown(edit: Edit) -> str:
-    """Return an edit as a message names it."""
     if edit.part == Part.EXCLUDE:
         return f"exclude {edit.name} {edit.value}"
     kind = "" if edit.part == Part.OPTION else f"{edit.part} "
@@ -258,7 +251,6 @@ def _inputs(path: Path) -> Iterator[Path]:
 
 
 def _read(path: Path) -> bytes:
-    """Return the bytes of a file."""
     try:
         return path.read_bytes()
     except OSError as error:

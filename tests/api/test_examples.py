@@ -10,7 +10,7 @@ from commands import ROOT
 from pytest_runs import run_pytest
 
 import mjbench
-from mjbench.loop import rendering
+from mjbench.loop import profile, rendering
 from mjbench.store import runs
 
 
@@ -25,7 +25,10 @@ TESTS = [b for b in [*BLOCKS, *blocks("README.md")] if b.startswith("# test_")]
 
 
 def test_the_examples_of_a_program_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    inline: None,
 ) -> None:
     sizes: dict[str, Any] = {"nbatch": 2, "nstep": 4, "threads": 1, "paths": "rollout"}
     compare, versions = mjbench.compare, mjbench.versions
@@ -42,6 +45,7 @@ def test_the_examples_of_a_program_run(
     monkeypatch.setattr(mjbench, "compare", briefly)
     monkeypatch.setattr(mjbench, "versions", installed)
     monkeypatch.setattr(mjbench, "latency", functools.partial(mjbench.latency, nstep=100))
+    monkeypatch.setattr(profile, "BUDGET_S", 0.05)
     monkeypatch.setattr(rendering, "BACKENDS", ())
     names: dict[str, Any] = {}
     assert len(OF_README) == 1

@@ -5,11 +5,14 @@ from dataclasses import replace
 from pathlib import Path
 from unittest import mock
 
+import inline_tasks
 import pytest
 from commands import ROOT, Completed, mjbench
 
 import mjbench as package
 from mjbench.api.checkup import CheckupPlan
+from mjbench.host import isolate
+from mjbench.loop import profile
 
 CARTPOLE = ROOT / "models" / "cartpole.xml"
 
@@ -20,7 +23,11 @@ def checked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Completed]:
     folder = tmp_path_factory.mktemp("checked")
     words = [str(CARTPOLE), "--quick", "--json", "c.json", "--html", "c.html"]
     times = replace(CheckupPlan(is_quick=True).times, end=2.0, paths=2.0)
-    with mock.patch.object(CheckupPlan, "times", times):
+    with (
+        mock.patch.object(CheckupPlan, "times", times),
+        mock.patch.object(profile, "BUDGET_S", 0.05),
+        mock.patch.object(isolate, "run", inline_tasks.run),
+    ):
         return folder, mjbench(*words, "--results", "runs", cwd=folder)
 
 

@@ -11,12 +11,10 @@ import pytest
 from click.testing import CliRunner
 from commands import mjbench
 from example_races import invent_comparisons
+from paired_examples import decided
 
 from mjbench.cli import cli
-from mjbench.measuring.ratio import Ratio
 from mjbench.paired import verdict
-from mjbench.paired.judgement import Judgement
-from mjbench.paired.outcomes import Verdict
 from mjbench.paired.targets import Target
 from mjbench.status import Status
 
@@ -106,14 +104,6 @@ def test_what_is_no_run_file_cannot_be_continued(tmp_path: Path, name: str) -> N
     done = mjbench("ab", "path=rollout", "path=rollout", "--resume", name, cwd=tmp_path)
     assert done.returncode == 2
     assert (tmp_path / "notes.txt").read_text() == "notes\n"
-
-
-def decided(baseline: Target, candidate: Target, status: Status) -> verdict.PairedResult:
-    """Return an invented verdict on two targets."""
-    judgement = Judgement(Verdict.SAME, Ratio(1.0, 0.999, 1.001), 8, True)
-    return verdict.PairedResult(
-        baseline=baseline, candidate=candidate, status=status, judgement=judgement
-    )
 
 
 def run_versions(

@@ -59,8 +59,8 @@ def planted(tmp_path_factory):
 @pytest.mark.parametrize(
     ("program", "arguments", "activity", "code"),
     [
-        ("slow_observation.py", ["30000"], "Python", 7),
-        ("collector.py", ["6000"], "garbage collection", 0),
+        ("slow_observation.py", ["15000"], "Python", 7),
+        ("collector.py", ["4000"], "garbage collection", 0),
         ("vector_env.py", ["8000", "fork"], "waiting for other processes", 0),
     ],
 )
@@ -77,8 +77,8 @@ def test_the_planted_cause_comes_first(planted, program, arguments, activity, co
 
 
 def test_a_stored_view_comes_first_since_it_is_a_wrong_result(tmp_path):
-    done, row = run(tmp_path, "--rate", "100", PLANTED / "stored_views.py", HUMANOID, "40000")
-    assert done.stdout == "40000\n"
+    done, row = run(tmp_path, "--rate", "100", PLANTED / "stored_views.py", HUMANOID, "10000")
+    assert done.stdout == "10000\n"
     assert row["wrong"][0]["code"] == "MJB001"
     assert "correct a wrong result" in done.stderr
 
@@ -107,7 +107,7 @@ def test_rendering_comes_first(tmp_path):
         pytest.skip("MuJoCo cannot draw by EGL here")
     done, row = run(
         tmp_path,
-        *("--rate", "20", "--seconds", "5", PLANTED / "rendering.py", HUMANOID, "100000"),
+        *("--rate", "20", "--seconds", "3", PLANTED / "rendering.py", HUMANOID, "100000"),
         env={"MUJOCO_GL": "egl"},
     )
     assert row["was_ended"]
@@ -202,7 +202,7 @@ def test_a_program_that_runs_is_looked_at_and_runs_on(tmp_path):
         [sys.executable, str(PLANTED / "slow_observation.py"), HUMANOID, "100000000"]
     )
     try:
-        done, row = run(tmp_path, "--attach", str(program.pid), "--seconds", "4", "--rate", "50")
+        done, row = run(tmp_path, "--attach", str(program.pid), "--seconds", "2", "--rate", "50")
         assert done.returncode == 0, done.stderr
         assert program.poll() is None
     finally:
@@ -241,7 +241,7 @@ def test_a_signal_reaches_the_program_and_the_report_comes(tmp_path):
 
 
 def test_a_stored_run_is_shown_and_reported(planted, tmp_path):
-    *_, folder = planted("collector.py", "6000")
+    *_, folder = planted("collector.py", "4000")
     (file,) = (folder / "results" / "runs").glob("*.jsonl")
     shown = mjbench("show", str(file), "--json", "-")
     assert json.loads(shown.stdout)["results"][0]["program"] == "collector.py"

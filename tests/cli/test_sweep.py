@@ -12,7 +12,7 @@ import psutil
 import pytest
 from commands import PYTHONPATH, mjbench
 from example_models import CONTACT_XML
-from sweep_examples import MACHINE, plan_file
+from sweep_examples import MACHINE, FakeCluster, node, plan_file
 
 from mjbench import extras
 from mjbench.cli.sweep import check_command
@@ -22,8 +22,9 @@ from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 from mjbench.store import run_set
 from mjbench.store.run_set import RunSection, RunSetFile
-from mjbench.sweep import matrix, results, software
+from mjbench.sweep import matrix, ray_cluster, results, software
 from mjbench.sweep import plan as plans
+from mjbench.sweep.ray_cluster import Refused
 
 needs_ray = pytest.mark.skipif(bool(extras.missing(["ray"])), reason="Ray is not installed")
 ANYTHING = "[nodes]\nmin-cores = 0\nmax-busy = 100\nmax-stolen = 100\n"
@@ -83,45 +84,6 @@ def test_what_cannot_be_measured_is_one_line(
     assert not (tmp_path / SET).exists()
 
 
-@needs_ray
-def test_a_sweep_measures_what_is_missing_and_nothing_else(tmp_path: Path) -> None:
-    write_plan(tmp_path, '"cartpole"')
-    first = mjbench("sweep", "plan.toml", cwd=tmp_path)
-    assert first.returncode == 0, first.stderr
-    assert first.stderr == ""
-    assert f"mjbench show {SET} --html" in first.stdout
-    (section,) = sections(tmp_path)
-    assert section.run.header.command == "compare"
-    assert results.outcome(section.run).status == Status.OK
-    before = (tmp_path / SET).read_bytes()
-
-    again = mjbench("sweep", "plan.toml", cwd=tmp_path)
-    assert again.returncode == 0, again.stderr
-    assert "The run set has all results of the plan; nothing was measured." in again.stdout
-    assert (tmp_path / SET).read_bytes() == before
-
-    (tmp_path / "robots").mkdir()
-    (tmp_path / "robots/own.xml").write_text(CONTACT_XML)
-    write_plan(tmp_path, '"cartpole", "robots/own.xml"')
-    longer = mjbench("sweep", "plan.toml", cwd=tmp_path)
-    assert longer.returncode == 0, longer.stderr
-    assert (tmp_path / SET).read_bytes().startswith(before)
-    measured = [
-        record.model for one in sections(tmp_path) for record in one.run.of_type(ModelRecord)
-    ]
-    assert measured == ["cartpole", "robots/own.xml"], "by its name in the plan"
-
-
-@needs_ray
-def test_without_a_quiet_node_it_ends_with_the_reasons(tmp_path: Path) -> None:
-    never = "[nodes]\npatience = 0\nmin-cores = 100\nmax-busy = 0\nmax-stolen = 0\n"
-    plan_file(tmp_path, f'models = ["cartpole"]\n{COMPARE}{never}')
-    done = mjbench("sweep", "plan.toml", cwd=tmp_path)
-    assert done.returncode == 3
-    assert "1 of 1 results are missing: " in done.stderr
-    assert sections(tmp_path) == []
-
-
 def store_first(folder: Path) -> RunSection:
     """Have the run set hold the plan's first cell; return its section."""
     plan = plans.load(folder / "plan.toml", check_command)
@@ -132,6 +94,55 @@ def store_first(folder: Path) -> RunSection:
     file.append(result.section)
     file.close()
     return result.section
+
+
+@needs_ray
+def test_a_sweep_measures_what_is_missing_and_nothing_else(tmp_path: Path) -> None:
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "robots/own.xml").write_text(CONTACT_XML)
+    write_plan(tmp_path, '"cartpole", "robots/own.xml"')
+    store_first(tmp_path)
+    before = (tmp_path / SET).read_bytes()
+    first = mjbench("sweep", "plan.toml", cwd=tmp_path)
+    assert first.returncode == 0, first.stderr
+    assert first.stderr == ""
+    assert f"mjbench show {SET} --html" in first.stdout
+    assert (tmp_path / SET).read_bytes().startswith(before)
+    _, measured = sections(tmp_path)
+    assert measured.run.header.command == "compare"
+    assert results.outcome(measured.run).status == Status.OK
+    models = [record.model for record in measured.run.of_type(ModelRecord)]
+    assert models == ["robots/own.xml"], "by its name in the plan"
+
+    after = (tmp_path / SET).read_bytes()
+    again = mjbench("sweep", "plan.toml", cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    assert "The run set has all results of the plan; nothing was measured." in again.stdout
+    assert (tmp_path / SET).read_bytes() == after
+
+
+class BusyCluster(FakeCluster):
+    """A cluster whose only node is always busy."""
+
+    def __init__(self, *arguments: object):
+        super().__init__([node("one")], lambda request: [Refused(request, "one: it is busy")])
+
+    def __enter__(self) -> "BusyCluster":
+        return self
+
+    def __exit__(self, *exception: object) -> None: ...
+
+
+def test_without_a_quiet_node_it_ends_with_the_reasons(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ray_cluster, "RayCluster", BusyCluster)
+    never = "[nodes]\npatience = 0\nmin-cores = 100\nmax-busy = 0\nmax-stolen = 0\n"
+    plan_file(tmp_path, f'models = ["cartpole"]\n{COMPARE}{never}')
+    done = mjbench("sweep", "plan.toml", cwd=tmp_path)
+    assert done.returncode == 3
+    assert "1 of 1 results are missing: one: it is busy" in done.stderr
+    assert sections(tmp_path) == []
 
 
 def is_measuring(process: psutil.Process) -> bool:
@@ -147,7 +158,7 @@ def wait_for_command(folder: Path, process: "subprocess.Popen[str]") -> None:
 
 
 @needs_ray
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_stopped_it_keeps_what_was_measured_and_leaves_no_process(
     tmp_path: Path, number: signal.Signals
 ) -> None:

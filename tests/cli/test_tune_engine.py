@@ -1,4 +1,4 @@
-"""`mjbench tune --engine`: options, models that an engine does not take, and stored searches."""
+"""`mjbench tune --engine`: options, and stored searches."""
 
 import json
 from pathlib import Path
@@ -7,10 +7,6 @@ import pytest
 from commands import mjbench
 from tuning_values import ENGINE_TUNE
 from tuning_values import stored as stored_record
-
-PGS = """<mujoco><option solver="PGS"/><worldbody><body>
-<joint axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -1" size="0.1"/>
-</body></worldbody></mujoco>"""
 
 
 @pytest.fixture
@@ -43,20 +39,6 @@ def test_a_stored_search_is_in_reports_and_tables(stored: Path, tmp_path: Path) 
     (row,) = rows.load(stored)
     assert row["settings"] == "iterations=4"
     assert row["ratio.estimate"] == 0.8
-
-
-def test_a_model_that_mjx_does_not_take_is_one_line(tmp_path: Path, without_warp: None) -> None:
-    pytest.importorskip("mujoco.mjx")
-    (tmp_path / "pgs.xml").write_text(PGS)
-    done = mjbench(
-        *("tune", "pgs.xml", "--engine", "mjx", "--json", "tune.json", "--results", "runs"),
-        cwd=tmp_path,
-    )
-    assert done.returncode == 0, done.stderr
-    (line,) = [line for line in done.stdout.splitlines() if line.startswith("pgs")]
-    assert "unavailable: MJX does not take this model" in line
-    (row,) = json.loads((tmp_path / "tune.json").read_text())["results"]
-    assert row["status"] == "unavailable"
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,9 @@ from pathlib import Path
 import broken_worker
 import pytest
 from commands import mjbench
+from paired_examples import decided
 
-from mjbench.paired import time_limit
+from mjbench.paired import time_limit, verdict
 
 
 def test_versions_gives_a_table_a_sentence_json_and_a_run_file(tmp_path: Path) -> None:
@@ -36,8 +37,11 @@ def test_versions_gives_a_table_a_sentence_json_and_a_run_file(tmp_path: Path) -
     assert "same work" in again.stdout
 
 
-def test_verdicts_that_are_decided_with_those_of_other_commands_say_so(tmp_path: Path) -> None:
-    words = ("versions", "installed", "installed", "cartpole", "--time-limit", "0.2s")
+def test_verdicts_that_are_decided_with_those_of_other_commands_say_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(verdict, "decide", lambda pool, *targets: decided(*targets[:2]))
+    words = ("versions", "installed", "installed", "cartpole")
     for family in ("30", "1"):
         done = mjbench(*words, "--family", family, "--results", family, cwd=tmp_path)
         assert done.returncode == 0, done.stderr

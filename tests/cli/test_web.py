@@ -1,6 +1,7 @@
 """`mjbench web` as a user types it; a program that steps C stands in for Node."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,10 @@ import mujoco
 import pretending_node
 import pytest
 from commands import mjbench
+from example_web_records import record, wasm
+
+from mjbench.status import Status
+from mjbench.web import measure
 
 QUICK = ["--budget", "0", "--nbatch", "3", "--nstep", "20", "--settle", "0"]
 
@@ -61,25 +66,33 @@ def test_builds_that_agree_are_timed_beside_c(tmp_path: Path, words: list[str]) 
     assert table.stdout.count("\ncartpole,") == len(by_path)
 
 
-def test_a_build_that_disagrees_is_a_finding(tmp_path: Path, words: list[str]) -> None:
-    env = {pretending_node.MISBEHAVIOUR: "wrong:7"}
-    done = mjbench("web", "cartpole", *words, cwd=tmp_path, env=env)
-    assert done.returncode == 1
-    assert "cartpole: wasm: disagrees: from step 7 on, the run differs" in done.stdout
-    assert paths(tmp_path)["wasm"]["step_ns"] is None
+@pytest.mark.parametrize(
+    ("status", "code"), [(Status.DISAGREES, 1), (Status.CRASHED, 3), (Status.TIMEOUT, 3)]
+)
+def test_a_build_that_fails_costs_its_row_and_is_a_finding(
+    tmp_path: Path,
+    words: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    status: Status,
+    code: int,
+) -> None:
+    failed = replace(wasm(), status=status, detail="it went wrong", block_ns=())
+    monkeypatch.setattr(measure, "measure", lambda *arguments: record(failed))
+    done = mjbench("web", "cartpole", *words, cwd=tmp_path)
+    assert done.returncode == code
+    assert f"cartpole: wasm: {status}: it went wrong" in done.stdout
+    by_path = paths(tmp_path)
+    assert (by_path["wasm"]["status"], by_path["wasm"]["step_ns"]) == (status, None)
+    assert by_path["rollout"]["step_ns"] > 0
 
 
-def test_a_model_and_a_build_that_fail_cost_their_rows(tmp_path: Path, words: list[str]) -> None:
+def test_a_model_that_does_not_load_costs_its_row(tmp_path: Path, words: list[str]) -> None:
     (tmp_path / "broken.xml").write_text("<mujoco><nonsense/></mujoco>")
-    env = {pretending_node.MISBEHAVIOUR: "crash:block"}
-    done = mjbench("web", "broken.xml", "cartpole", *words, cwd=tmp_path, env=env)
-    assert done.returncode == 3
-    broken, cartpole = document(tmp_path)["results"]
-    assert (broken["status"], cartpole["status"]) == ("input", "ok")
+    done = mjbench("web", "broken.xml", *words, cwd=tmp_path)
+    assert done.returncode == 2
+    (broken,) = document(tmp_path)["results"]
+    assert broken["status"] == "input"
     assert "broken.xml: input: " in done.stdout
-    statuses = [path["status"] for path in cartpole["paths"] if path["path"].startswith("wasm")]
-    assert set(statuses) == {"crashed"}
-    assert "killed by signal 9 (SIGKILL) while running a block" in done.stdout
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,6 @@ from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work import Work
 from mjbench.simulation.work_check import Followed
 from mjbench.status import Status
-from mjbench.store.runs import to_json
 
 
 def counted(release: str, **functions: float) -> ModelCount:
@@ -71,36 +70,6 @@ def summarized(
     lines = explain.summary(baseline, candidate, explained(baseline, candidate, time))
     assert lines.pop(2).startswith("machine code not compared: ")
     return lines
-
-
-def test_the_json_row_has_both_releases_under_old_and_new() -> None:
-    row = explained(counted("1.0", a=100.0), counted("2.0", a=90.0))
-    row = replace(row, work=None)
-    assert to_json(row) == {
-        "model": "pile",
-        "operation": "",
-        "old": "1.0",
-        "new": "2.0",
-        "status": "ok",
-        "instructions_per_step": {"old": 100.0, "new": 90.0},
-        "outside_per_step": {"old": 1.0, "new": 1.0},
-        "work": None,
-        "stages": {"solver": {"old": 100.0, "new": 90.0}},
-        "functions": [
-            {
-                "name": "a",
-                "old_name": None,
-                "old": 100.0,
-                "new": 90.0,
-                "difference": -10.0,
-                "code": None,
-                "moved_with": [],
-            }
-        ],
-        "code": None,
-        "code_detail": "Callgrind does not say in which library mj_step is",
-        "time": None,
-    }
 
 
 @pytest.mark.parametrize(

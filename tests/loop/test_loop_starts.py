@@ -8,7 +8,7 @@ import pytest
 
 import mjbench
 from mjbench.errors import InputError
-from mjbench.loop import overhead, profile
+from mjbench.loop import overhead, profile, rendering
 from mjbench.loop.loop_starts import NSTART, LoopStarts
 from mjbench.simulation import compat, models, sampling, work
 from mjbench.simulation.sampling import SampleRequest
@@ -47,7 +47,15 @@ def test_a_run_is_short_but_not_too_short(captured: Path) -> None:
     assert LoopStarts(CARTPOLE, StartPlan(file=captured)).nstep >= 5
 
 
-def test_a_profile_of_captured_states_says_so(captured: Path) -> None:
+@pytest.fixture
+def brief(monkeypatch: pytest.MonkeyPatch, inline: None) -> None:
+    """Time as few blocks as there can be, and render nothing."""
+    monkeypatch.setattr(profile, "BUDGET_S", 0.0)
+    monkeypatch.setattr(rendering, "BACKENDS", ())
+    monkeypatch.setattr(overhead, "QUADS", 2)
+
+
+def test_a_profile_of_captured_states_says_so(captured: Path, brief: None) -> None:
     source = models.resolve("cartpole")
     steps = profile.measure(source, starts=StartPlan(file=captured)).steps
     assert steps.starts is not None and steps.starts.file == "states.npz"
@@ -55,7 +63,7 @@ def test_a_profile_of_captured_states_says_so(captured: Path) -> None:
     assert sum(steps.stages.values()) == pytest.approx(1.0)
 
 
-def test_habits_cost_something_from_captured_states(captured: Path) -> None:
+def test_habits_cost_something_from_captured_states(captured: Path, brief: None) -> None:
     table = overhead.measure(
         models.resolve("cartpole"), launches=1, starts=StartPlan(file=captured)
     )
@@ -63,7 +71,7 @@ def test_habits_cost_something_from_captured_states(captured: Path) -> None:
     assert table.bare_ns > 0
 
 
-def test_a_file_that_does_not_fit_is_bad_input(captured: Path) -> None:
+def test_a_file_that_does_not_fit_is_bad_input(captured: Path, brief: None) -> None:
     for measure in (profile.measure, overhead.measure):
         with pytest.raises(InputError, match="holds states of another model, cartpole"):
             measure(models.resolve("humanoid"), starts=StartPlan(file=captured))

@@ -1,16 +1,19 @@
 """What the processes of a launch do, by what is compared."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from paired_examples import CARTPOLE
 
-from mjbench.paired import protocol
+from mjbench.errors import InputError
+from mjbench.paired import operations, protocol
 from mjbench.paired.outcomes import Metric, ResultsOutcome
 from mjbench.paired.protocol import TargetPair
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.worker_pool import WorkerPool
+from mjbench.simulation import models
 
 
 @pytest.fixture(autouse=True)
@@ -50,3 +53,10 @@ def test_a_target_against_itself_does_the_same_by_every_metric(launched: TargetP
         assert launched.work_check is None
         assert launched.results is not None
         assert launched.results.outcome == ResultsOutcome.SAME
+
+
+def test_loading_is_of_a_source_and_not_of_a_compiled_model(tmp_path: Path) -> None:
+    file = tmp_path / "model.mjb"
+    models.save(models.load(CARTPOLE.model), file)
+    with pytest.raises(InputError, match=r"model\.mjb is compiled"):
+        operations.find("load", 1).prepared(file)

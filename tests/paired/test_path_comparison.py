@@ -64,8 +64,15 @@ def measured(
     ],
 )
 def test_a_path_that_ends_the_child_costs_its_own_row_alone(
-    pool: WorkerPool, contact_file: str, name: str, status: Status, detail: str
+    pool: WorkerPool,
+    contact_file: str,
+    name: str,
+    status: Status,
+    detail: str,
+    request: pytest.FixtureRequest,
 ) -> None:
+    if name.endswith("WhenTimed"):
+        request.getfixturevalue("inline")
     culprit = f"wrong_paths:{name}"
     pool.limit_s = 3.0 if status == Status.TIMEOUT else 30.0
     rows = measured(pool, contact_file, culprit, "python_loop_hold", limit_s=pool.limit_s)
@@ -77,6 +84,7 @@ def test_a_path_that_ends_the_child_costs_its_own_row_alone(
         assert rows[name].is_timed, rows[name].detail
 
 
+@pytest.mark.usefixtures("inline")
 def test_a_path_that_replays_its_warm_up_is_caught_in_the_first_round(
     pool: WorkerPool, contact_file: str
 ) -> None:
@@ -86,6 +94,7 @@ def test_a_path_that_replays_its_warm_up_is_caught_in_the_first_round(
     assert rows["python_loop_hold"].is_timed
 
 
+@pytest.mark.usefixtures("inline")
 def test_the_plain_loop_is_timed_without_the_engines_clock_too(
     pool: WorkerPool, contact_file: str
 ) -> None:
@@ -97,6 +106,7 @@ def test_the_plain_loop_is_timed_without_the_engines_clock_too(
     assert last.race.groups == [[0], [0]]
 
 
+@pytest.mark.usefixtures("inline")
 def test_what_is_known_comes_after_each_launch(pool: WorkerPool, contact_file: str) -> None:
     first, *_, last = comparisons(pool, contact_file, Variant("rollout", {"threads": 1}))
     assert first.race is not None
@@ -106,6 +116,7 @@ def test_what_is_known_comes_after_each_launch(pool: WorkerPool, contact_file: s
     assert last.race.steps == 12
 
 
+@pytest.mark.usefixtures("inline")
 def test_another_measurement_that_ended_during_the_race_stays_on_record(
     pool: WorkerPool, contact_file: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -116,6 +127,7 @@ def test_another_measurement_that_ended_during_the_race_stays_on_record(
     assert last.race is not None and last.race.neighbours == ["versions"]
 
 
+@pytest.mark.usefixtures("inline")
 def test_a_race_measures_a_variant_that_takes_seconds_to_start_last(
     pool: WorkerPool, contact_file: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -125,6 +137,7 @@ def test_a_race_measures_a_variant_that_takes_seconds_to_start_last(
     assert (last.race.groups, last.race.slow) == ([[0], [0]], [1])
 
 
+@pytest.mark.usefixtures("inline")
 @pytest.mark.parametrize("at_launch", [0, 1])
 def test_what_was_measured_before_an_interruption_comes_last(
     pool: WorkerPool, contact_file: str, monkeypatch: pytest.MonkeyPatch, at_launch: int
@@ -148,6 +161,7 @@ def test_what_was_measured_before_an_interruption_comes_last(
     assert {row.status for row in rows} == {Status.OK if at_launch else Status.INTERRUPTED}
 
 
+@pytest.mark.usefixtures("inline")
 def test_phases_are_named_as_they_begin(pool: WorkerPool, contact_file: str) -> None:
     plan = ComparisonPlan(
         variants=(Variant("python_loop", {}), Variant("pretender:Pretender", {})),
@@ -174,6 +188,7 @@ def test_two_paths_that_end_the_child_cost_two_rows(pool: WorkerPool, contact_fi
     assert rows["python_loop"].is_timed
 
 
+@pytest.mark.usefixtures("inline")
 def test_a_model_that_cannot_be_loaded_has_rows_that_say_so(
     pool: WorkerPool, tmp_path: Path
 ) -> None:
@@ -203,6 +218,7 @@ def test_an_accelerated_path_that_fails_in_the_parent_costs_its_own_row(
     assert rows["python_loop"].is_timed
 
 
+@pytest.mark.usefixtures("inline")
 def test_a_model_whose_race_was_torn_off_is_measured_again(
     pool: WorkerPool, contact_file: str
 ) -> None:

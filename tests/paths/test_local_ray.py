@@ -52,20 +52,6 @@ def test_a_folder_whose_name_is_too_long_for_sockets_is_a_failure_of_one_line(
         Ray().prepare(small, {"actors": 2}, paths.Resources(small))
 
 
-def test_ray_ends_with_an_interrupted_child() -> None:
-    descriptors: list[int] = []
-
-    def watch(message: Process | Text) -> None:
-        if isinstance(message, Text):
-            raise KeyboardInterrupt
-        descriptors.append(os.pidfd_open(message.pid))
-
-    with pytest.raises(KeyboardInterrupt):
-        isolate.run(step_with_ray, (Text(""),), watch, 60.0, str(TESTS))
-    assert len(descriptors) > 4
-    assert all(map(process_tree.ends, descriptors))
-
-
 def test_ray_ends_with_a_child_that_leaves_it_behind() -> None:
     descriptors: list[int] = []
 

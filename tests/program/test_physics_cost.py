@@ -91,7 +91,7 @@ def test_a_model_of_another_release_is_not_measured(states):
     assert physics_cost.measure([RecordedModel(b"", states, states[:0], "2.0")], {}) is None
 
 
-def test_sensors_are_taken_from_what_the_engines_timers_leave(model, states, tmp_path):
+def test_sensors_are_taken_from_what_the_engines_timers_leave(model, states, tmp_path, inline):
     file = tmp_path / "model.mjb"
     mujoco.mj_saveModel(model, str(file))
     recorded = RecordedModel(file.read_bytes(), states, states[:0], mujoco.__version__)

@@ -166,7 +166,7 @@ def test_many_calls_for_each_step_cost_no_more_than_their_share_either(started, 
 
 def test_time_in_which_others_have_the_core_earns_no_bursts(tmp_path, monkeypatch):
     monkeypatch.setattr(pacing, "FREE_COST_NS", 0)
-    timed = []
+    timed, (model, data) = [], simulation()
     for share in (1.0, 0.25):
         fake, calls = FakeClock(), []
         folder = tmp_path / str(share)
@@ -179,7 +179,7 @@ def test_time_in_which_others_have_the_core_earns_no_bursts(tmp_path, monkeypatc
         clock.install(module)
         clock.timed_ns = clock.cold_ns = CALL_NS // 100
         for _ in range(400 * pacing.BURST_CALLS):
-            module.mj_step(*simulation())
+            module.mj_step(model, data)
         timed.append(clock._calls_timed)
     assert timed[1] == pytest.approx(timed[0] / 4, rel=0.1)
 

@@ -12,6 +12,7 @@ from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.sweep import model_files
 
+pytestmark = pytest.mark.usefixtures("inline")
 CUBE = "\n".join(["v 0 0 0", "v 1 0 0", "v 0 1 0", "v 0 0 1", "f 1 3 2", "f 1 2 4", "f 1 4 3",
                   "f 2 3 4"])  # fmt: skip
 WITH_MESH = """<mujoco><compiler meshdir="../meshes"/><include file="options.xml"/>
