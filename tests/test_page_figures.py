@@ -143,6 +143,7 @@ def revisions() -> Iterator[str]:
     seconds = max(result["verdict"]["seconds"] for result in results)
     yield f"A verdict took at most {math.ceil(seconds)} s"
     yield f"A commit that reaches {percent(bisect.CERTAINTY)}"
+    yield f"explains less than {percent(1 - bisect._REST)} of the difference"
     yield f"arrays above {call_results._MOST_BYTES / 2**20:.0f} MiB"
 
 

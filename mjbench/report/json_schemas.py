@@ -57,12 +57,9 @@ def _schema(kind: type, title: str) -> dict[str, Any]:
 
 
 def _record_schema(kind: Any) -> dict[str, Any]:
-    """Return the schema of a record, which a run file stores with its type."""
+    """Return the schema of a line: a record with its type, which one within another lacks."""
     schema = msgspec.json.schema(kind)
-    definition = schema["$defs"][kind.__name__]
-    definition["properties"] = {"type": {"const": kind.record_type}, **definition["properties"]}
-    definition["required"] = ["type", *definition.get("required", [])]
-    return schema
+    return {**schema, "properties": {"type": {"const": kind.record_type}}, "required": ["type"]}
 
 
 def main() -> None:

@@ -118,7 +118,7 @@ class Clock:
 class Pair(Targets[LaunchRow]):
     """Stands for targets that are launched without a process."""
 
-    work_check = baseline_workload = None
+    work_check = results = baseline_workload = None
     is_prepared = True
 
     def __init__(self, clock: Clock, time_limit: TimeLimit, placements: Callable[[], object]):

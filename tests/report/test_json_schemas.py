@@ -23,10 +23,9 @@ def validator(name: str) -> jsonschema.Draft202012Validator:
 def line_validator(record_type: str | None) -> jsonschema.Draft202012Validator:
     """Return the validator of one type of line; that of all lines for one that names no type."""
     schema = validator("run-file").schema
-    for reference in schema["anyOf"]:
-        definition = schema["$defs"][reference["$ref"].rpartition("/")[2]]
-        if definition["properties"].get("type") == {"const": record_type}:
-            return jsonschema.Draft202012Validator({**reference, "$defs": schema["$defs"]})
+    for line in schema["anyOf"]:
+        if line["properties"]["type"] == {"const": record_type}:
+            return jsonschema.Draft202012Validator({**line, "$defs": schema["$defs"]})
     return validator("run-file")
 
 
