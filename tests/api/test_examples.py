@@ -10,7 +10,7 @@ from commands import ROOT
 from pytest_runs import run_pytest
 
 import mjbench
-from mjbench.loop import profile, rendering
+from mjbench.loop import rendering
 from mjbench.store import runs
 
 
@@ -45,7 +45,7 @@ def test_the_examples_of_a_program_run(
     monkeypatch.setattr(mjbench, "compare", briefly)
     monkeypatch.setattr(mjbench, "versions", installed)
     monkeypatch.setattr(mjbench, "latency", functools.partial(mjbench.latency, nstep=100))
-    monkeypatch.setattr(profile, "BUDGET_S", 0.05)
+    monkeypatch.setattr(mjbench, "profile", functools.partial(mjbench.profile, budget_s=0.1))
     monkeypatch.setattr(rendering, "BACKENDS", ())
     names: dict[str, Any] = {}
     assert len(OF_README) == 1

@@ -49,24 +49,21 @@ def test_a_run_is_short_but_not_too_short(captured: Path) -> None:
 
 @pytest.fixture
 def brief(monkeypatch: pytest.MonkeyPatch, inline: None) -> None:
-    """Time as few blocks as there can be, and render nothing."""
-    monkeypatch.setattr(profile, "BUDGET_S", 0.0)
+    """Start no process, and render nothing."""
     monkeypatch.setattr(rendering, "BACKENDS", ())
-    monkeypatch.setattr(overhead, "QUADS", 2)
 
 
 def test_a_profile_of_captured_states_says_so(captured: Path, brief: None) -> None:
     source = models.resolve("cartpole")
-    steps = profile.measure(source, starts=StartPlan(file=captured)).steps
+    steps = profile.measure(source, starts=StartPlan(file=captured), budget_s=0.05).steps
     assert steps.starts is not None and steps.starts.file == "states.npz"
     assert steps.run_nstep is not None and steps.run_nstep >= 5
     assert sum(steps.stages.values()) == pytest.approx(1.0)
 
 
 def test_habits_cost_something_from_captured_states(captured: Path, brief: None) -> None:
-    table = overhead.measure(
-        models.resolve("cartpole"), launches=1, starts=StartPlan(file=captured)
-    )
+    source, starts = models.resolve("cartpole"), StartPlan(file=captured)
+    table = overhead.measure(source, launches=1, starts=starts, budget_s=0.05)
     assert table.starts is not None and table.starts.file == "states.npz"
     assert table.bare_ns > 0
 
