@@ -1,11 +1,12 @@
 """Invented verdicts, as run files hold them."""
 
+import math
 from dataclasses import replace
 from typing import Any
 
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.outcomes import Verdict
-from mjbench.paired.records import TargetRow, VerdictRecord
+from mjbench.paired.records import LaunchRow, TargetRow, VerdictRecord
 from mjbench.status import Status
 
 SIDES = tuple(
@@ -47,3 +48,9 @@ def of_model(verdict: VerdictRecord, model: str, **fields: Any) -> VerdictRecord
     """Return the verdict of another model."""
     sides = [replace(side, model=model) for side in verdict.sides]
     return replace(verdict, model=model, sides=sides, **fields)
+
+
+def launch(log_ratio: float) -> LaunchRow:
+    """Return a launch in which the candidate takes longer by a log ratio."""
+    slow = round(1_000_000_000 * math.exp(log_ratio))
+    return LaunchRow(0, None, ["ABBA"], [[1_000_000_000, slow, slow, 1_000_000_000]])

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from mjbench.paired.verdict import VerdictPlan
 
 # What a side begins with that is a revision of the user's code.
-_REVISION = "rev="
+REVISION = "rev="
 
 
 @cli.command()
@@ -62,7 +62,7 @@ def ab(
       mjbench ab HEAD WORKTREE my_package.physics:step --fail-on slower
     """
     plan = replace(plan, sizes=replace(plan.sizes, metric=Metric(metric)))
-    if any(side.startswith(_REVISION) for side in _as_revisions((baseline, candidate), functions)):
+    if any(side.startswith(REVISION) for side in _as_revisions((baseline, candidate), functions)):
         from mjbench.api.revisions import revision_verdicts
 
         comparison = revision_comparison(baseline, candidate, functions, plan)
@@ -78,7 +78,7 @@ def _as_revisions(sides: Sequence[str], functions: Sequence[str]) -> list[str]:
     """Return sides with `rev=` where it was left out, as it may be before a function."""
     if not any(":" in function for function in functions):
         return list(sides)
-    return [f"{_REVISION}{side}" if side and "=" not in side else side for side in sides]
+    return [f"{REVISION}{side}" if side and "=" not in side else side for side in sides]
 
 
 def _of_targets(baseline: str, candidate: str, plan: "VerdictPlan") -> "Measurement":
@@ -101,26 +101,36 @@ def revision_comparison(
       InputError: there are none, or the plan says what is of models alone.
     """
     from mjbench.paired import revision_sides
-    from mjbench.paired.metrics import FUNCTION_METRICS
     from mjbench.paired.revision_sides import RevisionComparison
-    from mjbench.paired.run_sizes import Sizes
     from mjbench.releases.revisions import Repository
 
     sides = _as_revisions((baseline, candidate), functions)
-    if not all(side.startswith(_REVISION) for side in sides):
+    if not all(side.startswith(REVISION) for side in sides):
         raise InputError("a revision is compared with a revision: give rev=… twice")
     if not functions:
         raise InputError(f"name a function of your code: {revision_sides.FORMS}")
-    metric = plan.sizes.metric
-    if plan.sizes != Sizes(metric=metric):
-        raise InputError("sizes, start states and controls are of models, not of functions")
-    if metric not in FUNCTION_METRICS:
-        raise InputError(f"--metric {metric} is of models, not of functions")
+    check_function_plan(plan)
     cwd = Path.cwd().resolve()
     repository = Repository(cwd)
-    old, new = (repository.parse(side.removeprefix(_REVISION)) for side in sides)
+    old, new = (repository.parse(side.removeprefix(REVISION)) for side in sides)
     parsed = [
         revision_sides.parse_function(name, cwd, repository.top)
         for name in dict.fromkeys(functions)
     ]
     return RevisionComparison(repository, old, new, parsed, cwd)
+
+
+def check_function_plan(plan: "VerdictPlan") -> None:
+    """Refuse a plan that says what is of models alone, where functions are compared.
+
+    Raises:
+      InputError: it does.
+    """
+    from mjbench.paired.metrics import FUNCTION_METRICS
+    from mjbench.paired.run_sizes import Sizes
+
+    metric = plan.sizes.metric
+    if plan.sizes != Sizes(metric=metric):
+        raise InputError("sizes, start states and controls are of models, not of functions")
+    if metric not in FUNCTION_METRICS:
+        raise InputError(f"--metric {metric} is of models, not of functions")

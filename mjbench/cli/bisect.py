@@ -1,39 +1,81 @@
-"""The command `mjbench bisect`: which commit made a function of your code slower?"""
+"""The command `mjbench bisect`: which commit, or which release of MuJoCo, made it slower?"""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.ab import revision_comparison
+from mjbench.cli.ab import REVISION, revision_comparison
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
 from mjbench.cli.shared import OUTPUT, VERDICT_PLAN, with_options
+from mjbench.errors import InputError
 
 if TYPE_CHECKING:
+    from mjbench.api.session import Measurement
     from mjbench.paired.verdict import VerdictPlan
 
 
 @cli.command()
-@click.argument("baseline", metavar="rev=OLD")
-@click.argument("candidate", metavar="rev=NEW")
-@click.argument("function", metavar="FUNCTION")
+@click.argument("baseline", metavar="OLD")
+@click.argument("candidate", metavar="NEW")
+@click.argument("target", metavar="FUNCTION|MODEL")
 @with_options(VERDICT_PLAN, OUTPUT)
 def bisect(
-    baseline: str, candidate: str, function: str, plan: "VerdictPlan", output: OutputOptions
+    baseline: str, candidate: str, target: str, plan: "VerdictPlan", output: OutputOptions
 ) -> None:
-    """Which commit after OLD, up to NEW, made a function of your code slower or faster?
+    """Which commit or release after OLD, up to NEW, made it slower or faster?
 
-    The ends are compared first. Commits between them are measured where that tells most; then the
-    commit that is probably the first to differ is compared with the one before it. A FUNCTION is
-    named as for `mjbench ab rev=…`, and rev= may be left out; a file is
-    NEW's in all commits. Of merges, first parents are followed.
+    The ends are compared first. Versions between them are measured where that tells most; then the
+    one that is probably the first to differ is compared with the one before it.
+
+    With rev=OLD rev=NEW, these are commits, and FUNCTION is one of your code, named as for
+    `mjbench ab rev=…`; before a FILE.py::FUNCTION, rev= may be left out. A file is NEW's in all
+    commits. Of merges, first parents are followed.
+
+    Otherwise, they are the final releases of MuJoCo from OLD to NEW, and the steps of MODEL are
+    timed. Releases that are installed are preferred, others are installed in the cache, as by
+    `mjbench versions`. What cannot be installed is skipped.
 
     \b
     Examples:
+      mjbench bisect 3.2.7 3.4.0 robot.xml
       mjbench bisect rev=v1.0 rev=HEAD bench.py::step
     """
-    from mjbench.api.revisions import bisection
     from mjbench.report.kinds import BISECT
 
+    of = _of_revisions if _are_revisions((baseline, candidate), target) else _of_releases
+    measure_and_print(of(baseline, candidate, target, plan), output, summary=BISECT.sections).exit()
+
+
+def _are_revisions(sides: Sequence[str], target: str) -> bool:
+    """Return whether two sides are meant as revisions: models of packages have a colon, too."""
+    from mjbench.releases.installs import is_release
+
+    if "::" in target or any(side.startswith(REVISION) for side in sides):
+        return True
+    return ":" in target and not all(map(is_release, sides))
+
+
+def _of_releases(baseline: str, candidate: str, model: str, plan: "VerdictPlan") -> "Measurement":
+    from mjbench.api.bisect import release_bisection
+    from mjbench.releases import bundle, catalogue
+    from mjbench.releases.installs import parse_release
+    from mjbench.simulation import models
+
+    source = models.resolve(model)
+    ends = parse_release(baseline), parse_release(candidate)
+    if any(release.has_packages for release in ends):
+        raise InputError(
+            "bisect searches releases of MuJoCo alone: `mjbench versions` has packages"
+        )
+    return release_bisection(catalogue.releases_between(*ends, bundle.default_path()), source, plan)
+
+
+def _of_revisions(
+    baseline: str, candidate: str, function: str, plan: "VerdictPlan"
+) -> "Measurement":
+    from mjbench.api.bisect import revision_bisection
+
     comparison = revision_comparison(baseline, candidate, [function], plan)
-    measure_and_print(bisection(comparison, plan), output, summary=BISECT.sections).exit()
+    return revision_bisection(comparison, plan)

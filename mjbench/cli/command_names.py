@@ -18,7 +18,7 @@ LISTED: Mapping[str, Mapping[str, str]] = {
         "tune": "faster settings of a model; what they change",
         "versions": "is a release slower? why: --explain",
         "ab": "which of two models or revisions is slower?",
-        "bisect": "which commit made my own code slower?",
+        "bisect": "which commit or MuJoCo release made it slower?",
         "lint": "what is slow or wrong in a script",
         "doctor": "can I trust timings here? error rate: --verdicts",
         "show": "results again, as a page, or beside others",

@@ -91,11 +91,11 @@ def history(
             raise click.UsageError(f"give --{option} after {ctx.invoked_subcommand}")
         return
     from mjbench.pages import markdown
-    from mjbench.releases import bundle
+    from mjbench.releases import known_causes
     from mjbench.report import history as history_sections
     from mjbench.report import history_across, history_files, history_plots
 
-    committed = bundle.default_path().with_name("causes.toml")
+    committed = known_causes.default_path()
     causes = causes or (committed if committed.exists() else None)
     files = history_files.run_files(results)
     inputs = [*files, *([causes] if causes else [])]

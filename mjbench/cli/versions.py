@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from mjbench.cli.ab import check_function_plan
 from mjbench.cli.context import OutputOptions
 from mjbench.cli.fail_on import FAIL_ON, FailOn, measure_verdicts
 from mjbench.cli.group import cli
@@ -22,6 +24,7 @@ from mjbench.errors import InputError, shown, suggestion
 from mjbench.paired.outcomes import Metric
 
 if TYPE_CHECKING:
+    from mjbench.api.session import Measurement
     from mjbench.paired.verdict import VerdictPlan
     from mjbench.releases.installs import ReleaseSpec
     from mjbench.simulation.models import ModelSource
@@ -46,6 +49,14 @@ if TYPE_CHECKING:
 )
 @metric_option(*Metric)
 @click.option(
+    "--function",
+    "functions",
+    multiple=True,
+    metavar="FUNCTION",
+    help="A function of your code to time in place of a MODEL, such as bench.py::step; may be given"
+    " several times. It is called as by `mjbench ab rev=…`; your code is the same on both sides.",
+)
+@click.option(
     "--family",
     type=COUNT,
     help="Number of comparisons that are decided together, where other commands do some of them: a"
@@ -58,6 +69,7 @@ def versions(
     news: tuple[str, ...],
     path_names: list[str] | None,
     metric: str,
+    functions: tuple[str, ...],
     family: int | None,
     fail_on: FailOn,
     plan: "VerdictPlan",
@@ -70,6 +82,9 @@ def versions(
     folder of its own in the cache (`mjbench releases installs`). There may be several NEW ones.
     Without a MODEL: all shipped models.
 
+    Other packages are named as pip takes them, with commas: jax==0.7.0,jaxlib==0.7.0. They are
+    installed beside this environment's MuJoCo and NumPy, unless those are among them.
+
     \b
     Examples:
       mjbench versions 3.3.0 4.0.0 humanoid
@@ -77,28 +92,75 @@ def versions(
       mjbench versions 3.17.0 4.0.0 robot.xml --fail-on slower,changed-work
       mjbench versions 3.17.0 4.0.0 robot.xml --metric instructions --min-effect 0.5%
       mjbench versions --old installed --new dist/mujoco-4.1.0-cp311-….whl cartpole
+      mjbench versions jax==0.7.0,jaxlib==0.7.0 jax==0.7.1,jaxlib==0.7.1 cartpole --paths mjx
+      mjbench versions numpy==2.3.5 numpy==2.4.0 --function bench.py::step
 
     Ratios are new over old: above 1 is slower. Where a release does other work, such as more
     contacts, the verdict says so.
     """
+    from mjbench import paths
     from mjbench.api.versions import instructions, verdicts
     from mjbench.counts.explain import InstructionComparison
     from mjbench.paired import targets
     from mjbench.paths import BASE
 
-    release_names, sources = releases_and_models(names)
+    if functions and path_names:
+        raise InputError("--paths are of models, not of functions")
+    release_names, sources = (
+        (list(names), list["ModelSource"]()) if functions else releases_and_models(names)
+    )
     baseline, *candidates = _releases(old, news, release_names)
     path_names = path_names or [BASE]
     targets.check_metric(Metric(metric), path_names)
+    plan = replace(plan, family=family or 1)
     plan = replace(plan, sizes=replace(plan.sizes, metric=Metric(metric)))
-    if metric == Metric.INSTRUCTIONS:
+    if functions:
+        measurement = _of_functions([baseline, *candidates], functions, plan)
+    elif any(paths.find(name).compiles for name in path_names):
+        measurement = _of_compiled([baseline, *candidates], sources, path_names, plan)
+    elif metric == Metric.INSTRUCTIONS:
         comparison = InstructionComparison(baseline, candidates, sources, plan.min_effect)
         measurement = instructions(comparison, plan)
     else:
         pairs = targets.of_releases(baseline, candidates, sources, path_names)
-        plan = replace(plan, family=max(len(pairs), family or 1))
+        plan = replace(plan, family=max(len(pairs), plan.family))
         measurement = verdicts("versions", pairs, plan)
     measure_verdicts(measurement, plan.confidence, fail_on, output)
+
+
+def _of_compiled(
+    specs: Sequence["ReleaseSpec"],
+    sources: Sequence["ModelSource"],
+    path_names: Sequence[str],
+    plan: "VerdictPlan",
+) -> "Measurement":
+    """Return the measurement of paths that compile in environments, the baseline first."""
+    from mjbench import paths
+    from mjbench.api.revisions import compiled_verdicts
+    from mjbench.paired.compiled_sides import CompiledComparison
+
+    others = [name for name in path_names if not paths.find(name).compiles]
+    if others or plan.sizes.metric != Metric.TIME:
+        compiling = [name for name in path_names if name not in others]
+        alone = f"leave out {', '.join(others)}" if others else "leave out --metric"
+        raise InputError(f"only the time of {', '.join(compiling)} is compared, alone: {alone}")
+    baseline, *candidates = specs
+    comparison = CompiledComparison(baseline, candidates, sources, path_names, plan.sizes)
+    return compiled_verdicts(comparison, plan)
+
+
+def _of_functions(
+    specs: Sequence["ReleaseSpec"], functions: Sequence[str], plan: "VerdictPlan"
+) -> "Measurement":
+    """Return the measurement of functions in environments, the baseline first."""
+    from mjbench.api.revisions import environment_verdicts
+    from mjbench.paired import environment_sides
+    from mjbench.paired.environment_sides import EnvironmentComparison
+
+    check_function_plan(plan)
+    cwd, (baseline, *candidates) = Path.cwd().resolve(), specs
+    parsed = environment_sides.parse_functions(functions, cwd)
+    return environment_verdicts(EnvironmentComparison(baseline, candidates, parsed, cwd), plan)
 
 
 def _releases(

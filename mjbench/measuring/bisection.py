@@ -6,7 +6,6 @@ ratio changes their probabilities, by the density of Student's t with few degree
 launches have heavy tails. What is measured next is what leaves the least entropy, as expected.
 """
 
-import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
@@ -17,13 +16,15 @@ FREEDOM = 4.0
 # Levels that a version can have, of which the expectation over its log ratio is taken.
 _POINTS = 61
 _REACH = 6.0
-# Between two levels lies what is further from both than this share of their distance, and than so
-# many deviations.
-_MIDDLE, _CLEAR = 0.25, 3.0
+# Between two levels lies what is further from both than this share of their distance, and as many
+# deviations besides.
+_MIDDLE, _CLEAR = 1 / 3, 1.0
 # A log ratio that is expected to lower the entropy by less tells nothing.
 _LEAST_GAIN = 0.005
 # Versions of which it is worked out what they would tell: those nearest to the median.
 _TRIED = 5
+# A version that is ready is measured next if it tells at least this share of what another would.
+_ENOUGH = 0.75
 
 
 @dataclass(frozen=True)
@@ -74,25 +75,32 @@ class ChangePosterior:
     def is_between(self, log_ratio: float) -> bool:
         """Return whether a log ratio is certainly neither of the two levels, but between them."""
         share = log_ratio / self.change
-        clear = _CLEAR * self.deviation / abs(self.change)
-        return max(_MIDDLE, clear) < share < 1 - max(_MIDDLE, clear)
+        margin = _MIDDLE + _CLEAR * self.deviation / abs(self.change)
+        return margin < share < 1 - margin
 
-    def next_version(self, unable: Collection[int] = ()) -> int | None:
+    def next_version(self, unable: Collection[int] = (), ready: Collection[int] = ()) -> int | None:
         """Return the version whose log ratio tells most; None where none tells anything.
 
         Args:
           unable: versions that cannot be measured.
+          ready: versions that cost less to measure; one of them is preferred if it tells about as
+            much.
         """
         probabilities = self.probabilities
         # that the version before is fast, and this one slow, is most open near the median
         shares = np.cumsum(probabilities)
         able = [version for version in range(1, self.count) if version not in unable]
-        able = sorted(able, key=lambda version: abs(shares[version - 1] - 0.5))[:_TRIED]
-        entropies = [self._expected_entropy(version, probabilities) for version in able]
-        least = min(entropies, default=math.inf)
-        if _entropy(probabilities) - least < _LEAST_GAIN:
+        able = sorted(able, key=lambda version: abs(shares[version - 1] - 0.5))
+        at_hand = [version for version in able if version in ready][:_TRIED]
+        gains = {
+            version: _entropy(probabilities) - self._expected_entropy(version, probabilities)
+            for version in dict.fromkeys([*able[:_TRIED], *at_hand])
+        }
+        most = max(gains.values(), default=0.0)
+        if most < _LEAST_GAIN:
             return None
-        return able[entropies.index(least)]
+        telling = [version for version in at_hand if gains[version] >= _ENOUGH * most]
+        return max(telling or gains, key=lambda version: gains[version])
 
     def _expected_entropy(self, version: int, probabilities: np.ndarray) -> float:
         """Return the entropy of the probabilities that is expected once a version is measured."""

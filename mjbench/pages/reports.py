@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench.errors import one_line, printable
-from mjbench.releases import bundle
+from mjbench.releases import known_causes
 from mjbench.releases.release_ratios import RatioRecord
 from mjbench.report import across_machines as across
 from mjbench.report import formats, history_across, history_files, kinds
@@ -185,7 +185,7 @@ def _history_parts(named_runs: Sequence[NamedRun]) -> list[_Part]:
     timed = [named for named in named_runs if named.run.of_type(RatioRecord)]
     if not timed:
         return []
-    causes = bundle.default_path().with_name("causes.toml")
+    causes = known_causes.default_path()
     each = history_files.of_runs(
         [named.run for named in named_runs], causes if causes.exists() else None
     )

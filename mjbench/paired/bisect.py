@@ -1,42 +1,52 @@
-"""Find the commits that changed how long a function takes, from few of them.
+"""Find the commits or releases that changed how long something takes, from few of them.
 
-Both ends are compared first. Commits in between are then measured a few times each, where that
+Both ends are compared first. Versions in between are then measured a few times each, where that
 tells most (see `measuring.bisection`), until one is probably the first that differs. A fresh
-comparison of this commit with the one before it decides. Where it explains too little of the
+comparison of this version with the one before it decides. Where it explains too little of the
 difference between the ends, both sides of it are searched.
 """
 
 import contextlib
 import math
+import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mjbench.errors import InputError, MachineError
 from mjbench.measuring.bisection import ChangePosterior, VersionRatio
-from mjbench.paired.bisect_records import BisectChange, BisectTrial, CommitRow
+from mjbench.paired.bisect_records import (
+    BisectChange,
+    BisectRecord,
+    BisectTrial,
+    VersionKind,
+    VersionRow,
+)
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord
+from mjbench.paired.verdict import launches_to_judge
 from mjbench.units import listed, short_commit
 
-# The probability at which a commit is compared with the one before it.
+# The probability at which a version is compared with the one before it.
 CERTAINTY = 0.99
-# Launches of a commit that is measured, and how often commits are measured in a search, at most.
+# Launches of a version that is measured, and how often versions are measured in a search, at most.
 LAUNCHES, MOST_TRIALS = 3, 40
 # The sides of a change are searched where it leaves more than this share of the difference.
-_REST = 1 / 3
-# No launch is more precise, in log ratio: differences between commits are not noise alone.
+_REST = 0.3
+# The standard deviation of normal samples over the mean of their absolute differences.
+_MEAN_DISTANCES = math.sqrt(math.pi / 2)
+# No launch is more precise, in log ratio: differences between versions are not noise alone.
 _LEAST_DEVIATION = 0.003
 
 
-class CommitMeasurer(ABC):
-    """Measures commits, which have numbers; the baseline is 0."""
+class VersionMeasurer(ABC):
+    """Measures versions, which have numbers; the baseline is 0."""
 
     @abstractmethod
     def decide(self, baseline: int, candidate: int) -> VerdictRecord:
-        """Return the verdict on a commit against another.
+        """Return the verdict on a version against another.
 
         Raises:
           MachineError: one of them cannot be built, or is not what would be measured.
@@ -47,39 +57,50 @@ class CommitMeasurer(ABC):
         """Return the log ratios of a few launches.
 
         Raises:
-          InputError: the commit cannot do it, or does other work.
-          MachineError: it cannot be built, crashed or failed.
+          InputError: the version cannot do it, or does other work.
+          MachineError: it cannot be built or installed, crashed or failed.
         """
+
+    def ready(self) -> Collection[int]:
+        """Return the versions that need not be built or installed first."""
+        return ()
 
 
 @dataclass(frozen=True)
-class BisectResult:
-    """What a search came to.
+class SearchRange:
+    """What is searched for changes.
 
     Attributes:
-      ends: the verdict on the first and the last of all commits.
-      detail: what could not be decided; empty where all was.
+      target: the function or the model, as the user named it.
+      old: the baseline, as results name it; `new` is the last version.
+      versions: after the baseline, one or more, the last one included.
     """
 
-    ends: VerdictRecord
-    trials: Sequence[BisectTrial] = ()
-    changes: Sequence[BisectChange] = ()
-    detail: str = ""
+    target: str
+    kind: VersionKind
+    old: str
+    new: str
+    versions: Sequence[VersionRow]
 
 
 def search(
-    measurer: CommitMeasurer,
-    commits: Sequence[CommitRow],
+    measurer: VersionMeasurer,
+    searched: SearchRange,
     min_effect: float,
     on_trial: Callable[[BisectTrial], None] = lambda trial: None,
-) -> BisectResult:
-    """Return which commits changed the time of a function.
+    clock: Callable[[], float] = time.monotonic,
+) -> BisectRecord:
+    """Return which versions changed the time of something.
 
     Args:
-      commits: after the baseline, one or more, the last one included.
       min_effect: smallest change that matters, as a share.
     """
-    return _Searcher(measurer, commits, min_effect, on_trial).run()
+    return _Searcher(measurer, searched, min_effect, on_trial).run(clock)
+
+
+def short_name(version: VersionRow, kind: VersionKind) -> str:
+    """Return what sentences call a version."""
+    return short_commit(version.commit) if kind == VersionKind.COMMIT else version.commit
 
 
 class _Searcher:
@@ -87,60 +108,74 @@ class _Searcher:
 
     def __init__(
         self,
-        measurer: CommitMeasurer,
-        commits: Sequence[CommitRow],
+        measurer: VersionMeasurer,
+        searched: SearchRange,
         min_effect: float,
         on_trial: Callable[[BisectTrial], None],
     ):
-        self._measurer, self._commits, self._on_trial = measurer, commits, on_trial
+        self._measurer, self._searched, self._on_trial = measurer, searched, on_trial
+        self._versions = searched.versions
         self._log_effect = math.log1p(min_effect)
         self._unable: set[int] = set()
         self._trials: list[BisectTrial] = []
         self._changes: list[BisectChange] = []
-        self._unconfirmed: list[CommitRow] = []
+        self._unconfirmed: list[VersionRow] = []
 
-    def run(self) -> BisectResult:
-        ends = self._measurer.decide(0, len(self._commits))
+    def run(self, clock: Callable[[], float]) -> BisectRecord:
+        begin_s, searched, count = clock(), self._searched, len(self._versions)
+        ends = self._measurer.decide(0, count)
         if _is_change(ends):
-            self._between(0, len(self._commits), ends)
-        self._changes.sort(key=lambda change: change.commit.number)
-        return BisectResult(ends, self._trials, self._changes, self._detail())
+            self._between(0, count, ends)
+        return BisectRecord(
+            function=searched.target,
+            kind=searched.kind,
+            old=searched.old,
+            new=searched.new,
+            commits=count,
+            status=ends.status,
+            detail=ends.detail or self._detail(),
+            ends=ends.row(),
+            trials=self._trials,
+            changes=sorted(self._changes, key=lambda change: change.commit.number),
+            seconds=clock() - begin_s,
+        )
 
     def _detail(self) -> str:
-        """Return which commits were likely, and do not differ from those before them."""
+        """Return which versions were likely, and do not differ from those before them."""
         if not self._unconfirmed:
             return ""
-        names = listed([short_commit(row.commit) for row in self._unconfirmed])
+        kind = self._searched.kind
+        names = listed([short_name(row, kind) for row in self._unconfirmed])
         return (
             f"likely, but not confirmed: {names}; there the change may be spread over several"
-            " commits, each too small to be seen alone"
+            f" {kind}s, each too small to be seen alone"
         )
 
     def _between(self, first: int, last: int, ends: VerdictRecord) -> None:
-        """Find the changes between two commits that differ."""
+        """Find the changes between two versions that differ."""
         changed = self._likeliest(first, last, ends)
         if changed is None:  # the last one measured lies between two changes
             middle = self._trials[-1].commit.number
             self._search_each((first, middle), (middle, last))
             return
         before, verdict = (first, ends) if last - first == 1 else self._beside(first, changed)
-        row = self._commits[changed - 1]
+        row = self._versions[changed - 1]
         if not _is_change(verdict):
             self._unconfirmed.append(row)
             return
-        self._changes.append(BisectChange(row, verdict.row(), self._commits[before : changed - 1]))
+        self._changes.append(BisectChange(row, verdict.row(), self._versions[before : changed - 1]))
         if (before, changed) != (first, last) and self._leaves_more(ends, verdict):
             self._search_each((first, before), (changed, last))
 
     def _search_each(self, *sides: tuple[int, int]) -> None:
-        """Search between commits, where they differ."""
+        """Search between versions, where they differ."""
         for first, last in sides:
             ends = self._measurer.decide(first, last) if first < last else None
             if ends is not None and _is_change(ends):
                 self._between(first, last, ends)
 
     def _beside(self, first: int, changed: int) -> tuple[int, VerdictRecord]:
-        """Return the last commit before one that can be measured, and the verdict on the two."""
+        """Return the last version before one that can be measured, and the verdict on the two."""
         for before in range(changed - 1, first, -1):
             if before in self._unable:
                 continue
@@ -152,45 +187,49 @@ class _Searcher:
         return first, self._measurer.decide(first, changed)
 
     def _likeliest(self, first: int, last: int, ends: VerdictRecord) -> int | None:
-        """Measure commits between two until one is probably the first that differs; return it.
+        """Measure versions between two until one is probably the first that differs; return it.
 
         Where that one cannot be measured, it is the next one that can.
 
         Returns:
-          None where the commit that was measured last is like neither end.
+          None where the version that was measured last is like neither end.
         """
-        deviation = _deviation([launch.log_ratio for launch in ends.samples])
-        point = ChangePosterior(last - first, _log_change(ends), deviation / math.sqrt(LAUNCHES))
+        samples = [launch.log_ratio for launch in launches_to_judge(ends.samples)]
+        residuals = list(np.asarray(samples) - np.median(samples))
+        point = ChangePosterior(last - first, _log_change(ends), _deviation(residuals))
         for _ in range(MOST_TRIALS):
             unable = {number - first for number in self._unable}
-            version = None if point.certainty >= CERTAINTY else point.next_version(unable)
+            ready = {number - first for number in self._measurer.ready()}
+            is_certain = point.certainty >= CERTAINTY
+            version = None if is_certain else point.next_version(unable, ready)
             if version is None:
                 break
-            log_ratio = self._measure(first, first + version)
-            if log_ratio is None:
+            log_ratios = self._measure(first, first + version)
+            if not log_ratios:
                 continue
-            if point.is_between(log_ratio):
+            residuals += _residuals(log_ratios)
+            observation = VersionRatio(version, float(np.mean(log_ratios)))
+            observations = [*point.observations, observation]
+            point = replace(point, deviation=_deviation(residuals), observations=observations)
+            if point.is_between(observation.log_ratio):
                 return None
-            observation = VersionRatio(version, log_ratio)
-            point = replace(point, observations=[*point.observations, observation])
         changed = first + point.likeliest
         while changed < last and changed in self._unable:
             changed += 1
         return changed
 
-    def _measure(self, first: int, number: int) -> float | None:
-        """Return the log ratio of a commit; None where it cannot be measured."""
-        row, log_ratio = self._commits[number - 1], None
+    def _measure(self, first: int, number: int) -> Sequence[float]:
+        """Return the log ratios of a version's launches; none where it cannot be measured."""
+        row, log_ratios = self._versions[number - 1], list[float]()
         try:
-            log_ratios = self._measurer.log_ratios(first, number, LAUNCHES)
-            log_ratio = float(np.mean(log_ratios))
-            trial = BisectTrial(row, "", math.exp(log_ratio), len(log_ratios))
+            log_ratios += self._measurer.log_ratios(first, number, LAUNCHES)
+            trial = BisectTrial(row, "", math.exp(np.mean(log_ratios)), len(log_ratios))
         except (InputError, MachineError) as error:
             self._unable.add(number)
             trial = BisectTrial(row, str(error))
         self._trials.append(trial)
         self._on_trial(trial)
-        return log_ratio
+        return log_ratios
 
     def _leaves_more(self, ends: VerdictRecord, change: VerdictRecord) -> bool:
         """Return whether there may be another change: comparisons of both sides decide."""
@@ -209,8 +248,13 @@ def _log_change(record: VerdictRecord) -> float:
     return math.log(record.ratio.estimate)
 
 
-def _deviation(log_ratios: Sequence[float]) -> float:
-    """Return the deviation of a launch; robust, because some are disturbed."""
-    values = np.asarray(log_ratios)
-    median = np.median(values)
-    return max(1.4826 * float(np.median(np.abs(values - median))), _LEAST_DEVIATION)
+def _residuals(log_ratios: Sequence[float]) -> list[float]:
+    """Return how far launches of one version are from their mean, as far as from the truth."""
+    count, values = len(log_ratios), np.asarray(log_ratios)
+    return list((values - values.mean()) * math.sqrt(count / max(count - 1, 1)))
+
+
+def _deviation(residuals: Sequence[float]) -> float:
+    """Return the deviation of a version's mean, from launches; robust, as some are disturbed."""
+    launch = _MEAN_DISTANCES * float(np.mean(np.abs(residuals)))
+    return max(launch, _LEAST_DEVIATION) / math.sqrt(LAUNCHES)

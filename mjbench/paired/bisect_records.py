@@ -1,7 +1,11 @@
-"""What a search for the first slower revision comes to, as a run file stores it."""
+"""What a search for the first slower commit or release comes to, as a run file stores it.
+
+Field names are the keys of the JSON format, where `commit` and `function` came first.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import ClassVar
 
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
@@ -9,30 +13,40 @@ from mjbench.paired.records import VerdictRow
 from mjbench.status import Status
 
 
+class VersionKind(StrEnum):
+    """What a search goes through."""
+
+    COMMIT = "commit"
+    """Of the user's code."""
+    RELEASE = "release"
+    """Of MuJoCo."""
+
+
 @dataclass(frozen=True)
-class CommitRow:
-    """A commit.
+class VersionRow:
+    """A commit, or a release.
 
     Attributes:
       number: after the baseline, from 1.
-      subject: the first line of its message.
+      commit: its full hash, or the version of a release.
+      subject: the first line of a commit's message; empty for a release.
     """
 
     number: PositiveInt
     commit: str
-    subject: str
+    subject: str = ""
 
 
 @dataclass(frozen=True)
 class BisectTrial:
-    """A commit that was measured against the baseline of its search.
+    """A version that was measured against the baseline of its search.
 
     Attributes:
       detail: why it could not be measured; empty otherwise.
       ratio: of its time over the baseline's; None where it could not be measured.
     """
 
-    commit: CommitRow
+    commit: VersionRow
     detail: str = ""
     ratio: PositiveFloat | None = None
     launches: NonNegativeInt = 0
@@ -40,28 +54,31 @@ class BisectTrial:
 
 @dataclass(frozen=True)
 class BisectChange:
-    """A commit that is slower, or faster, than the one before it, in a comparison of its own.
+    """A version that is slower, or faster, than the one before it, in a comparison of its own.
 
     Attributes:
-      skipped: commits right before it that could not be measured: the change may be theirs.
+      skipped: versions right before it that could not be measured: the change may be theirs.
+      known_causes: what is known to have changed in this release, in a sentence each.
     """
 
-    commit: CommitRow
+    commit: VersionRow
     verdict: VerdictRow
-    skipped: Sequence[CommitRow] = ()
+    skipped: Sequence[VersionRow] = ()
+    known_causes: Sequence[str] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class BisectRecord:
-    """A search for the commits that changed how long a function takes.
+    """A search for the commits or releases that changed how long something takes.
 
     Attributes:
-      function: as the user named it.
-      old: the baseline, as the user named it; `new` is the last commit.
-      commits: after the baseline, the last one included.
-      ends: the verdict on the last commit against the baseline; None without one.
-      changes: those that were found, in the order of their commits.
+      function: or the model, as the user named it.
+      old: the baseline, as the user named it; `new` is the last version.
+      commits: or releases, after the baseline, the last one included.
+      ends: the verdict on the last version against the baseline; None without one.
+      changes: those that were found, in the order of their versions.
       detail: one line; empty when ok.
+      kind: what was searched.
     """
 
     record_type: ClassVar[str] = "bisect"
@@ -75,3 +92,4 @@ class BisectRecord:
     trials: Sequence[BisectTrial] = ()
     changes: Sequence[BisectChange] = ()
     seconds: NonNegativeFloat = 0.0
+    kind: VersionKind = VersionKind.COMMIT

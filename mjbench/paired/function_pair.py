@@ -1,4 +1,4 @@
-"""A function of the user's code in two revisions, timed in turns in fresh processes."""
+"""A function of the user's code on two sides, timed in turns in fresh processes."""
 
 import random
 from collections.abc import Sequence
@@ -25,44 +25,76 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.revisions import Revision
+from mjbench.simulation.starts import Starts
 
 # A function that keeps more cores busy than this has threads, and launches get all cores.
 _THREADED_CORES = 1.2
 
 
 @dataclass(frozen=True)
+class SteppedRun:
+    """What a function does that steps a model.
+
+    Attributes:
+      path: of stepping.
+      nbatch: simulations.
+      nstep: steps of each.
+      starts: where start states came from.
+    """
+
+    path: str
+    nbatch: int
+    nstep: int
+    starts: Starts
+
+
+@dataclass(frozen=True)
 class FunctionTarget:
-    """A function in one revision.
+    """A function in one revision, or in one environment.
 
     Attributes:
       function: as the user named it, such as `bench.py::step`.
-      tree: the hash of the revision's files.
-      release: that its processes import.
+      revision: None where environments are compared.
+      tree: the hash of the revision's files; empty likewise.
+      release: that its processes import, with packages beside it.
+      run: None for a function of the user's code.
     """
 
     function: str
-    revision: Revision
+    revision: Revision | None
     tree: str
     source: FunctionSource
     origin: CodeOrigin
     release: ReleaseSpec
+    run: SteppedRun | None = None
+
+    @property
+    def path(self) -> str:
+        """The path of stepping; empty for a function of the user's code."""
+        return self.run.path if self.run else ""
 
     def name(self, role: str) -> str:
         """Return what error messages call it in a role, such as `baseline (main)`."""
-        return f"{role} ({self.revision.name})"
+        return f"{role} ({self.label})"
+
+    @property
+    def label(self) -> str:
+        """What results call it: the revision, or what is installed."""
+        return self.revision.name if self.revision else self.release.label
 
     def row(self) -> TargetRow:
         """Return what results say of it."""
         return TargetRow(
             release=self.release.version,
             model=self.function,
-            path="",
+            path=self.path,
             options={},
             model_options={},
             build=self.release.key,
-            revision=self.revision.name,
-            commit=self.revision.commit,
+            revision=self.revision.name if self.revision else "",
+            commit=self.revision.commit if self.revision else "",
             tree=self.tree,
+            packages=self.release.name if self.release.has_packages else "",
         )
 
 

@@ -1,6 +1,6 @@
-"""Decide whether a function is slower in one revision of the user's code than in another.
+"""Decide whether a function is slower in one revision of the user's code, or in one environment.
 
-Before anything is timed, the code must be that of the revisions, and results must be the same. A
+Before anything is timed, the code must be that of the two sides, and results must be the same. A
 control is measured beside the verdict: the baseline against itself, in as many launches as a
 verdict needs at least. Where the baseline differs from itself, nothing is decided.
 """
@@ -33,7 +33,7 @@ from mjbench.paired.records import (
 )
 from mjbench.paired.time_limit import ENDING_ERRORS, TimeLimit, ending_of
 from mjbench.paired.timed_function import FunctionFacts
-from mjbench.paired.verdict import VerdictPlan, record_of
+from mjbench.paired.verdict import VerdictPlan, package_versions, record_of
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.pip import BuildError
 from mjbench.status import ExitCode, Status
@@ -109,6 +109,11 @@ def check_versions(baseline: FunctionFacts, candidate: FunctionFacts) -> None:
             raise OtherCodeError(f"the baseline ran on {name} {old}, the candidate on {new}")
 
 
+def _code(target: FunctionTarget) -> tuple[str, str]:
+    """Return what is the same on two sides where both run the same code."""
+    return target.tree, target.release.key
+
+
 def check_origin(target: FunctionTarget, role: str, facts: FunctionFacts) -> None:
     """Refuse a side that imported code of the user's that is not its revision's.
 
@@ -117,8 +122,9 @@ def check_origin(target: FunctionTarget, role: str, facts: FunctionFacts) -> Non
     """
     if facts.misplaced:
         raise OtherCodeError(
-            f"{target.name(role)} imported {facts.misplaced}, which is not the revision's:"
-            " uninstall an editable install of the package"
+            f"{target.name(role)} imported {facts.misplaced}, which is not the"
+            f" {'revision' if target.revision else 'environment'}'s: uninstall an editable install"
+            " of the package"
         )
 
 
@@ -181,7 +187,8 @@ def _observe(pool: WorkerPool, targets: FunctionTargets) -> _Observed:
     except UnavailableError as error:
         raise MachineError(str(error)) from error
     check_origin(candidate, "candidate", new)
-    check_versions(old, new)
+    if candidate.revision is not None:  # the versions of packages are to differ otherwise
+        check_versions(old, new)
     again = observe(pool, baseline, "baseline") if any(old.results) else old
     return _Observed(old, new, compare_results(old, again, new))
 
@@ -206,8 +213,9 @@ class _Decision:
     def run(self) -> VerdictRecord:
         """Return the verdict; see `decide`."""
         baseline, candidate = self._targets
-        if baseline.tree == candidate.tree:
-            detail = "both revisions have the same files, so nothing was timed"
+        if _code(baseline) == _code(candidate):
+            same = "revisions have the same files" if baseline.revision else "environments are one"
+            detail = f"both {same}, so nothing was timed"
             return self._record(Failure(Status.OK, detail), Verdict.SAME)
         try:
             self._observed = _observe(self._pool, self._targets)
@@ -251,9 +259,9 @@ class _Decision:
         baseline, candidate = self._targets
         row = VerdictRow(
             model=candidate.function,
-            path="",
-            old=baseline.revision.name,
-            new=candidate.revision.name,
+            path=candidate.path,
+            old=baseline.label,
+            new=candidate.label,
             sides=(baseline.row(), candidate.row()),
             metric=self._plan.sizes.metric,
             status=ending.status,
@@ -263,7 +271,10 @@ class _Decision:
             launches=len(self._launches),
             pairs=2 * sum(len(launch.orders) for launch in self._launches),
             seconds=self._clock() - self._begin_s,
+            packages=package_versions(baseline.release, candidate.release),
         )
+        if run := candidate.run:
+            row = replace(row, nbatch=run.nbatch, nstep=run.nstep, starts=run.starts)
         if self._observed is not None:
             row = _with_results(row, self._observed)
         if self._launches:

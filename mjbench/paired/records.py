@@ -45,6 +45,7 @@ class TargetRow:
       revision: of the user's code, as it was named; empty where releases are compared.
       commit: its full hash; empty where it is not committed.
       tree: the hash of its files.
+      packages: that the user named, such as `jax==0.7.0`; empty where releases are compared.
     """
 
     release: str
@@ -59,6 +60,7 @@ class TargetRow:
     revision: str = ""
     commit: str = ""
     tree: str = ""
+    packages: str = ""
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,15 @@ class Pair(Generic[_Value]):
 
     old: _Value
     new: _Value
+
+
+@dataclass(frozen=True)
+class PackageVersions:
+    """The versions of a package in two environments; empty where it is not installed."""
+
+    name: str
+    old: str
+    new: str
 
 
 @dataclass(frozen=True)
@@ -133,6 +144,7 @@ class VerdictRow:
       results_detail: where it first differs, or why it was not compared; empty otherwise.
       control: None where nothing of the kind was measured.
       calls_s: seconds of a call of a function; None for models.
+      packages: of both environments, where the user named packages; else none.
     """
 
     model: str
@@ -167,6 +179,7 @@ class VerdictRow:
     results_detail: str = ""
     control: ControlRow | None = None
     calls_s: Pair[PositiveFloat] | None = None
+    packages: Sequence[PackageVersions] = ()
 
 
 @dataclass(frozen=True)

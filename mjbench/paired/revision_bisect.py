@@ -1,12 +1,11 @@
 """Search the history of the user's code for the commits that changed the time of a function."""
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from mjbench.paired import bisect, function_verdict, revision_sides
-from mjbench.paired.bisect import CommitMeasurer
-from mjbench.paired.bisect_records import BisectRecord, BisectTrial, CommitRow
+from mjbench.paired.bisect import SearchRange, VersionMeasurer
+from mjbench.paired.bisect_records import BisectRecord, BisectTrial, VersionKind, VersionRow
 from mjbench.paired.records import VerdictRecord
 from mjbench.paired.revision_sides import RevisionComparison
 from mjbench.paired.verdict import VerdictPlan
@@ -16,7 +15,7 @@ from mjbench.status import Status
 
 
 @dataclass(frozen=True)
-class _RevisionMeasurer(CommitMeasurer):
+class _RevisionMeasurer(VersionMeasurer):
     """Measures commits of the user's code.
 
     Attributes:
@@ -30,7 +29,7 @@ class _RevisionMeasurer(CommitMeasurer):
     on_phase: Callable[[str], None]
 
     def decide(self, baseline: int, candidate: int) -> VerdictRecord:
-        """See `CommitMeasurer.decide`; raises KeyboardInterrupt, too."""
+        """See `VersionMeasurer.decide`; raises KeyboardInterrupt, too."""
         pair = self._pair(baseline, candidate)
         self.on_phase(f"comparing {pair.baseline.name} and {pair.candidate.name}")
         with WorkerPool() as pool:
@@ -41,7 +40,7 @@ class _RevisionMeasurer(CommitMeasurer):
         return record
 
     def log_ratios(self, baseline: int, candidate: int, count: int) -> Sequence[float]:
-        """See `CommitMeasurer.log_ratios`."""
+        """See `VersionMeasurer.log_ratios`."""
         with WorkerPool() as pool:
             (targets,) = revision_sides.check_out(pool, self._pair(baseline, candidate))
             return function_verdict.launch_log_ratios(pool, targets, count)
@@ -60,7 +59,6 @@ def search(
     plan: VerdictPlan,
     on_phase: Callable[[str], None] = lambda text: None,
     on_trial: Callable[[BisectTrial], None] = lambda trial: None,
-    clock: Callable[[], float] = time.monotonic,
 ) -> BisectRecord:
     """Return which commits between two revisions changed the time of a function.
 
@@ -71,25 +69,18 @@ def search(
       InputError: the candidate does not come after the baseline.
       MachineError: an end cannot be built, or is not what would be measured.
     """
-    begin_s = clock()
     repository, candidate = comparison.repository, comparison.candidate
     commits = repository.history(comparison.baseline, candidate)
     (function,) = comparison.functions
     if function.file is not None:  # all commits are measured by one benchmark
         text = repository.text(candidate, function.file)
         comparison = replace(comparison, functions=[replace(function, content=text)])
-    rows = [CommitRow(n, each.commit, each.subject) for n, each in enumerate(commits, 1)]
-    measurer = _RevisionMeasurer(comparison, commits, plan, on_phase)
-    result = bisect.search(measurer, rows, plan.min_effect, on_trial)
-    return BisectRecord(
-        function=function.text,
-        old=comparison.baseline.name,
-        new=candidate.name,
-        commits=len(commits),
-        status=result.ends.status,
-        detail=result.ends.detail or result.detail,
-        ends=result.ends.row(),
-        trials=result.trials,
-        changes=result.changes,
-        seconds=clock() - begin_s,
+    searched = SearchRange(
+        function.text,
+        VersionKind.COMMIT,
+        comparison.baseline.name,
+        candidate.name,
+        [VersionRow(n, each.commit, each.subject) for n, each in enumerate(commits, 1)],
     )
+    measurer = _RevisionMeasurer(comparison, commits, plan, on_phase)
+    return bisect.search(measurer, searched, plan.min_effect, on_trial)

@@ -76,7 +76,7 @@ class RevisionComparison:
 def parse_function(text: str, cwd: Path, top: Path) -> FunctionName:
     """Return the function that a text names, such as `bench.py::step` or `package.module:step`.
 
-    A file is looked for in the current folder, which lies in the repository.
+    A file is looked for in the current folder, which lies in the repository `top`.
 
     Raises:
       InputError: it names none.
@@ -203,7 +203,7 @@ def _targets(
     text, base, module = None, None, function.module
     if file is not None:
         text = function.content or _text(top, sides[1].folder, file)
-        base, module = _package(sides[1].folder, file)
+        base, module = package_of(sides[1].folder, file)
     baseline, candidate = (
         FunctionTarget(
             function.text,
@@ -248,7 +248,7 @@ def _text(top: Path, candidate: Path, file: Path) -> bytes:
     raise InputError(f"there is no file {file} in the candidate, nor in {top}")
 
 
-def _package(tree: Path, file: Path) -> tuple[Path, str]:
+def package_of(tree: Path, file: Path) -> tuple[Path, str]:
     """Return the folder below which a file's module is imported, and the name of the module."""
     folder, parts = file.parent, [file.stem]
     while folder != Path() and (tree / folder / "__init__.py").exists():

@@ -63,6 +63,7 @@ class Target:
             build=self.release.key,
             callback=self.callback,
             has_timer=self.has_timer,
+            packages=self.release.name if self.release.has_packages else "",
         )
 
 

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 
+from mjbench.errors import MachineError
 from mjbench.measuring import anytime
 from mjbench.measuring.anytime import Evidence
 from mjbench.measuring.progress import Progress
@@ -21,6 +22,7 @@ from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.records import (
     MAX_E_VALUE,
     LaunchRow,
+    PackageVersions,
     Pair,
     PlacementEffect,
     TargetRow,
@@ -30,6 +32,8 @@ from mjbench.paired.records import (
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases import installs
+from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.placement import PlacementPair
 from mjbench.status import Status
 from mjbench.units import percent_change
@@ -87,8 +91,8 @@ class PairedResult(Launched):
         return VerdictRow(
             model=self.candidate.model.name,
             path=self.candidate.path,
-            old=self.baseline.release.version,
-            new=self.candidate.release.version,
+            old=self.baseline.release.label,
+            new=self.candidate.release.label,
             sides=(self.baseline.row(), self.candidate.row()),
             metric=self.metric,
             status=self.status,
@@ -115,6 +119,7 @@ class PairedResult(Launched):
             seconds=self.seconds,
             results=results.outcome if results else None,
             results_detail=results.detail if results else "",
+            packages=package_versions(self.baseline.release, self.candidate.release),
         )
 
     def _verdict(self) -> Verdict | None:
@@ -124,7 +129,7 @@ class PairedResult(Launched):
         return Verdict.INCONCLUSIVE if self.status == Status.OK else None
 
     def _cause(self) -> Cause | None:
-        """Return why the builds differ; None where they do not, or where more than the build does.
+        """Return why the builds differ; None where they do not, or where more than that may.
 
         What is called `same` differs by placement if it does so as shipped, and if as shipped it is
         certainly another ratio.
@@ -133,6 +138,8 @@ class PairedResult(Launched):
         if not METRICS[self.metric].follows_placement:
             return None
         if self.judgement is None or self.averaging is None or baseline != candidate:
+            return None
+        if self.baseline.release.has_packages or self.candidate.release.has_packages:
             return None
         verdict = self.judgement.verdict
         if verdict == Verdict.SAME:
@@ -174,6 +181,17 @@ class PairedResult(Launched):
     def record(self) -> VerdictRecord:
         """Return the comparison as a run file stores it, with every launch's raw times."""
         return record_of(self.row(), self.launches)
+
+
+def package_versions(baseline: ReleaseSpec, candidate: ReleaseSpec) -> list[PackageVersions]:
+    """Return the versions of packages in two environments; none where the user named none."""
+    if not (baseline.has_packages or candidate.has_packages):
+        return []
+    old, new = map(installs.package_versions, (baseline, candidate))
+    return [
+        PackageVersions(name, old.get(name, ""), new.get(name, ""))
+        for name in sorted({**old, **new})
+    ]
 
 
 def record_of(row: VerdictRow, samples: Sequence[LaunchRow] = ()) -> VerdictRecord:
@@ -224,6 +242,44 @@ class _VerdictRule(PairRule):
         assert judgement is not None, "there is a launch"
         self._on_launch(judgement)
         return Sufficiency(judgement.enough, judgement.launches >= MIN_LAUNCHES)
+
+
+class _CountedRule(_VerdictRule):
+    """Launch until a number of launches can be judged, whatever they say."""
+
+    purpose = "a ratio"
+
+    def __init__(
+        self, pool: WorkerPool, targets: tuple[Target, Target], plan: VerdictPlan, count: int
+    ):
+        super().__init__(pool, targets, plan, lambda judgement: None, time.monotonic)
+        self._count = count
+
+    def min_launches(self) -> int:
+        return self._count
+
+    def look(self, launches: Sequence[LaunchRow]) -> Sufficiency:
+        is_enough = len(launches_to_judge(launches)) >= self._count
+        return Sufficiency(is_enough, is_enough)
+
+
+def launch_log_ratios(
+    pool: WorkerPool, baseline: Target, candidate: Target, plan: VerdictPlan, count: int
+) -> list[float]:
+    """Return the log ratios of some launches, whatever they say, as `decide` would judge them.
+
+    Raises:
+      MachineError: a target cannot be measured, or not within the plan's time.
+      KeyboardInterrupt: Ctrl-C.
+    """
+    rule = _CountedRule(pool, (baseline, candidate), plan, count)
+    launched = rule.run()
+    if launched.status == Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    if not launched.is_enough:
+        raise MachineError(launched.detail)
+    log_scale = _log_scale(launched.work_check, plan)
+    return [launch.log_ratio + log_scale for launch in launches_to_judge(launched.launches)]
 
 
 def decide(
@@ -305,14 +361,19 @@ def _log_scale(work_check: WorkCheck | None, plan: VerdictPlan) -> float:
     return work_check.log_scale
 
 
+def launches_to_judge(launches: Sequence[LaunchRow]) -> Sequence[LaunchRow]:
+    """Return the launches in which code was moved, or all if it never was."""
+    return [launch for launch in launches if launch.placements.is_moved] or launches
+
+
 def _judge_launches(
     launches: Sequence[LaunchRow], plan: VerdictPlan, log_scale: float
 ) -> Judgement | None:
     """Judge the launches in which code was moved, or all if it never was; None without any."""
-    moved = [launch for launch in launches if launch.placements.is_moved]
-    used = moved or launches
+    used = launches_to_judge(launches)
     if not used:
         return None
+    moved = [launch for launch in used if launch.placements.is_moved]
     return judge(
         [launch.log_ratio + log_scale for launch in used],
         plan.min_effect,

@@ -4,8 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mjbench.errors import MachineError
+from packaging.version import Version
+
+from mjbench.errors import InputError, MachineError
 from mjbench.releases import bundle, install_check, package_index
+from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.release import version_key
 
 
@@ -76,3 +79,46 @@ def list_releases(history: Path) -> Catalogue:
         for version, uploaded in uploads.items()
     ]
     return Catalogue(rows, problem)
+
+
+@dataclass(frozen=True)
+class ReleaseRange:
+    """Releases from one to another.
+
+    Attributes:
+      specs: in the order of their versions: both ends, and the final releases between them.
+      index_problem: why the package index does not answer; empty if it does.
+    """
+
+    specs: Sequence[ReleaseSpec]
+    index_problem: str = ""
+
+    @property
+    def notes(self) -> list[str]:
+        """What the releases lack, a line each."""
+        problem = self.index_problem
+        return [f"only releases that are installed here take part: {problem}"] if problem else []
+
+
+def releases_between(baseline: ReleaseSpec, candidate: ReleaseSpec, history: Path) -> ReleaseRange:
+    """Return the releases from one to another.
+
+    Args:
+      history: see `list_releases`.
+
+    Raises:
+      InputError: the candidate is not newer than the baseline.
+      MachineError: git is missing, or cannot read the history.
+    """
+    old, new = (Version(release.version) for release in (baseline, candidate))
+    if old > new or baseline.key == candidate.key:
+        raise InputError(
+            f"MuJoCo {candidate.version} does not come after {baseline.version}:"
+            " name the older release first"
+        )
+    known = list_releases(history)
+    published = (row.version for row in known.releases if row.uploaded is not None)
+    low, high = version_key(baseline.version), version_key(candidate.version)
+    between = sorted((v for v in published if low < version_key(v) < high), key=version_key)
+    specs = [baseline, *(ReleaseSpec(version, version) for version in between), candidate]
+    return ReleaseRange(specs, known.problem)

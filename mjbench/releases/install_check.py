@@ -170,7 +170,7 @@ def _damaged_file(record: str, folder: Path, compare_hashes: bool = True) -> str
         recorded = [
             (name, recorded_hash, int(size))
             for name, recorded_hash, size in filter(None, csv.reader(record.splitlines()))
-            if size and not name.startswith("..")
+            if size and not name.startswith("..") and not name.endswith(".pyc")
         ]
     except (ValueError, csv.Error) as error:
         return f"a RECORD is broken: {error}"

@@ -26,7 +26,7 @@ from packaging.version import InvalidVersion, Version
 
 from mjbench.errors import InputError, MachineError, one_line, suggestion
 from mjbench.host import platforms
-from mjbench.releases import install_check, package_index, pip, wheels
+from mjbench.releases import install_check, package_index, packages, pip, wheels
 from mjbench.releases.release import OLDEST, version_key
 from mjbench.units import count_of
 
@@ -53,17 +53,22 @@ class ReleaseSpec:
     Attributes:
       name: as the user named it: a version, a wheel, a folder of wheels, or `installed`.
       wheels: the local wheels to install; empty for a version of the index.
-      own_wheels: of the user's code, installed beside the release with what they need.
+      own_wheels: of the user's code, or of packages that the user named; installed beside the
+        release with what they need.
+      requirements: of packages that the user named, likewise.
+      has_packages: whether the user named packages beside MuJoCo.
     """
 
     name: str
     version: str
     wheels: tuple[Path, ...] = ()
     own_wheels: tuple[Path, ...] = ()
+    requirements: tuple[str, ...] = ()
+    has_packages: bool = False
 
     @functools.cached_property
     def key(self) -> str:
-        """Return the name of its install: release, content of local wheels, Python and NumPy."""
+        """Return the name of its install: release, packages beside it, Python and NumPy."""
         if self.name == INSTALLED:
             return f"{INSTALLED}-{self.version}"
         content = hashlib.blake2b(digest_size=4)
@@ -72,13 +77,26 @@ class ReleaseSpec:
                 content.update(wheel.read_bytes())
         except OSError as error:
             raise InputError(f"cannot read {wheel}: {error.strerror}") from error
-        local = f"+{content.hexdigest()}" if self.wheels or self.own_wheels else ""
+        content.update("\n".join(self.requirements).encode())
+        local = f"+{content.hexdigest()}" if self.wheels or self.beside else ""
         python = f"{sys.implementation.cache_tag}-{platform.machine()}"
-        return f"{self.version}{local}-{python}-numpy{metadata.version('numpy')}"
+        is_other = "numpy" in packages.names_of(self.beside)
+        numpy = "" if is_other else f"-numpy{metadata.version('numpy')}"
+        return f"{self.version}{local}-{python}{numpy}"
+
+    @property
+    def beside(self) -> tuple[str, ...]:
+        """What is installed beside the release, as pip takes it."""
+        return (*map(str, self.own_wheels), *self.requirements)
+
+    @property
+    def label(self) -> str:
+        """What results call it: its version, or the packages that the user named."""
+        return self.name if self.has_packages else self.version
 
 
 def wheel_digest(key: str) -> str:
-    """Return what the key of an install says of the content of local wheels; empty without any."""
+    """Return what the key of an install says of local wheels and named packages; empty without."""
     match = re.search(r"\+([0-9a-f]{8})-", key)
     return match[1] if match else ""
 
@@ -89,7 +107,8 @@ def wheel_digest(key: str) -> str:
 def is_release(text: str) -> bool:
     """Return whether an argument of the command line names a release rather than a model."""
     is_named = text in (INSTALLED, NEWEST, PREVIOUS)
-    return is_named or _version(text) is not None or wheels.names_wheels(text)
+    is_version = _version(text) is not None
+    return is_named or is_version or wheels.names_wheels(text) or packages.are_packages(text)
 
 
 def parse_release(text: str) -> ReleaseSpec:
@@ -108,6 +127,8 @@ def parse_release(text: str) -> ReleaseSpec:
         if installed is None:
             raise InputError("no MuJoCo is installed in this environment")
         return ReleaseSpec(INSTALLED, installed)
+    if packages.are_packages(text):
+        return _with_packages(text)
     if wheels.names_wheels(text) or wheels.is_folder(text):
         files = wheels.find(text)
         version: str | None = str(files[0].version)
@@ -122,6 +143,17 @@ def parse_release(text: str) -> ReleaseSpec:
             f"MuJoCo {version} is too old: {oldest} is the oldest that can be measured"
         )
     return ReleaseSpec(text, version, tuple(wheel.file.resolve() for wheel in files))
+
+
+def _with_packages(text: str) -> ReleaseSpec:
+    """Return this environment's release, or the one among named packages, with those beside it."""
+    named = packages.parse(text)
+    release = parse_release(named.release or INSTALLED)
+    has_packages = bool(named.wheels or named.requirements)
+    name = text if has_packages else release.name
+    return ReleaseSpec(
+        name, release.version, release.wheels, named.wheels, named.requirements, has_packages
+    )
 
 
 def _version(text: str) -> str | None:
@@ -162,6 +194,12 @@ def cache_folder() -> Path:
 def install_names() -> list[str]:
     folders = [marker.parent for marker in cache_folder().glob(f"*/{MARKER}")]
     return sorted(folder.name for folder in folders if not folder.name.startswith("."))
+
+
+def package_versions(release: ReleaseSpec) -> dict[str, str]:
+    """Return the version of each package in a release's install, by name; none before it."""
+    folder = None if release.name == INSTALLED else cache_folder() / release.key
+    return packages.versions(folder)
 
 
 @dataclass(frozen=True)
@@ -226,7 +264,7 @@ def install(release: ReleaseSpec) -> Path:
             for remains in (partial, folder):  # of an install that was killed
                 if remains.exists():
                     shutil.rmtree(remains)
-            pip.install(release.version, release.wheels, partial, release.own_wheels)
+            pip.install(release.version, release.wheels, partial, release.beside)
             (partial / MARKER).write_text(f"{release.version}\n")
             partial.rename(folder)
         except OSError as error:

@@ -12,6 +12,7 @@ from pathlib import Path
 import msgspec
 
 from mjbench.errors import InputError, one_line
+from mjbench.releases import bundle
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,11 @@ class KnownCause:
     series: str
     commit: str
     text: str
+
+
+def default_path() -> Path:
+    """Return where a checkout keeps the table."""
+    return bundle.default_path().with_name("causes.toml")
 
 
 def load(file: Path) -> list[KnownCause]:

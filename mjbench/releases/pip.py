@@ -20,7 +20,7 @@ from packaging.version import Version
 
 from mjbench.errors import InputError, MachineError, one_line
 from mjbench.host import child, scratch
-from mjbench.releases import package_index
+from mjbench.releases import package_index, packages
 from mjbench.releases.release import OLDEST, version_key
 from mjbench.releases.wheels import wheel_of
 from mjbench.status import ExitCode
@@ -31,6 +31,8 @@ _TICK_S = 0.5
 # What pip says last where a wheel cannot be built, and the line that says why.
 _BUILD_FAILED = "ERROR: Failed to build"
 _OF_COMPILER = re.compile(r"\b(?:error|\w+Error): (?!subprocess-exited)")
+# What says no more than the line before it.
+_OF_RESOLVER = "ERROR: ResolutionImpossible"
 # The variable that stands for a version which a build would ask git for: there is no repository.
 _VERSION_OF_GIT = "SETUPTOOLS_SCM_PRETEND_VERSION"
 # How many other versions an error names.
@@ -43,35 +45,40 @@ class BuildError(MachineError):
     exit_code = ExitCode.NOT_BUILT
 
 
-def install(
-    version: str, wheels: Sequence[Path], target: Path, own_wheels: Sequence[Path] = ()
-) -> None:
+def install(version: str, wheels: Sequence[Path], target: Path, beside: Sequence[str] = ()) -> None:
     """Install a release and this environment's NumPy version into a folder.
 
     Args:
       wheels: local wheels of the release; empty for the version of the index.
       target: the folder, which pip creates.
-      own_wheels: of the user's code, to be installed with what they need.
+      beside: requirements and wheels, to be installed with what they need; one of them may name
+        another NumPy.
 
     Raises:
       InputError: the index has no such release for this Python.
-      BuildError: what the user's code needs cannot be installed with it.
+      BuildError: what is to be beside the release cannot be installed with it.
       MachineError: pip failed, or the index cannot be reached.
     """
+    numpy = [] if "numpy" in packages.names_of(beside) else [this_numpy()]
+    names = ", ".join(Path(each).name for each in beside)
     problem = run(
-        f"installing MuJoCo {version}",
+        f"installing MuJoCo {version}{f' with {names}' if names else ''}",
         "install",
         f"--target={target}",
         *(f"--find-links={folder}" for folder in {wheel.parent for wheel in wheels}),
         *([str(wheel) for wheel in wheels] or [f"mujoco=={version}"]),
-        *map(str, own_wheels),
-        f"numpy=={metadata.version('numpy')}",
+        *beside,
+        *numpy,
     )
-    if problem and own_wheels:
-        names = ", ".join(wheel.name for wheel in own_wheels)
+    if problem and beside:
         raise BuildError(f"cannot install {names} with MuJoCo {version}: {problem}")
     if problem:
         raise _error(version, bool(wheels), problem)
+
+
+def this_numpy() -> str:
+    """Return the requirement of this environment's NumPy version."""
+    return f"numpy=={metadata.version('numpy')}"
 
 
 def build(name: str, source: Path, target: Path) -> None:
@@ -120,9 +127,10 @@ def run(phase: str, command: str, *arguments: str) -> str:
 def _size_bytes(folder: Path) -> int:
     """Return the size of the files in a folder, in which others come and go."""
     size_bytes = 0
-    for file in folder.rglob("*"):
-        with contextlib.suppress(OSError):
-            size_bytes += file.lstat().st_size
+    for parent, _, names in os.walk(folder):  # it passes over folders that have gone
+        for name in names:
+            with contextlib.suppress(OSError):
+                size_bytes += Path(parent, name).lstat().st_size
     return size_bytes
 
 
@@ -132,7 +140,11 @@ def _reason(stderr: str) -> str:
     if lines[-1].startswith(_BUILD_FAILED):  # of the compiler
         causes = (line for line in lines if _OF_COMPILER.search(line))
         return one_line(next(causes, lines[-1]).removeprefix("ERROR: "))
-    errors = [line for line in lines if line.startswith("ERROR: ") and not line.endswith(":")]
+    errors = [
+        line
+        for line in lines
+        if line.startswith("ERROR: ") and not line.endswith(":") and _OF_RESOLVER not in line
+    ]
     return one_line((errors or lines)[-1].removeprefix("ERROR: "))
 
 

@@ -63,9 +63,11 @@ def find(text: str) -> list[Wheel]:
     Raises:
       InputError: there is no such wheel, it is broken, or this Python cannot install it.
     """
-    wheel = _in_folder(Path(text)) if is_folder(text) else _named(text)
+    wheel = _in_folder(Path(text)) if is_folder(text) else _wheel(text)
+    if wheel.project != _PROJECT:
+        raise InputError(f"{text} is a wheel of {wheel.project}, expected one of {_PROJECT}")
     if not wheel.fits:
-        raise InputError(f"{text} is for another Python or platform than this, {_this_python()}")
+        raise _other_python(text)
     others = [
         other
         for other in map(wheel_of, _files(wheel.file.parent, f"{_PROJECT}_*{_SUFFIX}"))
@@ -99,7 +101,24 @@ def _in_folder(folder: Path) -> Wheel:
     return fitting[0]
 
 
-def _named(text: str) -> Wheel:
+def named(text: str) -> Wheel:
+    """Return the wheel that a file name stands for, of whatever project.
+
+    Raises:
+      InputError: there is no such wheel, it is broken, or this Python cannot install it.
+    """
+    wheel = _wheel(text)
+    if not wheel.fits:
+        raise _other_python(text)
+    _check_content(wheel.file)
+    return wheel
+
+
+def _other_python(text: str) -> InputError:
+    return InputError(f"{text} is for another Python or platform than this, {_this_python()}")
+
+
+def _wheel(text: str) -> Wheel:
     path = Path(text)
     try:
         exists = path.is_file()
@@ -115,8 +134,6 @@ def _named(text: str) -> Wheel:
             f"{text}: a wheel is named PROJECT-VERSION-PYTHON-ABI-PLATFORM{_SUFFIX};"
             " give it the name it was built with"
         )
-    if wheel.project != _PROJECT:
-        raise InputError(f"{text} is a wheel of {wheel.project}, expected one of {_PROJECT}")
     return wheel
 
 

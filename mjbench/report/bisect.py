@@ -1,21 +1,30 @@
-"""What `mjbench bisect` comes to: the commits that changed the time of a function."""
+"""What `mjbench bisect` comes to: the commits or releases that changed the time of something."""
 
+import shlex
 from collections.abc import Iterator, Sequence
 
-from mjbench.paired.bisect_records import BisectChange, BisectRecord, BisectTrial, CommitRow
+from mjbench.paired.bisect import short_name
+from mjbench.paired.bisect_records import (
+    BisectChange,
+    BisectRecord,
+    BisectTrial,
+    VersionKind,
+    VersionRow,
+)
 from mjbench.paired.outcomes import Verdict
+from mjbench.releases.installs import wheel_digest
 from mjbench.report import formats, verdicts
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.status import Status
-from mjbench.units import count_of, short_commit
+from mjbench.units import count_of
 
 
 def sections(records: Sequence[BisectRecord]) -> list[Section]:
     return [
         Section(
-            f"Which commit changed {record.function}?",
+            f"Which {record.kind} changed {record.function}?",
             conclusions=[*_conclusions(record)],
-            tables=[_table(record.trials)] if record.trials else [],
+            tables=[_table(record.trials, record.kind)] if record.trials else [],
             notes=[] if record.ends is None else verdicts.notes(record.ends),
         )
         for record in records
@@ -31,27 +40,40 @@ def _conclusions(record: BisectRecord) -> Iterator[Conclusion]:
         yield Conclusion("So there is nothing to search for.")
         return
     for change in record.changes:
-        yield Conclusion(_describe_change(change), _tone(change.verdict.verdict))
+        yield Conclusion(_describe_change(change, record.kind), _tone(change.verdict.verdict))
+        yield from map(Conclusion, _causes(change, record))
     if record.detail:
         yield Conclusion(record.detail, Tone.UNSURE)
     yield Conclusion(
-        f"{count_of(len(record.trials), 'commit')} of {record.commits:,} measured in"
-        f" {formats.tenths(record.seconds)} s; each change was compared again with the commit"
-        " before it"
+        f"{count_of(len(record.trials), record.kind)} of {record.commits:,} measured in"
+        f" {formats.tenths(record.seconds)} s; each change was compared again with the"
+        f" {record.kind} before it"
     )
 
 
-def _describe_change(change: BisectChange) -> str:
-    commit = change.commit
-    text = f"{_name(commit)}: {verdicts.describe_change(change.verdict)}"
+def _describe_change(change: BisectChange, kind: VersionKind) -> str:
+    """Return a version that is slower or faster, in a sentence."""
+    text = f"{_name(change.commit, kind)}: {verdicts.describe_change(change.verdict)}"
     if not change.skipped:
         return text
-    names = ", ".join(short_commit(row.commit) for row in change.skipped)
+    names = ", ".join(short_name(row, kind) for row in change.skipped)
     return f"{text}; or one of {names}, which could not be measured"
 
 
-def _name(commit: CommitRow) -> str:
-    return f"{short_commit(commit.commit)} “{commit.subject}”"
+def _causes(change: BisectChange, record: BisectRecord) -> Iterator[str]:
+    """Yield what is known of why a release is slower or faster, and what tells more."""
+    if record.kind != VersionKind.RELEASE:
+        return
+    yield from (f"known of {change.commit.commit}: {cause}" for cause in change.known_causes)
+    if any(wheel_digest(side.build) for side in change.verdict.sides):  # a version names none
+        return
+    old, new, model = change.verdict.old, change.verdict.new, shlex.quote(record.function)
+    yield f"Which functions changed: mjbench versions --explain {old} {new} {model}"
+
+
+def _name(version: VersionRow, kind: VersionKind) -> str:
+    name = short_name(version, kind)
+    return f"{name} “{version.subject}”" if version.subject else name
 
 
 def _tone(verdict: Verdict | None) -> Tone:
@@ -60,13 +82,13 @@ def _tone(verdict: Verdict | None) -> Tone:
     )
 
 
-def _table(trials: Sequence[BisectTrial]) -> DataTable:
+def _table(trials: Sequence[BisectTrial], kind: VersionKind) -> DataTable:
     return DataTable.of(
-        "Commits that were measured",
+        f"{kind.capitalize()}s that were measured",
         sorted(trials, key=lambda trial: trial.commit.number),
         (Column("number", formats.count), lambda trial: trial.commit.number),
-        (Column("commit"), lambda trial: short_commit(trial.commit.commit)),
+        (Column(kind.value), lambda trial: short_name(trial.commit, kind)),
         (Column("change", formats.change), lambda trial: trial.ratio),
         (Column("launches", formats.count), lambda trial: trial.launches),
-        (Column("subject", wraps=True), lambda trial: trial.detail or trial.commit.subject),
+        (Column("remark", wraps=True), lambda trial: trial.detail or trial.commit.subject),
     )

@@ -17,6 +17,7 @@ from mjbench.paired.metrics import METRICS
 from mjbench.paired.outcomes import MIN_EFFECT, Cause, Metric, ResultsOutcome, Verdict
 from mjbench.paired.records import ControlRow, Pair, TargetRow, VerdictRow
 from mjbench.paths import BASE
+from mjbench.releases import packages
 from mjbench.report import charts, formats
 from mjbench.report.changes import describe_ratio
 from mjbench.report.content import Column, Conclusion, DataTable, Figure, Section, Tone
@@ -267,7 +268,19 @@ def _same_work(row: VerdictRow) -> str:
 
 
 def notes(row: VerdictRow) -> list[str]:
-    return [*_starts_lines(row), *_warning_lines(row), *_revision_lines(row)]
+    """Return which states or code a comparison was of, and what MuJoCo warned of, a line each."""
+    return [*_package_lines(row), *_starts_lines(row), *_warning_lines(row), *_revision_lines(row)]
+
+
+def _package_lines(row: VerdictRow) -> list[str]:
+    """Return what differs between two environments besides what the user named."""
+    named = frozenset().union(*(packages.names_in(side.packages) for side in row.sides))
+    others = [
+        f"{each.name} {each.old or 'none'} → {each.new or 'none'}"
+        for each in row.packages
+        if each.old != each.new and each.name not in named
+    ]
+    return [f"other packages differ, too: {', '.join(others)}"] if others else []
 
 
 def _revision_lines(row: VerdictRow) -> list[str]:
@@ -322,7 +335,7 @@ def _warning_lines(row: VerdictRow) -> list[str]:
 def describe_targets(row: VerdictRow | MachineComparison) -> str:
     baseline, candidate = (_settings(target) for target in row.sides)
     keys = [k for k in {**baseline, **candidate} if baseline.get(k) != candidate.get(k)]
-    if keys in (["release"], ["rev"], []):
+    if keys in (["release"], ["rev"], ["packages"], []):
         return f"{row.old} → {row.new}"
     return " → ".join(
         " ".join(f"{key}={settings[key]}" for key in keys if key in settings) or "default"
@@ -373,7 +386,7 @@ def _describe_placement(row: VerdictRow) -> str:
 def _settings(target: TargetRow) -> Mapping[str, Any]:
     return {
         **({"rev": target.revision} if target.revision else {}),
-        "release": target.release,
+        **({"packages": target.packages} if target.packages else {"release": target.release}),
         "model": target.model,
         "path": target.path,
         **target.options,

@@ -190,7 +190,7 @@ def _releases(file: PlanFile, known: Callable[[], Collection[str]]) -> tuple[Rel
 
 def _release(name: str) -> ReleaseSpec:
     spec = installs.parse_release(name)
-    if spec.wheels:
+    if spec.wheels or spec.has_packages:
         raise InputError(f"{shown(name)}: nodes install releases from the package index; give one")
     if spec.name == INSTALLED:
         return spec

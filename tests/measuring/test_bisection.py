@@ -64,7 +64,7 @@ def test_probabilities_sum_to_one_and_begin_equal() -> None:
 
 
 @pytest.mark.parametrize(
-    ("log_ratio", "expected"), [(0.0, False), (0.05, False), (0.03, True), (0.045, False)]
+    ("log_ratio", "expected"), [(0.0, False), (0.05, False), (0.026, True), (0.045, False)]
 )
 def test_a_level_between_two_is_known_as_such(log_ratio: float, expected: bool) -> None:
     assert ChangePosterior(8, CHANGE, 0.005).is_between(log_ratio) is expected

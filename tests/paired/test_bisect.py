@@ -1,4 +1,4 @@
-"""The commits that changed the time of a function; measurements are invented."""
+"""The versions that changed the time of something; measurements are invented."""
 
 import math
 import random
@@ -6,28 +6,30 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import pytest
-from verdict_records import FAILED, SAME
+from verdict_records import FAILED, SAME, launch
 
 from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import bisect
-from mjbench.paired.bisect import BisectResult, CommitMeasurer
-from mjbench.paired.bisect_records import CommitRow
+from mjbench.paired.bisect import SearchRange, VersionMeasurer
+from mjbench.paired.bisect_records import BisectRecord, VersionKind, VersionRow
 from mjbench.paired.outcomes import Verdict
-from mjbench.paired.records import LaunchRow, VerdictRecord
+from mjbench.paired.records import VerdictRecord
 
 
 @dataclass
-class Invented(CommitMeasurer):
-    """Commits whose times are known.
+class Invented(VersionMeasurer):
+    """Versions whose times are known.
 
     Attributes:
-      steps: log ratio of a commit over the one before it, by its number.
-      broken: commits that cannot be measured.
+      steps: log ratio of a version over the one before it, by its number.
+      broken: versions that cannot be measured.
+      at_hand: versions that need not be installed.
     """
 
     steps: dict[int, float]
     broken: frozenset[int] = frozenset()
+    at_hand: frozenset[int] = frozenset()
     deviation: float = 0.01
     decided: list[tuple[int, int]] = field(default_factory=list)
     measured: list[int] = field(default_factory=list)
@@ -52,18 +54,17 @@ class Invented(CommitMeasurer):
         truth = self._truth(baseline, candidate)
         return [truth + self.rng.gauss(0, self.deviation) for _ in range(count)]
 
+    def ready(self) -> frozenset[int]:
+        return self.at_hand
+
     def _truth(self, baseline: int, candidate: int) -> float:
         return sum(step for number, step in self.steps.items() if baseline < number <= candidate)
 
 
-def launch(log_ratio: float) -> LaunchRow:
-    slow = round(1_000_000_000 * math.exp(log_ratio))
-    return LaunchRow(0, None, ["ABBA"], [[1_000_000_000, slow, slow, 1_000_000_000]])
-
-
-def found(measurer: Invented, count: int) -> BisectResult:
-    commits = [CommitRow(n, f"{n:040x}", f"commit {n}") for n in range(1, count + 1)]
-    return bisect.search(measurer, commits, 0.01)
+def found(measurer: Invented, count: int) -> BisectRecord:
+    commits = [VersionRow(n, f"{n:040x}", f"commit {n}") for n in range(1, count + 1)]
+    searched = SearchRange("bench.py::step", VersionKind.COMMIT, "old", "new", commits)
+    return bisect.search(measurer, searched, 0.01)
 
 
 @pytest.mark.parametrize("truth", [1, 2, 31, 63, 64])
@@ -79,6 +80,14 @@ def test_the_first_slower_commit_is_found_among_64(truth: int) -> None:
 def test_a_faster_commit_is_found_likewise() -> None:
     (change,) = found(Invented({9: -0.05}), 20).changes
     assert (change.commit.number, change.verdict.verdict) == (9, Verdict.FASTER)
+
+
+def test_versions_at_hand_are_preferred() -> None:
+    measurer = Invented({21: 0.05}, at_hand=frozenset({12, 25}))
+    result = found(measurer, 42)
+    assert [change.commit.number for change in result.changes] == [21]
+    assert set(measurer.measured[:2]) == {12, 25}
+    assert len(measurer.measured) <= 8
 
 
 def test_ends_that_do_not_differ_end_the_search() -> None:

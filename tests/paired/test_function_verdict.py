@@ -12,7 +12,7 @@ import pytest
 from mjbench.errors import InputError, MachineError, UnavailableError
 from mjbench.paired import family, function_verdict
 from mjbench.paired.call_results import Leaf
-from mjbench.paired.function_pair import CallPlan, FunctionTarget
+from mjbench.paired.function_pair import CallPlan, FunctionTarget, FunctionTargets
 from mjbench.paired.function_verdict import OtherCodeError
 from mjbench.paired.launches import Targets
 from mjbench.paired.outcomes import Metric, ResultsOutcome, Verdict
@@ -51,6 +51,7 @@ class Invented:
       control: of the baseline with itself.
       launch_s: seconds that a launch takes.
       control_s: that one of the control takes, where it takes less.
+      targets: the two sides.
     """
 
     observed: dict[str, list[Observed]]
@@ -58,6 +59,7 @@ class Invented:
     control: float = 0.0
     launch_s: float = 0.5
     control_s: float = math.inf
+    targets: FunctionTargets = (BASELINE, CANDIDATE)
 
 
 Decided = Callable[[Invented], VerdictRecord]
@@ -77,7 +79,7 @@ def decided(monkeypatch: pytest.MonkeyPatch) -> Decided:
                 raise facts
             return facts
 
-        class Pair(Targets[LaunchRow]):
+        class InventedPair(Targets[LaunchRow]):
             def __init__(self, pool: Any, targets: Any, plan: CallPlan, limit: TimeLimit):
                 is_control = targets[0] is targets[1]
                 self._launch_s = min(
@@ -96,10 +98,10 @@ def decided(monkeypatch: pytest.MonkeyPatch) -> Decided:
                 return LaunchRow(0, None, ["ABBA"], [ns])
 
         monkeypatch.setattr(function_verdict, "observe", observe)
-        monkeypatch.setattr(function_verdict, "RevisionPair", Pair)
+        monkeypatch.setattr(function_verdict, "RevisionPair", InventedPair)
         pool: Any = None
-        targets = BASELINE, CANDIDATE
-        return function_verdict.decide(pool, targets, VerdictPlan(), clock=lambda: clock[0])
+        plan = VerdictPlan()
+        return function_verdict.decide(pool, invented.targets, plan, clock=lambda: clock[0])
 
     return decide
 
@@ -245,3 +247,27 @@ def test_a_block_whose_growth_is_measured_has_enough_calls() -> None:
 def test_an_argument_that_only_the_baseline_takes_is_new(decided: Decided) -> None:
     record = decided(Invented(sides(InputError("step takes model"), FACTS)))
     assert record.status == Status.NEW
+
+
+def test_environments_differ_in_the_versions_of_packages(decided: Decided) -> None:
+    baseline, candidate = (
+        replace(
+            BASELINE,
+            revision=None,
+            tree="",
+            release=ReleaseSpec(name, "4.0.0", requirements=(name,), has_packages=True),
+        )
+        for name in ("numpy==2.3.5", "numpy==2.4.0")
+    )
+    other = replace(FACTS, versions={**FACTS.versions, "numpy": "2.4.0"})
+    invented = Invented(sides(FACTS, other), 0.05, targets=(baseline, candidate))
+    record = decided(invented)
+    assert record.verdict == Verdict.SLOWER
+    assert (record.old, record.new) == ("numpy==2.3.5", "numpy==2.4.0")
+
+
+def test_one_environment_is_not_compared_with_itself(decided: Decided) -> None:
+    target = replace(BASELINE, revision=None, tree="")
+    record = decided(Invented(sides(FACTS, FACTS), 0.05, targets=(target, target)))
+    assert (record.verdict, record.launches) == (Verdict.SAME, 0)
+    assert record.detail == "both environments are one, so nothing was timed"

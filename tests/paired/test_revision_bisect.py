@@ -1,11 +1,12 @@
 """Searches in a repository: which pairs of commits are compared, by which benchmark."""
 
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from verdict_records import SAME, SLOWER
+from verdict_records import SAME, SLOWER, launch
 
 from mjbench.errors import InputError
 from mjbench.paired import function_verdict, revision_bisect
@@ -56,12 +57,11 @@ def test_the_slow_commit_is_found_with_the_last_commits_benchmark(
         return speed(targets[0]) != speed(targets[1])
 
     def decide(pool: Any, targets: FunctionTargets, plan: VerdictPlan) -> Any:
-        return SLOWER if is_slower(targets) else SAME
+        return replace(SLOWER if is_slower(targets) else SAME, samples=[launch(0.03)] * 3)
 
     def log_ratios(pool: Any, targets: FunctionTargets, count: int) -> list[float]:
         return [0.03 if is_slower(targets) else 0.0] * count
 
-    monkeypatch.setattr(revision_bisect.bisect, "_deviation", lambda log_ratios: 0.003)
     monkeypatch.setattr(function_verdict, "decide", decide)
     monkeypatch.setattr(function_verdict, "launch_log_ratios", log_ratios)
     record = revision_bisect.search(comparison(repository, "v0", "v4"), VerdictPlan())

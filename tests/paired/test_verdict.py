@@ -10,6 +10,7 @@ import pytest
 from paired_examples import BRIEF, CARTPOLE, INSTALLED
 
 from benchmarks.studies.simulated_launches import Scenario, simulate, skewed, two_modes
+from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import preparation, protocol, verdict
 from mjbench.paired.judgement import Judgement, judge
@@ -39,6 +40,24 @@ def test_a_known_slowdown_is_a_share_of_the_simulations(pool: WorkerPool) -> Non
     assert result.status == Status.OK
     assert result.judgement is not None
     assert result.judgement.ratio.estimate > 1.5  # twice the work
+
+
+def test_a_few_launches_give_their_ratios(pool: WorkerPool) -> None:
+    plan = replace(BRIEF, sizes=Sizes(nbatch=4, nstep=50), as_shipped=True, time_limit_s=60.0)
+    candidate = replace(CARTPOLE, slowdown=1.0)
+    log_ratios = verdict.launch_log_ratios(pool, CARTPOLE, candidate, plan, 2)
+    assert len(log_ratios) == 2
+    assert min(log_ratios) > math.log(1.5)  # twice the work
+
+
+def test_launches_of_what_cannot_be_measured_give_no_ratios(
+    pool: WorkerPool, tmp_path: Path
+) -> None:
+    file = tmp_path / "broken.xml"
+    file.write_text("<mujoco>")
+    target = Target(INSTALLED, models.resolve(str(file)))
+    with pytest.raises(MachineError, match="cannot load it"):
+        verdict.launch_log_ratios(pool, target, target, BRIEF, 2)
 
 
 def test_time_runs_out_with_an_interval_and_no_verdict(pool: WorkerPool) -> None:

@@ -3,8 +3,9 @@ from pathlib import Path
 
 import pytest
 
-from mjbench.errors import MachineError
+from mjbench.errors import InputError, MachineError
 from mjbench.releases import bundle, catalogue, install_check, package_index
+from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.release import Release, version_key
 
 START = datetime(2024, 1, 1, tzinfo=UTC)
@@ -68,3 +69,23 @@ def test_an_installed_release_that_is_nowhere_else_comes_last(
 def test_versions_sort_by_their_first_three_numbers() -> None:
     versions = ["3.10.0", "3.2.0", "3.2.0.post1", "2.3.7"]
     assert sorted(versions, key=version_key) == ["2.3.7", "3.2.0", "3.2.0.post1", "3.10.0"]
+
+
+def spec(version: str) -> ReleaseSpec:
+    return ReleaseSpec(version, version)
+
+
+def test_a_range_has_both_ends_and_the_releases_between_them(
+    history: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(package_index, "releases", lambda: RELEASES)
+    ends = spec("2.3.7"), spec("3.0.1+local")
+    releases = catalogue.releases_between(*ends, history)
+    assert [each.version for each in releases.specs] == ["2.3.7", "3.0.0", "3.0.1+local"]
+    assert releases.notes == []
+
+
+@pytest.mark.parametrize("candidate", ["2.3.7", "3.0.0"])
+def test_a_range_ends_with_a_newer_release(history: Path, candidate: str) -> None:
+    with pytest.raises(InputError, match=r"does not come after 3\.0\.0"):
+        catalogue.releases_between(spec("3.0.0"), spec(candidate), history)

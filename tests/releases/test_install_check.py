@@ -132,6 +132,7 @@ def test_a_flipped_bit_is_noticed(install: Path, name: str) -> None:
         ("other-1.0.dist-info/RECORD", b"other/part.py,,many\n", "a RECORD is broken: "),
         ("other-1.0.dist-info/RECORD", b"other/part.py/x,,8\n", "other/part.py/x cannot be read: "),
         ("mujoco-9.9.9.dist-info/RECORD", b"mujoco/part.py,md0=x,8\n", None),
+        ("other-1.0.dist-info/RECORD", b"other/part.pyc,sha256=x,8\n", None),
     ],
 )
 def test_an_install_is_as_its_wheels_were_or_the_first_other_file_is_named(

@@ -217,3 +217,22 @@ def test_a_failed_build_says_what_the_compiler_says(
     failing_pip(f"{lines}ERROR: Failed to build own\\n")
     with pytest.raises(pip.BuildError, match=expected):
         pip.build("own", Path("source"), Path("target"))
+
+
+def test_a_folder_that_has_gone_has_no_size(tmp_path: Path) -> None:
+    (tmp_path / "wheel").write_bytes(b"12345")
+    assert pip._size_bytes(tmp_path) == 5
+    assert pip._size_bytes(tmp_path / "none") == 0
+
+
+def test_packages_that_exclude_each_other_are_named(
+    failing_pip: Callable[[str], None], tmp_path: Path
+) -> None:
+    conflict = "Cannot install jax==0.7.0 and jaxlib==0.9.0 because they conflict."
+    failing_pip(f"ERROR: {conflict}\\nERROR: ResolutionImpossible: for help visit https://\\n")
+    beside = ["jax==0.7.0", "jaxlib==0.9.0"]
+    with pytest.raises(pip.BuildError) as raised:
+        pip.install("4.0.0", (), tmp_path / "target", beside)
+    assert str(raised.value) == (
+        f"cannot install jax==0.7.0, jaxlib==0.9.0 with MuJoCo 4.0.0: {conflict}"
+    )

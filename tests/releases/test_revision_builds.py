@@ -80,4 +80,4 @@ def test_needs_that_cannot_be_installed_are_named(
     monkeypatch.setattr(pip, "run", failing("No matching distribution found for nowhere"))
     wheel = tmp_path / "own-1.0-py3-none-any.whl"
     with pytest.raises(BuildError, match=r"cannot install own-1\.0.* with MuJoCo 4\.0\.0: No mat"):
-        pip.install("4.0.0", [], tmp_path / "target", [wheel])
+        pip.install("4.0.0", [], tmp_path / "target", [str(wheel)])

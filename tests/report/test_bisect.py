@@ -4,12 +4,18 @@ from dataclasses import replace
 
 from verdict_records import SAME, SLOWER
 
-from mjbench.paired.bisect_records import BisectChange, BisectRecord, BisectTrial, CommitRow
+from mjbench.paired.bisect_records import (
+    BisectChange,
+    BisectRecord,
+    BisectTrial,
+    VersionKind,
+    VersionRow,
+)
 from mjbench.report import bisect
 from mjbench.status import Status
 
-SEVEN = CommitRow(7, "7" * 40, "Copy states")
-SIX = CommitRow(6, "6" * 40, "Break the build")
+SEVEN = VersionRow(7, "7" * 40, "Copy states")
+SIX = VersionRow(6, "6" * 40, "Break the build")
 RECORD = BisectRecord(
     function="bench.py::step",
     old="v1",
@@ -54,3 +60,15 @@ def test_a_search_that_failed_says_why() -> None:
 def test_commits_are_listed_in_their_order() -> None:
     (section,) = bisect.sections([RECORD])
     assert [row[1] for row in section.tables[0].rows] == ["6666666666", "7777777777"]
+
+
+def test_a_release_stands_with_its_causes_and_with_what_tells_more() -> None:
+    verdict = replace(SLOWER, old="3.3.0", new="3.3.1").row()
+    release = BisectChange(VersionRow(2, "3.3.1"), verdict, known_causes=["a timer"])
+    record = replace(RECORD, kind=VersionKind.RELEASE, function="cartpole", changes=[release])
+    (section,) = bisect.sections([record])
+    assert section.heading == "Which release changed cartpole?"
+    _, change, cause, command, _ = (conclusion.text for conclusion in section.conclusions)
+    assert change.startswith("3.3.1: slower by 3 % (interval")
+    assert cause == "known of 3.3.1: a timer"
+    assert command.endswith("mjbench versions --explain 3.3.0 3.3.1 cartpole")

@@ -12,7 +12,14 @@ from mjbench.measuring.ratio import Ratio
 from mjbench.pages import terminal
 from mjbench.paired import family
 from mjbench.paired.outcomes import Cause, ResultsOutcome, Verdict
-from mjbench.paired.records import ControlRow, Pair, PlacementEffect, TargetRow, VerdictRow
+from mjbench.paired.records import (
+    ControlRow,
+    PackageVersions,
+    Pair,
+    PlacementEffect,
+    TargetRow,
+    VerdictRow,
+)
 from mjbench.report import verdicts
 from mjbench.simulation.starts import SettleLimit, Starts
 from mjbench.simulation.work import Work
@@ -148,6 +155,18 @@ def test_comparisons_are_summed_up_together() -> None:
     )
     quiet = verdicts.describe_family(family.decide([same, same], 0.99), 0.99)
     assert quiet == "All 2 together: slower in none, faster in none, undecided in none."
+
+
+def test_what_differs_besides_the_named_packages_is_noted() -> None:
+    sides = [replace(OLD, packages=name) for name in ("jax==0.7.0", "jax==0.7.1")]
+    versions = [
+        PackageVersions("jax", "0.7.0", "0.7.1"),
+        PackageVersions("numpy", "2.4.0", "2.4.0"),
+        PackageVersions("scipy", "1.16", "1.17"),
+    ]
+    row = replace(ROW, sides=sides, old="jax==0.7.0", new="jax==0.7.1", packages=versions)
+    assert verdicts.describe_targets(row) == "jax==0.7.0 → jax==0.7.1"
+    assert "other packages differ, too: scipy 1.16 → 1.17" in verdicts.notes(row)
 
 
 def of_revisions(**fields: Any) -> VerdictRow:

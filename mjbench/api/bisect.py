@@ -1,0 +1,75 @@
+"""What `mjbench bisect` measures: commits of the user's code, or releases of MuJoCo."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from mjbench.api.session import Item, Measurement, Observer, input_files, pinning_notes
+from mjbench.paired import release_bisect, revision_bisect
+from mjbench.paired.bisect import short_name
+from mjbench.paired.bisect_records import BisectRecord, BisectTrial, VersionKind
+from mjbench.paired.revision_sides import RevisionComparison
+from mjbench.paired.verdict import VerdictPlan
+from mjbench.releases.catalogue import ReleaseRange
+from mjbench.simulation.models import ModelSource
+from mjbench.store.runs import Record
+from mjbench.units import percent_change
+
+# Versions that are measured in a search, about, for its progress.
+_USUAL_TRIALS = 8
+
+# Is called with what is told of each phase, and of each version that is measured.
+_Search = Callable[[Callable[[str], None], Callable[[BisectTrial], None]], BisectRecord]
+
+
+def revision_bisection(comparison: RevisionComparison, plan: VerdictPlan) -> Measurement:
+    """Return the measurement of a search for the commits that changed a function's time."""
+    plan = replace(plan, as_shipped=True)
+    (function,) = comparison.functions
+    return _measurement(
+        lambda *observers: revision_bisect.search(comparison, plan, *observers),
+        VersionKind.COMMIT,
+        {
+            **asdict(plan),
+            "revisions": [asdict(each) for each in (comparison.baseline, comparison.candidate)],
+            "function": function.text,
+        },
+        comparison.files,
+    )
+
+
+def release_bisection(
+    releases: ReleaseRange, source: ModelSource, plan: VerdictPlan
+) -> Measurement:
+    """Return the measurement of a search for the releases that changed a model's steps."""
+    measurement = _measurement(
+        lambda *observers: release_bisect.search(releases, source, plan, *observers),
+        VersionKind.RELEASE,
+        {
+            **asdict(plan),
+            "releases": [release.key for release in releases.specs],
+            "model": source.name,
+        },
+        input_files([source], releases.specs, plan.sizes.starts),
+    )
+    return replace(measurement, notes=[*releases.notes, *measurement.notes])
+
+
+def _measurement(
+    search: _Search, kind: VersionKind, arguments: Mapping[str, Any], files: Sequence[Path]
+) -> Measurement:
+    def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
+        trials: list[BisectTrial] = []
+
+        def on_trial(trial: BisectTrial) -> None:
+            trials.append(trial)
+            change = "cannot be measured"
+            if trial.ratio is not None:
+                change = f"{percent_change(trial.ratio)} %"
+            text = f"{short_name(trial.commit, kind)} {change}"
+            observer(text, len(trials) / (len(trials) + _USUAL_TRIALS))
+
+        yield Item([search(observer.begin, on_trial)])
+
+    return Measurement("bisect", arguments, files, measure, lambda records: (), pinning_notes())

@@ -1,0 +1,106 @@
+"""Functions of the user's code in two environments: releases of MuJoCo, with packages beside them.
+
+The code is the user's as it lies here, the same on both sides.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjbench.errors import InputError
+from mjbench.paired import revision_sides
+from mjbench.paired.function_pair import FunctionTarget, FunctionTargets
+from mjbench.paired.revision_sides import FunctionName
+from mjbench.paired.timed_function import CodeOrigin, FunctionSource
+from mjbench.releases import installs, packages, source_layout
+from mjbench.releases.installs import ReleaseSpec
+
+
+@dataclass(frozen=True)
+class EnvironmentComparison:
+    """Functions to compare in a baseline and in candidates.
+
+    Attributes:
+      functions: in files that are relative to the root of the file system.
+      cwd: folder that the user is in.
+    """
+
+    baseline: ReleaseSpec
+    candidates: Sequence[ReleaseSpec]
+    functions: Sequence[FunctionName]
+    cwd: Path
+
+    @property
+    def files(self) -> list[Path]:
+        """The user's files that hold the functions, and the wheels that are named."""
+        named = [self.root / each.file for each in self.functions if each.file is not None]
+        specs = (self.baseline, *self.candidates)
+        return [*dict.fromkeys(named), *(w for s in specs for w in (*s.wheels, *s.own_wheels))]
+
+    @property
+    def root(self) -> Path:
+        """The root of the file system."""
+        return Path(self.cwd.anchor)
+
+
+def parse_functions(texts: Sequence[str], cwd: Path) -> list[FunctionName]:
+    """Return the functions that texts name.
+
+    Raises:
+      InputError: one names none, or there is no such file.
+    """
+    root = Path(cwd.anchor)
+    functions = [revision_sides.parse_function(text, cwd, root) for text in dict.fromkeys(texts)]
+    for each in functions:
+        if each.file is not None and not (root / each.file).is_file():
+            raise InputError(f"there is no file {root / each.file}")
+    return functions
+
+
+def install_both(comparison: EnvironmentComparison) -> list[FunctionTargets]:
+    """Install all environments that are missing; return the functions in each pair of them.
+
+    Raises:
+      InputError: the index has no such release for this Python.
+      BuildError: packages cannot be installed together.
+      MachineError: a release cannot be installed.
+    """
+    specs = (comparison.baseline, *comparison.candidates)
+    origins = [install(spec) for spec in specs]
+    return [
+        (
+            _target(comparison, function, comparison.baseline, origins[0]),
+            _target(comparison, function, candidate, origin),
+        )
+        for candidate, origin in zip(comparison.candidates, origins[1:], strict=True)
+        for function in comparison.functions
+    ]
+
+
+def install(spec: ReleaseSpec) -> CodeOrigin:
+    """Install an environment that is missing; return where its packages must be imported from."""
+    if spec.name == installs.INSTALLED:
+        return CodeOrigin(frozenset(), (), "")
+    folder = installs.install(spec).resolve()
+    names = packages.modules(folder, packages.names_of(spec.beside))
+    return CodeOrigin(names, (str(folder),), "")
+
+
+def _target(
+    comparison: EnvironmentComparison, function: FunctionName, spec: ReleaseSpec, origin: CodeOrigin
+) -> FunctionTarget:
+    root, cwd, module = comparison.root, comparison.cwd, function.module
+    folders, file, text = source_layout.source_folders(cwd), "", None
+    if function.file is not None:
+        base, module = revision_sides.package_of(root, function.file)
+        file, text = str(root / function.file), (root / function.file).read_bytes()
+        folders = [root / base, *folders]
+    source = FunctionSource(
+        function.name,
+        module,
+        file,
+        text,
+        tuple(dict.fromkeys(map(str, folders))),
+        cwd=str(cwd),
+    )
+    return FunctionTarget(function.text, None, "", source, origin, spec)
