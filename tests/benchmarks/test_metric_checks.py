@@ -1,9 +1,11 @@
 """What the check of metrics plants, and what it calls wrong."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from commands import ROOT
 from verdict_records import SLOWER
 
 from benchmarks.metric_checks import PAIRED, Case, baseline, is_wrong, planted, unchanged
@@ -54,3 +56,13 @@ def test_what_was_missed_falsely_named_or_not_measured_is_wrong(
 ) -> None:
     case = Case("any", Metric.LOAD, baseline(), is_slower)
     assert is_wrong(case, replace(SLOWER, verdict=verdict, status=status)) == wrong
+
+
+def test_committed_comparisons_are_right_and_as_many_as_the_page_has() -> None:
+    results = json.loads((ROOT / "results/metrics.json").read_text())
+    verdicts = [(r["case"], r["verdict"]["metric"], r["verdict"]["verdict"]) for r in results]
+    for metric in ("load", "memory", "growth"):
+        itself = [v for case, of, v in verdicts if of == metric and case.startswith("itself")]
+        assert itself == ["same"] * 20
+        (longer,) = [v for case, of, v in verdicts if of == metric and case == "a longer file"]
+        assert longer == ("slower" if metric == "load" else "same")
