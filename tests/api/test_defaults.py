@@ -29,8 +29,8 @@ OF_COMMANDS = {
 }
 # `compare --quick` and `--scaling` stand for other options; `--new` names releases that may also
 # be arguments.
-# `--family` is for verdicts of which a sweep runs each as a command.
-NOT_HERE = {"quick", "scaling", "news", "old", "family"}
+# `--family` is for verdicts of which a sweep runs each as a command, `--function` for environments.
+NOT_HERE = {"quick", "scaling", "news", "old", "family", "functions"}
 # What only functions have.
 OF_FUNCTIONS = {"target", "arguments", "quick", "on_progress", "model", "models", "old", "news"}
 # Where the command's default is chosen by what it calls, and its help says so.
