@@ -276,6 +276,32 @@ def trees_asleep(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     return np.asarray(data.tree_asleep) >= 0
 
 
+def include_margin(model: mujoco.MjModel, one: int, other: int) -> float:
+    """Return the distance in m below which a contact of two geoms acts.
+
+    Older releases took the larger margin of two geoms, less the larger gap; by 3.9.0, margins add
+    up, and a gap leaves them as they are.
+    """
+    geoms, has_sums = [one, other], _margins_add()
+    for i in range(model.npair):
+        if {model.pair_geom1[i], model.pair_geom2[i]} == {one, other}:
+            return float(model.pair_margin[i] - (0.0 if has_sums else model.pair_gap[i]))
+    margins, gaps = model.geom_margin[geoms], model.geom_gap[geoms]
+    return float(margins.sum() if has_sums else margins.max() - gaps.max())
+
+
+@functools.cache
+def _margins_add() -> bool:
+    """Return whether margins of two geoms that touch add up in this release."""
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><geom type='plane' size='1 1 1' margin='.1'/>"
+        "<body><freejoint/><geom size='.1' margin='.1'/></body></worldbody></mujoco>"
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return float(data.contact[0].includemargin) > 0.15
+
+
 def enum_name(enum: Any, value: int, prefix: str) -> str:
     """Return the name of an enum's value without its prefix, such as `newton` for mjSOL_NEWTON."""
     for name in dir(enum):
