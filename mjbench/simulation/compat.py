@@ -1,7 +1,7 @@
 """The one place that knows how MuJoCo releases differ, from 2.3.7 on.
 
 It looks everything up by name, never by release number (enum values change between releases).
-Nothing here belongs inside a timed region.
+Nothing here but `forget_computed` belongs inside a timed region; its time is subtracted.
 """
 
 import copy
@@ -274,6 +274,16 @@ def trees_asleep(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     if not has_sleep(model):
         return np.zeros(0, dtype=bool)
     return np.asarray(data.tree_asleep) >= 0
+
+
+# Of mjData, where the release has them: what was computed for a state already.
+_COMPUTED_FLAGS = tuple(name for name in dir(mujoco.MjData) if name.startswith("flg_"))
+
+
+def forget_computed(data: mujoco.MjData) -> None:
+    """Have functions of the engine compute again what they computed for this state."""
+    for name in _COMPUTED_FLAGS:
+        setattr(data, name, 0)
 
 
 def include_margin(model: mujoco.MjModel, one: int, other: int) -> float:
