@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from mjbench.checkups.records import CheckedPart, Combination
+from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.environment.records import EnvironmentRecord, PhysicsPath
 from mjbench.loop.lint import Finding
 from mjbench.loop.profile import ProfileRow
@@ -106,6 +107,7 @@ def _of_paths(
         loops = {each.loop for each in advised if each.variant == row.variant}
         yield CheckupItem(
             action=f"step by {advice.described(row.variant)}{_whose(row, loops)}",
+            variant=row.variant,
             gain=row.speedup,
             unit=GainUnit.PLAIN_LOOP,
             change=ResultChange.NONE,
@@ -124,6 +126,7 @@ def _of_paths(
     if clock is not None and not any(setting.loop.is_clock_off for setting in settings):
         yield CheckupItem(
             action=f"turn off {package_timer.NAME}: {package_timer.OFF_CODE} after creating MjData",
+            variant=WITHOUT_TIMER,
             gain=clock.speedup,
             unit=GainUnit.PLAIN_LOOP,
             change=ResultChange.NONE,
@@ -199,6 +202,7 @@ def _of_recommendation(each: Recommendation, command: str) -> CheckupItem:
     }
     return CheckupItem(
         action=f"settings: {label(each.settings)}",
+        settings=each.settings,
         gain=each.ratio.inverse,
         unit=GainUnit.SIMULATED_SECOND,
         change=changes[each.effect],
@@ -225,6 +229,7 @@ def _of_loss(attempt: Attempt, command: str) -> CheckupItem:
     setting = attempt.settings[0]
     return CheckupItem(
         action=f"settings: {setting.label}",
+        settings=attempt.settings,
         gain=attempt.ratio.inverse,
         unit=GainUnit.SIMULATED_SECOND,
         change=ResultChange.STATED,
@@ -354,6 +359,7 @@ def _of_physics(path: PhysicsPath, command: str) -> CheckupItem:
     loop = "" if path.closed_loop else ", with controls known beforehand"
     return CheckupItem(
         action=f"step its physics yourself, by {path.path}{place}{loop}",
+        variant=Variant(path.path, path.options),
         gain=_ratio_of(path.speedup),
         unit=GainUnit.ENV_STEP,
         change=ResultChange.STATED,
