@@ -14,6 +14,7 @@ if an advice is not right. Models are those of wheels that `make foreign` has do
 import argparse
 import dataclasses
 import importlib.util
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -54,23 +55,33 @@ class Target:
     arguments: tuple[str, ...] = ()
 
     @property
+    def copied(self) -> Path | None:
+        """The program of a package, which runs as a copy: its folder may hide other modules.
+
+        Raises:
+          InputError: the package is not installed.
+        """
+        package, colon, file = self.name.partition(":")
+        if self.kind != TargetKind.PROGRAM or not colon:
+            return None
+        spec = importlib.util.find_spec(package)
+        if spec is None or spec.origin is None:
+            raise InputError(f"{self.name}: {package} is not installed")
+        return Path(spec.origin).parent / file
+
+    @property
     def word(self) -> str:
         """What the commands are given.
 
         Raises:
           InputError: it is not there.
         """
-        if self.kind == TargetKind.MODEL:
-            return str(foreign_packages.find(self.name)[1].path)
-        if self.kind == TargetKind.ENVIRONMENT:
-            return self.name
-        package, colon, file = self.name.partition(":")
-        if not colon:
-            return str(ROOT / self.name)
-        spec = importlib.util.find_spec(package)
-        if spec is None or spec.origin is None:
-            raise InputError(f"{self.name}: {package} is not installed")
-        return str(Path(spec.origin).parent / file)
+        match self.kind:
+            case TargetKind.MODEL:
+                return str(foreign_packages.find(self.name)[1].path)
+            case TargetKind.PROGRAM:
+                return self.copied.name if self.copied is not None else str(ROOT / self.name)
+        return self.name
 
     @property
     def checkup(self) -> tuple[str, ...]:
@@ -119,9 +130,11 @@ def measure(target: Target) -> CheckupTrial:
     begun = CheckupTrial(name=target.name, kind=target.kind, load=machine.describe().load_1min)
     try:
         begin_s = time.monotonic()
-        short = _measured(target.checkup)
+        short = _measured(target, target.checkup)
         begun = dataclasses.replace(begun, seconds=time.monotonic() - begin_s)
-        longer = as_checkup(target, [(words[0], _measured(words)) for words in target.closer])
+        longer = as_checkup(
+            target, [(words[0], _measured(target, words)) for words in target.closer]
+        )
     except MjbenchError as error:
         return dataclasses.replace(begun, detail=str(error))
     return checkup_tally.trial(begun, short, longer)
@@ -137,13 +150,15 @@ def as_checkup(target: Target, longer: Sequence[tuple[str, Run]]) -> Run:
     return Run(longer[0][1].header, (*parts, *records))
 
 
-def _measured(words: Sequence[str]) -> Run:
+def _measured(target: Target, words: Sequence[str]) -> Run:
     """Run a command of mjbench; return its run file.
 
     Raises:
       MachineError: it stored none.
     """
     with tempfile.TemporaryDirectory() as folder:
+        if target.copied is not None:
+            shutil.copy(target.copied, folder)
         storing = ["--results", f"{folder}/runs", "--json", f"{folder}/document.json"]
         command = [sys.executable, "-m", "mjbench", words[0], *storing, *words[1:]]
         ended = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)

@@ -103,7 +103,13 @@ def conclusion(row: ProgramRow) -> str:
         return f"no samples were taken: {row.detail}"
     outside = _outside(row)
     if not row.loops:
-        but = ", although it steps; run it for longer" if row.steps and not outside else ""
+        if row.exit_code and not row.was_ended:
+            return f"it ended with exit code {row.exit_code}, and no loop stepped MuJoCo before"
+        but = ""
+        if row.steps and not outside:
+            but = ", although it steps; run it for longer"
+        elif row.was_ended and not row.steps:
+            but = f" in {plain(row.wall_s, 2)} s; run it for longer"
         return "no loop was seen that steps MuJoCo" + but + (f"; {outside}" if outside else "")
     loop = _first_loop(row)
     remedy = remedies.first(loop.remedies)

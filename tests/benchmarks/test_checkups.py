@@ -37,13 +37,15 @@ def test_arguments_of_a_program_follow_two_dashes_in_a_checkup_alone() -> None:
     target = Target("mujoco:rollout.py", TargetKind.PROGRAM, ("--nstep", "9"))
     assert target.checkup == (target.word, "--", "--nstep", "9")
     assert target.closer == (("run", "--seconds", "60", target.word, "--nstep", "9"),)
-    assert Path(target.word).is_file()
+    assert target.copied is not None
+    assert target.copied.is_file()
+    assert target.word == "rollout.py"
     with pytest.raises(InputError, match="robots is not installed"):
         _ = Target("robots:train.py", TargetKind.PROGRAM).word
 
 
 def test_a_target_whose_command_fails_has_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    def failed(words: Any) -> Run:
+    def failed(target: Target, words: Any) -> Run:
         raise MachineError(f"no {words[0]}")
 
     monkeypatch.setattr(checkups, "_measured", failed)

@@ -19,6 +19,7 @@ from mjbench.measuring.ratio import Ratio
 from mjbench.pages import reports, terminal
 from mjbench.pages.reports import NamedRun
 from mjbench.program.activities import Activity
+from mjbench.program.records import ProgramRow
 from mjbench.program.remedy import Confirmed, Remedy, RemedyKind
 from mjbench.report import advice, checkup, tuning
 from mjbench.report.checkup_item import GainUnit, ResultChange
@@ -270,6 +271,16 @@ def test_what_is_not_installed_and_what_was_not_tried_are_lines() -> None:
     )
     quick = checkup.list_section(run(part(CheckupPart.STEP), step_profile(), *PATHS)).notes
     assert "Settings were not tried: mjbench tune 'my robot.xml'" in quick
+
+
+def test_a_program_that_does_not_step_has_no_verdict() -> None:
+    failed = ProgramRow("train.py", Status.OK, "", 1, False, 3.0, 100, 300, 0.0, [], [])
+    seen = run(part(CheckupPart.PROGRAM, TargetKind.PROGRAM), failed)
+    (conclusion,) = checkup.list_section(seen).conclusions
+    assert conclusion.text == (
+        f"{TARGET}: nothing was measured: it ended with exit code 1, and no loop stepped MuJoCo"
+        " before"
+    )
 
 
 def test_of_a_notebook_there_is_what_lint_finds() -> None:

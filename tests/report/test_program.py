@@ -108,6 +108,17 @@ def test_a_crash_comes_before_a_wrong_result_and_that_before_time() -> None:
     assert program.conclusion(crashed).startswith("it crashed (SIGSEGV) at train.py:7")
 
 
+def test_a_program_that_fails_before_it_steps_has_its_exit_code() -> None:
+    failed = replace(row(MIXED), loops=[], exit_code=1)
+    assert (
+        program.conclusion(failed) == "it ended with exit code 1, and no loop stepped MuJoCo before"
+    )
+    ended = replace(failed, was_ended=True)
+    assert program.conclusion(ended) == (
+        "no loop was seen that steps MuJoCo in 3.0 s; run it for longer"
+    )
+
+
 def test_what_takes_longer_than_the_loops_comes_first() -> None:
     place = Place("train.py", 3, "<module>", "model = build()")
     imports = LineTime(replace(place, line=1), 0.2, {Activity.IMPORT: 0.2})
