@@ -100,6 +100,7 @@ def revision_comparison(
     Raises:
       InputError: there are none, or the plan says what is of models alone.
     """
+    from mjbench.api.revisions import check_function_plan
     from mjbench.paired import revision_sides
     from mjbench.paired.revision_sides import RevisionComparison
     from mjbench.releases.revisions import Repository
@@ -118,19 +119,3 @@ def revision_comparison(
         for name in dict.fromkeys(functions)
     ]
     return RevisionComparison(repository, old, new, parsed, cwd)
-
-
-def check_function_plan(plan: "VerdictPlan") -> None:
-    """Refuse a plan that says what is of models alone, where functions are compared.
-
-    Raises:
-      InputError: it does.
-    """
-    from mjbench.paired.metrics import FUNCTION_METRICS
-    from mjbench.paired.run_sizes import Sizes
-
-    metric = plan.sizes.metric
-    if plan.sizes != Sizes(metric=metric):
-        raise InputError("sizes, start states and controls are of models, not of functions")
-    if metric not in FUNCTION_METRICS:
-        raise InputError(f"--metric {metric} is of models, not of functions")
