@@ -252,6 +252,8 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5, help="runs with and without the change")
     parser.add_argument("--write", action="store_true", help=f"write {TALLY.name} and the page")
     arguments = parser.parse_args()
+    if arguments.write and arguments.programs:
+        parser.error("--write is of all programs")
     here = machine.describe()
     chosen = [p for p in PROGRAMS if p.name in (arguments.programs or [p.name])]
     results = []

@@ -68,15 +68,23 @@ def ab(
         comparison = revision_comparison(baseline, candidate, functions, plan)
         measurement = revision_verdicts(comparison, plan)
     elif functions:
-        raise InputError(f"{shown(functions[0])}: functions are compared in revisions, rev=…")
+        name = shown(functions[0])
+        if _are_functions(functions):
+            raise InputError(f"{name}: functions are compared in revisions, rev=…")
+        text = "name a model beside the rest, as in path=rollout,model=cartpole"
+        raise InputError(f"{name} is no function: {text}")
     else:
         measurement = _of_targets(baseline, candidate, plan)
     measure_verdicts(measurement, plan.confidence, fail_on, output)
 
 
+def _are_functions(names: Sequence[str]) -> bool:
+    return any(":" in name for name in names)
+
+
 def _as_revisions(sides: Sequence[str], functions: Sequence[str]) -> list[str]:
     """Return sides with `rev=` where it was left out, as it may be before a function."""
-    if not any(":" in function for function in functions):
+    if not _are_functions(functions):
         return list(sides)
     return [f"{REVISION}{side}" if side and "=" not in side else side for side in sides]
 
