@@ -111,11 +111,13 @@ _MODELS = (
     "gymnasium-robotics:gymnasium_robotics/envs/assets/hand/manipulate_block_touch_sensors.xml",
     "gymnasium-robotics:gymnasium_robotics/envs/mujoco/assets/humanoidstandup.xml",
 )
-# The first two are loops of this project around environments of Gymnasium.
+# The first two are loops of this project around environments of Gymnasium; the others are programs
+# of the `mujoco` package.
 _PROGRAMS = (
     ("benchmarks/programs/gymnasium_humanoid.py", ()),
     ("benchmarks/programs/gymnasium_async.py", ()),
     ("mujoco:mjx/testspeed.py", _HUMANOID),
+    ("mujoco:memory_leak_test.py", ()),
 )
 _ENVIRONMENTS = ("Humanoid-v5", "Ant-v5", "HalfCheetah-v5", "Hopper-v5", "Swimmer-v5")
 TARGETS = (

@@ -219,8 +219,8 @@ def _first(time: LoopTime, remedy: Remedy) -> str:
             f"; that saves at most {whole_percent(remedy.gain)}" if remedy.gain < share else ""
         )
         return f"{text}; {remedy.text}{at_most}"
-    # the timer is read in all steps, and takes a part of them
-    is_part = remedy.share is None or remedy.kind == RemedyKind.CLOCK
+    # the timer takes a part of each step, and what a call creates is freed elsewhere
+    is_part = remedy.kind == RemedyKind.CLOCK or (remedy.share or 0.0) < remedy.gain
     now = "" if is_part else f" {whole_percent(remedy.share or 0.0)} of the loop now;"
     where_to = f"at {remedy.place}, " if remedy.place is not None else ""
     gain = _uncertain(remedy)

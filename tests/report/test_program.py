@@ -81,6 +81,12 @@ def test_a_measured_gain_is_said_as_the_time_that_remains() -> None:
     )
 
 
+def test_a_share_that_is_smaller_than_the_gain_is_not_said() -> None:
+    frees_memory_elsewhere = replace(remedy(), share=0.3)
+    said = program.conclusion(row(MIXED, frees_memory_elsewhere))
+    assert said.startswith("first, at train.py:7, do otherwise: with the change, the loop takes")
+
+
 def test_a_bound_is_said_as_a_share_of_the_loop() -> None:
     said = program.conclusion(row(MIXED, remedy(Basis.BOUND)))
     assert said == (
@@ -115,7 +121,7 @@ def test_a_program_that_fails_before_it_steps_has_its_exit_code() -> None:
     )
     ended = replace(failed, was_ended=True)
     assert program.conclusion(ended) == (
-        "no loop was seen that steps MuJoCo in 3.0 s; run it for longer"
+        "no loop was seen that steps MuJoCo in 3 s; run it for longer"
     )
 
 
