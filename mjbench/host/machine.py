@@ -152,10 +152,18 @@ def data_bytes(model: "mujoco.MjModel") -> int:
 
 
 def peak_memory_bytes() -> int:
-    """Return the most memory that this process has had, in bytes."""
+    """Return the most memory that this process has had, in bytes.
+
+    Under Linux it is that of the program: `ru_maxrss` would be of what the process ran before, too
+    (execve(2)).
+    """
     if sys.platform == "win32":
         raise NotImplementedError("nothing is measured on Windows")
     import resource
+
+    for line in read_text("/proc/self/status").splitlines():
+        if line.startswith("VmHWM:"):
+            return int(line.split()[1]) * 1024
 
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return int(peak) * (1 if sys.platform == "darwin" else 1024)

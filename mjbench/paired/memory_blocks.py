@@ -13,6 +13,7 @@ import mujoco
 
 from mjbench.errors import UnavailableError
 from mjbench.host import machine
+from mjbench.measuring import calls
 from mjbench.paired.loop_sections import LoopSection
 from mjbench.paired.metrics import GROWTH_UNIT_BYTES
 from mjbench.paired.outcomes import Metric
@@ -23,33 +24,29 @@ from mjbench.simulation.workload import Workload
 _STATUS = Path("/proc/self/statm")
 
 
-class MemoryGrowth:
-    """A block of steps or calls, and what they add to the memory of this process."""
+def growth_section(
+    step: Callable[[], None], nstep: int, resident_bytes: Callable[[], int]
+) -> LoopSection:
+    """Return a block whose reading is what 1,000 steps add to memory, with GROWTH_UNIT_BYTES.
 
-    def __init__(
-        self,
-        step: Callable[[], None],
-        nstep: int,
-        resident_bytes: Callable[[], int],
-    ):
-        """Take no step yet.
+    Memory that is given back is no growth: the reading is never less than the unit.
 
-        Args:
-          step: takes all steps of a block, `nstep` of them, or as many calls.
-        """
-        self._nstep, self._resident_bytes = nstep, resident_bytes
-        self._before_bytes = 0
-        self.section = LoopSection(step, self._begin, reading=self.reading_bytes)
+    Args:
+      step: takes all steps of a block, `nstep` of them, or as many calls.
+    """
+    before_bytes = 0
 
-    def _begin(self) -> None:
+    def begin() -> None:
+        nonlocal before_bytes
         gc.collect()  # what may be collected is no growth, and workers do not collect in blocks
-        self._before_bytes = self._resident_bytes()
+        before_bytes = resident_bytes()
 
-    def reading_bytes(self) -> int:
-        """Return what 1,000 steps of the last block added, with GROWTH_UNIT_BYTES; never 0."""
+    def reading() -> int:
         gc.collect()
-        growth = self._resident_bytes() - self._before_bytes
-        return max(1, round(GROWTH_UNIT_BYTES + 1000 * growth / self._nstep))
+        growth = max(0, resident_bytes() - before_bytes)
+        return GROWTH_UNIT_BYTES + round(1000 * growth / nstep)
+
+    return LoopSection(step, begin, reading=reading)
 
 
 def resident_bytes() -> int:
@@ -75,9 +72,9 @@ def section_of(metric: Metric, step: Callable[[], None], nstep: int) -> LoopSect
     """
     step()
     if metric == Metric.MEMORY:
-        return LoopSection(lambda: None, reading=machine.peak_memory_bytes)
+        return LoopSection(calls.nothing, reading=machine.peak_memory_bytes)
     resident_bytes()
-    return MemoryGrowth(step, nstep, resident_bytes).section
+    return growth_section(step, nstep, resident_bytes)
 
 
 @activity("measuring memory")

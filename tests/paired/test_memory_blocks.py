@@ -10,7 +10,7 @@ import pytest
 
 from mjbench.paired import memory_blocks
 from mjbench.paired.judgement import judge
-from mjbench.paired.memory_blocks import MemoryGrowth
+from mjbench.paired.memory_blocks import growth_section
 from mjbench.paired.metrics import GROWTH_UNIT_BYTES
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.worker import Worker
@@ -31,7 +31,7 @@ class Process:
         def step() -> None:
             self.resident += round(self._bytes_per_step * nstep)
 
-        section = MemoryGrowth(step, nstep, lambda: self.resident).section
+        section = growth_section(step, nstep, lambda: self.resident)
         section.warm_up()
         section.run()
         assert section.reading is not None
@@ -44,8 +44,8 @@ def test_a_block_reads_what_a_thousand_steps_add_whatever_its_length() -> None:
         assert Process(1000.0).block(nstep) == GROWTH_UNIT_BYTES + MB
 
 
-def test_memory_that_is_given_back_leaves_a_reading_that_has_a_logarithm() -> None:
-    assert Process(-5000.0).block(1000) == 1
+def test_memory_that_is_given_back_is_no_growth() -> None:
+    assert Process(-5000.0).block(1000) == GROWTH_UNIT_BYTES
 
 
 def verdict(baseline: float, candidate: float, noise: float = 0.002) -> Verdict:
