@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 from mjbench.host import machine
 from mjbench.paired import cores
+from mjbench.paired.memory_blocks import GROWTH_NSTEP
 from mjbench.paired.metrics import METRICS, Measured
 from mjbench.paired.outcomes import Metric
-from mjbench.paired.pair_work import PairWork, growth_nstep
+from mjbench.paired.pair_work import PairWork, SingleQuadWork
 from mjbench.paired.process_pairs import ProcessPair
 from mjbench.paired.protocol import LaunchedPair
 from mjbench.paired.records import TargetRow
@@ -124,9 +125,11 @@ class CallPlan:
 
     Attributes:
       count: of calls.
+      both_s: about how many seconds a block takes, of both sides together.
     """
 
     count: int
+    both_s: float
     nthread: int
     metric: Metric = Metric.TIME
 
@@ -136,8 +139,9 @@ class CallPlan:
         is_threaded = any(each.cores > _THREADED_CORES for each in facts)
         count = min(each.calls for each in facts)
         if metric == Metric.GROWTH:
-            count = growth_nstep(count)
-        return cls(count, machine.usable_cores() if is_threaded else 1, metric)
+            count = GROWTH_NSTEP
+        both_s = count * sum(each.call_s for each in facts)
+        return cls(count, both_s, machine.usable_cores() if is_threaded else 1, metric)
 
 
 class _FunctionWork(PairWork):
@@ -146,7 +150,6 @@ class _FunctionWork(PairWork):
     def __init__(self, targets: FunctionTargets, plan: CallPlan):
         self._targets, self._plan = targets, plan
         self.nthread = plan.nthread
-        self.is_repeated = METRICS[plan.metric].measured != Measured.MEMORY
 
     def equip(self, processes: Sequence[WorkerProcess]) -> None:
         """See `PairWork.equip`."""
@@ -163,6 +166,10 @@ class _FunctionWork(PairWork):
         return ns[0], ns[1]
 
 
+class _FunctionMemoryWork(SingleQuadWork, _FunctionWork):
+    """What calls of two functions take up."""
+
+
 class RevisionPair(LaunchedPair):
     """A function in a baseline and in a candidate."""
 
@@ -177,4 +184,7 @@ class RevisionPair(LaunchedPair):
 
     def _new_work(self) -> PairWork:
         self._time_limit.start()
-        return _FunctionWork(self._targets, self._plan)
+        is_of_memory = METRICS[self._plan.metric].measured == Measured.MEMORY
+        work = (_FunctionMemoryWork if is_of_memory else _FunctionWork)(self._targets, self._plan)
+        self._time_limit.check_first_launch(work.launch_s(self._plan.both_s))
+        return work

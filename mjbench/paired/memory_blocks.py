@@ -3,10 +3,10 @@
 This module runs in the environment of any release: it needs the standard library, NumPy and MuJoCo.
 """
 
+import ctypes
 import gc
-import mmap
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import mujoco
@@ -21,7 +21,9 @@ from mjbench.paired.worker import Worker, activity
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Workload
 
-_STATUS = Path("/proc/self/statm")
+# Steps or calls of a block whose growth is measured. Memory is counted in pages: one more of 4 KiB
+# is then 0.2 % of GROWTH_UNIT_BYTES.
+GROWTH_NSTEP = 2000
 
 
 def growth_section(
@@ -38,31 +40,34 @@ def growth_section(
 
     def begin() -> None:
         nonlocal before_bytes
-        gc.collect()  # what may be collected is no growth, and workers do not collect in blocks
         before_bytes = resident_bytes()
 
     def reading() -> int:
-        gc.collect()
         growth = max(0, resident_bytes() - before_bytes)
         return GROWTH_UNIT_BYTES + round(1000 * growth / nstep)
 
     return LoopSection(step, begin, reading=reading)
 
 
-def resident_bytes() -> int:
-    """Return the memory of this process.
+def used_bytes() -> int:
+    """Return the memory of this process, without what may be collected or is free.
+
+    An allocator keeps memory that was freed for later, where it pleases: glibc gives it back.
 
     Raises:
       UnavailableError: the system does not say.
     """
-    try:
-        return int(_STATUS.read_bytes().split()[1]) * mmap.PAGESIZE
-    except OSError:
-        raise UnavailableError("growth of memory is measured under Linux only") from None
+    gc.collect()
+    if malloc_trim := getattr(ctypes.CDLL(None), "malloc_trim", None):
+        malloc_trim(0)
+    resident_bytes = machine.resident_bytes()
+    if resident_bytes is None:
+        raise UnavailableError("growth of memory is measured under Linux only")
+    return resident_bytes
 
 
 def section_of(metric: Metric, step: Callable[[], None], nstep: int) -> LoopSection:
-    """Take all steps of a block; return the blocks that say what this took, or what more adds.
+    """Return the blocks that say what steps took at most, once they are done, or what they add.
 
     Args:
       step: takes all steps of a block, `nstep` of them, or as many calls.
@@ -70,24 +75,21 @@ def section_of(metric: Metric, step: Callable[[], None], nstep: int) -> LoopSect
     Raises:
       UnavailableError: the system does not say it.
     """
-    step()
     if metric == Metric.MEMORY:
+        step()
         return LoopSection(calls.nothing, reading=machine.peak_memory_bytes)
-    resident_bytes()
-    return growth_section(step, nstep, resident_bytes)
+    used_bytes()
+    return growth_section(step, nstep, used_bytes)
 
 
 @activity("measuring memory")
-def prepare_growth(worker: Worker, nstep: int) -> int:
-    """Take the steps of a block once, and have blocks say what more of them add.
+def prepare_growth(worker: Worker, cores: Sequence[int]) -> int:
+    """Have blocks say what steps add, and run one; return how many nanoseconds it takes."""
 
-    Returns:
-      How many nanoseconds the steps of a block take.
-    """
-    step = _stepping(worker.workload, nstep)
-    begin = time.perf_counter_ns()
-    worker.sections = [section_of(Metric.GROWTH, step, nstep)]
-    return time.perf_counter_ns() - begin
+    def section() -> LoopSection:
+        return section_of(Metric.GROWTH, _stepping(worker.workload, GROWTH_NSTEP), GROWTH_NSTEP)
+
+    return worker.prepare_section(cores, section)
 
 
 @activity("measuring memory")
