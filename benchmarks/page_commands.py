@@ -9,6 +9,7 @@ traceback. Exit code 1 if a command fails. With the default limit this takes two
 """
 
 import argparse
+import contextlib
 import enum
 import os
 import re
@@ -244,8 +245,11 @@ def run(line: str, cwd: Path, variables: dict[str, str], limit_s: float) -> tupl
             try:
                 code = process.wait(_END_S)
             except subprocess.TimeoutExpired:
-                os.killpg(process.pid, signal.SIGKILL)
                 return Outcome.FAILED, "it did not end after Ctrl-C"
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
         output.seek(0)
         printed = output.read()
     return outcome(line, code, printed, is_interrupted), printed[-2000:]

@@ -6,6 +6,7 @@ in mjbench's cache (see mjbench.releases.installs). `mjbench history measure` me
 keeps every launch.
 """
 
+from benchmarks import stored
 from benchmarks.settings import Cached, Tracked
 from mjbench.paired import release_ratio
 from mjbench.paired.release_tasks import StepTask
@@ -33,10 +34,17 @@ class Reference(Tracked):
             installs.parse_release(REFERENCE),
             installs.parse_release(installs.INSTALLED),
         )
-        tasks = [StepTask(releases, models.resolve(model)) for model in self.params]
+        cache: dict[str, Cached[float]] = {}
+        tasks = []
+        for model in self.params:
+            try:
+                stored.load(model)
+                tasks.append(StepTask(releases, models.resolve(model)))
+            except NotImplementedError as reason:
+                cache[model] = Cached(Status.UNAVAILABLE, str(reason))
         with WorkerPool() as pool:
             records = release_ratio.measure(pool, tasks, LAUNCHES)
-        return {record.model: _cached(record) for record in records}
+        return cache | {record.model: _cached(record) for record in records}
 
     setup_cache.timeout = 600  # type: ignore[attr-defined]  # the first one installs the reference
 

@@ -68,7 +68,10 @@ def ab(
         comparison = revision_comparison(baseline, candidate, functions, plan)
         measurement = revision_verdicts(comparison, plan)
     elif functions:
-        raise InputError(f"{shown(functions[0])}: functions are compared in revisions, rev=…")
+        raise InputError(
+            f"{shown(functions[0])}: name a model beside the rest, as in"
+            " path=rollout,model=cartpole; a function is compared in two revisions, rev=…"
+        )
     else:
         measurement = _of_targets(baseline, candidate, plan)
     measure_verdicts(measurement, plan.confidence, fail_on, output)

@@ -13,7 +13,7 @@ from mjbench.cli.fail_on import FAIL_ON, FailOn
 from mjbench.cli.group import cli, report_line
 from mjbench.cli.shared import CODE, JSON, RESULTS, with_options
 from mjbench.errors import InputError
-from mjbench.status import exit_code
+from mjbench.status import ExitCode, exit_code
 
 if TYPE_CHECKING:
     from mjbench.store.run_set import RunSet
@@ -147,7 +147,10 @@ def _exit_code(stored: "Sequence[Run]", fail_on: FailOn) -> int:
         rows = [record.row() for record in run.of_type(VerdictRecord)]
         return fail_on.exit_code(rows, family.confidence_of(run.header))
 
-    return max(map(code, judged))
+    worst = max(judged, key=code)
+    if len(stored) > 1 and code(worst) != ExitCode.OK:
+        report_line(f"exit code {code(worst)}: mjbench {worst.header.typed_command}")
+    return code(worst)
 
 
 def _print_set(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:

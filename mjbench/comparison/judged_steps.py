@@ -220,7 +220,9 @@ def _worst(
     name: str, errors: Sequence[float], limits: np.ndarray, in_c: np.ndarray | None = None
 ) -> Measure:
     """Return the error of the state where it is nearest to its limit, or farthest beyond."""
-    i = int(np.argmax(np.asarray(errors) / limits))
+    is_limited = np.isfinite(limits)  # where C itself is finite if it is moved by rounding
+    shares = np.divide(errors, limits, out=np.full(len(limits), -1.0), where=is_limited)
+    i = int(np.argmax(shares))
     own = None if in_c is None else finite_or_none(in_c[i])
     return Measure(name, finite_or_none(errors[i]), finite_or_none(limits[i]), own)
 

@@ -71,7 +71,7 @@ def _read(file: Path | None) -> dict[str, float]:
 
 
 def _remember(digest: str, seconds: float) -> float:
-    """Add a cost to the user's table; return what it holds then, by whichever process."""
+    """Add a cost to the user's table; return the cost that it holds then: the first one counts."""
     file = _user_file()
     if file is None:
         return seconds
@@ -89,7 +89,7 @@ def _remember(digest: str, seconds: float) -> float:
 
 @contextlib.contextmanager
 def _locked(file: Path) -> Iterator[None]:
-    """Hold the lock of a table while the block runs, where the file system has locks."""
+    """Hold a table's lock in the block, if the file system has locks; OSError without a place."""
     descriptor = os.open(file.with_suffix(".lock"), os.O_RDWR | os.O_CREAT, 0o644)
     try:
         with contextlib.suppress(OSError, NotImplementedError):

@@ -187,7 +187,7 @@ def measure_in_child(request: VectorRequest, channel: Channel) -> VectorLaunch:
 def _singles(
     request: VectorRequest, adapter: EnvironmentAdapter, nstep: int, count: int, channel: Channel
 ) -> list["_Single"]:
-    """Return single environments that have run once."""
+    """Return single environments that have run once; InputError if two of it differ."""
     seed, more = request.plan.seed, []
     try:
         for _ in range(count):

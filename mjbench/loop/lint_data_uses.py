@@ -51,7 +51,7 @@ class DataUses:
 
 
 def uses_of(script: SteppingScript, node: ast.Name, with_callers: bool = True) -> DataUses | None:
-    """Return what a script does with an MjData, with all callers if asked; None if unknown."""
+    """Return what a script does with an MjData, callers too if asked; None if more may happen."""
     owner = script.bindings.owner(node.id, node)
     return _Following(script, with_callers).follow(owner, node.id) if owner is not None else None
 

@@ -22,8 +22,6 @@ from mjbench.simulation import compat
 # Seconds for the parts of one kind; rounds, and seconds of a block.
 BUDGET_S = 0.5
 LEAST_ROUNDS, MOST_ROUNDS, BLOCK_S = 7, 200, 0.0005
-# Of mjData, where the release has them: what was computed for a state already.
-_DONE_FLAGS = tuple(name for name in dir(mujoco.MjData) if name.startswith("flg_"))
 # The name of all sensors together, among stages.
 SENSORS = "sensors"
 # RK4 evaluates the dynamics so often in a step.
@@ -204,8 +202,7 @@ def _afresh(function: Function) -> Function:
     """Return a function that computes what sensors share, as the first call of a step does."""
 
     def call(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        for name in _DONE_FLAGS:
-            setattr(data, name, 0)
+        compat.forget_computed(data)
         function(model, data)
 
     return call

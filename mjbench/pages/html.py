@@ -8,7 +8,7 @@ from mjbench import extras
 from mjbench.errors import MachineError
 from mjbench.pages import exports
 from mjbench.report import charts
-from mjbench.report.content import DataTable, Figure, Report, Tone
+from mjbench.report.content import Column, DataTable, Figure, Report, Tone
 
 # What stands before a conclusion, beside its colour.
 MARKS = {
@@ -61,11 +61,14 @@ def render(report: Report) -> str:
 
 def _classes(table: DataTable) -> list[str]:
     """Return the class of the cells of each column: numbers and short texts do not wrap."""
-    classes = []
-    for i, column in enumerate(table.columns):
-        is_short = max(len(row[i]) for row in table.texts) <= _SHORT if table.rows else True
-        classes.append("number" if column.is_right_aligned else "short" if is_short else "text")
-    return classes
+    texts = table.texts
+
+    def of(i: int, column: Column) -> str:
+        if column.is_right_aligned:
+            return "number"
+        return "short" if all(len(row[i]) <= _SHORT for row in texts) else "text"
+
+    return [of(i, column) for i, column in enumerate(table.columns)]
 
 
 def _csv_address(table: DataTable) -> str:

@@ -109,7 +109,9 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
 
 def _has_content(section: Section) -> bool:
     """Return whether a section says more than its conclusions."""
-    return bool(section.facts or section.tables or section.figures or section.notes)
+    return bool(
+        section.facts or section.tables or section.figures or section.notes or section.snippets
+    )
 
 
 def title(named_runs: Sequence[NamedRun]) -> str:

@@ -243,7 +243,7 @@ class _ActorPool:
 
 
 def _answers(calls: Sequence[Any], limit_s: float | None = None) -> list[Any]:
-    """Return what calls of actors return."""
+    """Return what calls of actors return; MachineError if one ended or raised. None: no limit."""
     import ray
     from ray import exceptions
 

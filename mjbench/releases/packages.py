@@ -128,11 +128,11 @@ def versions(folder: Path | None) -> dict[str, str]:
 
 def modules(folder: Path, names: Collection[str]) -> frozenset[str]:
     """Return the names of the modules at the top of packages that were installed into a folder."""
-    found = set[str]()
+    module_names = set[str]()
     for each in metadata.distributions(path=[str(folder)]):
         if canonicalize_name(each.metadata["Name"] or "") not in names:
             continue
         rows = csv.reader((each.read_text("RECORD") or "").splitlines())
         tops = {PurePosixPath(row[0]) for row in rows if row and row[0].endswith((".py", ".so"))}
-        found |= {path.parts[0].partition(".")[0] for path in tops}
-    return frozenset(name for name in found if name.isidentifier())
+        module_names |= {path.parts[0].partition(".")[0] for path in tops}
+    return frozenset(name for name in module_names if name.isidentifier())

@@ -4,7 +4,6 @@ Verdicts of paired comparisons are decided together (see `paired.across_machines
 `compare`, the tables have the advised path on each machine.
 """
 
-import shlex
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -197,10 +196,7 @@ def runs_table(runs: Sequence[Run], names: Sequence[str]) -> DataTable:
         "Runs",
         zip(names, runs, strict=True),
         (Column("machine"), lambda row: row[0]),
-        (
-            Column("command"),
-            lambda row: shlex.join(row[1].header.command_line or (row[1].header.command,)),
-        ),
+        (Column("command"), lambda row: row[1].header.typed_command),
         (Column("began"), lambda row: row[1].header.began),
         (Column("records", formats.count, leaves=1), lambda row: len(row[1].records)),
     )

@@ -73,7 +73,7 @@ class Kind:
     def sections(self, run: Run) -> list[Section]:
         """Return what a run comes to; what disturbed it comes first."""
         sections = [*self.sections_of(run)]
-        if sections and not run.of_type(RaceRecord):  # a race says itself what disturbed it
+        if sections and RaceRecord not in self.records:  # races say what disturbed them
             cautions = [
                 Conclusion(sentence, Tone.CAUTION)
                 for disturbance in run.of_type(Disturbance)

@@ -1,7 +1,7 @@
 """The one place that knows how MuJoCo releases differ, from 2.3.7 on.
 
 It looks everything up by name, never by release number (enum values change between releases).
-Nothing here belongs inside a timed region.
+Nothing here but `forget_computed` belongs inside a timed region; its time is subtracted.
 """
 
 import copy
@@ -274,6 +274,42 @@ def trees_asleep(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     if not has_sleep(model):
         return np.zeros(0, dtype=bool)
     return np.asarray(data.tree_asleep) >= 0
+
+
+# Of mjData, where the release has them: what was computed for a state already.
+_COMPUTED_FLAGS = tuple(name for name in dir(mujoco.MjData) if name.startswith("flg_"))
+
+
+def forget_computed(data: mujoco.MjData) -> None:
+    """Have functions of the engine compute again what they computed for this state."""
+    for name in _COMPUTED_FLAGS:
+        setattr(data, name, 0)
+
+
+def include_margin(model: mujoco.MjModel, one: int, other: int) -> float:
+    """Return the distance in m below which a contact of two geoms acts.
+
+    Older releases took the larger margin of two geoms, less the larger gap; by 3.9.0, margins add
+    up, and a gap leaves them as they are.
+    """
+    geoms, has_sums = [one, other], _margins_add()
+    for i in range(model.npair):
+        if {model.pair_geom1[i], model.pair_geom2[i]} == {one, other}:
+            return float(model.pair_margin[i] - (0.0 if has_sums else model.pair_gap[i]))
+    margins, gaps = model.geom_margin[geoms], model.geom_gap[geoms]
+    return float(margins.sum() if has_sums else margins.max() - gaps.max())
+
+
+@functools.cache
+def _margins_add() -> bool:
+    """Return whether margins of two geoms that touch add up in this release."""
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><geom type='plane' size='1 1 1' margin='.1'/>"
+        "<body><freejoint/><geom size='.1' margin='.1'/></body></worldbody></mujoco>"
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return float(data.contact[0].includemargin) > 0.15
 
 
 def enum_name(enum: Any, value: int, prefix: str) -> str:

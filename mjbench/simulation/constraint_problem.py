@@ -87,7 +87,7 @@ class ConstraintProblem:
         for each in self._data.contact[: self._data.ncon]:
             if min(each.geom) >= 0:
                 self._examples.setdefault(_pair(each), copy.copy(each))
-        self.contacts = self._found()
+        self.contacts = self._own_contacts()
         self.own = self._solution()
         self._prepare_norm()
 
@@ -111,16 +111,7 @@ class ConstraintProblem:
 
     def margins(self, contacts: Contacts) -> np.ndarray:
         """Return (ncon,) distances in m below which contacts of these geoms count in C."""
-        return np.array([self._margin(*pair) for pair in contacts.geom.tolist()])
-
-    def _margin(self, one: int, other: int) -> float:
-        if (one, other) in self._examples:
-            return float(self._examples[one, other].includemargin)
-        model, pair = self.model, [one, other]
-        for i in range(model.npair):
-            if sorted((model.pair_geom1[i], model.pair_geom2[i])) == pair:
-                return float(model.pair_margin[i] - model.pair_gap[i])
-        return float(model.geom_margin[pair].max() - model.geom_gap[pair].max())
+        return np.array([compat.include_margin(self.model, *p) for p in contacts.geom.tolist()])
 
     def solve(self, contacts: Contacts) -> Solution:
         """Return C's solution with other contacts; KeyError for a pair that C has not met."""
@@ -130,7 +121,7 @@ class ConstraintProblem:
         """Return the contacts that C finds at another state, and its solution."""
         self._restart(self._model, state)
         mujoco.mj_forward(self._model, self._data)
-        return self._found(), self._solution()
+        return self._own_contacts(), self._solution()
 
     def solve_at(self, state: np.ndarray, contacts: Contacts) -> Solution:
         """Return C's solution at another state, which errors are not measured at."""
@@ -178,7 +169,7 @@ class ConstraintProblem:
         compat.restart(model, self._data, state)
         self._data.ctrl[:] = self._control
 
-    def _found(self) -> Contacts:
+    def _own_contacts(self) -> Contacts:
         return Contacts.of_c([self._data.contact[: self._data.ncon]])
 
     def _solution(self) -> Solution:

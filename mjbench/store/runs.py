@@ -9,6 +9,7 @@ import contextlib
 import hashlib
 import io
 import json
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
@@ -84,6 +85,11 @@ class RunHeader:
     files: tuple[InputFile, ...] = ()
     command_line: tuple[str, ...] = ()
     began: str = ""
+
+    @property
+    def typed_command(self) -> str:
+        """The words after `mjbench`, for a shell; the command alone in older files."""
+        return shlex.join(self.command_line or (self.command,))
 
     def files_of(self, models: Iterable[str]) -> tuple[InputFile, ...]:
         """Return the files that models were loaded from, which their names name."""

@@ -125,7 +125,7 @@ def points(ncontrol: int) -> list[int]:
 
 
 def run(model: mujoco.MjModel, trials: Trials, nthread: int | None = None) -> Trajectories:
-    """Return the runs of a model.
+    """Return the runs of a model, on as many threads as there are cores unless a number is given.
 
     Raises:
       InputError: its states have other sizes, or its timestep does not divide a control's time.

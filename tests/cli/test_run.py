@@ -90,7 +90,7 @@ def test_what_a_remedy_saves_is_measured_by_running_the_program_again(tmp_path, 
     remedy = Remedy(RemedyKind.COLLECTION, Activity.COLLECTION, None, "text", 0.5, 0.01)
     (tried,) = confirm.confirm(collector, [remedy], lambda *_: None)
     assert tried.confirmed.runs == 6
-    assert tried.confirmed.gain > 0
+    assert tried.confirmed.low > 0
 
 
 def can_render():

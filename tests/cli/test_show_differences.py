@@ -194,6 +194,13 @@ def test_a_stored_verdict_fails_in_ci(finding: str, code: int) -> None:
     assert CliRunner().invoke(cli, ["show", str(run), "--fail-on", finding]).exit_code == code
 
 
+def test_of_several_runs_the_one_that_decides_is_named() -> None:
+    runs = [str(RUNS / f"reference-{name}.jsonl") for name in ("story-versions", "story-env")]
+    done = CliRunner().invoke(cli, ["show", *runs, "--fail-on", "slower"])
+    assert done.exit_code == 1
+    assert "exit code 1: mjbench versions" in done.stderr
+
+
 def test_a_disturbed_run_decides_nothing(tmp_path: Path) -> None:
     old, new = raced_run(tmp_path / "old", 1.0), raced_run(tmp_path / "new", 2.0, cores=0.5)
     words = ["show", str(new), "--against", str(old), "--fail-on", "slower"]

@@ -13,6 +13,8 @@ from mjbench.comparison.accelerated_check import SteppingProgram, probe_workload
 from mjbench.comparison.judged_steps import (
     Budget,
     JudgedConstraints,
+    _Errors,
+    _solution_part,
     judge_constraints,
     judge_warm_start,
 )
@@ -109,3 +111,24 @@ def test_a_state_in_which_c_is_far_from_the_solution_excuses_no_other(error: flo
     timed = dataclasses.replace(timed, qacc=qacc)
     part = judge_constraints(model, singles, converged, timed, Precision.FLOAT32).constraints
     assert part.answer == (EngineAnswer.NO if error else EngineAnswer.YES), part.reason
+
+
+def test_a_state_whose_rounding_is_not_finite_hides_no_other() -> None:
+    infinite, fine = float("inf"), 0.0
+    errors = _Errors(
+        acceleration=[infinite, 5.0],
+        force=[infinite, 3.0],
+        rounding=[infinite, fine],
+        force_rounding=[infinite, fine],
+    )
+    part = _solution_part(errors, Precision.FLOAT32)
+    assert part.answer == EngineAnswer.NO
+    assert [measure.value for measure in part.measures] == [5.0, 3.0]
+
+
+def test_without_a_state_whose_rounding_is_finite_nothing_is_judged() -> None:
+    infinite = [float("inf")]
+    errors = _Errors(
+        acceleration=infinite, force=infinite, rounding=infinite, force_rounding=infinite
+    )
+    assert _solution_part(errors, Precision.FLOAT32).answer == EngineAnswer.NOT_JUDGED
