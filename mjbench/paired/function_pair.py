@@ -9,7 +9,7 @@ from mjbench.paired import cores
 from mjbench.paired.memory_blocks import GROWTH_NSTEP
 from mjbench.paired.metrics import METRICS, Measured
 from mjbench.paired.outcomes import Metric
-from mjbench.paired.pair_work import PairWork, SingleQuadWork
+from mjbench.paired.pair_work import PairWork, SingleQuadWork, check_growth
 from mjbench.paired.process_pairs import ProcessPair
 from mjbench.paired.protocol import LaunchedPair
 from mjbench.paired.records import TargetRow
@@ -184,7 +184,10 @@ class RevisionPair(LaunchedPair):
 
     def _new_work(self) -> PairWork:
         self._time_limit.start()
-        is_of_memory = METRICS[self._plan.metric].measured == Measured.MEMORY
-        work = (_FunctionMemoryWork if is_of_memory else _FunctionWork)(self._targets, self._plan)
-        self._time_limit.check_first_launch(work.launch_s(self._plan.both_s))
+        plan = self._plan
+        if plan.metric == Metric.GROWTH:
+            check_growth(plan.both_s, self._pool)
+        is_of_memory = METRICS[plan.metric].measured == Measured.MEMORY
+        work = (_FunctionMemoryWork if is_of_memory else _FunctionWork)(self._targets, plan)
+        self._time_limit.check_first_launch(work.launch_s(plan.both_s))
         return work

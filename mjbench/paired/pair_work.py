@@ -5,6 +5,7 @@ import random
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
+from mjbench.errors import InputError
 from mjbench.paired import cores, operations, preparation
 from mjbench.paired.call_results import Leaf, compare
 from mjbench.paired.memory_blocks import GROWTH_NSTEP, prepare_growth, prepare_peak
@@ -193,7 +194,9 @@ class GrowthWork(SingleQuadWork, StepWork):
     ):
         """Prepare it as `StepWork` does; raises OutOfTimeError where the limit allows no launch."""
         super().__init__(pool, targets, sizes, time_limit)
-        time_limit.check_first_launch(self.launch_s(2 * GROWTH_NSTEP * self.step_s))
+        both_s = 2 * GROWTH_NSTEP * self.step_s
+        check_growth(both_s, pool)
+        time_limit.check_first_launch(self.launch_s(both_s))
 
     def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
         """See `PairWork.lay_out`."""
@@ -263,6 +266,22 @@ class OperationWork(PairWork):
         source = ModelSource("", self._files[i])
         prepare = functools.partial(operations.OF_METRIC[self._metric], source, repeats)
         return process.call(Worker.prepare_operation, prepare, allowed)
+
+
+def check_growth(both_s: float, pool: WorkerPool) -> None:
+    """Refuse blocks of growth in which a process may count as hung.
+
+    Args:
+      both_s: about how many seconds a block takes, of both sides together.
+
+    Raises:
+      InputError: the steps or calls are too slow.
+    """
+    if both_s > pool.limit_s:
+        raise InputError(
+            f"--metric growth needs {GROWTH_NSTEP:,} steps or calls in a block, which would take"
+            f" {both_s:.0f} s here: give it a smaller model, or a function that does less"
+        )
 
 
 def draw_least(times_drawn: list[int], count: int) -> list[int]:

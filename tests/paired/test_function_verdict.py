@@ -4,7 +4,7 @@ import math
 import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -251,15 +251,22 @@ def test_a_block_whose_growth_is_measured_has_enough_calls_whatever_they_take() 
     assert CallPlan.of([brief, long], Metric.MEMORY).count == 1
 
 
-@pytest.mark.parametrize("metric", [Metric.GROWTH, Metric.TIME])
-def test_calls_that_do_not_fit_the_limit_are_refused_before_the_first_block(
-    metric: Metric,
+@pytest.mark.parametrize(
+    ("metric", "call_s", "error", "message"),
+    [
+        (Metric.GROWTH, 0.01, OutOfTimeError, r"about 120 s, .* 16 launches: give --budget"),
+        (Metric.GROWTH, 1.0, InputError, r"2,000 steps or calls in a block, .* 4000 s here"),
+        (Metric.TIME, 20.0, OutOfTimeError, "needs at least 16 launches: give --budget"),
+    ],
+)
+def test_calls_that_are_too_slow_are_refused_before_the_first_block(
+    metric: Metric, call_s: float, error: type[Exception], message: str
 ) -> None:
-    slow = replace(FACTS, calls=1, call_s=20.0)
-    plan, pool = CallPlan.of([slow, slow], metric), cast(WorkerPool, None)
-    pair = RevisionPair(pool, (BASELINE, CANDIDATE), plan, TimeLimit(60.0, 16))
-    with pytest.raises(OutOfTimeError, match="needs at least 16 launches: give --budget"):
-        pair._new_work()
+    slow = replace(FACTS, calls=1, call_s=call_s)
+    with WorkerPool() as pool:
+        plan, limit = CallPlan.of([slow, slow], metric), TimeLimit(60.0, 16)
+        with pytest.raises(error, match=message):
+            RevisionPair(pool, (BASELINE, CANDIDATE), plan, limit)._new_work()
 
 
 def test_an_argument_that_only_the_baseline_takes_is_new(decided: Decided) -> None:

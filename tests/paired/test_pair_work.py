@@ -96,10 +96,13 @@ def test_steps_that_are_too_slow_for_their_growth_are_refused_before_the_first_l
 ) -> None:
     prepared = Preparation((Path(), Path()), (Path(), Path()), 1, 1, 0.01, cast(WorkCheck, None))
     monkeypatch.setattr(preparation, "prepare", lambda *arguments: prepared)
-    pool, targets, sizes = cast(WorkerPool, None), (CARTPOLE, CARTPOLE), Sizes()
-    GrowthWork(pool, targets, sizes, TimeLimit(1000.0))
-    with pytest.raises(OutOfTimeError, match="a launch takes about 120 s, and a verdict needs"):
-        GrowthWork(pool, targets, sizes, TimeLimit(60.0))
+    with WorkerPool() as pool:
+        GrowthWork(pool, (CARTPOLE, CARTPOLE), Sizes(), TimeLimit(1000.0))
+        with pytest.raises(OutOfTimeError, match="a launch takes about 120 s, and a verdict needs"):
+            GrowthWork(pool, (CARTPOLE, CARTPOLE), Sizes(), TimeLimit(60.0))
+        pool.limit_s = 39.0
+        with pytest.raises(InputError, match=r"2,000 steps or calls in a block, .* 40 s here"):
+            GrowthWork(pool, (CARTPOLE, CARTPOLE), Sizes(), TimeLimit(1000.0))
 
 
 def test_loading_is_of_a_source_and_not_of_a_compiled_model(tmp_path: Path) -> None:
