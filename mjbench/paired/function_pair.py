@@ -1,16 +1,13 @@
 """A function of the user's code on two sides, timed in turns in fresh processes."""
 
-import random
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mjbench.host import machine
-from mjbench.paired import cores
 from mjbench.paired.memory_blocks import GROWTH_NSTEP
 from mjbench.paired.metrics import METRICS, Measured
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.pair_work import PairWork, SingleQuadWork, check_growth
-from mjbench.paired.process_pairs import ProcessPair
 from mjbench.paired.protocol import LaunchedPair
 from mjbench.paired.records import TargetRow
 from mjbench.paired.time_limit import TimeLimit
@@ -156,14 +153,8 @@ class _FunctionWork(PairWork):
         for process, target in zip(processes, self._targets, strict=True):
             process.ask(import_function, target.source, calls_it=True)
 
-    def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
-        """See `PairWork.lay_out`."""
-        allowed, plan = cores.usable(pair.core), self._plan
-        ns = {
-            i: pair.processes[i].call(prepare_function, allowed, plan.count, plan.metric)
-            for i in random.sample((0, 1), 2)
-        }
-        return ns[0], ns[1]
+    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+        return process.call(prepare_function, allowed, self._plan.count, self._plan.metric)
 
 
 class _FunctionMemoryWork(SingleQuadWork, _FunctionWork):

@@ -110,8 +110,32 @@ def prepare_peak(
     return time.perf_counter_ns() - begin
 
 
-def _stepping(workload: Workload, nstep: int) -> Callable[[], None]:
-    """Return what takes `nstep` steps in the plain loop: those of a workload, again and again."""
+@activity("measuring the arena")
+def prepare_arena(worker: Worker) -> int:
+    """Do a workload, and have blocks say how many bytes the arena of its MjData held at most.
+
+    Returns:
+      How many nanoseconds that took.
+    """
+    most_bytes, begin = 0, time.perf_counter_ns()
+
+    def look(data: mujoco.MjData) -> None:
+        nonlocal most_bytes  # a reset forgets it
+        most_bytes = max(most_bytes, int(data.maxuse_arena))
+
+    _stepping(worker.workload, worker.workload.nbatch * worker.workload.nstep, look)()
+    worker.sections = [LoopSection(calls.nothing, reading=lambda: most_bytes)]
+    return time.perf_counter_ns() - begin
+
+
+def _stepping(
+    workload: Workload, nstep: int, look: Callable[[mujoco.MjData], None] = lambda data: None
+) -> Callable[[], None]:
+    """Return what takes `nstep` steps in the plain loop: those of a workload, again and again.
+
+    Args:
+      look: called after each simulation.
+    """
     model, hold = workload.model, workload.hold
     data, mj_step = mujoco.MjData(model), mujoco.mj_step
 
@@ -123,6 +147,7 @@ def _stepping(workload: Workload, nstep: int) -> Callable[[], None]:
                 for values in controls[: -(-left // hold)]:
                     data.ctrl[:] = values
                     mj_step(model, data, hold)
+                look(data)
                 left -= hold * len(controls)
                 if left <= 0:
                     return

@@ -3,12 +3,12 @@
 import functools
 import random
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from mjbench.errors import InputError
-from mjbench.paired import cores, operations, preparation
+from mjbench.paired import cores, memory_blocks, operations, preparation
 from mjbench.paired.call_results import Leaf, compare
-from mjbench.paired.memory_blocks import GROWTH_NSTEP, prepare_growth, prepare_peak
+from mjbench.paired.memory_blocks import GROWTH_NSTEP
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.process_pairs import ProcessPair
 from mjbench.paired.run_sizes import RUN_S, Sizes
@@ -45,7 +45,6 @@ class PairWork(ABC):
     def equip(self, processes: Sequence[WorkerProcess]) -> None:
         """Have the processes of a launch read what they need, without waiting."""
 
-    @abstractmethod
     def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
         """Lay out memory anew; return the nanoseconds of one block of each section, of both.
 
@@ -55,6 +54,18 @@ class PairWork(ABC):
         Raises:
           InputError: a process cannot do it.
           ChildError: a process crashed, hung or failed.
+        """
+        allowed = cores.usable(pair.core)
+        ns = {i: self._prepare(pair.processes[i], i, allowed) for i in random.sample((0, 1), 2)}
+        return ns[0], ns[1]
+
+    @abstractmethod
+    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+        """Have a process ready to time blocks; return the nanoseconds of one of each section.
+
+        Args:
+          i: 0 for the baseline, 1 for the candidate.
+          allowed: cores to run on from now on; empty for no change.
         """
 
     def layout_counts(self, all_blocks_s: float) -> tuple[int, int]:
@@ -137,23 +148,23 @@ class StepWork(PairWork):
         """See `PairWork.lay_out`."""
         if is_new_run or self.nsection == 1:
             self._drawn = draw_least(self._times_drawn, self.work_check.nbatch)
-        ns = {}
-        for i in random.sample((0, 1), 2):
-            target = self._targets[i]
-            ns[i] = pair.processes[i].call(
-                Worker.prepare,
-                target.path,
-                dict(target.options),
-                cores.usable(pair.core),
-                self._drawn,
-                callback=target.callback,
-                slowdown=target.slowdown,
-                has_timer=target.has_timer,
-                returns=self._sizes.returns,
-                metric=self._sizes.metric,
-                nsection=self.nsection,
-            )
-        return ns[0], ns[1]
+        return super().lay_out(pair)
+
+    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+        target = self._targets[i]
+        return process.call(
+            Worker.prepare,
+            target.path,
+            dict(target.options),
+            allowed,
+            self._drawn,
+            callback=target.callback,
+            slowdown=target.slowdown,
+            has_timer=target.has_timer,
+            returns=self._sizes.returns,
+            metric=self._sizes.metric,
+            nsection=self.nsection,
+        )
 
     def close(self) -> None:
         """Remove all files but the baseline's workload."""
@@ -172,14 +183,10 @@ class PeakWork(SingleQuadWork, StepWork):
     def equip(self, processes: Sequence[WorkerProcess]) -> None:
         """See `PairWork.equip`: there is nothing to read ahead."""
 
-    def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
-        """See `PairWork.lay_out`."""
-        ns = {}
-        for i in random.sample((0, 1), 2):
-            target, workload = self._targets[i], self.workloads[i]
-            options = dict(target.model_options)
-            ns[i] = pair.processes[i].call(prepare_peak, target.model.path, options, workload)
-        return ns[0], ns[1]
+    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+        target, workload = self._targets[i], self.workloads[i]
+        options = dict(target.model_options)
+        return process.call(memory_blocks.prepare_peak, target.model.path, options, workload)
 
 
 class GrowthWork(SingleQuadWork, StepWork):
@@ -198,11 +205,25 @@ class GrowthWork(SingleQuadWork, StepWork):
         check_growth(both_s, pool)
         time_limit.check_first_launch(self.launch_s(both_s))
 
-    def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
-        """See `PairWork.lay_out`."""
-        allowed = cores.usable(pair.core)
-        ns = {i: pair.processes[i].call(prepare_growth, allowed) for i in random.sample((0, 1), 2)}
-        return ns[0], ns[1]
+    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+        return process.call(memory_blocks.prepare_growth, allowed)
+
+
+class ArenaWork(SingleQuadWork, StepWork):
+    """The most that the arenas of two targets hold; the blocks of its quads only read it."""
+
+    nblock = 1
+
+    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+        return process.call(memory_blocks.prepare_arena)
+
+
+# What does the work of metrics that need more than runs of steps.
+STEP_WORK: Mapping[Metric, type[StepWork]] = {
+    Metric.MEMORY: PeakWork,
+    Metric.GROWTH: GrowthWork,
+    Metric.ARENA: ArenaWork,
+}
 
 
 class OperationWork(PairWork):
@@ -246,14 +267,8 @@ class OperationWork(PairWork):
     def equip(self, processes: Sequence[WorkerProcess]) -> None:
         """See `PairWork.equip`: there is nothing to read."""
 
-    def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
-        """See `PairWork.lay_out`."""
-        allowed = cores.usable(pair.core)
-        ns = {
-            i: self._ready(pair.processes[i], i, allowed, self._repeats).ns
-            for i in random.sample((0, 1), 2)
-        }
-        return ns[0], ns[1]
+    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+        return self._ready(process, i, allowed, self._repeats).ns
 
     def close(self) -> None:
         """See `PairWork.close`."""

@@ -13,7 +13,7 @@ import contextlib
 import itertools
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,8 +25,7 @@ from mjbench.paired.calibrator import Calibrator
 from mjbench.paired.call_results import ResultsCheck
 from mjbench.paired.launches import Targets
 from mjbench.paired.metrics import METRICS, Measured
-from mjbench.paired.outcomes import Metric
-from mjbench.paired.pair_work import GrowthWork, OperationWork, PairWork, PeakWork, StepWork
+from mjbench.paired.pair_work import STEP_WORK, OperationWork, PairWork, StepWork
 from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.records import LaunchRow
@@ -39,8 +38,6 @@ from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.placement import AS_SHIPPED, PlacementPair
 
-# What does the work of metrics that need more than runs of steps.
-_STEP_WORK: Mapping[Metric, type[StepWork]] = {Metric.MEMORY: PeakWork, Metric.GROWTH: GrowthWork}
 # The positions of a baseline and its candidate.
 BOTH = (0, 1)
 
@@ -177,7 +174,7 @@ class TargetPair(LaunchedPair):
             work = OperationWork(self._pool, self._targets, metric, self._time_limit)
             self.results = work.results
         else:
-            kind = _STEP_WORK.get(metric, StepWork)
+            kind = STEP_WORK.get(metric, StepWork)
             work = kind(self._pool, self._targets, self._sizes, self._time_limit)
             self.work_check, self.baseline_workload = work.work_check, work.workloads[0]
         self.is_prepared = True

@@ -33,7 +33,7 @@ def brief(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pair_work, "MAX_LAYOUTS", 1)
 
 
-@pytest.fixture(params=["load", "reset", "rays", "rollout", "batch", "memory", "growth"])
+@pytest.fixture(params=["load", "reset", "rays", "rollout", "batch", "memory", "growth", "arena"])
 def launched(pool: WorkerPool, request: pytest.FixtureRequest) -> Iterator[TargetPair]:
     """Yield a pair that is prepared, by one metric after the other."""
     pair = TargetPair(pool, CARTPOLE, CARTPOLE, Sizes(metric=Metric(request.param)))
@@ -52,7 +52,9 @@ def test_a_target_against_itself_does_the_same_by_every_metric(launched: TargetP
     assert len(launch.orders) == 1
     assert abs(launch.log_ratio) < 1.0
     metric = launched._sizes.metric
-    if metric in (Metric.MEMORY, Metric.GROWTH):
+    if metric == Metric.ARENA:
+        assert len({reading for quad in launch.ns for reading in quad}) == 1
+    elif metric in (Metric.MEMORY, Metric.GROWTH):
         assert launched.results is None
         assert launched.work_check is not None
         assert not launched.work_check.changed
