@@ -83,7 +83,7 @@ def _document(words: tuple[str, ...], cwd: Path) -> Path | None:
 
 def _kind(words: Sequence[str]) -> str:
     """Return the name of the document that a command line writes."""
-    from mjbench.cli.command_names import EARLIER
+    from mjbench.store.command_names import EARLIER
 
     for name, (command, mode, *_) in EARLIER.items():
         if words[0] == command and mode.removesuffix("=") in words:

@@ -67,7 +67,7 @@ def _measurement(
             change = "cannot be measured"
             if trial.ratio is not None:
                 change = f"{percent_change(trial.ratio)} %"
-            text = f"{short_name(trial.commit, kind)} {change}"
+            text = f"{short_name(trial.version, kind)} {change}"
             observer(text, len(trials) / (len(trials) + _USUAL_TRIALS))
 
         yield Item([search(observer.begin, on_trial)])

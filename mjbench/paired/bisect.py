@@ -100,7 +100,7 @@ def search(
 
 def short_name(version: VersionRow, kind: VersionKind) -> str:
     """Return what sentences call a version."""
-    return short_commit(version.commit) if kind == VersionKind.COMMIT else version.commit
+    return short_commit(version.name) if kind == VersionKind.COMMIT else version.name
 
 
 class _Searcher:
@@ -127,16 +127,16 @@ class _Searcher:
         if _is_change(ends):
             self._between(0, count, ends)
         return BisectRecord(
-            function=searched.target,
+            target=searched.target,
             kind=searched.kind,
             old=searched.old,
             new=searched.new,
-            commits=count,
+            versions=count,
             status=ends.status,
             detail=ends.detail or self._detail(),
             ends=ends.row(),
             trials=self._trials,
-            changes=sorted(self._changes, key=lambda change: change.commit.number),
+            changes=sorted(self._changes, key=lambda change: change.version.number),
             seconds=clock() - begin_s,
         )
 
@@ -155,7 +155,7 @@ class _Searcher:
         """Find the changes between two versions that differ."""
         changed = self._likeliest(first, last, ends)
         if changed is None:  # the last one measured lies between two changes
-            middle = self._trials[-1].commit.number
+            middle = self._trials[-1].version.number
             self._search_each((first, middle), (middle, last))
             return
         before, verdict = (first, ends) if last - first == 1 else self._beside(first, changed)

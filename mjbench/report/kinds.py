@@ -174,7 +174,7 @@ SELFCHECK = Kind(
     _selfcheck_rows,
 )
 PLACEMENT = _kind(SpreadRecord, lambda rows: [placement.section(rows)], "placement")
-BISECT = _kind(BisectRecord, bisect.sections, "bisect")
+BISECT = _kind(BisectRecord, bisect.sections, "bisect", schema=2)
 HISTORY = Kind(
     ("history",),
     _RATIOS,
@@ -215,18 +215,6 @@ DOCUMENTS: Mapping[str, type[Any]] = {
     "doctor": documents.DoctorDocument,
     "lint": LintDocument,
     "releases": documents.ReleasesDocument,
-}
-
-# How commands are called by now whose documents and runs have an earlier name.
-PRESENT_NAMES = {
-    "diff": "show --against",
-    "explain": "versions --explain",
-    "history": "history measure",
-    "history-explain": "history explain",
-    "instructions": "profile --instructions",
-    "overhead": "profile --habits",
-    "placement": "doctor --placement",
-    "selfcheck": "doctor --verdicts",
 }
 
 

@@ -1,0 +1,28 @@
+"""Earlier names of commands, which run files, documents and scripts keep, and the present ones."""
+
+from collections.abc import Mapping, Sequence
+
+# Earlier names go on working.
+EARLIER: Mapping[str, Sequence[str]] = {
+    "diff": ("show", "--against="),  # the old run is the first one
+    "explain": ("versions", "--explain"),
+    "instructions": ("profile", "--instructions"),
+    "merge": ("results", "merge"),
+    "overhead": ("profile", "--habits"),
+    "placement": ("doctor", "--placement"),
+    "report": ("show", "--format", "html"),  # a later --format counts
+    "selfcheck": ("doctor", "--verdicts"),
+    "site": ("results", "site"),
+}
+
+# Commands of `history`, by what their results are named after.
+_OF_HISTORY: Mapping[str, Sequence[str]] = {
+    "history": ("history", "measure"),
+    "history-explain": ("history", "explain"),
+}
+
+
+def present_name(results_name: str) -> str:
+    """Return the command, and its mode, of results that are named after it in files."""
+    words = {**EARLIER, **_OF_HISTORY}.get(results_name, (results_name,))
+    return " ".join(words).removesuffix("=")
