@@ -111,8 +111,9 @@ def check_metric(metric: Metric, path_names: Iterable[str]) -> None:
       InputError: the metric is of the plain loop only, and other paths are named.
     """
     refusal = METRICS[metric].refusal
-    if others := [name for name in path_names if refusal and name != paths.BASE]:
-        raise InputError(f"--metric {metric} {refusal}: leave out {listed(others)}")
+    others = dict.fromkeys(name for name in path_names if refusal and name != paths.BASE)
+    if others:
+        raise InputError(f"--metric {metric} {refusal}: leave out {listed([*others])}")
 
 
 def check_targets(metric: Metric, targets: Sequence[Target]) -> None:
