@@ -15,7 +15,7 @@ from mjbench.paired.race_record import Loop
 from mjbench.paired.records import VerdictRow
 from mjbench.paths.parallelism import nthread
 from mjbench.program.records import ProgramRow
-from mjbench.program.remedy import Basis, Remedy
+from mjbench.program.remedy import Basis, Remedy, RemedyKind
 from mjbench.report import advice, environment, formats, program, starts, tuning, tuning_notes
 from mjbench.report.advice import Advice
 from mjbench.report.checkup_item import CheckupItem, GainGroup, GainUnit, ResultChange
@@ -278,7 +278,7 @@ def _of_program(row: ProgramRow, target: str) -> Iterator[CheckupItem]:
             command=command,
         )
     for remedy in row.wrong:
-        yield CheckupItem(action=_placed(remedy), change=ResultChange.CORRECTED, command=command)
+        yield CheckupItem(action=placed(remedy), change=ResultChange.CORRECTED, command=command)
     for report in row.loops[:1]:
         for remedy in [each for each in report.remedies if each.is_certain][:_MOST_OF_PROGRAM]:
             yield _of_remedy(remedy, command)
@@ -287,7 +287,7 @@ def _of_program(row: ProgramRow, target: str) -> Iterator[CheckupItem]:
 def _of_remedy(remedy: Remedy, command: str) -> CheckupItem:
     keeps = remedy.effect in ("", "nothing")
     return CheckupItem(
-        action=_placed(remedy),
+        action=placed(remedy),
         gain=remedy.share_saved,
         unit=GainUnit.LOOP_SHARE,
         is_bound=remedy.basis == Basis.BOUND and remedy.confirmed is None,
@@ -298,10 +298,12 @@ def _of_remedy(remedy: Remedy, command: str) -> CheckupItem:
     )
 
 
-def _placed(remedy: Remedy) -> str:
+def placed(remedy: Remedy) -> str:
     place = f"{short_name(remedy.place.file)}:{remedy.place.line}: " if remedy.place else ""
     code = f" ({remedy.code})" if remedy.code else ""
-    return f"{place}{program.subject(remedy)}{remedy.text}{code}"
+    # what a line mostly does may differ from run to run
+    subject = "" if remedy.kind == RemedyKind.LINE else program.subject(remedy)
+    return f"{place}{subject}{remedy.text}{code}"
 
 
 def _of_source(

@@ -18,10 +18,10 @@ from mjbench.loop.lint import Finding
 from mjbench.measuring.ratio import Ratio
 from mjbench.pages import reports, terminal
 from mjbench.pages.reports import NamedRun
-from mjbench.program.activities import Activity
+from mjbench.program.activities import Activity, Place
 from mjbench.program.records import ProgramRow
 from mjbench.program.remedy import Confirmed, Remedy, RemedyKind
-from mjbench.report import advice, checkup, tuning
+from mjbench.report import advice, checkup, checkup_items, tuning
 from mjbench.report.checkup_item import GainUnit, ResultChange
 from mjbench.report.content import Tone
 from mjbench.report.results import derive_all
@@ -136,6 +136,15 @@ def test_the_share_that_a_program_saves_lies_within_the_whole_and_is_the_confirm
     tried = replace(line, confirmed=Confirmed(0.3, 0.2, 0.4, 8))
     assert line.share_saved == Ratio(0.8, 0.4, 1.0)
     assert tried.share_saved == Ratio(0.3, 0.2, 0.4)
+
+
+def test_a_line_is_named_by_its_place_and_not_by_what_it_mostly_does() -> None:
+    place = Place("train.py", 7, "main", "env.step(action)")
+    remedies = [
+        Remedy(RemedyKind.LINE, activity, place, "time in gymnasium", 0.3, 0.01)
+        for activity in (Activity.NUMPY, Activity.BINDINGS)
+    ]
+    assert {checkup_items.placed(each) for each in remedies} == {"train.py:7: time in gymnasium"}
 
 
 def test_wrong_results_stand_first() -> None:
