@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -27,6 +28,9 @@ LACKING_EFFECT = 0.01
 # In float32, the largest effect of contacts that agree grows with what rounding does in C, up to
 # this.
 MAX_ROUNDING_EFFECT = 0.5 * LACKING_EFFECT
+# Tangents turned by less than this, in degrees, are the same. Where friction is a pyramid, they are
+# its axes, which engines choose.
+_SAME_TANGENT = 0.1
 # Contacts this near to each other, relative to the size of the model's parts, are the same.
 _SAME_PLACE = 1e-4
 # A contact this near to where it begins to count, relative to the size of coordinates, may count in
@@ -39,6 +43,15 @@ _FLEX = "flex"
 Types = tuple[str, str]
 
 
+class _Apart(NamedTuple):
+    """How far a contact is from C's nearest one of the same geoms."""
+
+    distance_m: float
+    position_m: float
+    normal_degrees: float
+    tangent_degrees: float
+
+
 @dataclass
 class _PairStates:
     """What was seen of two types of geoms.
@@ -47,6 +60,7 @@ class _PairStates:
       counts: of the engine and of C, an entry a state.
       effects: of the states where C can be given the contacts.
       lacking_effects: those of them in which the engine's contacts are C's own, but fewer.
+      aligned_effects: those of them in which tangents are C's, too.
       apart: an entry a contact.
       beside_flex: states in which C cannot be given contacts because a flex touches, too.
       unmet: states in which geoms touch that touch in no judged state of C.
@@ -56,7 +70,8 @@ class _PairStates:
     counts: list[tuple[int, int]] = field(default_factory=list)
     effects: list[float] = field(default_factory=list)
     lacking_effects: list[float] = field(default_factory=list)
-    apart: list[tuple[float, float, float]] = field(default_factory=list)
+    aligned_effects: list[float] = field(default_factory=list)
+    apart: list[_Apart] = field(default_factory=list)
     beside_flex: int = 0
     unmet: int = 0
     has_deep_unmet: bool = False
@@ -91,7 +106,7 @@ class ContactJudge:
         states.apart += apart
         has_fewer = len(own.simulation) < len(in_c.simulation)
         is_own = len(apart) == len(own.simulation) and all(
-            place < _SAME_PLACE * self._size for _, place, _ in apart
+            each.position_m < _SAME_PLACE * self._size for each in apart
         )
         both = Contacts.together(rest, own)
         if _has_flex(both):
@@ -106,6 +121,8 @@ class ContactJudge:
             states.effects.append(effect)
             if has_fewer and is_own:
                 states.lacking_effects.append(effect)
+            if all(each.tangent_degrees < _SAME_TANGENT for each in apart):
+                states.aligned_effects.append(effect)
 
     def pairs(self, limit: float) -> tuple[PairContacts, ...]:
         """Return what was seen of each pair of types; larger effects than `limit` disagree."""
@@ -145,22 +162,24 @@ def _where(types: Sequence[Types], pair: Types) -> np.ndarray:
     return np.array([each == pair for each in types], dtype=bool)
 
 
-def _apart(own: Contacts, in_c: Contacts) -> list[tuple[float, float, float]]:
-    """Return how far each contact is from C's nearest of the same geoms.
-
-    Returns:
-      Distance between geoms and position in m, and the normal in degrees.
-    """
+def _apart(own: Contacts, in_c: Contacts) -> list[_Apart]:
     rows = []
     for i, geom in enumerate(own.geom):
         same = in_c.select((in_c.geom == geom).all(axis=1))
         if len(same.simulation):
             away = np.linalg.norm(same.position - own.position[i], axis=1)
             nearest = int(np.nan_to_num(away, nan=np.inf).argmin())
-            cosine = float(np.clip(same.normal[nearest] @ own.normal[i], -1.0, 1.0))
             distance = abs(float(same.distance[nearest] - own.distance[i]))
-            rows.append((distance, float(away[nearest]), float(np.degrees(np.arccos(cosine)))))
+            normal, tangent, _ = (own.frame[i] * same.frame[nearest]).sum(axis=1)
+            turned = _degrees(abs(tangent))
+            rows.append(
+                _Apart(distance, float(away[nearest]), _degrees(normal), min(turned, 90.0 - turned))
+            )
     return rows
+
+
+def _degrees(cosine: float) -> float:
+    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
 def _pair(types: Types, states: _PairStates, limit: float) -> PairContacts:
@@ -170,8 +189,8 @@ def _pair(types: Types, states: _PairStates, limit: float) -> PairContacts:
     if states.effects:
         effect = float(np.quantile(states.effects, CLOSE_QUANTILE, method="higher"))
         largest = max(states.effects)
-    apart = np.array(states.apart).reshape(-1, 3)
-    farthest = [float(each) for each in apart.max(axis=0)] if len(apart) else [None] * 3
+    apart = np.array(states.apart).reshape(-1, 4)
+    farthest = [float(each) for each in apart.max(axis=0)] if len(apart) else [None] * 4
     return PairContacts(
         types=types,
         states=len(counts),
@@ -181,6 +200,7 @@ def _pair(types: Types, states: _PairStates, limit: float) -> PairContacts:
         distance_m=farthest[0],
         position_m=farthest[1],
         normal_degrees=farthest[2],
+        tangent_degrees=farthest[3],
         effect=None if effect is None else finite_or_none(effect),
         largest_effect=None if largest is None else finite_or_none(largest),
         beside_flex=states.beside_flex,
@@ -202,7 +222,8 @@ def _answer(types: Types, states: _PairStates, limit: float) -> EngineAnswer:
 def _is_fault(types: Types, states: _PairStates, limit: float) -> bool:
     if not states.effects:
         return False
-    if types in ONE_ANSWER:
-        return max(states.effects) > max(limit, ONE_ANSWER_EFFECT)
+    one_answer = max(states.aligned_effects, default=0.0) if types in ONE_ANSWER else 0.0
+    if one_answer > max(limit, ONE_ANSWER_EFFECT):
+        return True
     usual = np.quantile(states.effects, CLOSE_QUANTILE, method="higher")
     return bool(usual > CLOSE_EFFECT or max(states.lacking_effects, default=0) > LACKING_EFFECT)

@@ -10,6 +10,9 @@ from enum import StrEnum
 
 from mjbench.units import count_of, plain
 
+# Tangents that are turned by less, in degrees, are not worth a word.
+_TURNED_DEGREES = 1.0
+
 
 class Precision(StrEnum):
     """The type of floating-point numbers that an engine computes in."""
@@ -102,6 +105,7 @@ class PairContacts:
       distance_m: largest difference of the distances between the geoms.
       position_m: farthest that a contact is from C's nearest one.
       normal_degrees: largest angle between normals.
+      tangent_degrees: largest angle by which tangents are turned; None in older results.
       effect: by how much accelerations change in C where it has the engine's contacts instead of
         its own: relative to what constraints add to them; nine in ten states have less. None where
         that is known of no state.
@@ -125,6 +129,7 @@ class PairContacts:
     answer: EngineAnswer
     beside_flex: int = 0
     unmet: int = 0
+    tangent_degrees: float | None = None
 
     def __str__(self) -> str:
         text = "–".join(self.types)
@@ -135,6 +140,8 @@ class PairContacts:
             )
         elif self.position_m is not None:
             text += f": as many contacts, up to {1000 * self.position_m:.2g} mm elsewhere"
+            if self.tangent_degrees is not None and self.tangent_degrees > _TURNED_DEGREES:
+                text += f", tangents turned by up to {self.tangent_degrees:.0f}°"
         if self.effect is not None:
             text += f", which changes accelerations by {_percent(self.effect)}"
             if self.largest_effect is None:

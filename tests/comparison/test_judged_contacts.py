@@ -19,13 +19,14 @@ LIMIT = 1e-6
 NO_CONTACTS = Contacts.of([], [], [], [], [])
 
 
-def resting(geom: str, height: float) -> ConstraintProblem:
-    """Return the problem of a body on a plane."""
+def resting(geom: str, height: float, speed: float = 0.0) -> ConstraintProblem:
+    """Return the problem of a body on a plane, which slides along x where it has a speed."""
     model = mujoco.MjModel.from_xml_string(
         "<mujoco><worldbody><geom type='plane' size='1 1 1'/>"
         f"<body pos='0 0 {height}'><freejoint/>{geom}</body></worldbody></mujoco>"
     )
     data, state = mujoco.MjData(model), np.empty(compat.state_size(model))
+    data.qvel[0] = speed
     compat.get_state(model, data, state)
     problem = ConstraintProblem(model)
     problem.load(state, np.empty(0))
@@ -80,6 +81,18 @@ def test_a_ball_on_a_plane_has_one_answer() -> None:
     problem = resting(BALL, 0.0995)
     assert judged(problem, moved(problem.contacts, 1e-2)).answer == EngineAnswer.NO
     assert judged(problem, moved(problem.contacts, 1e-7)).answer != EngineAnswer.NO
+
+
+def test_a_capsule_on_a_plane_has_one_answer_but_for_the_axes_of_its_friction() -> None:
+    problem = resting("<geom type='capsule' size='0.1 0.2' euler='80 0 0'/>", 0.1342, speed=0.01)
+    contacts = problem.contacts
+    assert len(contacts.simulation) == 1
+    cosine, sine = np.cos(0.3), np.sin(0.3)
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]])
+    turned = judged(problem, replace(contacts, frame=turn @ contacts.frame))
+    assert turned.answer == EngineAnswer.CLOSE
+    assert "tangents turned by up to 17°" in str(turned)
+    assert judged(problem, moved(contacts, 1e-2)).answer == EngineAnswer.NO
 
 
 def test_a_contact_that_just_begins_to_touch_is_left_out() -> None:
