@@ -6,6 +6,7 @@ from verdict_records import SAME, SLOWER
 
 from mjbench.paired.bisect_records import (
     BisectChange,
+    BisectComparison,
     BisectRecord,
     BisectTrial,
     VersionKind,
@@ -55,6 +56,14 @@ def test_a_search_that_failed_says_why() -> None:
     assert sentences(replace(RECORD, status=Status.FAILED, detail="it crashed")) == [
         "bench.py::step: it crashed"
     ]
+
+
+def test_a_search_that_did_not_end_says_what_is_known_and_how_it_goes_on() -> None:
+    comparison = BisectComparison(0, 64, SLOWER)
+    (section,) = bisect.sections([comparison, *RECORD.trials])
+    assert "--resume continues it" in section.conclusions[0].text
+    assert "slower by 3 %" in section.conclusions[1].text
+    assert len(section.tables[0].rows) == 2
 
 
 def test_commits_are_listed_in_their_order() -> None:
