@@ -83,10 +83,11 @@ def _document(words: tuple[str, ...], cwd: Path) -> Path | None:
 
 def _kind(words: Sequence[str]) -> str:
     """Return the name of the document that a command line writes."""
-    from mjbench.cli.command_names import EARLIER
+    from mjbench.report.kinds import PRESENT_NAMES
 
-    for name, (command, mode, *_) in EARLIER.items():
-        if words[0] == command and mode.removesuffix("=") in words:
+    for name, present in PRESENT_NAMES.items():
+        command, mode = present.split()
+        if words[0] == command and mode in words:
             return name
     return words[0]
 

@@ -57,13 +57,15 @@ def _conclusions(record: BisectRecord) -> Iterator[Conclusion]:
     if record.ends is None or record.status != Status.OK:
         yield Conclusion(f"{record.function}: {record.detail or 'not measured'}", Tone.BAD)
         return
-    yield Conclusion(verdicts.describe_verdict(record.ends), _tone(record.ends.verdict))
+    ends = Conclusion(verdicts.describe_verdict(record.ends), _tone(record.ends.verdict))
     if record.ends.verdict not in (Verdict.SLOWER, Verdict.FASTER):
+        yield ends
         yield Conclusion("So there is nothing to search for.")
         return
     for change in record.changes:
         yield Conclusion(_describe_change(change, record.kind), _tone(change.verdict.verdict))
         yield from map(Conclusion, _causes(change, record))
+    yield ends
     if record.detail:
         yield Conclusion(record.detail, Tone.UNSURE)
     yield Conclusion(

@@ -223,6 +223,9 @@ DOCUMENTS: Mapping[str, type[Any]] = {
     "doctor": documents.DoctorDocument,
     "lint": LintDocument,
     "releases": documents.ReleasesDocument,
+    "installs": documents.InstallsDocument,
+    "merge": documents.MergeDocument,
+    "sweep": documents.SweepDocument,
 }
 
 # How commands are called by now whose documents and runs have an earlier name.
@@ -231,7 +234,9 @@ PRESENT_NAMES = {
     "explain": "versions --explain",
     "history": "history measure",
     "history-explain": "history explain",
+    "installs": "releases installs",
     "instructions": "profile --instructions",
+    "merge": "results merge",
     "overhead": "profile --habits",
     "placement": "doctor --placement",
     "selfcheck": "doctor --verdicts",
