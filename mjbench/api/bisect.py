@@ -76,7 +76,7 @@ def _measurement(
                 change = "cannot be measured"
                 if record.ratio is not None:
                     change = f"{percent_change(record.ratio)} %"
-                text = f"{short_name(record.commit, kind)} {change}"
+                text = f"{short_name(record.version, kind)} {change}"
                 observer(text, trials / (trials + _USUAL_TRIALS))
 
     return Measurement("bisect", arguments, files, measure, finished, pinning_notes())

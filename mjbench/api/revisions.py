@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from mjbench.api.session import Item, Measurement, Observer, input_files, pinning_notes
+from mjbench.errors import InputError
+from mjbench.measuring.progress import Progress
 from mjbench.paired import (
     compiled_sides,
     environment_sides,
@@ -19,8 +21,10 @@ from mjbench.paired.compiled_sides import CompiledComparison
 from mjbench.paired.environment_sides import EnvironmentComparison
 from mjbench.paired.function_pair import FunctionTargets
 from mjbench.paired.judgement import Judgement
+from mjbench.paired.metrics import FUNCTION_METRICS
 from mjbench.paired.records import VerdictRecord, finished
 from mjbench.paired.revision_sides import RevisionComparison
+from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.verdict import VerdictPlan, completed_share, sides_key
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.status import Status
@@ -34,7 +38,6 @@ _Prepare = Callable[[WorkerPool, Callable[[str], None]], Sequence[FunctionTarget
 
 
 def revision_verdicts(comparison: RevisionComparison, plan: VerdictPlan) -> Measurement:
-    plan = replace(plan, family=len(comparison.functions), as_shipped=True)
     revisions = comparison.baseline, comparison.candidate
     measurement = _measurement(
         "ab",
@@ -44,6 +47,7 @@ def revision_verdicts(comparison: RevisionComparison, plan: VerdictPlan) -> Meas
             "functions": [function.text for function in comparison.functions],
         },
         comparison.files,
+        len(comparison.functions),
         lambda pool, on_phase: revision_sides.check_out(pool, comparison, on_phase),
     )
     return replace(measurement, notes=[*comparison.notes, *measurement.notes])
@@ -51,17 +55,17 @@ def revision_verdicts(comparison: RevisionComparison, plan: VerdictPlan) -> Meas
 
 def environment_verdicts(comparison: EnvironmentComparison, plan: VerdictPlan) -> Measurement:
     """Return the measurement of verdicts on functions in environments."""
-    count = len(comparison.functions) * len(comparison.candidates)
     specs = comparison.baseline, *comparison.candidates
     return _measurement(
         "versions",
-        replace(plan, family=max(plan.family, count), as_shipped=True),
+        plan,
         {
             "releases": [spec.key for spec in specs],
             "functions": [function.text for function in comparison.functions],
         },
         comparison.files,
-        lambda pool, on_phase: environment_sides.install_both(comparison),
+        len(comparison.functions) * len(comparison.candidates),
+        lambda pool, on_phase: environment_sides.install_all(comparison),
     )
 
 
@@ -69,19 +73,32 @@ def compiled_verdicts(comparison: CompiledComparison, plan: VerdictPlan) -> Meas
     """Return the measurement of verdicts on models that paths step which compile."""
     comparison = compiled_sides.with_engines(comparison)
     names, sources = comparison.path_names, comparison.sources
-    count = len(sources) * len(names) * len(comparison.candidates)
     return _measurement(
         "versions",
-        replace(plan, family=max(plan.family, count), as_shipped=True),
+        plan,
         {
             "releases": [spec.key for spec in comparison.specs],
             "models": [source.name for source in sources],
             "paths": list(names),
         },
         input_files(sources, comparison.specs, plan.sizes.starts),
+        len(sources) * len(names) * len(comparison.candidates),
         lambda pool, on_phase: compiled_sides.prepare(pool, comparison),
         _COMPILER_PATIENCE_S,
     )
+
+
+def check_function_plan(plan: VerdictPlan) -> None:
+    """Refuse a plan that says what is of models alone, where functions are compared.
+
+    Raises:
+      InputError: it does.
+    """
+    metric = plan.sizes.metric
+    if plan.sizes != Sizes(metric=metric):
+        raise InputError("sizes, start states and controls are of models, not of functions")
+    if metric not in FUNCTION_METRICS:
+        raise InputError(f"--metric {metric} is of models, not of functions")
 
 
 def _measurement(
@@ -89,9 +106,13 @@ def _measurement(
     plan: VerdictPlan,
     arguments: Mapping[str, Any],
     files: Sequence[Path],
+    count: int,
     prepare: _Prepare,
     patience_s: float = _PATIENCE_S,
 ) -> Measurement:
+    """Return the measurement of a number of verdicts; both sides run where code lies as it does."""
+    plan = replace(plan, family=max(plan.family, count), as_shipped=True)
+
     def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
         done = {sides_key(record.sides) for record in finished(earlier)}
         with WorkerPool(patience_s) as pool:
@@ -99,7 +120,11 @@ def _measurement(
             for number, targets in enumerate(all_targets):
                 if sides_key([target.row() for target in targets]) in done:
                     continue
-                record = _decide(pool, targets, plan, observer, number / len(all_targets))
+
+                def on_progress(name: str, share: float, number: int = number) -> None:
+                    observer(name, (number + share) / len(all_targets))
+
+                record = _decide(pool, targets, plan, on_progress)
                 yield Item([record])
                 if record.status == Status.INTERRUPTED:
                     return
@@ -110,14 +135,14 @@ def _measurement(
 
 
 def _decide(
-    pool: WorkerPool, targets: FunctionTargets, plan: VerdictPlan, observer: Observer, share: float
+    pool: WorkerPool, targets: FunctionTargets, plan: VerdictPlan, on_progress: Progress
 ) -> VerdictRecord:
-    """Return the verdict on one function; `share` of all work is done before it."""
+    """Return the verdict on one function."""
     name = " ".join(filter(None, (targets[1].function, targets[1].path)))
-    observer(name, share)
+    on_progress(name, 0.0)
 
     def on_launch(judgement: Judgement) -> None:
         text = f"{name} {percent_change(judgement.ratio.estimate)} %"
-        observer(text, share + completed_share(judgement.launches) / plan.family)
+        on_progress(text, completed_share(judgement.launches))
 
     return function_verdict.decide(pool, targets, plan, on_launch)

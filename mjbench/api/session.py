@@ -104,7 +104,7 @@ def pinning_notes() -> list[str]:
 def input_files(
     sources: Sequence[ModelSource], releases: Sequence[ReleaseSpec], starts: StartPlan
 ) -> list[Path]:
-    wheels = [wheel for release in releases for wheel in release.wheels]
+    wheels = [wheel for release in releases for wheel in release.files]
     return [*(source.path for source in sources), *wheels, *starts.files]
 
 

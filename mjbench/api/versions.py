@@ -2,9 +2,10 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjbench.api import checks, model_sources, start_states
+from mjbench.api import checks, model_sources, revisions, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.session import Item, Measurement, Observer, input_files, pinning_notes
 from mjbench.counts import explain
@@ -13,7 +14,9 @@ from mjbench.counts.instructions import InstructionCounter
 from mjbench.errors import InputError
 from mjbench.limits import SECONDS, SEED, SHARE
 from mjbench.measuring.progress import Progress
-from mjbench.paired import family, outcomes, targets, verdict
+from mjbench.paired import environment_sides, family, outcomes, targets, verdict
+from mjbench.paired.compiled_sides import CompiledComparison
+from mjbench.paired.environment_sides import EnvironmentComparison
 from mjbench.paired.family import Family
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.records import VerdictRecord, VerdictRow, finished
@@ -21,10 +24,13 @@ from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paths import BASE
-from mjbench.releases import installs
+from mjbench.paths import BASE, find
+from mjbench.releases import installs, packages
+from mjbench.releases.installs import ReleaseSpec
 from mjbench.simulation import models as shipped_models
+from mjbench.simulation.models import ModelSource
 from mjbench.store.runs import Record
+from mjbench.units import listed
 
 if TYPE_CHECKING:
     import os
@@ -54,7 +60,7 @@ def versions(
     old: str,
     *news: str,
     models: "str | os.PathLike[str] | Iterable[str | os.PathLike[str]] | None" = None,
-    paths: str | Iterable[str] = BASE,
+    paths: str | Iterable[str] | None = None,
     metric: str = Metric.TIME.value,
     min_effect: float = outcomes.MIN_EFFECT,
     confidence: float = outcomes.CONFIDENCE,
@@ -78,11 +84,13 @@ def versions(
     unless all fail.
 
     Args:
-      old: a version (`3.5.0`), a wheel, a folder of wheels, `installed`, `newest` or `previous`.
+      old: a version (`3.5.0`), a wheel, a folder of wheels, `installed`, `newest` or `previous`; or
+        packages, with commas, such as `jax==0.7.0,jaxlib==0.7.0`.
       *news: the same, one or several.
       models: names as on the command line, or paths; None for all shipped models. A compiled
         model cannot be compared: other releases cannot load it.
-      paths: names of C paths, each compared between the releases.
+      paths: names of C paths, or of paths that compile, such as `mjx`, each compared between the
+        releases; None for `python_loop`.
       metric: what to compare: `time`, `p99` (the time that 99 of 100 steps do not exceed),
         `instructions`, which needs valgrind, the time of `load`, `reset`, `rays`, or of a short
         call of `rollout` or `batch`, the peak of `memory`, or its `growth` with steps.
@@ -112,11 +120,11 @@ def versions(
       MachineError: a package or a release is missing, or processes failed for every model.
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
-    path_names, chosen = checks.names("paths", paths), checks.choice("metric", metric, Metric)
-    targets.check_metric(chosen, path_names)
+    path_names = None if paths is None else checks.names("paths", paths)
+    chosen = checks.choice("metric", metric, Metric)
     if not news:
         raise InputError('name an old and a new release, such as versions("3.3.0", "4.0.0")')
-    baseline, *candidates = [installs.parse_release(str(name)) for name in (old, *news)]
+    specs = [installs.parse_release(str(name)) for name in (old, *news)]
     sources = model_sources.each_once(map(model_sources.named, _several(models)))
     with start_states.plan(settle_s, states, actions) as starts:
         sizes = Sizes(
@@ -136,15 +144,67 @@ def versions(
             sizes,
             as_shipped,
         )
-        pairs = targets.of_releases(baseline, candidates, sources, path_names)
-        measurement = (
-            instructions(
-                InstructionComparison(baseline, candidates, sources, plan.min_effect), plan
-            )
-            if chosen == Metric.INSTRUCTIONS
-            else verdicts("versions", pairs, replace(plan, family=len(pairs)))
-        )
+        measurement = measurement_of(specs, sources, path_names, plan)
         return ReleaseComparison.of(measurement, wait, on_progress)
+
+
+def measurement_of(
+    specs: Sequence[ReleaseSpec],
+    sources: Sequence[ModelSource],
+    path_names: Sequence[str] | None,
+    plan: VerdictPlan,
+    functions: Sequence[str] = (),
+) -> Measurement:
+    """Return the measurement of models, or of functions, in environments, the baseline first.
+
+    Args:
+      path_names: None where the user names none.
+      functions: as the user names them, such as `bench.py::step`.
+
+    Raises:
+      InputError: there is no such path or function, or these cannot be compared like that.
+    """
+    (baseline, *candidates), metric = specs, plan.sizes.metric
+    if functions:
+        if path_names:
+            raise InputError("--paths are of models, not of functions")
+        revisions.check_function_plan(plan)
+        cwd = Path.cwd().resolve()
+        parsed = environment_sides.parse_functions(functions, cwd)
+        return revisions.environment_verdicts(
+            EnvironmentComparison(baseline, candidates, parsed, cwd), plan
+        )
+    if not path_names:
+        _check_packages(specs)
+        path_names = [BASE]
+    if compiling := [name for name in path_names if find(name).compiles]:
+        others = [name for name in path_names if name not in compiling]
+        if others or metric != Metric.TIME:
+            alone = f"leave out {', '.join(others)}" if others else "leave out --metric"
+            raise InputError(f"only the time of {', '.join(compiling)} is compared, alone: {alone}")
+        return revisions.compiled_verdicts(
+            CompiledComparison(baseline, candidates, sources, path_names, plan.sizes), plan
+        )
+    targets.check_metric(metric, path_names)
+    if metric == Metric.INSTRUCTIONS:
+        comparison = InstructionComparison(baseline, candidates, sources, plan.min_effect)
+        return instructions(comparison, plan)
+    pairs = targets.of_releases(baseline, candidates, sources, path_names)
+    return verdicts("versions", pairs, replace(plan, family=max(len(pairs), plan.family)))
+
+
+def _check_packages(specs: Sequence[ReleaseSpec]) -> None:
+    """Refuse packages that the default path does not use: it would be the same on both sides.
+
+    Raises:
+      InputError: there is one.
+    """
+    named = packages.names_of([part for spec in specs for part in spec.beside])
+    if unused := sorted(named - {"numpy"}):
+        raise InputError(
+            f"{BASE} does not use {listed(unused)}: name a path that does, such as --paths mjx, or"
+            " a function, --function"
+        )
 
 
 def verdicts(

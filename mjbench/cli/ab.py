@@ -68,18 +68,23 @@ def ab(
         comparison = revision_comparison(baseline, candidate, functions, plan)
         measurement = revision_verdicts(comparison, plan)
     elif functions:
-        raise InputError(
-            f"{shown(functions[0])}: name a model beside the rest, as in"
-            " path=rollout,model=cartpole; a function is compared in two revisions, rev=…"
-        )
+        name = shown(functions[0])
+        if _are_functions(functions):
+            raise InputError(f"{name}: functions are compared in revisions, rev=…")
+        text = "name a model beside the rest, as in path=rollout,model=cartpole"
+        raise InputError(f"{name} is no function: {text}")
     else:
         measurement = _of_targets(baseline, candidate, plan)
     measure_verdicts(measurement, plan.confidence, fail_on, output)
 
 
+def _are_functions(names: Sequence[str]) -> bool:
+    return any(":" in name for name in names)
+
+
 def _as_revisions(sides: Sequence[str], functions: Sequence[str]) -> list[str]:
     """Return sides with `rev=` where it was left out, as it may be before a function."""
-    if not any(":" in function for function in functions):
+    if not _are_functions(functions):
         return list(sides)
     return [f"{REVISION}{side}" if side and "=" not in side else side for side in sides]
 
@@ -103,6 +108,7 @@ def revision_comparison(
     Raises:
       InputError: there are none, or the plan says what is of models alone.
     """
+    from mjbench.api.revisions import check_function_plan
     from mjbench.paired import revision_sides
     from mjbench.paired.revision_sides import RevisionComparison
     from mjbench.releases.revisions import Repository
@@ -121,19 +127,3 @@ def revision_comparison(
         for name in dict.fromkeys(functions)
     ]
     return RevisionComparison(repository, old, new, parsed, cwd)
-
-
-def check_function_plan(plan: "VerdictPlan") -> None:
-    """Refuse a plan that says what is of models alone, where functions are compared.
-
-    Raises:
-      InputError: it does.
-    """
-    from mjbench.paired.metrics import FUNCTION_METRICS
-    from mjbench.paired.run_sizes import Sizes
-
-    metric = plan.sizes.metric
-    if plan.sizes != Sizes(metric=metric):
-        raise InputError("sizes, start states and controls are of models, not of functions")
-    if metric not in FUNCTION_METRICS:
-        raise InputError(f"--metric {metric} is of models, not of functions")

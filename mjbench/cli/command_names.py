@@ -1,10 +1,12 @@
-"""Which commands `mjbench --help` lists, in groups, and the names that some had before.
+"""Which commands `mjbench --help` lists, in groups, and which command words of the user mean.
 
 A name of two words is a mode: `doctor --verdicts` is a command of its own, with its own options and
 its own help. `doctor` has the flag only so that its help names it.
 """
 
 from collections.abc import Collection, Mapping, Sequence
+
+from mjbench.store.command_names import EARLIER
 
 # What `mjbench --help` says of each command, in its order; lines fit into a narrow terminal.
 LISTED: Mapping[str, Mapping[str, str]] = {
@@ -37,19 +39,6 @@ LISTED: Mapping[str, Mapping[str, str]] = {
         "results": "merge or export runs; write a site of them",
         "sweep": "a matrix of models and releases on Ray",
     },
-}
-
-# Earlier names go on working.
-EARLIER: Mapping[str, Sequence[str]] = {
-    "diff": ("show", "--against="),  # the old run is the first one
-    "explain": ("versions", "--explain"),
-    "instructions": ("profile", "--instructions"),
-    "merge": ("results", "merge"),
-    "overhead": ("profile", "--habits"),
-    "placement": ("doctor", "--placement"),
-    "report": ("show", "--format", "html"),  # a later --format counts
-    "selfcheck": ("doctor", "--verdicts"),
-    "site": ("results", "site"),
 }
 
 # What became of commands that no longer exist.

@@ -2,12 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.ab import check_function_plan
 from mjbench.cli.context import OutputOptions
 from mjbench.cli.fail_on import FAIL_ON, FailOn, measure_verdicts
 from mjbench.cli.group import cli
@@ -24,7 +22,6 @@ from mjbench.errors import InputError, shown, suggestion
 from mjbench.paired.outcomes import Metric
 
 if TYPE_CHECKING:
-    from mjbench.api.session import Measurement
     from mjbench.paired.verdict import VerdictPlan
     from mjbench.releases.installs import ReleaseSpec
     from mjbench.simulation.models import ModelSource
@@ -98,69 +95,16 @@ def versions(
     Ratios are new over old: above 1 is slower. Where a release does other work, such as more
     contacts, the verdict says so.
     """
-    from mjbench import paths
-    from mjbench.api.versions import instructions, verdicts
-    from mjbench.counts.explain import InstructionComparison
-    from mjbench.paired import targets
-    from mjbench.paths import BASE
+    from mjbench.api.versions import measurement_of
 
-    if functions and path_names:
-        raise InputError("--paths are of models, not of functions")
     release_names, sources = (
         (list(names), list["ModelSource"]()) if functions else releases_and_models(names)
     )
-    baseline, *candidates = _releases(old, news, release_names)
-    path_names = path_names or [BASE]
-    targets.check_metric(Metric(metric), path_names)
-    plan = replace(plan, family=family or 1)
-    plan = replace(plan, sizes=replace(plan.sizes, metric=Metric(metric)))
-    if functions:
-        measurement = _of_functions([baseline, *candidates], functions, plan)
-    elif any(paths.find(name).compiles for name in path_names):
-        measurement = _of_compiled([baseline, *candidates], sources, path_names, plan)
-    elif metric == Metric.INSTRUCTIONS:
-        comparison = InstructionComparison(baseline, candidates, sources, plan.min_effect)
-        measurement = instructions(comparison, plan)
-    else:
-        pairs = targets.of_releases(baseline, candidates, sources, path_names)
-        plan = replace(plan, family=max(len(pairs), plan.family))
-        measurement = verdicts("versions", pairs, plan)
+    specs = _releases(old, news, release_names)
+    sizes = replace(plan.sizes, metric=Metric(metric))
+    plan = replace(plan, family=family or 1, sizes=sizes)
+    measurement = measurement_of(specs, sources, path_names, plan, functions)
     measure_verdicts(measurement, plan.confidence, fail_on, output)
-
-
-def _of_compiled(
-    specs: Sequence["ReleaseSpec"],
-    sources: Sequence["ModelSource"],
-    path_names: Sequence[str],
-    plan: "VerdictPlan",
-) -> "Measurement":
-    """Return the measurement of paths that compile in environments, the baseline first."""
-    from mjbench import paths
-    from mjbench.api.revisions import compiled_verdicts
-    from mjbench.paired.compiled_sides import CompiledComparison
-
-    others = [name for name in path_names if not paths.find(name).compiles]
-    if others or plan.sizes.metric != Metric.TIME:
-        compiling = [name for name in path_names if name not in others]
-        alone = f"leave out {', '.join(others)}" if others else "leave out --metric"
-        raise InputError(f"only the time of {', '.join(compiling)} is compared, alone: {alone}")
-    baseline, *candidates = specs
-    comparison = CompiledComparison(baseline, candidates, sources, path_names, plan.sizes)
-    return compiled_verdicts(comparison, plan)
-
-
-def _of_functions(
-    specs: Sequence["ReleaseSpec"], functions: Sequence[str], plan: "VerdictPlan"
-) -> "Measurement":
-    """Return the measurement of functions in environments, the baseline first."""
-    from mjbench.api.revisions import environment_verdicts
-    from mjbench.paired import environment_sides
-    from mjbench.paired.environment_sides import EnvironmentComparison
-
-    check_function_plan(plan)
-    cwd, (baseline, *candidates) = Path.cwd().resolve(), specs
-    parsed = environment_sides.parse_functions(functions, cwd)
-    return environment_verdicts(EnvironmentComparison(baseline, candidates, parsed, cwd), plan)
 
 
 def _releases(

@@ -6,6 +6,7 @@ It needs the standard library alone, because it also runs in the process of a re
 import itertools
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 Function = Callable[[], object]
 
@@ -16,6 +17,26 @@ BLOCK_S = 0.0002
 _TRIALS, _LONG_S = 5, 0.1
 # Calls of a block, at most: a call that takes no time must not make the calibration endless.
 MOST_CALLS = 1_000_000
+
+
+@dataclass(frozen=True)
+class PreparedCall:
+    """A function whose every call needs a preparation, which is not timed.
+
+    Attributes:
+      timed: is called once after each preparation, and waits for what it began.
+      result: returns what the call came to; MachineError where that is wrong.
+    """
+
+    prepare: Callable[[], None]
+    timed: Callable[[], None]
+    result: Function
+
+    def __call__(self) -> object:
+        """Do all three."""
+        self.prepare()
+        self.timed()
+        return self.result()
 
 
 def nothing() -> None:

@@ -11,7 +11,7 @@ from mjbench.releases.release_ratios import RatioRecord
 from mjbench.report import across_machines as across
 from mjbench.report import formats, history_across, history_files, kinds
 from mjbench.report.content import Column, Conclusion, DataTable, Report, Section, Tone
-from mjbench.store import run_set
+from mjbench.store import command_names, run_set
 from mjbench.store.machine_identity import MachineIdentity
 from mjbench.store.runs import Run
 from mjbench.units import count_of
@@ -45,8 +45,7 @@ class NamedRun:
     @property
     def present_name(self) -> str:
         """What the command is called by now."""
-        name = self.run.header.command
-        return kinds.PRESENT_NAMES.get(name, name)
+        return command_names.present_name(self.run.header.command)
 
 
 @dataclass(frozen=True)

@@ -109,7 +109,7 @@ def search(
 
 def short_name(version: VersionRow, kind: VersionKind) -> str:
     """Return what sentences call a version."""
-    return short_commit(version.commit) if kind == VersionKind.COMMIT else version.commit
+    return short_commit(version.name) if kind == VersionKind.COMMIT else version.name
 
 
 class _Searcher:
@@ -130,7 +130,7 @@ class _Searcher:
         self._versions = searched.versions
         self._log_effect = math.log1p(min_effect)
         self._known_trials = {
-            (each.first, each.commit.number): each
+            (each.first, each.version.number): each
             for each in earlier
             if isinstance(each, BisectTrial)
         }
@@ -149,16 +149,16 @@ class _Searcher:
         if _is_change(ends):
             yield from self._between(0, count, ends)
         yield BisectRecord(
-            function=searched.target,
+            target=searched.target,
             kind=searched.kind,
             old=searched.old,
             new=searched.new,
-            commits=count,
+            versions=count,
             status=ends.status,
             detail=ends.detail or self._detail(),
             ends=ends.row(),
             trials=self._trials,
-            changes=sorted(self._changes, key=lambda change: change.commit.number),
+            changes=sorted(self._changes, key=lambda change: change.version.number),
             seconds=self._seconds,
         )
 
@@ -188,7 +188,7 @@ class _Searcher:
         """Find the changes between two versions that differ."""
         changed = yield from self._likeliest(first, last, ends)
         if changed is None:  # the last one measured lies between two changes
-            middle = self._trials[-1].commit.number
+            middle = self._trials[-1].version.number
             yield from self._search_each((first, middle), (middle, last))
             return
         before, verdict = first, ends

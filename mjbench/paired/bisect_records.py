@@ -1,6 +1,6 @@
 """What a search for the first slower commit or release comes to, as a run file stores it.
 
-Field names are the keys of the JSON format, where `commit` and `function` came first.
+Field names are the keys of the JSON format.
 """
 
 from collections.abc import Sequence
@@ -28,12 +28,12 @@ class VersionRow:
 
     Attributes:
       number: after the baseline, from 1.
-      commit: its full hash, or the version of a release.
+      name: the full hash of a commit, or a release such as 3.3.0.
       subject: the first line of a commit's message; empty for a release.
     """
 
     number: PositiveInt
-    commit: str
+    name: str
     subject: str = ""
 
 
@@ -49,7 +49,7 @@ class BisectTrial:
     """
 
     record_type: ClassVar[str] = "bisect_trial"
-    commit: VersionRow
+    version: VersionRow
     detail: str = ""
     ratio: PositiveFloat | None = None
     launches: NonNegativeInt = 0
@@ -82,7 +82,7 @@ class BisectChange:
       known_causes: what is known to have changed in this release, in a sentence each.
     """
 
-    commit: VersionRow
+    version: VersionRow
     verdict: VerdictRow
     skipped: Sequence[VersionRow] = ()
     known_causes: Sequence[str] = ()
@@ -93,9 +93,9 @@ class BisectRecord:
     """A search for the commits or releases that changed how long something takes.
 
     Attributes:
-      function: or the model, as the user named it.
+      target: the function or the model, as the user named it.
       old: the baseline, as the user named it; `new` is the last version.
-      commits: or releases, after the baseline, the last one included.
+      versions: how many there are after the baseline, the last one included.
       ends: the verdict on the last version against the baseline; None without one.
       changes: those that were found, in the order of their versions.
       detail: one line; empty when ok.
@@ -104,10 +104,10 @@ class BisectRecord:
     """
 
     record_type: ClassVar[str] = "bisect"
-    function: str
+    target: str
     old: str
     new: str
-    commits: NonNegativeInt
+    versions: NonNegativeInt
     status: Status
     detail: str = ""
     ends: VerdictRow | None = None

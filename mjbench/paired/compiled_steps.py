@@ -5,18 +5,17 @@ This module runs in the environment of any release, with the packages of the pat
 
 import os
 import pickle
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from mjbench.errors import UnavailableError
+from mjbench.errors import MachineError, UnavailableError
+from mjbench.measuring.calls import PreparedCall
 from mjbench.paths.accelerated import Compiled, accelerated_path, start_fields
 from mjbench.paths.base import Resources
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.workload import restore
+from mjbench.simulation.workload import Workload, restore
 
 # Of JAX's cache of compiled programs, so that it has every program.
 _CACHES_ALL = {
@@ -30,11 +29,12 @@ _COMPARED = ("qpos", "qvel")
 
 def compiled_step(
     source: ModelSource, path_name: str, workload_file: Path, cache: Path
-) -> Callable[[], Any]:
+) -> PreparedCall:
     """Return a function that does the run of a workload by a path that compiles.
 
-    It returns the positions and velocities, (nbatch, size), one step after the start states: along
-    a run, contacts multiply rounding.
+    Its result is the positions and velocities, (nbatch, size), one step after the start states:
+    along a run, contacts multiply rounding. MachineError where the run overflows a buffer, or does
+    not end in finite numbers.
 
     Args:
       workload_file: a pickled `PortableWorkload`.
@@ -57,17 +57,19 @@ def compiled_step(
     if reason := path.unsuited(workload, {}):
         raise UnavailableError(reason)
     compiled = path.prepare(workload, {}, Resources(workload))
-    start = start_fields(workload)
-    after = compiled.advance(start, workload.control, 1).fields
-    results = {name: after[name].astype(np.float32) for name in _COMPARED}
-    compiled.reload()
-    return lambda: _run(compiled, results)
+    return PreparedCall(compiled.clear, compiled.run, lambda: _result(compiled, workload))
 
 
-def _run(compiled: Compiled, results: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    compiled.clear()
-    compiled.run()
-    return results
+def _result(compiled: Compiled, workload: Workload) -> dict[str, np.ndarray]:
+    """Check where the last run ended; return what `compiled_step` says."""
+    states = compiled.final_states()
+    lost = (~np.isfinite(states.values) & (True if states.mask is None else states.mask)).any(1)
+    if lost.any():
+        raise MachineError(
+            f"{lost.sum()} of {workload.nbatch} simulations do not end in finite numbers"
+        )
+    after = compiled.advance(start_fields(workload), workload.control, 1).fields
+    return {name: after[name].astype(np.float32) for name in _COMPARED}
 
 
 def _use_cache(folder: Path) -> None:

@@ -4,14 +4,14 @@ The code is the user's as it lies here, the same on both sides.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench.errors import InputError
 from mjbench.paired import revision_sides
 from mjbench.paired.function_pair import FunctionTarget, FunctionTargets
 from mjbench.paired.revision_sides import FunctionName
-from mjbench.paired.timed_function import CodeOrigin, FunctionSource
+from mjbench.paired.timed_function import CodeOrigin
 from mjbench.releases import installs, packages, source_layout
 from mjbench.releases.installs import ReleaseSpec
 
@@ -35,7 +35,7 @@ class EnvironmentComparison:
         """The user's files that hold the functions, and the wheels that are named."""
         named = [self.root / each.file for each in self.functions if each.file is not None]
         specs = (self.baseline, *self.candidates)
-        return [*dict.fromkeys(named), *(w for s in specs for w in (*s.wheels, *s.own_wheels))]
+        return [*dict.fromkeys(named), *(wheel for spec in specs for wheel in spec.files)]
 
     @property
     def root(self) -> Path:
@@ -57,7 +57,7 @@ def parse_functions(texts: Sequence[str], cwd: Path) -> list[FunctionName]:
     return functions
 
 
-def install_both(comparison: EnvironmentComparison) -> list[FunctionTargets]:
+def install_all(comparison: EnvironmentComparison) -> list[FunctionTargets]:
     """Install all environments that are missing; return the functions in each pair of them.
 
     Raises:
@@ -89,18 +89,10 @@ def install(spec: ReleaseSpec) -> CodeOrigin:
 def _target(
     comparison: EnvironmentComparison, function: FunctionName, spec: ReleaseSpec, origin: CodeOrigin
 ) -> FunctionTarget:
-    root, cwd, module = comparison.root, comparison.cwd, function.module
-    folders, file, text = source_layout.source_folders(cwd), "", None
+    root, cwd, text = comparison.root, comparison.cwd, None
     if function.file is not None:
-        base, module = revision_sides.package_of(root, function.file)
-        file, text = str(root / function.file), (root / function.file).read_bytes()
-        folders = [root / base, *folders]
-    source = FunctionSource(
-        function.name,
-        module,
-        file,
-        text,
-        tuple(dict.fromkeys(map(str, folders))),
-        cwd=str(cwd),
+        text = (root / function.file).read_bytes()
+    source = revision_sides.function_source(
+        function, text, root, root, source_layout.source_folders(cwd)
     )
-    return FunctionTarget(function.text, None, "", source, origin, spec)
+    return FunctionTarget(function.text, None, "", replace(source, cwd=str(cwd)), origin, spec)

@@ -101,5 +101,5 @@ def _with_causes(change: BisectChange, source: ModelSource) -> BisectChange:
     file = known_causes.default_path()
     if source.name not in models.shipped() or not file.exists():
         return change
-    known = known_causes.explaining(change.commit.commit, source.name, known_causes.load(file))
+    known = known_causes.explaining(change.version.name, source.name, known_causes.load(file))
     return replace(change, known_causes=[cause.text for cause in known])

@@ -199,22 +199,18 @@ def _targets(
     packages: frozenset[str],
 ) -> FunctionTargets:
     """Return a function in both revisions; the text of a file is the candidate's on both sides."""
-    file, top = function.file, comparison.repository.top.resolve()
-    text, base, module = None, None, function.module
-    if file is not None:
-        text = function.content or _text(top, sides[1].folder, file)
-        base, module = package_of(sides[1].folder, file)
+    top, layout, text = comparison.repository.top.resolve(), sides[1].folder, None
+    if function.file is not None:
+        text = function.content or _text(top, layout, function.file)
     baseline, candidate = (
         FunctionTarget(
             function.text,
             side.revision,
             side.tree,
-            FunctionSource(
-                function.name,
-                module,
-                "" if file is None else str(side.folder / file),
-                text,
-                _import_folders(side, base),
+            replace(
+                function_source(
+                    function, text, side.folder, layout, source_layout.source_folders(side.folder)
+                ),
                 are_first=not side.is_built,
                 cwd=str(_cwd(side.folder, comparison.cwd.relative_to(top))),
             ),
@@ -226,13 +222,23 @@ def _targets(
     return baseline, candidate
 
 
-def _import_folders(side: _Side, base: Path | None) -> tuple[str, ...]:
-    """Return the folders that a process imports from; `base` is that of the file, if there is one.
+def function_source(
+    function: FunctionName, text: bytes | None, tree: Path, layout: Path, folders: Sequence[Path]
+) -> FunctionSource:
+    """Return where a process finds a function.
 
-    What is built is installed, but for what lies beside the file.
+    Args:
+      text: of its file; None where a module is named.
+      tree: holds the file.
+      layout: tree by whose packages the file is imported as a module.
+      folders: to import from, besides the file's own.
     """
-    own = [] if base is None else [side.folder / base]
-    return tuple(dict.fromkeys(map(str, [*own, *source_layout.source_folders(side.folder)])))
+    module, file = function.module, ""
+    if function.file is not None:
+        base, module = package_of(layout, function.file)
+        file, folders = str(tree / function.file), [tree / base, *folders]
+    unique = tuple(dict.fromkeys(map(str, folders)))
+    return FunctionSource(function.name, module, file, text, unique)
 
 
 def _cwd(folder: Path, place: Path) -> Path:

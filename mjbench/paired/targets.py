@@ -49,7 +49,7 @@ class Target:
     @property
     def files(self) -> list[Path]:
         """The files that it is made of: its model, and the wheels of its release."""
-        return [self.model.path, *self.release.wheels]
+        return [self.model.path, *self.release.files]
 
     def row(self) -> TargetRow:
         """Return what results say of it."""
@@ -124,7 +124,8 @@ def find_path(name: str) -> paths.SteppingPath:
     if path.compiles:
         raise InputError(
             f"path {name} compiles first and rounds differently from C, so the two cannot alternate"
-            f" in blocks of the same work; compare them with `mjbench compare --paths {name}`"
+            f" in blocks of the same work; compare them with `mjbench compare --paths {name}`,"
+            f" or two releases of it with `mjbench versions --paths {name}`"
         )
     return path
 

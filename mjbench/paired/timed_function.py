@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mjbench.errors import InputError, UnavailableError, describe
+from mjbench.errors import InputError, MachineError, UnavailableError, describe
 from mjbench.measuring import calls
 from mjbench.paired import memory_blocks
 from mjbench.paired.call_results import Leaf, leaves
@@ -288,18 +288,23 @@ def try_function(worker: Worker, origin: CodeOrigin) -> FunctionFacts:
     Raises:
       UnavailableError: it raises.
       InputError: it takes arguments.
+      MachineError: its result is wrong.
     """
     assert worker.function is not None, "it was imported"
     try:
         function = worker.function.fresh()
         results, problem = _results(function)
-        function = worker.function.fresh()
-        count = calls.calls_per_block(functools.partial(_seconds, function))
+        function, count = worker.function.fresh(), 1
+        if isinstance(function, calls.PreparedCall):
+            function.prepare()
+            function = function.timed
+        else:
+            count = calls.calls_per_block(functools.partial(_seconds, function))
         begin_s, busy_s = time.perf_counter(), time.process_time()
         _block(function, count)
         call_s = (time.perf_counter() - begin_s) / count
         cores = (time.process_time() - busy_s) / count / call_s
-    except InputError:
+    except (InputError, MachineError):
         raise
     except BaseException as error:  # it may raise SystemExit
         raise UnavailableError(f"it raises {describe(error)}") from error
@@ -353,6 +358,9 @@ def prepare_function(
         if METRICS[metric].measured == Measured.MEMORY:
             block = functools.partial(_block, function, count)
             return memory_blocks.section_of(metric, block, count)
+        if isinstance(function, calls.PreparedCall):
+            check = functools.partial(calls.repeat, function.result, 1)
+            return LoopSection(function.timed, function.prepare, check)
         warm_up = function if count > 1 else calls.nothing  # caches hold what the other side did
         return LoopSection(
             functools.partial(_block, function, count), functools.partial(calls.repeat, warm_up, 1)

@@ -108,11 +108,16 @@ def _finding_of(
 
 @dataclass(frozen=True)
 class _Saving:
-    """What a remedy saves: shares of the loop's time."""
+    """What a remedy saves: shares of the loop's time.
+
+    Attributes:
+      relative_error: standard error of the gain, over the gain; None where it was not measured.
+    """
 
     gain: float
     share: float
     basis: Basis
+    relative_error: float | None = None
 
 
 def of_calls(
@@ -136,7 +141,7 @@ def of_calls(
             context.place,
             text.replace("{count}", f"{round(count):,}"),
             gain,
-            None,
+            None if saving.relative_error is None else gain * saving.relative_error,
             finding.code if finding is not None else "",
             basis=saving.basis,
             share=saving.share,
@@ -163,7 +168,8 @@ def _saving(loop: LoopTime, context: _Context, measured: MeasuredRatios) -> _Sav
         return _saving_of_rays(loop, context, ratio)
     if remedy.trial == Trial.ONE_CALL:  # the pair includes what Python does around each call
         share = min(1.0, share + loop.activities.get(Activity.BINDINGS, 0.0))
-    return _Saving(_gain_of_pair(loop, context, ratio, share), share, Basis.PAIRED)
+    gain = _gain_of_pair(loop, context, ratio, share)
+    return _Saving(gain, share, Basis.PAIRED, ratio.relative_error)
 
 
 def _gain_of_pair(loop: LoopTime, context: _Context, ratio: TimeRatio, share: float) -> float:
@@ -266,7 +272,7 @@ def _saving_of_rays(loop: LoopTime, context: _Context, ratio: TimeRatio) -> _Sav
     of_calls = max(_share(loop, context.calls), shares.pop(position, 0.0))
     others = sum(share for each, share in shares.items() if inner is not None and inner.holds(each))
     gain = of_calls * ratio.saved + others if ratio.saved else 0.0
-    return _Saving(gain, of_calls + others, Basis.PAIRED)
+    return _Saving(gain, of_calls + others, Basis.PAIRED, ratio.relative_error)
 
 
 def _share_with_python(loop: LoopTime, calls: Sequence[CallTime]) -> float:
@@ -284,8 +290,8 @@ def _no_timer(loop: LoopTime) -> Question:
 def of_steps(loop: LoopTime, measured: MeasuredRatios) -> Iterator[Remedy]:
     has_callbacks = any(call.is_callback for call in loop.calls)
     share = _share_with_python(loop, steps_of(loop))
-    saved = measured.saved(_no_timer(loop)) if share else None
-    gain = loop.engine_clock if saved is None else saved * share
+    ratio = measured.ratios.get(_no_timer(loop)) if share else None
+    gain = loop.engine_clock if ratio is None else ratio.saved * share
     if gain >= package_timer.MIN_GAIN:
         yield Remedy(
             RemedyKind.CLOCK,
@@ -293,8 +299,8 @@ def of_steps(loop: LoopTime, measured: MeasuredRatios) -> Iterator[Remedy]:
             None,
             _CLOCK_ADVICE + (_BEFORE_CALLBACKS if has_callbacks else ""),
             gain,
-            None if saved is not None else loop.error(gain),
-            basis=Basis.BOUND if saved is None else Basis.PAIRED,
+            loop.error(gain) if ratio is None else gain * ratio.relative_error,
+            basis=Basis.BOUND if ratio is None else Basis.PAIRED,
             share=share,
             effect="nothing but mjData.timer, which stays empty",
         )
@@ -307,16 +313,17 @@ def of_turns(
         calls = [call for call in steps_of(loop) if call.place.position == incident.place.position]
         if incident.name != call_clock.IN_TURN or not calls:
             continue
-        share, saved = _share(loop, calls), measured.saved(_batch(incident))
+        share, ratio = _share(loop, calls), measured.ratios.get(_batch(incident))
+        saved = 1 - 1 / machine.usable_cores() if ratio is None else ratio.saved
         yield Remedy(
             RemedyKind.CALL,
             Activity.PHYSICS,
             incident.place,
             f"{incident.count} simulations are stepped in turn: mujoco.batch.Batch steps them at"
             " once, on all cores (mujoco.rollout in releases without it)",
-            share * (1 - 1 / machine.usable_cores()) if saved is None else share * saved,
-            None,
-            basis=Basis.BOUND if saved is None else Basis.PAIRED,
+            share * saved,
+            None if ratio is None else share * saved * ratio.relative_error,
+            basis=Basis.BOUND if ratio is None else Basis.PAIRED,
             share=share,
             effect="nothing",
         )

@@ -249,13 +249,12 @@ def _of_line(
         known = _gain_of_line(loop, line, line_remedy, len(matching), share, measured)
         if known is None:
             continue
-        gain, basis = known
+        gain, basis, error = known
         text = matching[0].message if matching else line_remedy.text
         remedy = _remedy(loop, RemedyKind.LINE, activity, line.place, text, gain)
-        error = None if basis == Basis.PAIRED else remedy.gain_error
         yield replace(
             remedy,
-            gain_error=error,
+            gain_error=remedy.gain_error if error is None else error,
             code=line_remedy.code,
             effect=line_remedy.effect,
             basis=basis,
@@ -291,8 +290,8 @@ def _gain_of_line(
     count: int,
     share: float,
     measured: MeasuredRatios,
-) -> tuple[float, Basis] | None:
-    """Return what a line saves: that of its findings in each step, or its share at most.
+) -> tuple[float, Basis, float | None] | None:
+    """Return what a line saves, and its error: that of its findings in each step, or its share.
 
     Where a loop within a step runs the line, only its samples say how often it runs. They say
     nothing of an array that is a part of what the line computes: None.
@@ -301,12 +300,13 @@ def _gain_of_line(
     ratio = None if remedy.trial is None else measured.ratios.get(Question(remedy.trial))
     nstep = sum(call.calls for call in call_remedies.steps_of(loop))
     if ratio is None:
-        return None if is_part else (share, Basis.BOUND)
+        return None if is_part else (share, Basis.BOUND, None)
     is_within = loop_within_step(line.place.position, loop.lines_to_step) is not None
     if not count or not nstep or is_within:
-        return None if is_part else (share * ratio.saved, Basis.PAIRED)
-    gain = count * ratio.certainly_saved_s * nstep / loop.seconds
-    return min(share, gain), Basis.PAIRED
+        gain = share * ratio.saved
+        return None if is_part else (gain, Basis.PAIRED, gain * ratio.relative_error)
+    gain = min(share, count * ratio.certainly_saved_s * nstep / loop.seconds)
+    return gain, Basis.PAIRED, gain * ratio.relative_error
 
 
 def _only_creates(text: str) -> bool:

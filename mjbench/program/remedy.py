@@ -3,6 +3,7 @@
 import enum
 from dataclasses import dataclass
 
+from mjbench.measuring.ratio import Ratio
 from mjbench.program.activities import Activity, Place
 
 # Smaller gains are not worth a line.
@@ -80,6 +81,23 @@ class Remedy:
         if self.confirmed is not None:
             return self.confirmed.is_certain
         return self.gain is None or self.gain > 2 * (self.gain_error or 0.0)
+
+    @property
+    def share_saved(self) -> Ratio | None:
+        """The share of the loop's time that it saves, of at most 1; None where it is not known."""
+        if (confirmed := self.confirmed) is not None:
+            gain = Ratio(confirmed.gain, confirmed.low, confirmed.high)
+        elif self.gain is None:
+            return None
+        elif self.gain_error is None:
+            gain = Ratio(self.gain, None, None)
+        else:
+            reach = 2 * self.gain_error
+            gain = Ratio(self.gain, self.gain - reach, self.gain + reach)
+        low, high = (
+            None if end is None else min(1.0, max(0.0, end)) for end in (gain.low, gain.high)
+        )
+        return Ratio(min(1.0, gain.estimate), low, high) if gain.estimate > 0 else None
 
     @property
     def rank(self) -> tuple[int, float]:

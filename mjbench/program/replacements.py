@@ -8,7 +8,7 @@ import statistics
 import time
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 
@@ -26,9 +26,8 @@ from mjbench.simulation.engine_clock import engine_clock
 BUDGET_S, LIMIT_S = 0.5, 30.0
 # Rounds: the interval of a median needs six at least. Seconds of a block, and calls of one at most.
 LEAST_ROUNDS, MOST_ROUNDS, BLOCK_S, MOST_CALLS = 15, 200, 0.002, 1000
-# Processes for a pair that uses threads, of which the median counts: how fast threads wake differs
-# from process to process.
-LAUNCHES_OF_THREADS = 3
+# Processes for a pair that uses threads: how fast threads wake differs from process to process.
+LAUNCHES_OF_THREADS = 5
 
 
 @dataclass(frozen=True)
@@ -36,6 +35,7 @@ class TimeRatio:
     """The time of what mjbench suggests, over that of what the program does.
 
     Attributes:
+      low, high: its 95 % interval; of several processes, from the lowest end to the highest.
       saved_s: seconds that are saved each time, by the medians.
       created_share: share of the time of what the program does in which it creates an object:
         calls that are timed in the program hold that alone.
@@ -51,6 +51,11 @@ class TimeRatio:
     def saved(self) -> float:
         """The share that is saved; 0 where that may be chance."""
         return 1 - self.estimate if self.high < 1 else 0.0
+
+    @property
+    def relative_error(self) -> float:
+        """The standard error of the share that is saved, over that share."""
+        return (self.high - self.low) / 4 / (1 - self.estimate) if self.saved else 0.0
 
     @property
     def certainly_saved_s(self) -> float:
@@ -69,11 +74,6 @@ class MeasuredRatios:
 
     ratios: Mapping[Question, TimeRatio]
     computes_forces: bool | None = None
-
-    def saved(self, question: Question) -> float | None:
-        """Return the share that is certainly saved of what the program does; None if unknown."""
-        ratio = self.ratios.get(question)
-        return None if ratio is None else ratio.saved
 
 
 def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> MeasuredRatios:
@@ -102,12 +102,16 @@ def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> M
             launches[question].append(ratio)
     computes = [each.computes_forces for each in messages if each.computes_forces is not None]
     return MeasuredRatios(
-        {
-            question: sorted(ratios, key=lambda ratio: ratio.estimate)[len(ratios) // 2]
-            for question, ratios in launches.items()
-        },
+        {question: _of_launches(ratios) for question, ratios in launches.items()},
         computes[-1] if computes else None,
     )
+
+
+def _of_launches(ratios: Sequence[TimeRatio]) -> TimeRatio:
+    """Return the median of several processes, with an interval that covers all of theirs."""
+    median = sorted(ratios, key=lambda ratio: ratio.estimate)[len(ratios) // 2]
+    low, high = min(ratio.low for ratio in ratios), max(ratio.high for ratio in ratios)
+    return replace(median, low=low, high=high)
 
 
 def answer(recorded: RecordedModel, questions: Sequence[Question], channel: Channel) -> None:

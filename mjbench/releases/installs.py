@@ -73,7 +73,7 @@ class ReleaseSpec:
             return f"{INSTALLED}-{self.version}"
         content = hashlib.blake2b(digest_size=4)
         try:
-            for wheel in (*self.wheels, *self.own_wheels):
+            for wheel in self.files:
                 content.update(wheel.read_bytes())
         except OSError as error:
             raise InputError(f"cannot read {wheel}: {error.strerror}") from error
@@ -83,6 +83,11 @@ class ReleaseSpec:
         is_other = "numpy" in packages.names_of(self.beside)
         numpy = "" if is_other else f"-numpy{metadata.version('numpy')}"
         return f"{self.version}{local}-{python}{numpy}"
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All local wheels: of the release, and of what stands beside it."""
+        return (*self.wheels, *self.own_wheels)
 
     @property
     def beside(self) -> tuple[str, ...]:

@@ -29,7 +29,7 @@ def sections(records: Sequence[Record]) -> list[Section]:
         return [_unfinished(records)]
     return [
         Section(
-            f"Which {record.kind} changed {record.function}?",
+            f"Which {record.kind} changed {record.target}?",
             conclusions=[*_conclusions(record)],
             tables=[_table(record.trials, record.kind)] if record.trials else [],
             notes=[] if record.ends is None else verdicts.notes(record.ends),
@@ -55,7 +55,7 @@ def _unfinished(records: Sequence[Record]) -> Section:
 
 def _conclusions(record: BisectRecord) -> Iterator[Conclusion]:
     if record.ends is None or record.status != Status.OK:
-        yield Conclusion(f"{record.function}: {record.detail or 'not measured'}", Tone.BAD)
+        yield Conclusion(f"{record.target}: {record.detail or 'not measured'}", Tone.BAD)
         return
     ends = Conclusion(verdicts.describe_verdict(record.ends), _tone(record.ends.verdict))
     if record.ends.verdict not in (Verdict.SLOWER, Verdict.FASTER):
@@ -69,7 +69,7 @@ def _conclusions(record: BisectRecord) -> Iterator[Conclusion]:
     if record.detail:
         yield Conclusion(record.detail, Tone.UNSURE)
     yield Conclusion(
-        f"{count_of(len(record.trials), record.kind)} of {record.commits:,} measured in"
+        f"{count_of(len(record.trials), record.kind)} of {record.versions:,} measured in"
         f" {formats.tenths(record.seconds)} s; each change was compared again with the"
         f" {record.kind} before it"
     )
@@ -77,7 +77,7 @@ def _conclusions(record: BisectRecord) -> Iterator[Conclusion]:
 
 def _describe_change(change: BisectChange, kind: VersionKind) -> str:
     """Return a version that is slower or faster, in a sentence."""
-    text = f"{_name(change.commit, kind)}: {verdicts.describe_change(change.verdict)}"
+    text = f"{_name(change.version, kind)}: {verdicts.describe_change(change.verdict)}"
     if not change.skipped:
         return text
     names = ", ".join(short_name(row, kind) for row in change.skipped)
@@ -88,10 +88,10 @@ def _causes(change: BisectChange, record: BisectRecord) -> Iterator[str]:
     """Yield what is known of why a release is slower or faster, and what tells more."""
     if record.kind != VersionKind.RELEASE:
         return
-    yield from (f"known of {change.commit.commit}: {cause}" for cause in change.known_causes)
+    yield from (f"known of {change.version.name}: {cause}" for cause in change.known_causes)
     if any(wheel_digest(side.build) for side in change.verdict.sides):  # a version names none
         return
-    old, new, model = change.verdict.old, change.verdict.new, shlex.quote(record.function)
+    old, new, model = change.verdict.old, change.verdict.new, shlex.quote(record.target)
     yield f"Which functions changed: mjbench versions --explain {old} {new} {model}"
 
 
@@ -109,10 +109,10 @@ def _tone(verdict: Verdict | None) -> Tone:
 def _table(trials: Sequence[BisectTrial], kind: VersionKind) -> DataTable:
     return DataTable.of(
         f"{kind.capitalize()}s that were measured",
-        sorted(trials, key=lambda trial: trial.commit.number),
-        (Column("number", formats.count), lambda trial: trial.commit.number),
-        (Column(kind.value), lambda trial: short_name(trial.commit, kind)),
+        sorted(trials, key=lambda trial: trial.version.number),
+        (Column("number", formats.count), lambda trial: trial.version.number),
+        (Column(kind.value), lambda trial: short_name(trial.version, kind)),
         (Column("change", formats.change), lambda trial: trial.ratio),
         (Column("launches", formats.count), lambda trial: trial.launches),
-        (Column("remark", wraps=True), lambda trial: trial.detail or trial.commit.subject),
+        (Column("remark", wraps=True), lambda trial: trial.detail or trial.version.subject),
     )

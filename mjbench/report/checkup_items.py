@@ -283,7 +283,7 @@ def _of_remedy(remedy: Remedy, command: str) -> CheckupItem:
     keeps = remedy.effect in ("", "nothing")
     return CheckupItem(
         action=_placed(remedy),
-        gain=share_saved(remedy),
+        gain=remedy.share_saved,
         unit=GainUnit.LOOP_SHARE,
         is_bound=remedy.basis == Basis.BOUND and remedy.confirmed is None,
         change=ResultChange.NONE if keeps else ResultChange.STATED,
@@ -291,20 +291,6 @@ def _of_remedy(remedy: Remedy, command: str) -> CheckupItem:
         group=GainGroup.LOOP,
         command=command,
     )
-
-
-def share_saved(remedy: Remedy) -> Ratio | None:
-    """Return the share of the loop's time that a remedy saves; None where that is not known."""
-    if (confirmed := remedy.confirmed) is not None:
-        gain = Ratio(confirmed.gain, confirmed.low, confirmed.high)
-    elif remedy.gain is None:
-        return None
-    elif (error := remedy.gain_error) is None:
-        gain = Ratio(remedy.gain, None, None)
-    else:
-        gain = Ratio(remedy.gain, remedy.gain - 2 * error, remedy.gain + 2 * error)
-    low, high = (None if end is None else min(1.0, max(0.0, end)) for end in (gain.low, gain.high))
-    return Ratio(min(1.0, gain.estimate), low, high) if gain.estimate > 0 else None
 
 
 def _placed(remedy: Remedy) -> str:

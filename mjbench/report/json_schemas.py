@@ -14,7 +14,8 @@ from typing import Any
 import msgspec
 
 from mjbench.report.documents import RunSetDocument
-from mjbench.report.kinds import DOCUMENTS, PRESENT_NAMES, RECORD_TYPES
+from mjbench.report.kinds import DOCUMENTS, RECORD_TYPES
+from mjbench.store.command_names import present_name
 from mjbench.store.json_form import json_type
 from mjbench.store.run_set import SectionHeader, SetHeader
 from mjbench.store.runs import RunHeader
@@ -29,7 +30,7 @@ def json_schemas() -> dict[str, dict[str, Any]]:
     is none of a run file, and `show-run-set` for what `show` writes of one.
     """
     schemas = {
-        name: _schema(kind, f"mjbench {PRESENT_NAMES.get(name, name)} --json")
+        name: _schema(kind, f"mjbench {present_name(name)} --json")
         for name, kind in DOCUMENTS.items()
     }
     schemas["show-run-set"] = _schema(RunSetDocument, "mjbench show --json, of a run set")

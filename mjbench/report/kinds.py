@@ -174,7 +174,7 @@ SELFCHECK = Kind(
     _selfcheck_rows,
 )
 PLACEMENT = _kind(SpreadRecord, lambda rows: [placement.section(rows)], "placement")
-_BISECTIONS = documents.results_document(BisectRecord)
+_BISECTIONS = documents.results_document(BisectRecord, schema=2)
 BISECT = Kind(
     ("bisect",),
     (BisectRecord, BisectTrial, BisectComparison),
@@ -226,20 +226,6 @@ DOCUMENTS: Mapping[str, type[Any]] = {
     "installs": documents.InstallsDocument,
     "merge": documents.MergeDocument,
     "sweep": documents.SweepDocument,
-}
-
-# How commands are called by now whose documents and runs have an earlier name.
-PRESENT_NAMES = {
-    "diff": "show --against",
-    "explain": "versions --explain",
-    "history": "history measure",
-    "history-explain": "history explain",
-    "installs": "releases installs",
-    "instructions": "profile --instructions",
-    "merge": "results merge",
-    "overhead": "profile --habits",
-    "placement": "doctor --placement",
-    "selfcheck": "doctor --verdicts",
 }
 
 

@@ -5,6 +5,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from mjbench.measuring.ratio import Ratio
 from mjbench.program import remedies
 from mjbench.program.activities import Activity, Place
 from mjbench.program.calls import CallTime
@@ -35,6 +36,8 @@ _MOST_LINES, _MOST_REMEDIES = 8, 6
 _MOST_TEXT = 60
 # Observing should cost no more; beyond it, the report says how to make it cost less.
 MAX_COST = 0.03
+# Half the width of an interval of a share from which on it is shown.
+_CLOSE = 0.05
 # A loop of which JAX compiles for this share says little about its iterations.
 MOSTLY_COMPILING = 0.5
 
@@ -214,10 +217,20 @@ def _first(time: LoopTime, remedy: Remedy) -> str:
     is_part = remedy.share is None or remedy.kind == RemedyKind.CLOCK
     now = "" if is_part else f" {whole_percent(remedy.share or 0.0)} of the loop now;"
     where_to = f"at {remedy.place}, " if remedy.place is not None else ""
+    gain = _uncertain(remedy)
+    ends = "" if gain is None else f" ({1 - (gain.high or 1):.2f} to {1 - (gain.low or 0):.2f})"
     return (
         f"{where_to}{remedy.text}:{now} with the change, the loop takes about"
-        f" {1 - remedy.gain:.2f} of today's time"
+        f" {1 - remedy.gain:.2f} of today's time{ends}"
     )
+
+
+def _uncertain(remedy: Remedy) -> Ratio | None:
+    """Return the share that a pair saves, if its interval is wide, as of calls on threads."""
+    gain = remedy.share_saved
+    if remedy.basis != Basis.PAIRED or gain is None or gain.low is None or gain.high is None:
+        return None
+    return gain if gain.high - gain.low > 2 * _CLOSE else None
 
 
 def _wrong(remedy: Remedy) -> str:
@@ -303,7 +316,9 @@ def saving(remedy: Remedy) -> str:
         )
     if remedy.gain is None:
         return "wrong result"
-    return f"{'≤ ' if remedy.basis == Basis.BOUND else ''}{whole_percent(remedy.gain)}"
+    gain = _uncertain(remedy)
+    ends = "" if gain is None else formats.in_brackets(gain, whole_percent)
+    return f"{'≤ ' if remedy.basis == Basis.BOUND else ''}{whole_percent(remedy.gain)}{ends}"
 
 
 def _activities_table(time: LoopTime) -> DataTable:

@@ -109,7 +109,7 @@ def test_states_of_the_program_are_the_starts(inline: None) -> None:
         (lambda: mjbench.versions("installed", "installed", models=[]), "name a model"),
         (lambda: mjbench.versions("installed", "installed", metric="tea"), "metric must be one"),
         (lambda: mjbench.versions("installed", "installed", min_effect=0), "min_effect must be"),
-        (lambda: mjbench.versions("installed", "installed", paths="mjx"), "cannot alternate"),
+        (lambda: mjbench.versions("installed", "installed", paths="mjx"), "in place of installed"),
         (
             lambda: mjbench.versions("installed", "installed", paths="rollout", metric="p99"),
             "single steps of python_loop only",

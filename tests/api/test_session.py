@@ -1,7 +1,11 @@
 """What measurements of several models share."""
 
-from mjbench.api.session import Observer, of_each_model
+from pathlib import Path
+
+from mjbench.api.session import Observer, input_files, of_each_model
 from mjbench.loop.overhead import OverheadRow
+from mjbench.paired.targets import Target
+from mjbench.releases.installs import ReleaseSpec
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import DEFAULT_STARTS
@@ -28,3 +32,12 @@ def test_a_continued_run_measures_only_the_models_that_did_not_end_well() -> Non
         *("cartpole", "humanoid", "pile")
     ]
     assert items[0].records == [earlier[0]]
+
+
+def test_wheels_of_a_release_and_of_packages_beside_it_are_among_the_files() -> None:
+    mujoco, tool = Path("mujoco.whl"), Path("tool.whl")
+    release = ReleaseSpec("x", "4.0.0", (mujoco,), (tool,), has_packages=True)
+    model = models.resolve("cartpole")
+    files = [model.path, mujoco, tool]
+    assert input_files([model], [release], DEFAULT_STARTS) == files
+    assert Target(release, model).files == files

@@ -91,6 +91,7 @@ def test_functions_are_compared_and_become_a_comment(
         (("rev=old", "rev=new"), 2, "name a function of your code"),
         (("rev=old", "path=rollout"), 2, "a revision is compared with a revision"),
         (("path=rollout", "", "bench.py::step"), 2, "functions are compared in revisions"),
+        (("path=rollout", "path=rollout", "cartpole"), 2, "cartpole is no function: name a model"),
         (("rev=old", "rev=new", "bench.py::step", "--nbatch", "4"), 2, "are of models"),
         (("rev=old", "rev=new", "bench.py::step", "--metric", "load"), 2, "is of models"),
         (("rev=old", "rev=new", "bench.py::none"), 2, "bench has no none"),

@@ -10,8 +10,9 @@ from click.testing import CliRunner
 from commands import ROOT, mjbench
 
 from mjbench.cli import cli, show_pages
-from mjbench.cli.command_names import EARLIER, LISTED, with_mode
-from mjbench.report.kinds import DOCUMENTS, PRESENT_NAMES
+from mjbench.cli.command_names import LISTED, with_mode
+from mjbench.report.kinds import DOCUMENTS
+from mjbench.store.command_names import EARLIER, present_name
 
 MODES = sorted(name for name in cli.commands if " --" in name)
 
@@ -88,8 +89,11 @@ def test_a_page_is_named_after_html_or_after_o(monkeypatch: pytest.MonkeyPatch) 
     assert written == [((Path("a.jsonl"),), "html", "page.html")] * 2
 
 
-def test_documents_have_the_present_names_of_their_commands() -> None:
-    renamed = {name: " ".join(words).removesuffix("=") for name, words in EARLIER.items()}
-    assert {name: now for name, now in PRESENT_NAMES.items() if name in EARLIER} == {
-        name: renamed[name] for name in DOCUMENTS if name in renamed
-    }
+@pytest.mark.parametrize("name", [*DOCUMENTS, "history-explain"])
+def test_documents_and_runs_are_said_to_be_of_present_commands(name: str) -> None:
+    command, *rest = present_name(name).split()
+    group = cli.commands[command]
+    options = {option for parameter in group.params for option in parameter.opts}
+    subcommands = group.commands if isinstance(group, click.Group) else {}
+    assert {*rest} <= {*options, *subcommands}
+    assert name not in EARLIER or rest

@@ -207,7 +207,7 @@ def test_a_search_is_continued_after_its_last_measurement(
     assert again.exit_code == 0, again.stderr
     assert len(compared) == len(set(compared))
     (record,) = json.loads(Path("out.json").read_text())["results"]
-    assert [change["commit"]["commit"] for change in record["changes"]] == ["3.3.1"]
+    assert [change["version"]["name"] for change in record["changes"]] == ["3.3.1"]
     stored = file.read_text()
     assert "3.3.1: slower by 3 %" in invoke(*words, "--resume", str(file)).stdout
     assert file.read_text() == stored

@@ -93,6 +93,8 @@ def test_a_target_that_fails_ends_in_exit_code_3(tmp_path: Path) -> None:
         (("installed", "installed", "--time-limit", "soon"), "not a time such as 60s"),
         (("installed", "installed", "--paths", "mjx"), "name the packages in place of installed"),
         (("numpy==2.3.5", "numpy==2.4.0", "--paths", "mjx,rollout"), "alone: leave out rollout"),
+        (("installed", "3.5.0", "--paths", "mjx", "--metric", "p99"), "leave out --metric"),
+        (("jax==0.7.0", "jax==0.7.1", "cartpole"), "python_loop does not use jax: name a path"),
         (("numpy==", "numpy==2.4.0"), "numpy== is no package"),
         (("installed", "cartpole", "--function", "bench.py::step"), "'cartpole' is not a release"),
         (("installed", "3.5.0", "--function", "none.py::step"), "there is no file"),

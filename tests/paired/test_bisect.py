@@ -88,7 +88,7 @@ def found(measurer: Invented, count: int) -> BisectRecord:
 def test_the_first_slower_commit_is_found_among_64(truth: int) -> None:
     measurer = Invented({truth: 0.05})
     result = found(measurer, 64)
-    assert [change.commit.number for change in result.changes] == [truth]
+    assert [change.version.number for change in result.changes] == [truth]
     assert result.changes[0].verdict.verdict == Verdict.SLOWER
     assert measurer.decided == [(0, 64), (truth - 1, truth)]
     assert len(measurer.measured) <= 10
@@ -96,13 +96,13 @@ def test_the_first_slower_commit_is_found_among_64(truth: int) -> None:
 
 def test_a_faster_commit_is_found_likewise() -> None:
     (change,) = found(Invented({9: -0.05}), 20).changes
-    assert (change.commit.number, change.verdict.verdict) == (9, Verdict.FASTER)
+    assert (change.version.number, change.verdict.verdict) == (9, Verdict.FASTER)
 
 
 def test_versions_at_hand_are_preferred() -> None:
     measurer = Invented({21: 0.05}, at_hand=frozenset({12, 25}))
     result = found(measurer, 42)
-    assert [change.commit.number for change in result.changes] == [21]
+    assert [change.version.number for change in result.changes] == [21]
     assert set(measurer.measured[:2]) == {12, 25}
     assert len(measurer.measured) <= 8
 
@@ -119,13 +119,13 @@ def test_ends_that_do_not_differ_end_the_search() -> None:
 )
 def test_two_steps_are_found_as_two(steps: dict[int, float]) -> None:
     result = found(Invented(steps), 64)
-    assert [change.commit.number for change in result.changes] == sorted(steps)
+    assert [change.version.number for change in result.changes] == sorted(steps)
 
 
 def test_neighbours_are_compared_once() -> None:
     measurer = Invented({1: 0.05})
     (change,) = found(measurer, 1).changes
-    assert (change.commit.number, measurer.decided) == (1, [(0, 1)])
+    assert (change.version.number, measurer.decided) == (1, [(0, 1)])
 
 
 @pytest.mark.parametrize(
@@ -142,7 +142,7 @@ def test_commits_that_cannot_be_measured_are_named_with_the_change(
     measurer = Invented({20: 0.05}, broken=broken)
     result = found(measurer, 40)
     (change,) = result.changes
-    assert change.commit.number == number
+    assert change.version.number == number
     assert [row.number for row in change.skipped] == skipped
     assert len(measurer.measured) <= 12
 
@@ -164,7 +164,7 @@ def test_a_search_that_is_continued_measures_only_the_rest() -> None:
         known = {(each.first, each.last) for each in earlier if isinstance(each, BisectComparison)}
         assert not known & set(again.decided)
         assert all(
-            each.commit.number not in again.measured
+            each.version.number not in again.measured
             for each in earlier
             if isinstance(each, BisectTrial)
         )

@@ -40,7 +40,7 @@ def test_both_sides_run_the_same_code_with_their_own_packages(tmp_path: Path, ca
     cwd = tmp_path / "work"
     cwd.mkdir()
     (cwd / "bench.py").write_text("def step(): pass\n")
-    ((old, new),) = environment_sides.install_both(comparison(cwd, "bench.py::step"))
+    ((old, new),) = environment_sides.install_all(comparison(cwd, "bench.py::step"))
     assert old.source == new.source
     assert old.source.text == b"def step(): pass\n"
     assert (old.source.file, old.source.folders) == (str(cwd / "bench.py"), (str(cwd),))
@@ -54,7 +54,7 @@ def test_a_file_in_a_package_is_imported_as_its_module(tmp_path: Path, cache: Pa
     (tmp_path / "speed").mkdir()
     (tmp_path / "speed/__init__.py").touch()
     (tmp_path / "speed/bench.py").touch()
-    ((old, _),) = environment_sides.install_both(comparison(tmp_path, "speed/bench.py::step"))
+    ((old, _),) = environment_sides.install_all(comparison(tmp_path, "speed/bench.py::step"))
     assert (old.source.module, old.source.folders) == ("speed.bench", (str(tmp_path),))
 
 

@@ -66,8 +66,8 @@ def test_the_slow_commit_is_found_with_the_last_commits_benchmark(
     monkeypatch.setattr(function_verdict, "launch_log_ratios", log_ratios)
     *_, record = revision_bisect.search(comparison(repository, "v0", "v4"), VerdictPlan())
     (change,) = record.changes
-    assert change.commit.subject == "commit 2"
-    assert (record.commits, change.commit.number) == (4, 2)
+    assert change.version.subject == "commit 2"
+    assert (record.versions, change.version.number) == (4, 2)
     assert texts == {b"the benchmark\n"}
 
 

@@ -9,7 +9,7 @@ from typing import cast
 
 import pytest
 
-from mjbench.errors import InputError, UnavailableError
+from mjbench.errors import InputError, MachineError, UnavailableError
 from mjbench.paired import timed_function
 from mjbench.paired.metrics import GROWTH_UNIT_BYTES
 from mjbench.paired.outcomes import Metric
@@ -107,6 +107,54 @@ def test_what_cannot_be_called_alone_is_refused(
 def test_what_a_revision_lacks_is_reported(imported: Imported, text: str, message: str) -> None:
     with pytest.raises(UnavailableError, match=message):
         imported(text)
+
+
+PREPARED = """
+from mjbench.errors import MachineError
+from mjbench.measuring.calls import PreparedCall
+log = []
+def result():
+    log.append("result")
+    return 7
+step = PreparedCall(lambda: log.append("prepare"), lambda: log.append("timed"), result)
+def overflow(): raise MachineError("a buffer overflowed")
+wrong = PreparedCall(print, print, overflow)
+"""
+
+
+def test_what_prepares_a_call_is_not_timed(imported: Imported) -> None:
+    worker = Worker(cast(Connection, None))
+    worker.function = imported(PREPARED)
+    facts = timed_function.try_function(worker, ORIGIN)
+    log = sys.modules["own_bench"].log
+    assert (facts.calls, len(facts.results)) == (1, timed_function.RESULTS)
+    assert log == ["prepare", "timed", "result"] * timed_function.RESULTS + ["prepare", "timed"]
+    log.clear()
+    try:
+        timed_function.prepare_function(worker, (), facts.calls)
+    finally:
+        gc.unfreeze()
+        gc.enable()
+    (section,) = worker.sections
+    assert log == ["prepare", "timed", "result"]
+    log.clear()
+    section.run()
+    assert log == ["timed"]
+
+
+def test_a_wrong_result_is_a_failure_not_something_that_one_side_cannot_do(
+    imported: Imported,
+) -> None:
+    worker = Worker(cast(Connection, None))
+    worker.function = imported(PREPARED, "wrong")
+    with pytest.raises(MachineError, match="a buffer overflowed"):
+        timed_function.try_function(worker, ORIGIN)
+    try:
+        with pytest.raises(MachineError, match="a buffer overflowed"):
+            timed_function.prepare_function(worker, (), 1)
+    finally:
+        gc.unfreeze()
+        gc.enable()
 
 
 ORIGIN = CodeOrigin(frozenset({"own"}), ("/cache/a",), "/checkout")

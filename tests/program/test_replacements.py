@@ -92,9 +92,9 @@ def test_a_model_that_crashes_the_child_costs_only_its_ratios():
     assert measured == replacements.MeasuredRatios({})
 
 
-def test_of_a_pair_on_threads_the_median_launch_counts(monkeypatch):
+def test_a_pair_on_threads_is_the_median_launch_with_the_interval_of_all(monkeypatch):
     threaded, alone = Question(Trial.POOL), Question(Trial.ONE_CALL)
-    estimates = iter((0.9, 0.5, 1.4, 0.6))
+    estimates = iter((0.9, 0.5, 1.4, 0.7, 0.6, 0.8))
 
     def launch(function, arguments, on_message, *_, **__):
         for question in arguments[1]:
@@ -104,7 +104,6 @@ def test_of_a_pair_on_threads_the_median_launch_counts(monkeypatch):
 
     monkeypatch.setattr(replacements.isolate, "run", launch)
     ratios = replacements.measure([recorded()], [threaded, alone]).ratios
-    assert {question: ratio.estimate for question, ratio in ratios.items()} == {
-        alone: 0.9,
-        threaded: 0.6,
-    }
+    ends = {q: (ratio.low, ratio.estimate, ratio.high) for q, ratio in ratios.items()}
+    assert ends == {alone: (0.9, 0.9, 0.9), threaded: (0.5, 0.7, 1.4)}
+    assert ratios[threaded].saved == 0.0

@@ -68,6 +68,7 @@ def test_wheels_may_be_among_them(wheel: Path) -> None:
     assert named == NamedPackages("", ("jax==0.7.0",), (wheel.resolve(),))
     release = installs.parse_release(str(wheel))
     assert packages.names_of(release.beside) == {"own-tool"}
+    assert release.files == (wheel.resolve(),)
 
 
 @pytest.mark.parametrize(

@@ -18,10 +18,10 @@ from mjbench.status import Status
 SEVEN = VersionRow(7, "7" * 40, "Copy states")
 SIX = VersionRow(6, "6" * 40, "Break the build")
 RECORD = BisectRecord(
-    function="bench.py::step",
+    target="bench.py::step",
     old="v1",
     new="HEAD",
-    commits=64,
+    versions=64,
     status=Status.OK,
     ends=SLOWER.row(),
     trials=[BisectTrial(SEVEN, "", 1.03, 3), BisectTrial(SIX, "cannot build it")],
@@ -74,7 +74,7 @@ def test_commits_are_listed_in_their_order() -> None:
 def test_a_release_stands_with_its_causes_and_with_what_tells_more() -> None:
     verdict = replace(SLOWER, old="3.3.0", new="3.3.1").row()
     release = BisectChange(VersionRow(2, "3.3.1"), verdict, known_causes=["a timer"])
-    record = replace(RECORD, kind=VersionKind.RELEASE, function="cartpole", changes=[release])
+    record = replace(RECORD, kind=VersionKind.RELEASE, target="cartpole", changes=[release])
     (section,) = bisect.sections([record])
     assert section.heading == "Which release changed cartpole?"
     change, cause, command, *_ = (conclusion.text for conclusion in section.conclusions)

@@ -20,7 +20,7 @@ from mjbench.pages import reports, terminal
 from mjbench.pages.reports import NamedRun
 from mjbench.program.activities import Activity
 from mjbench.program.remedy import Confirmed, Remedy, RemedyKind
-from mjbench.report import advice, checkup, checkup_items, tuning
+from mjbench.report import advice, checkup, tuning
 from mjbench.report.checkup_item import GainUnit, ResultChange
 from mjbench.report.content import Tone
 from mjbench.report.results import derive_all
@@ -133,8 +133,8 @@ def test_the_timer_is_one_item_unless_settings_turn_it_off() -> None:
 def test_the_share_that_a_program_saves_lies_within_the_whole_and_is_the_confirmed_one() -> None:
     line = Remedy(RemedyKind.COLLECTION, Activity.COLLECTION, None, "text", 0.8, 0.2)
     tried = replace(line, confirmed=Confirmed(0.3, 0.2, 0.4, 8))
-    assert checkup_items.share_saved(line) == Ratio(0.8, 0.4, 1.0)
-    assert checkup_items.share_saved(tried) == Ratio(0.3, 0.2, 0.4)
+    assert line.share_saved == Ratio(0.8, 0.4, 1.0)
+    assert tried.share_saved == Ratio(0.3, 0.2, 0.4)
 
 
 def test_wrong_results_stand_first() -> None:
