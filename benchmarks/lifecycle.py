@@ -3,6 +3,7 @@
 import copy
 import functools
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -27,7 +28,7 @@ def _block(name: str, repeats: int) -> Callable[[], None]:
 
     A release that cannot do it skips the benchmark.
     """
-    operation = operations.find(name, repeats)
+    operation = replace(operations.registry()[name], repeats=repeats)
     source = models.resolve(operation.model) if operation.model else None
     try:
         if source is not None:

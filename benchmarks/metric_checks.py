@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench.paired import verdict
-from mjbench.paired.metrics import METRICS
+from mjbench.paired.metrics import METRICS, Measured
 from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.paired.records import VerdictRow
 from mjbench.paired.run_sizes import Sizes
@@ -34,7 +34,7 @@ from mjbench.status import ExitCode, Status
 MODEL = "cartpole"
 # Of a comment that makes the file longer to parse; and a function that each step calls once more.
 COMMENT_BYTES, CALLBACK = 200_000, "mj_factorM"
-PAIRED = tuple(metric for metric, spec in METRICS.items() if not spec.is_exact)
+PAIRED = tuple(m for m, spec in METRICS.items() if spec.measured != Measured.COUNTS)
 
 
 @dataclass(frozen=True)

@@ -93,7 +93,8 @@ def versions(
         releases; None for `python_loop`.
       metric: what to compare: `time`, `p99` (the time that 99 of 100 steps do not exceed),
         `instructions`, which needs valgrind, the time of `load`, `reset`, `rays`, or of a short
-        call of `rollout` or `batch`, the peak of `memory`, or its `growth` with steps.
+        call of `rollout` or `batch`, the peak of `memory`, its `growth` with steps, or the size of
+        the `arena`.
       min_effect: smallest change that matters, as a share; a change that is certainly smaller is
         `same`.
       confidence: of the interval, as a share.

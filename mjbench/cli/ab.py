@@ -94,7 +94,7 @@ def _of_targets(baseline: str, candidate: str, plan: "VerdictPlan") -> "Measurem
     from mjbench.paired import targets
 
     pair = targets.parse(baseline, candidate)
-    targets.check_metric(plan.sizes.metric, [target.path for target in pair])
+    targets.check_targets(plan.sizes.metric, pair)
     has_one_build = len({target.release.key for target in pair}) == 1  # its code stays where it is
     plan = replace(plan, as_shipped=plan.as_shipped or has_one_build)
     return verdicts("ab", [pair], plan)

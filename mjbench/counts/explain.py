@@ -22,7 +22,8 @@ from mjbench.counts.records import (
 from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import verdict
-from mjbench.paired.outcomes import Metric, Verdict
+from mjbench.paired.judgement import exact_verdict
+from mjbench.paired.outcomes import Metric
 from mjbench.paired.records import Pair, TargetRow, VerdictRecord, VerdictRow
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.simulation import agreement, work_check
@@ -170,7 +171,7 @@ def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) 
         sides=[_target_row(baseline), _target_row(candidate)],
         status=failed.status if failed else Status.OK,
         detail="; ".join(details),
-        verdict=_verdict(ratio, min_effect) if ratio else None,
+        verdict=exact_verdict(ratio.estimate, min_effect) if ratio else None,
         ratio=ratio,
         changed_work=None if failed else bool(_work_changes(baseline, candidate, None)),
         work=work,
@@ -208,12 +209,6 @@ def _ratio(baseline: ModelCount, candidate: ModelCount) -> Ratio | None:
         return None
     estimate = candidate.instructions_per_step / baseline.instructions_per_step
     return Ratio(estimate, estimate / (1 + REPEATABILITY), estimate * (1 + REPEATABILITY))
-
-
-def _verdict(ratio: Ratio, min_effect: float) -> Verdict:
-    if ratio.estimate >= 1 + min_effect:
-        return Verdict.SLOWER
-    return Verdict.FASTER if ratio.estimate <= 1 / (1 + min_effect) else Verdict.SAME
 
 
 def _work_changes(

@@ -11,6 +11,7 @@ import hashlib
 import hmac
 import importlib.metadata
 import math
+import mmap
 import os
 import platform
 import subprocess
@@ -152,13 +153,41 @@ def data_bytes(model: "mujoco.MjModel") -> int:
 
 
 def peak_memory_bytes() -> int:
-    """Return the most memory that this process has had, in bytes."""
+    """Return the most memory that this process has had, in bytes.
+
+    Under Linux it is that of the program: `ru_maxrss` would be of what the process ran before, too
+    (execve(2)).
+    """
     if sys.platform == "win32":
         raise NotImplementedError("nothing is measured on Windows")
     import resource
 
+    peak_bytes = _own_bytes("/proc/self/status", "VmHWM")
+    if peak_bytes is not None:
+        return peak_bytes
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return int(peak) * (1 if sys.platform == "darwin" else 1024)
+
+
+def resident_bytes() -> int | None:
+    """Return the memory of this process, in bytes; None where the system does not say.
+
+    Linux counts the pages themselves for smaps_rollup. What statm says may be some pages of each
+    core off (proc_pid_statm(5)).
+    """
+    counted = _own_bytes("/proc/self/smaps_rollup", "Rss")
+    if counted is not None:
+        return counted
+    statm = read_text("/proc/self/statm").split()
+    return int(statm[1]) * mmap.PAGESIZE if statm else None
+
+
+def _own_bytes(file: str, key: str) -> int | None:
+    """Return a number of kilobytes in a file of /proc as bytes; None where it is not there."""
+    for line in read_text(file).splitlines():
+        if line.startswith(f"{key}:"):
+            return int(line.split()[1]) * 1024
+    return None
 
 
 @dataclass(frozen=True)

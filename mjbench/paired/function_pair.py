@@ -1,15 +1,13 @@
 """A function of the user's code on two sides, timed in turns in fresh processes."""
 
-import random
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mjbench.host import machine
-from mjbench.paired import cores
+from mjbench.paired.memory_blocks import GROWTH_NSTEP
 from mjbench.paired.metrics import METRICS, Measured
 from mjbench.paired.outcomes import Metric
-from mjbench.paired.pair_work import PairWork, growth_nstep
-from mjbench.paired.process_pairs import ProcessPair
+from mjbench.paired.pair_work import PairWork, SingleQuadWork, check_growth
 from mjbench.paired.protocol import LaunchedPair
 from mjbench.paired.records import TargetRow
 from mjbench.paired.time_limit import TimeLimit
@@ -124,9 +122,11 @@ class CallPlan:
 
     Attributes:
       count: of calls.
+      both_s: about how many seconds a block takes, of both sides together.
     """
 
     count: int
+    both_s: float
     nthread: int
     metric: Metric = Metric.TIME
 
@@ -136,8 +136,9 @@ class CallPlan:
         is_threaded = any(each.cores > _THREADED_CORES for each in facts)
         count = min(each.calls for each in facts)
         if metric == Metric.GROWTH:
-            count = growth_nstep(count)
-        return cls(count, machine.usable_cores() if is_threaded else 1, metric)
+            count = GROWTH_NSTEP
+        both_s = count * sum(each.call_s for each in facts)
+        return cls(count, both_s, machine.usable_cores() if is_threaded else 1, metric)
 
 
 class _FunctionWork(PairWork):
@@ -146,21 +147,18 @@ class _FunctionWork(PairWork):
     def __init__(self, targets: FunctionTargets, plan: CallPlan):
         self._targets, self._plan = targets, plan
         self.nthread = plan.nthread
-        self.is_repeated = METRICS[plan.metric].measured != Measured.MEMORY
 
     def equip(self, processes: Sequence[WorkerProcess]) -> None:
         """See `PairWork.equip`."""
         for process, target in zip(processes, self._targets, strict=True):
             process.ask(import_function, target.source, calls_it=True)
 
-    def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
-        """See `PairWork.lay_out`."""
-        allowed, plan = cores.usable(pair.core), self._plan
-        ns = {
-            i: pair.processes[i].call(prepare_function, allowed, plan.count, plan.metric)
-            for i in random.sample((0, 1), 2)
-        }
-        return ns[0], ns[1]
+    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+        return process.call(prepare_function, allowed, self._plan.count, self._plan.metric)
+
+
+class _FunctionMemoryWork(SingleQuadWork, _FunctionWork):
+    """What calls of two functions take up."""
 
 
 class RevisionPair(LaunchedPair):
@@ -177,4 +175,10 @@ class RevisionPair(LaunchedPair):
 
     def _new_work(self) -> PairWork:
         self._time_limit.start()
-        return _FunctionWork(self._targets, self._plan)
+        plan = self._plan
+        if plan.metric == Metric.GROWTH:
+            check_growth(plan.both_s, self._pool)
+        is_of_memory = METRICS[plan.metric].measured == Measured.MEMORY
+        work = (_FunctionMemoryWork if is_of_memory else _FunctionWork)(self._targets, plan)
+        self._time_limit.check_first_launch(work.launch_s(plan.both_s))
+        return work

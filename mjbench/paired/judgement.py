@@ -1,5 +1,6 @@
 """What launches show about two targets: the verdict, its interval, and whether they are enough."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -62,6 +63,19 @@ def judge(
     """
     evidence = anytime.evidence(log_ratios, confidence, residues)
     return conclude(evidence, min_effect, confidence, precision, family)
+
+
+def judge_exact(log_ratio: float, min_effect: float) -> Judgement:
+    """Judge a ratio that has no noise: one launch decides."""
+    ratio = math.exp(log_ratio)
+    return Judgement(exact_verdict(ratio, min_effect), Ratio(ratio, ratio, ratio), 1, enough=True)
+
+
+def exact_verdict(ratio: float, min_effect: float) -> Verdict:
+    """Return the verdict on a ratio that has no noise."""
+    if ratio >= 1 + min_effect:
+        return Verdict.SLOWER
+    return Verdict.FASTER if ratio <= 1 / (1 + min_effect) else Verdict.SAME
 
 
 def conclude(

@@ -14,16 +14,13 @@ import mujoco
 import numpy as np
 
 from mjbench.errors import MachineError
+from mjbench.measuring import calls
 from mjbench.paths import Resources
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Workload
 
 # Of the steps of a block, the share that do not exceed its time where the slowest are compared.
 _SHARE = 0.99
-
-
-def _nothing() -> None:
-    pass
 
 
 @dataclass(frozen=True)
@@ -38,8 +35,8 @@ class LoopSection:
     """
 
     run: Callable[[], None]
-    warm_up: Callable[[], None] = _nothing
-    check: Callable[[], None] = _nothing
+    warm_up: Callable[[], None] = calls.nothing
+    check: Callable[[], None] = calls.nothing
     reading: Callable[[], int] | None = None
 
 

@@ -3,16 +3,17 @@
 This module runs in the environment of any release: it needs the standard library, NumPy and MuJoCo.
 """
 
+import ctypes
 import gc
-import mmap
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import mujoco
 
 from mjbench.errors import UnavailableError
 from mjbench.host import machine
+from mjbench.measuring import calls
 from mjbench.paired.loop_sections import LoopSection
 from mjbench.paired.metrics import GROWTH_UNIT_BYTES
 from mjbench.paired.outcomes import Metric
@@ -20,52 +21,53 @@ from mjbench.paired.worker import Worker, activity
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Workload
 
-_STATUS = Path("/proc/self/statm")
+# Steps or calls of a block whose growth is measured. Memory is counted in pages: one more of 4 KiB
+# is then 0.2 % of GROWTH_UNIT_BYTES.
+GROWTH_NSTEP = 2000
 
 
-class MemoryGrowth:
-    """A block of steps or calls, and what they add to the memory of this process."""
+def growth_section(
+    step: Callable[[], None], nstep: int, resident_bytes: Callable[[], int]
+) -> LoopSection:
+    """Return a block whose reading is what 1,000 steps add to memory, with GROWTH_UNIT_BYTES.
 
-    def __init__(
-        self,
-        step: Callable[[], None],
-        nstep: int,
-        resident_bytes: Callable[[], int],
-    ):
-        """Take no step yet.
+    Memory that is given back is no growth: the reading is never less than the unit.
 
-        Args:
-          step: takes all steps of a block, `nstep` of them, or as many calls.
-        """
-        self._nstep, self._resident_bytes = nstep, resident_bytes
-        self._before_bytes = 0
-        self.section = LoopSection(step, self._begin, reading=self.reading_bytes)
+    Args:
+      step: takes all steps of a block, `nstep` of them, or as many calls.
+    """
+    before_bytes = 0
 
-    def _begin(self) -> None:
-        gc.collect()  # what may be collected is no growth, and workers do not collect in blocks
-        self._before_bytes = self._resident_bytes()
+    def begin() -> None:
+        nonlocal before_bytes
+        before_bytes = resident_bytes()
 
-    def reading_bytes(self) -> int:
-        """Return what 1,000 steps of the last block added, with GROWTH_UNIT_BYTES; never 0."""
-        gc.collect()
-        growth = self._resident_bytes() - self._before_bytes
-        return max(1, round(GROWTH_UNIT_BYTES + 1000 * growth / self._nstep))
+    def reading() -> int:
+        growth = max(0, resident_bytes() - before_bytes)
+        return GROWTH_UNIT_BYTES + round(1000 * growth / nstep)
+
+    return LoopSection(step, begin, reading=reading)
 
 
-def resident_bytes() -> int:
-    """Return the memory of this process.
+def used_bytes() -> int:
+    """Return the memory of this process, without what may be collected or is free.
+
+    An allocator keeps memory that was freed for later, where it pleases: glibc gives it back.
 
     Raises:
       UnavailableError: the system does not say.
     """
-    try:
-        return int(_STATUS.read_bytes().split()[1]) * mmap.PAGESIZE
-    except OSError:
-        raise UnavailableError("growth of memory is measured under Linux only") from None
+    gc.collect()
+    if malloc_trim := getattr(ctypes.CDLL(None), "malloc_trim", None):
+        malloc_trim(0)
+    resident_bytes = machine.resident_bytes()
+    if resident_bytes is None:
+        raise UnavailableError("growth of memory is measured under Linux only")
+    return resident_bytes
 
 
 def section_of(metric: Metric, step: Callable[[], None], nstep: int) -> LoopSection:
-    """Take all steps of a block; return the blocks that say what this took, or what more adds.
+    """Return the blocks that say what steps took at most, once they are done, or what they add.
 
     Args:
       step: takes all steps of a block, `nstep` of them, or as many calls.
@@ -73,24 +75,21 @@ def section_of(metric: Metric, step: Callable[[], None], nstep: int) -> LoopSect
     Raises:
       UnavailableError: the system does not say it.
     """
-    step()
     if metric == Metric.MEMORY:
-        return LoopSection(lambda: None, reading=machine.peak_memory_bytes)
-    resident_bytes()
-    return MemoryGrowth(step, nstep, resident_bytes).section
+        step()
+        return LoopSection(calls.nothing, reading=machine.peak_memory_bytes)
+    used_bytes()
+    return growth_section(step, nstep, used_bytes)
 
 
 @activity("measuring memory")
-def prepare_growth(worker: Worker, nstep: int) -> int:
-    """Take the steps of a block once, and have blocks say what more of them add.
+def prepare_growth(worker: Worker, cores: Sequence[int]) -> int:
+    """Have blocks say what steps add, and run one; return how many nanoseconds it takes."""
 
-    Returns:
-      How many nanoseconds the steps of a block take.
-    """
-    step = _stepping(worker.workload, nstep)
-    begin = time.perf_counter_ns()
-    worker.sections = [section_of(Metric.GROWTH, step, nstep)]
-    return time.perf_counter_ns() - begin
+    def section() -> LoopSection:
+        return section_of(Metric.GROWTH, _stepping(worker.workload, GROWTH_NSTEP), GROWTH_NSTEP)
+
+    return worker.prepare_section(cores, section)
 
 
 @activity("measuring memory")
@@ -111,8 +110,32 @@ def prepare_peak(
     return time.perf_counter_ns() - begin
 
 
-def _stepping(workload: Workload, nstep: int) -> Callable[[], None]:
-    """Return what takes `nstep` steps in the plain loop: those of a workload, again and again."""
+@activity("measuring the arena")
+def prepare_arena(worker: Worker) -> int:
+    """Do a workload, and have blocks say how many bytes the arena of its MjData held at most.
+
+    Returns:
+      How many nanoseconds that took.
+    """
+    most_bytes, begin = 0, time.perf_counter_ns()
+
+    def look(data: mujoco.MjData) -> None:
+        nonlocal most_bytes  # a reset forgets it
+        most_bytes = max(most_bytes, int(data.maxuse_arena))
+
+    _stepping(worker.workload, worker.workload.nbatch * worker.workload.nstep, look)()
+    worker.sections = [LoopSection(calls.nothing, reading=lambda: most_bytes)]
+    return time.perf_counter_ns() - begin
+
+
+def _stepping(
+    workload: Workload, nstep: int, look: Callable[[mujoco.MjData], None] = lambda data: None
+) -> Callable[[], None]:
+    """Return what takes `nstep` steps in the plain loop: those of a workload, again and again.
+
+    Args:
+      look: called after each simulation.
+    """
     model, hold = workload.model, workload.hold
     data, mj_step = mujoco.MjData(model), mujoco.mj_step
 
@@ -124,6 +147,7 @@ def _stepping(workload: Workload, nstep: int) -> Callable[[], None]:
                 for values in controls[: -(-left // hold)]:
                     data.ctrl[:] = values
                     mj_step(model, data, hold)
+                look(data)
                 left -= hold * len(controls)
                 if left <= 0:
                     return

@@ -35,6 +35,7 @@ class MetricSpec:
       more: what the candidate does that is worse, such as `slower`.
       less: what it does that is better.
       refusal: what it does with the plain loop only; empty where it is of all paths.
+      is_exact: whether it has no noise, so that one measurement is certain.
     """
 
     metric: Metric
@@ -44,11 +45,7 @@ class MetricSpec:
     more: str = "slower"
     less: str = "faster"
     refusal: str = ""
-
-    @property
-    def is_exact(self) -> bool:
-        """Whether it has no noise, so that one measurement is certain."""
-        return self.measured == Measured.COUNTS
+    is_exact: bool = False
 
     @property
     def follows_placement(self) -> bool:
@@ -85,6 +82,7 @@ _ALL = (
         "the instructions of the engine",
         ", instructions",
         refusal="counts python_loop only",
+        is_exact=True,
     ),
     _operation(Metric.LOAD, "loading the model"),
     _operation(Metric.RESET, "mj_resetData"),
@@ -108,6 +106,16 @@ _ALL = (
         "more growth",
         "less growth",
         refusal="steps by python_loop only",
+    ),
+    MetricSpec(
+        Metric.ARENA,
+        Measured.MEMORY,
+        "the most that the arena of MjData holds at a time",
+        ", arena",
+        "larger arena",
+        "smaller arena",
+        refusal="steps by python_loop only",
+        is_exact=True,
     ),
 )
 # Those of a function of the user's code, whose calls are its steps.

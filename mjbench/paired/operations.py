@@ -6,7 +6,7 @@ numbers are such that a block takes one to a few milliseconds, or as long as the
 
 import copy
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -14,6 +14,7 @@ import numpy as np
 
 from mjbench import paths
 from mjbench.errors import InputError, UnavailableError
+from mjbench.paired.outcomes import Metric
 from mjbench.simulation import compat, models, workload
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Product, Workload
@@ -38,6 +39,10 @@ class PreparedOperation:
     result: Callable[[], np.ndarray]
 
 
+# Takes a model, and how often a block does the operation.
+Prepare = Callable[[ModelSource, int], PreparedOperation]
+
+
 @dataclass(frozen=True)
 class Operation:
     """Something that programs do with a model.
@@ -46,14 +51,13 @@ class Operation:
       title: in Python, as people write it.
       model: that it is done with; empty where it builds its own.
       repeats: how often a block does it.
-      prepare: takes the model and the number of repeats.
     """
 
     name: str
     title: str
     model: str
     repeats: int
-    prepare: Callable[[ModelSource, int], PreparedOperation]
+    prepare: Prepare
 
     def prepared(self, file: Path) -> PreparedOperation:
         """Return a block of it.
@@ -237,27 +241,16 @@ _ALL = (
 )
 
 
-# The same on a model of the user's, by the metric that compares them.
-_OF_ANY_MODEL = (
-    Operation("load", "MjModel.from_xml_path", "", 1, _load),
-    Operation("reset", "mj_resetData", "", 1, _reset),
-    Operation("rays", "mj_ray", "", 1, _cast_rays),
-    Operation("rollout", "rollout, 5 steps", "", 1, _call_rollout),
-    Operation("batch", "Batch.rollout, 5 steps", "", 1, _call_batch),
-)
+# How the operation of each metric is prepared, on any model.
+OF_METRIC: Mapping[Metric, Prepare] = {
+    Metric.LOAD: _load,
+    Metric.RESET: _reset,
+    Metric.RAYS: _cast_rays,
+    Metric.ROLLOUT: _call_rollout,
+    Metric.BATCH: _call_batch,
+}
 
 
 def registry() -> Mapping[str, Operation]:
     """Return all operations of the history by name, in the order they are shown."""
     return {operation.name: operation for operation in _ALL}
-
-
-def find(name: str, repeats: int | None = None) -> Operation:
-    """Return an operation of the history, or one that any model's file can be given to.
-
-    Args:
-      repeats: how often a block does it; None for its own number.
-    """
-    operations = {operation.name: operation for operation in (*_ALL, *_OF_ANY_MODEL)}
-    found = operations[name]
-    return found if repeats is None else replace(found, repeats=repeats)

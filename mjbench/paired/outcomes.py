@@ -74,6 +74,8 @@ class Metric(StrEnum):
     """The peak of a new process that loads the model and steps it."""
     GROWTH = "growth"
     """What 1,000 steps add to the memory of a process."""
+    ARENA = "arena"
+    """The most that the arena of MjData holds at a time."""
 
 
 class Arm(StrEnum):

@@ -1,27 +1,33 @@
 """What the two processes of a launch do, as often as it takes: steps, or an operation."""
 
+import functools
 import random
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from mjbench.paired import cores, preparation
+from mjbench.errors import InputError
+from mjbench.paired import cores, memory_blocks, operations, preparation
 from mjbench.paired.call_results import Leaf, compare
-from mjbench.paired.memory_blocks import prepare_growth, prepare_peak
+from mjbench.paired.memory_blocks import GROWTH_NSTEP
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.process_pairs import ProcessPair
 from mjbench.paired.run_sizes import RUN_S, Sizes
 from mjbench.paired.targets import Target
-from mjbench.paired.time_limit import TimeLimit, launch_s
+from mjbench.paired.time_limit import (
+    MAX_LAYOUTS,
+    TimeLimit,
+    launch_s,
+    layout_count,
+    quad_count,
+)
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_answers import ReadyOperation
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
+from mjbench.simulation.models import ModelSource
 
 # How often a block does an operation, at most.
 MAX_REPEATS = 10_000
-# Steps of a block whose growth is measured: those of so many runs, which take about a millisecond,
-# no fewer and no more than these.
-GROWTH_RUNS, MIN_GROWTH_STEPS, GROWTH_STEPS = 200, 100, 5000
 
 
 class PairWork(ABC):
@@ -30,19 +36,15 @@ class PairWork(ABC):
     Attributes:
       nthread: threads or processes that the work takes; with one, launches run on one core.
       nsection: sections of a run, which blocks time one after the other (see `loop_sections`).
-      is_repeated: whether a launch lays memory out and does it as often as fits its time; one
-        layout and one quad otherwise.
     """
 
     nthread: int = 1
     nsection: int = 1
-    is_repeated: bool = True
 
     @abstractmethod
     def equip(self, processes: Sequence[WorkerProcess]) -> None:
         """Have the processes of a launch read what they need, without waiting."""
 
-    @abstractmethod
     def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
         """Lay out memory anew; return the nanoseconds of one block of each section, of both.
 
@@ -53,9 +55,59 @@ class PairWork(ABC):
           InputError: a process cannot do it.
           ChildError: a process crashed, hung or failed.
         """
+        allowed = cores.usable(pair.core)
+        ns = {i: self._prepare(pair.processes[i], i, allowed) for i in random.sample((0, 1), 2)}
+        return ns[0], ns[1]
+
+    @abstractmethod
+    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+        """Have a process ready to time blocks; return the nanoseconds of one of each section.
+
+        Args:
+          i: 0 for the baseline, 1 for the candidate.
+          allowed: cores to run on from now on; empty for no change.
+        """
+
+    def layout_counts(self, all_blocks_s: float) -> tuple[int, int]:
+        """Return how often a launch lays memory out, at least, and while the next launch starts.
+
+        Args:
+          all_blocks_s: see `time_limit.quad_count`.
+        """
+        return layout_count(all_blocks_s, self.nsection), MAX_LAYOUTS
+
+    def quad_count(self, all_blocks_s: float) -> int:
+        """Return the number of quads of a layout; see `layout_counts` for the argument."""
+        return quad_count(all_blocks_s, self.nsection)
+
+    def launch_s(self, all_blocks_s: float) -> float:
+        """Return about how long a launch takes; see `layout_counts` for the argument."""
+        return launch_s(all_blocks_s, self.nsection)
 
     def close(self) -> None:  # noqa: B027
         """Remove what is no longer needed."""
+
+
+class SingleQuadWork(PairWork):
+    """What each launch does in one layout and one quad, because more would be the same again.
+
+    Class attributes:
+      nblock: how many blocks of each side take time: that of the layout, and those of the quad.
+    """
+
+    nblock = 3
+
+    def layout_counts(self, all_blocks_s: float) -> tuple[int, int]:
+        """See `PairWork.layout_counts`."""
+        return 1, 1
+
+    def quad_count(self, all_blocks_s: float) -> int:
+        """See `PairWork.quad_count`."""
+        return 1
+
+    def launch_s(self, all_blocks_s: float) -> float:
+        """See `PairWork.launch_s`."""
+        return self.nblock * all_blocks_s
 
 
 class StepWork(PairWork):
@@ -63,6 +115,7 @@ class StepWork(PairWork):
 
     Attributes:
       workloads: files of the `PortableWorkload`s, final states included.
+      step_s: see `Preparation.step_s`.
     """
 
     def __init__(
@@ -79,6 +132,7 @@ class StepWork(PairWork):
         prepared = preparation.prepare(pool, targets, sizes, time_limit, roles)
         self.nsection, self.work_check = prepared.nsection, prepared.work_check
         self.workloads, self._models = prepared.workloads, prepared.models
+        self.step_s = prepared.step_s
         # Simulations may differ in how much slower they are, so they are timed equally often.
         self._times_drawn = [0] * prepared.nsim
         self._drawn: list[int] = []
@@ -94,23 +148,23 @@ class StepWork(PairWork):
         """See `PairWork.lay_out`."""
         if is_new_run or self.nsection == 1:
             self._drawn = draw_least(self._times_drawn, self.work_check.nbatch)
-        ns = {}
-        for i in random.sample((0, 1), 2):
-            target = self._targets[i]
-            ns[i] = pair.processes[i].call(
-                Worker.prepare,
-                target.path,
-                dict(target.options),
-                cores.usable(pair.core),
-                self._drawn,
-                callback=target.callback,
-                slowdown=target.slowdown,
-                has_timer=target.has_timer,
-                returns=self._sizes.returns,
-                metric=self._sizes.metric,
-                nsection=self.nsection,
-            )
-        return ns[0], ns[1]
+        return super().lay_out(pair)
+
+    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+        target = self._targets[i]
+        return process.call(
+            Worker.prepare,
+            target.path,
+            dict(target.options),
+            allowed,
+            self._drawn,
+            callback=target.callback,
+            slowdown=target.slowdown,
+            has_timer=target.has_timer,
+            returns=self._sizes.returns,
+            metric=self._sizes.metric,
+            nsection=self.nsection,
+        )
 
     def close(self) -> None:
         """Remove all files but the baseline's workload."""
@@ -118,35 +172,65 @@ class StepWork(PairWork):
             file.unlink(missing_ok=True)
 
 
-class MemoryWork(StepWork):
-    """What the processes of two targets take up: all of it at its peak, or what steps add."""
+class PeakWork(SingleQuadWork, StepWork):
+    """The most memory that the processes of two targets have, and all that they load is part of it.
 
-    is_repeated = False
+    The blocks of its quads only read it.
+    """
+
+    nblock = 1
 
     def equip(self, processes: Sequence[WorkerProcess]) -> None:
-        """See `PairWork.equip`: a peak has to be of all that a process loads."""
-        if self._sizes.metric == Metric.GROWTH:
-            super().equip(processes)
+        """See `PairWork.equip`: there is nothing to read ahead."""
 
-    def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
-        """See `PairWork.lay_out`."""
-        ns = {i: self._prepare(pair.processes[i], i) for i in random.sample((0, 1), 2)}
-        return ns[0], ns[1]
+    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+        target, workload = self._targets[i], self.workloads[i]
+        options = dict(target.model_options)
+        return process.call(memory_blocks.prepare_peak, target.model.path, options, workload)
 
-    def _prepare(self, process: WorkerProcess, i: int) -> int:
-        if self._sizes.metric == Metric.GROWTH:
-            nstep = growth_nstep(self.work_check.nbatch * self.work_check.nstep)
-            return process.call(prepare_growth, nstep)
-        target = self._targets[i]
-        options, workload = dict(target.model_options), self.workloads[i]
-        return process.call(prepare_peak, target.model.path, options, workload)
+
+class GrowthWork(SingleQuadWork, StepWork):
+    """What steps of two targets add to the memory of their processes."""
+
+    def __init__(
+        self,
+        pool: WorkerPool,
+        targets: tuple[Target, Target],
+        sizes: Sizes,
+        time_limit: TimeLimit,
+    ):
+        """Prepare it as `StepWork` does; raises OutOfTimeError where the limit allows no launch."""
+        super().__init__(pool, targets, sizes, time_limit)
+        both_s = 2 * GROWTH_NSTEP * self.step_s
+        check_growth(both_s, pool)
+        time_limit.check_first_launch(self.launch_s(both_s))
+
+    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+        return process.call(memory_blocks.prepare_growth, allowed)
+
+
+class ArenaWork(SingleQuadWork, StepWork):
+    """The most that the arenas of two targets hold; the blocks of its quads only read it."""
+
+    nblock = 1
+
+    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+        return process.call(memory_blocks.prepare_arena)
+
+
+# What does the work of metrics that need more than runs of steps.
+STEP_WORK: Mapping[Metric, type[StepWork]] = {
+    Metric.MEMORY: PeakWork,
+    Metric.GROWTH: GrowthWork,
+    Metric.ARENA: ArenaWork,
+}
 
 
 class OperationWork(PairWork):
     """An operation around the step, on the models of two targets (see `operations`).
 
     Attributes:
-      results: how what it computes compares.
+      results: how what a block of it computes compares.
     """
 
     def __init__(
@@ -171,23 +255,20 @@ class OperationWork(PairWork):
             else:
                 self._files = [*models]
             once = [self._ready(process, i, (), 1) for i, process in enumerate(processes)]
-        slower_s = 1e-9 * max(each.ns for each in once)
-        self._repeats = min(max(1, round(RUN_S / slower_s)), MAX_REPEATS)
-        time_limit.check_first_launch(launch_s(1e-9 * sum(each.ns for each in once)))
-        old, new = ([[Leaf("", each.result)]] for each in once)
+            slower_s = 1e-9 * max(each.ns for each in once)
+            self._repeats = min(max(1, round(RUN_S / slower_s)), MAX_REPEATS)
+            time_limit.check_first_launch(self.launch_s(1e-9 * sum(each.ns for each in once)))
+            timed = [
+                self._ready(process, i, (), self._repeats) for i, process in enumerate(processes)
+            ]
+        old, new = ([[Leaf("", each.result)]] for each in timed)
         self.results = compare(old, new)
 
     def equip(self, processes: Sequence[WorkerProcess]) -> None:
         """See `PairWork.equip`: there is nothing to read."""
 
-    def lay_out(self, pair: ProcessPair, is_new_run: bool = True) -> tuple[int, int]:
-        """See `PairWork.lay_out`."""
-        allowed = cores.usable(pair.core)
-        ns = {
-            i: self._ready(pair.processes[i], i, allowed, self._repeats).ns
-            for i in random.sample((0, 1), 2)
-        }
-        return ns[0], ns[1]
+    def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
+        return self._ready(process, i, allowed, self._repeats).ns
 
     def close(self) -> None:
         """See `PairWork.close`."""
@@ -197,13 +278,25 @@ class OperationWork(PairWork):
     def _ready(
         self, process: WorkerProcess, i: int, allowed: Sequence[int], repeats: int
     ) -> ReadyOperation:
-        name, file = self._metric.value, self._files[i]
-        return process.call(Worker.prepare_operation, name, file, allowed, repeats)
+        source = ModelSource("", self._files[i])
+        prepare = functools.partial(operations.OF_METRIC[self._metric], source, repeats)
+        return process.call(Worker.prepare_operation, prepare, allowed)
 
 
-def growth_nstep(run_nstep: int) -> int:
-    """Return how many steps a block of growth has, from those of a run."""
-    return min(max(GROWTH_RUNS * run_nstep, MIN_GROWTH_STEPS), GROWTH_STEPS)
+def check_growth(both_s: float, pool: WorkerPool) -> None:
+    """Refuse blocks of growth in which a process may count as hung.
+
+    Args:
+      both_s: about how many seconds a block takes, of both sides together.
+
+    Raises:
+      InputError: the steps or calls are too slow.
+    """
+    if both_s > pool.limit_s:
+        raise InputError(
+            f"--metric growth needs {GROWTH_NSTEP:,} steps or calls in a block, which would take"
+            f" {both_s:.0f} s here: give it a smaller model, or a function that does less"
+        )
 
 
 def draw_least(times_drawn: list[int], count: int) -> list[int]:

@@ -91,12 +91,14 @@ class Preparation:
       workloads: files of the `PortableWorkload`s, final states included.
       nsim: simulations in each workload file.
       nsection: sections that the run is divided into (see `loop_sections`); 1 for no division.
+      step_s: seconds of a step of the target that is slower, at the start, as they were then.
     """
 
     models: tuple[Path, Path]
     workloads: tuple[Path, Path]
     nsim: int
     nsection: int
+    step_s: float
     work_check: WorkCheck
 
 
@@ -105,6 +107,7 @@ class _ChosenSizes:
     """What is drawn and timed.
 
     Attributes:
+      step_s: see `Preparation.step_s`.
       faster_step_s: seconds of a step of the target that is faster, as tables have it; None where
         no run is divided into sections.
       sleep_alike: whether both models enable sleeping, or neither does.
@@ -112,6 +115,7 @@ class _ChosenSizes:
 
     sizes: Sizes
     run: RunSize
+    step_s: float
     faster_step_s: float | None
     request: SampleRequest
     sleep_alike: bool
@@ -246,7 +250,7 @@ def _choose_sizes(
         lead_in=whole_holds(LEAD_IN, sizes.hold) if any(sleeps) and is_plain_loop else 0,
         perturbs=sizes.perturbs,
     )
-    return _ChosenSizes(sizes, run, faster_step_s, sample, len(set(sleeps)) == 1)
+    return _ChosenSizes(sizes, run, step_s, faster_step_s, sample, len(set(sleeps)) == 1)
 
 
 def _is_plain_loop(targets: Sequence[Target], sizes: Sizes) -> bool:
@@ -303,7 +307,7 @@ def _prepared(
     )
     can_divide = baseline.can_divide and candidate.can_divide
     nsection = chosen.nsection(work_check.nbatch) if can_divide else 1
-    return Preparation(models, files, nsim, nsection, work_check)
+    return Preparation(models, files, nsim, nsection, chosen.step_s, work_check)
 
 
 def _draw(

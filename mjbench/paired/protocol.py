@@ -25,19 +25,13 @@ from mjbench.paired.calibrator import Calibrator
 from mjbench.paired.call_results import ResultsCheck
 from mjbench.paired.launches import Targets
 from mjbench.paired.metrics import METRICS, Measured
-from mjbench.paired.pair_work import MemoryWork, OperationWork, PairWork, StepWork
+from mjbench.paired.pair_work import STEP_WORK, OperationWork, PairWork, StepWork
 from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
-from mjbench.paired.time_limit import (
-    MAX_LAYOUTS,
-    TimeLimit,
-    launch_s,
-    layout_count,
-    quad_count,
-)
+from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
@@ -115,26 +109,22 @@ class LaunchedPair(Targets[LaunchRow]):
     def _measure(self, pair: ProcessPair) -> LaunchRow:
         """Measure a launch; the first one only if it fits the time limit."""
         layouts: list[tuple[list[str], np.ndarray]] = []
-        all_blocks_s, nsection = math.inf, self._work.nsection
+        all_blocks_s = math.inf
         while self._needs_layout(len(layouts), all_blocks_s):
             now_s = 1e-9 * sum(self._work.lay_out(pair, is_new_run=not layouts))
             if not self._has_timed and not layouts:  # steps may be heavier than those at the start
-                self._time_limit.check_first_launch(launch_s(now_s, nsection))
+                self._time_limit.check_first_launch(self._work.launch_s(now_s))
             all_blocks_s = min(all_blocks_s, now_s)
-            count = quad_count(now_s, nsection) if self._work.is_repeated else 1
-            layouts.append(time_quads(*pair.processes, count))
+            layouts.append(time_quads(*pair.processes, self._work.quad_count(now_s)))
         orders = [order for layout_orders, _ in layouts for order in layout_orders]
         ns = np.concatenate([ns for _, ns in layouts]).tolist()
         sizes = [len(layout_orders) for layout_orders, _ in layouts]
-        return LaunchRow(pair.core, None, orders, ns, pair.placements, sizes, nsection)
+        return LaunchRow(pair.core, None, orders, ns, pair.placements, sizes, self._work.nsection)
 
     def _needs_layout(self, count: int, all_blocks_s: float) -> bool:
         """Return whether a launch lays memory out once more, after `count` times."""
-        if not self._work.is_repeated:
-            return count == 0
-        return count < layout_count(all_blocks_s, self._work.nsection) or (
-            count < MAX_LAYOUTS and not self._pairs.is_next_ready()
-        )
+        least, most = self._work.layout_counts(all_blocks_s)
+        return count < least or (count < most and not self._pairs.is_next_ready())
 
     def close(self) -> None:
         """End the processes that were started ahead, and the work."""
@@ -178,13 +168,13 @@ class TargetPair(LaunchedPair):
         self.baseline_workload: Path | None = None
 
     def _new_work(self) -> PairWork:
-        measured = METRICS[self._sizes.metric].measured
+        metric = self._sizes.metric
         work: OperationWork | StepWork
-        if measured == Measured.OPERATION:
-            work = OperationWork(self._pool, self._targets, self._sizes.metric, self._time_limit)
+        if METRICS[metric].measured == Measured.OPERATION:
+            work = OperationWork(self._pool, self._targets, metric, self._time_limit)
             self.results = work.results
         else:
-            kind = MemoryWork if measured == Measured.MEMORY else StepWork
+            kind = STEP_WORK.get(metric, StepWork)
             work = kind(self._pool, self._targets, self._sizes, self._time_limit)
             self.work_check, self.baseline_workload = work.work_check, work.workloads[0]
         self.is_prepared = True

@@ -4,6 +4,7 @@ All tasks of two releases share their launches, so that processes start once for
 """
 
 import contextlib
+import functools
 import math
 import pickle
 import random
@@ -229,9 +230,10 @@ class OperationTask(ReleaseTask):
 
     def lay_out(self, pair: ProcessPair) -> tuple[int, int]:
         """See `ReleaseTask.lay_out`."""
-        name, allowed = self.operation.name, cores.usable(pair.core)
+        prepare = functools.partial(self.operation.prepared, self._file)
+        allowed = cores.usable(pair.core)
         ready = {
-            i: pair.processes[i].call(Worker.prepare_operation, name, self._file, allowed)
+            i: pair.processes[i].call(Worker.prepare_operation, prepare, allowed)
             for i in random.sample((0, 1), 2)
         }
         reference, release = ready[0], ready[1]

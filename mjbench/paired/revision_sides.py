@@ -1,7 +1,7 @@
 """Two revisions of the user's code, ready to be imported: their files, and functions in them."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -61,16 +61,36 @@ class RevisionComparison:
     @property
     def notes(self) -> list[str]:
         """What to know of the two revisions before their difference is read, a line each."""
+        return [*self._lacking(), *self._changed_files()]
+
+    def _lacking(self) -> Iterator[str]:
         lacking = self.repository.lacking(self.baseline, self.candidate)
         if not lacking:
-            return []
+            return
         names = ["HEAD" if r.is_worktree else r.name for r in (self.baseline, self.candidate)]
         commits = count_of(lacking, "commit")
-        return [
+        yield (
             f"{self.baseline.name} has {commits} that {self.candidate.name} lacks, and what"
             " they change counts, too; to leave it out, name what `git merge-base"
             f" {' '.join(names)}` prints"
-        ]
+        )
+
+    def _changed_files(self) -> Iterator[str]:
+        top = self.repository.top
+        for function in self.functions:
+            if function.file is None:
+                continue
+            revisions = self.baseline, self.candidate
+            old, new = (self.repository.text(each, function.file) for each in revisions)
+            if old is None or new is None or old == new:
+                continue
+            base, module = package_of(top, function.file)
+            is_importable = (top / base).resolve() in source_layout.source_folders(top)
+            instead = f": for the function of each, name {module}:{function.name}"
+            yield (
+                f"{function.file} itself differs, and both sides run that of {self.candidate.name}"
+                + (instead if is_importable else "; what it imports is of each side")
+            )
 
 
 def parse_function(text: str, cwd: Path, top: Path) -> FunctionName:

@@ -3,19 +3,20 @@
 A target is written as settings, such as `path=rollout,threads=2` (see `parse`).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from mjbench import paths
 from mjbench.errors import InputError, describe
-from mjbench.paired.metrics import METRICS
+from mjbench.paired.metrics import METRICS, Measured
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.records import TargetRow
 from mjbench.paths import parallelism
 from mjbench.releases import installs
 from mjbench.simulation import model_options, models
+from mjbench.units import listed
 
 _TIMER = ("on", "off")
 _DEFAULTS = {"model": "cartpole", "path": paths.BASE, "release": installs.INSTALLED}
@@ -103,15 +104,37 @@ def of_releases(
     ]
 
 
-def check_metric(metric: Metric, path_names: Sequence[str]) -> None:
+def check_metric(metric: Metric, path_names: Iterable[str]) -> None:
     """Refuse paths whose releases cannot be compared by a metric.
 
     Raises:
       InputError: the metric is of the plain loop only, and other paths are named.
     """
     refusal = METRICS[metric].refusal
-    if refusal and any(name != paths.BASE for name in path_names):
-        raise InputError(f"--metric {metric} {refusal}: leave out --paths")
+    others = dict.fromkeys(name for name in path_names if refusal and name != paths.BASE)
+    if others:
+        raise InputError(f"--metric {metric} {refusal}: leave out {listed([*others])}")
+
+
+def check_targets(metric: Metric, targets: Sequence[Target]) -> None:
+    """Refuse targets that cannot be compared by a metric, or that it does not tell apart.
+
+    Raises:
+      InputError: see `check_metric`; or a target has a setting that makes no difference to it.
+    """
+    check_metric(metric, [target.path for target in targets])
+    spec = METRICS[metric]
+    for target in targets:
+        unused = [*target.options] if spec.refusal else []
+        if not target.has_timer and spec.measured in (Measured.OPERATION, Measured.MEMORY):
+            unused.append("timer")
+        if metric == Metric.LOAD:
+            unused += target.model_options
+        if unused:
+            raise InputError(
+                f"{listed(unused)} would make no difference to --metric {metric}, which compares"
+                f" {spec.meaning}: leave out {listed(unused)}"
+            )
 
 
 def find_path(name: str) -> paths.SteppingPath:

@@ -138,10 +138,12 @@ class TimeLimit:
         return False
 
     def _sentence(self, launch_s: float, before_s: float) -> str:
-        enough_s = _MARGIN * (before_s + self.min_launches * launch_s)
+        count = self.min_launches
+        enough_s = _MARGIN * (before_s + count * launch_s)
+        launches = f"{count} launch{'es' if count > 1 else ''}"
         return (
             f"a launch takes about {_two_digits(launch_s)} s, and {self._purpose} needs at least"
-            f" {self.min_launches} launches: give --budget {_rounded_up(enough_s)}s or more"
+            f" {launches}: give --budget {_rounded_up(enough_s)}s or more"
         )
 
 

@@ -13,7 +13,7 @@ from mjbench.measuring.anytime import Evidence
 from mjbench.measuring.progress import Progress
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import outcomes
-from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, conclude, judge
+from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, conclude, judge, judge_exact
 from mjbench.paired.metrics import METRICS
 from mjbench.paired.moved_check import Averaging, averaging
 from mjbench.paired.outcomes import Cause, Metric, Verdict
@@ -234,6 +234,8 @@ class _VerdictRule(PairRule):
 
     def min_launches(self) -> int:
         assert self.averaging is not None, "`placements` is called first"
+        if METRICS[self._plan.sizes.metric].is_exact:
+            return 1
         return self.averaging.launches_with(MIN_LAUNCHES)
 
     def look(self, launches: Sequence[LaunchRow]) -> Sufficiency:
@@ -373,6 +375,8 @@ def _judge_launches(
     used = launches_to_judge(launches)
     if not used:
         return None
+    if METRICS[plan.sizes.metric].is_exact:
+        return judge_exact(used[0].log_ratio, plan.min_effect)
     moved = [launch for launch in used if launch.placements.is_moved]
     return judge(
         [launch.log_ratio + log_scale for launch in used],

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from mjbench.paired.loop_sections import LoopSection
+    from mjbench.paired.operations import PreparedOperation
     from mjbench.paired.race_blocks import RaceBlocks
     from mjbench.paired.timed_function import TimedFunction
     from mjbench.paths import Resources, States
@@ -416,17 +417,13 @@ class Worker:
 
     @activity("preparing an operation")
     def prepare_operation(
-        self, name: str, file: Path, cores: Sequence[int], repeats: int | None = None
+        self, prepare: "Callable[[], PreparedOperation]", cores: Sequence[int]
     ) -> ReadyOperation:
-        """Prepare an operation (see `operations`) in fresh memory, and do it.
-
-        Args:
-          repeats: how often a block does it; None for its own number.
-        """
-        from mjbench.paired import loop_sections, operations
+        """Prepare an operation (see `operations`) in fresh memory, and do it."""
+        from mjbench.paired import loop_sections
 
         self._lay_out_memory(cores)
-        prepared = operations.find(name, repeats).prepared(file)
+        prepared = prepare()
         section = loop_sections.LoopSection(prepared.run)
         self.sections = [section]
         result = prepared.result()

@@ -118,6 +118,8 @@ class Repository:
 
     def text(self, revision: Revision, file: Path) -> bytes | None:
         """Return a file as a revision has it; None where it has none."""
+        if revision.is_worktree:
+            return (self.top / file).read_bytes() if (self.top / file).is_file() else None
         name = f"{revision.commit}:{file.as_posix()}"
         try:
             return self._run("cat-file", "blob", name).encode("utf-8", "surrogateescape")

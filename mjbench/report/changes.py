@@ -34,7 +34,8 @@ def describe_ratio(metric: Metric, verdict: Verdict, ratio: Ratio, things: str =
             return f"slower, takes {_times(ratio.estimate)} times as long (interval {interval})"
     size = formats.short_percent(abs(ratio.estimate - 1))
     interval = formats.ends(ratio, formats.change, " to ") or "unknown"
-    return f"{spec.outcome(verdict)} by {size} (interval {interval})"
+    is_point = ratio.low is not None and ratio.low == ratio.high  # without any noise
+    return f"{spec.outcome(verdict)} by {size}" + ("" if is_point else f" (interval {interval})")
 
 
 def _growth(ratio: Ratio, things: str) -> str:

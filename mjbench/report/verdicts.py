@@ -13,7 +13,7 @@ from mjbench.paired.across_machines import (
     MachineVerdict,
 )
 from mjbench.paired.family import Family
-from mjbench.paired.metrics import METRICS
+from mjbench.paired.metrics import METRICS, Measured
 from mjbench.paired.outcomes import MIN_EFFECT, Cause, Metric, ResultsOutcome, Verdict
 from mjbench.paired.records import ControlRow, Pair, TargetRow, VerdictRow
 from mjbench.paths import BASE
@@ -223,7 +223,8 @@ def _count_of_models(rows: Sequence[VerdictRow]) -> str:
 def describe_verdict(row: VerdictRow) -> str:
     """Return a comparison as a sentence, such as `humanoid, 3.3.0 → 4.0.0: slower by 1.4 % …`."""
     spec = METRICS[row.metric]
-    name = f"{row.model}, {describe_targets(row)}{'' if spec.is_exact else spec.suffix}"
+    suffix = "" if spec.measured == Measured.COUNTS else spec.suffix
+    name = f"{row.model}, {describe_targets(row)}{suffix}"
     outcome = f"{row.verdict}: " if row.verdict and row.ratio is None else ""
     return f"{name}: {outcome}{describe_change(row)}"
 

@@ -92,6 +92,16 @@ def test_without_psutil_and_a_limit_memory_counts_as_unlimited(
     assert machine.available_memory_bytes(tmp_path) == sys.maxsize
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux knows the peak of a program")
+def test_the_peak_of_memory_is_not_that_of_the_program_before() -> None:
+    peak = "from mjbench.host import machine; print(machine.peak_memory_bytes())"
+    program = "os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
+    before = f"import os, sys; bytearray(b'x') * 2**28; {program}"
+    command = [sys.executable, "-c", before, "-c", peak]
+    output = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert 2**22 < int(output) < 2**27
+
+
 def test_time_that_the_host_took_is_a_share_of_the_time_asked_for(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

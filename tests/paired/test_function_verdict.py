@@ -12,14 +12,21 @@ import pytest
 from mjbench.errors import InputError, MachineError, UnavailableError
 from mjbench.paired import family, function_verdict
 from mjbench.paired.call_results import Leaf
-from mjbench.paired.function_pair import CallPlan, FunctionTarget, FunctionTargets
+from mjbench.paired.function_pair import (
+    CallPlan,
+    FunctionTarget,
+    FunctionTargets,
+    RevisionPair,
+)
 from mjbench.paired.function_verdict import OtherCodeError
 from mjbench.paired.launches import Targets
+from mjbench.paired.memory_blocks import GROWTH_NSTEP
 from mjbench.paired.outcomes import Metric, ResultsOutcome, Verdict
 from mjbench.paired.records import LaunchRow, VerdictRecord
-from mjbench.paired.time_limit import TimeLimit
+from mjbench.paired.time_limit import OutOfTimeError, TimeLimit
 from mjbench.paired.timed_function import CodeOrigin, FunctionFacts, FunctionSource
 from mjbench.paired.verdict import VerdictPlan
+from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.pip import BuildError
 from mjbench.releases.revisions import Revision
@@ -237,11 +244,29 @@ def test_a_function_with_threads_gets_all_cores(cores: float, nthread_is_one: bo
     assert (plan.nthread == 1) is (nthread_is_one or plan.nthread == 1)
 
 
-def test_a_block_whose_growth_is_measured_has_enough_calls() -> None:
+def test_a_block_whose_growth_is_measured_has_enough_calls_whatever_they_take() -> None:
     brief, long = (replace(FACTS, calls=calls) for calls in (7, 1))
-    assert CallPlan.of([brief, brief], Metric.GROWTH).count == 1400
-    assert CallPlan.of([brief, long], Metric.GROWTH).count == 200
+    for facts in ([brief, brief], [brief, long]):
+        assert CallPlan.of(facts, Metric.GROWTH).count == GROWTH_NSTEP
     assert CallPlan.of([brief, long], Metric.MEMORY).count == 1
+
+
+@pytest.mark.parametrize(
+    ("metric", "call_s", "error", "message"),
+    [
+        (Metric.GROWTH, 0.01, OutOfTimeError, r"about 120 s, .* 16 launches: give --budget"),
+        (Metric.GROWTH, 1.0, InputError, r"2,000 steps or calls in a block, .* 4000 s here"),
+        (Metric.TIME, 20.0, OutOfTimeError, "needs at least 16 launches: give --budget"),
+    ],
+)
+def test_calls_that_are_too_slow_are_refused_before_the_first_block(
+    metric: Metric, call_s: float, error: type[Exception], message: str
+) -> None:
+    slow = replace(FACTS, calls=1, call_s=call_s)
+    with WorkerPool() as pool:
+        plan, limit = CallPlan.of([slow, slow], metric), TimeLimit(60.0, 16)
+        with pytest.raises(error, match=message):
+            RevisionPair(pool, (BASELINE, CANDIDATE), plan, limit)._new_work()
 
 
 def test_an_argument_that_only_the_baseline_takes_is_new(decided: Decided) -> None:

@@ -26,15 +26,37 @@ def test_only_the_usual_metric_is_of_all_paths_and_has_no_name_of_its_own() -> N
 @pytest.mark.parametrize("metric", [m for m in Metric if m != Metric.TIME])
 def test_a_metric_of_the_plain_loop_refuses_other_paths(metric: Metric) -> None:
     targets.check_metric(metric, ["python_loop", "python_loop"])
-    with pytest.raises(InputError, match=rf"--metric {metric} .*: leave out --paths"):
+    with pytest.raises(InputError, match=rf"--metric {metric} .*: leave out rollout"):
         targets.check_metric(metric, ["python_loop", "rollout"])
+
+
+@pytest.mark.parametrize(
+    ("metric", "settings", "message"),
+    [
+        (Metric.LOAD, "solver=cg,iterations=5", "solver and iterations would make no difference"),
+        (Metric.RAYS, "timer=off", "timer .* --metric rays, which compares casting rays: leave"),
+        (Metric.MEMORY, "timer=off", "timer would make no difference to --metric memory"),
+        (Metric.P99, "clock=off", "clock would make no difference to --metric p99"),
+    ],
+)
+def test_a_setting_that_a_metric_does_not_see_is_refused(
+    metric: Metric, settings: str, message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        targets.check_targets(metric, targets.parse("", settings))
+
+
+def test_other_settings_are_compared_by_any_metric() -> None:
+    for metric in (Metric.TIME, Metric.P99):
+        targets.check_targets(metric, targets.parse("timer=off", "solver=cg"))
+    for metric in (Metric.MEMORY, Metric.GROWTH, Metric.RESET):
+        targets.check_targets(metric, targets.parse("", "solver=cg"))
+    targets.check_targets(Metric.TIME, targets.parse("", "clock=off"))
 
 
 def test_operations_that_are_compared_can_be_done_on_any_model() -> None:
     compared = [m for m, spec in METRICS.items() if spec.measured == Measured.OPERATION]
-    for metric in compared:
-        operation = operations.find(metric.value, repeats=3)
-        assert (operation.name, operation.model, operation.repeats) == (metric.value, "", 3)
+    assert list(operations.OF_METRIC) == compared
 
 
 def test_a_verdict_is_said_in_the_words_of_its_metric() -> None:

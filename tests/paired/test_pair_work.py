@@ -1,30 +1,39 @@
 """What the processes of a launch do, by what is compared."""
 
+import contextlib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, cast
 
+import numpy as np
 import pytest
 from paired_examples import CARTPOLE
 
 from mjbench.errors import InputError
-from mjbench.paired import operations, protocol
+from mjbench.paired import operations, pair_work, preparation
+from mjbench.paired.operations import PreparedOperation
 from mjbench.paired.outcomes import Metric, ResultsOutcome
+from mjbench.paired.pair_work import GrowthWork, OperationWork
+from mjbench.paired.preparation import Preparation, WorkCheck
 from mjbench.paired.protocol import TargetPair
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
+from mjbench.paired.time_limit import OutOfTimeError, TimeLimit
+from mjbench.paired.worker_answers import ReadyOperation
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation import models
+from mjbench.simulation.models import ModelSource
 
 
 @pytest.fixture(autouse=True)
 def brief(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have as few blocks as there can be."""
-    monkeypatch.setattr(protocol, "quad_count", lambda all_blocks_s, nsection: 1)
-    monkeypatch.setattr(protocol, "layout_count", lambda all_blocks_s, nsection: 1)
-    monkeypatch.setattr(protocol, "MAX_LAYOUTS", 1)
+    monkeypatch.setattr(pair_work, "quad_count", lambda all_blocks_s, nsection: 1)
+    monkeypatch.setattr(pair_work, "layout_count", lambda all_blocks_s, nsection: 1)
+    monkeypatch.setattr(pair_work, "MAX_LAYOUTS", 1)
 
 
-@pytest.fixture(params=["load", "reset", "rays", "rollout", "batch", "memory", "growth"])
+@pytest.fixture(params=["load", "reset", "rays", "rollout", "batch", "memory", "growth", "arena"])
 def launched(pool: WorkerPool, request: pytest.FixtureRequest) -> Iterator[TargetPair]:
     """Yield a pair that is prepared, by one metric after the other."""
     pair = TargetPair(pool, CARTPOLE, CARTPOLE, Sizes(metric=Metric(request.param)))
@@ -43,7 +52,9 @@ def test_a_target_against_itself_does_the_same_by_every_metric(launched: TargetP
     assert len(launch.orders) == 1
     assert abs(launch.log_ratio) < 1.0
     metric = launched._sizes.metric
-    if metric in (Metric.MEMORY, Metric.GROWTH):
+    if metric == Metric.ARENA:
+        assert len({reading for quad in launch.ns for reading in quad}) == 1
+    elif metric in (Metric.MEMORY, Metric.GROWTH):
         assert launched.results is None
         assert launched.work_check is not None
         assert not launched.work_check.changed
@@ -55,8 +66,49 @@ def test_a_target_against_itself_does_the_same_by_every_metric(launched: TargetP
         assert launched.results.outcome == ResultsOutcome.SAME
 
 
+@pytest.mark.parametrize("differs", [False, True])
+def test_all_that_a_block_of_an_operation_computes_is_compared(
+    monkeypatch: pytest.MonkeyPatch, differs: bool
+) -> None:
+    """The two sides differ in the last ray alone, of as many as take a millisecond."""
+
+    def cast_rays(source: ModelSource, repeats: int) -> PreparedOperation:
+        hits = np.zeros(repeats)
+        hits[10:] = differs and source.path.stem == "candidate"
+        return PreparedOperation(lambda: None, lambda: hits)
+
+    class Process:
+        def call(self, task: Any, prepare: Any, cores: Any) -> ReadyOperation:
+            return ReadyOperation(50_000, prepare().result())
+
+    @contextlib.contextmanager
+    def loaded(*arguments: Any) -> Iterator[Any]:
+        yield [Process(), Process()], [Path("baseline.mjb"), Path("candidate.mjb")]
+
+    monkeypatch.setattr(preparation, "loaded", loaded)
+    monkeypatch.setattr(operations, "OF_METRIC", {Metric.RAYS: cast_rays})
+    pool, targets = cast(WorkerPool, None), (CARTPOLE, CARTPOLE)
+    results = OperationWork(pool, targets, Metric.RAYS, TimeLimit()).results
+    expected = ResultsOutcome.DIFFERENT if differs else ResultsOutcome.SAME
+    assert results.outcome == expected
+
+
+def test_steps_that_are_too_slow_for_their_growth_are_refused_before_the_first_launch(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    prepared = Preparation((Path(), Path()), (Path(), Path()), 1, 1, 0.01, cast(WorkCheck, None))
+    monkeypatch.setattr(preparation, "prepare", lambda *arguments: prepared)
+    with WorkerPool() as pool:
+        GrowthWork(pool, (CARTPOLE, CARTPOLE), Sizes(), TimeLimit(1000.0))
+        with pytest.raises(OutOfTimeError, match="a launch takes about 120 s, and a verdict needs"):
+            GrowthWork(pool, (CARTPOLE, CARTPOLE), Sizes(), TimeLimit(60.0))
+        pool.limit_s = 39.0
+        with pytest.raises(InputError, match=r"2,000 steps or calls in a block, .* 40 s here"):
+            GrowthWork(pool, (CARTPOLE, CARTPOLE), Sizes(), TimeLimit(1000.0))
+
+
 def test_loading_is_of_a_source_and_not_of_a_compiled_model(tmp_path: Path) -> None:
     file = tmp_path / "model.mjb"
     models.save(models.load(CARTPOLE.model), file)
     with pytest.raises(InputError, match=r"model\.mjb is compiled"):
-        operations.find("load", 1).prepared(file)
+        operations.OF_METRIC[Metric.LOAD](ModelSource("", file), 1)

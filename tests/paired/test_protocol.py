@@ -57,7 +57,7 @@ def spied(pool: WorkerPool) -> Iterator[Spied]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(protocol, "time_quads", spying)
-        patch.setattr(protocol, "MAX_LAYOUTS", time_limit.LAYOUTS)
+        patch.setattr(pair_work, "MAX_LAYOUTS", time_limit.LAYOUTS)
         pair = TargetPair(pool, CARTPOLE, CARTPOLE)
         pair.prepare()
         for _ in range(LAUNCHES):
@@ -98,7 +98,7 @@ def test_a_launch_goes_on_while_the_next_processes_start(
 ) -> None:
     answers = iter([False, False, True])
     monkeypatch.setattr(ProcessPairs, "is_next_ready", lambda pairs: next(answers))
-    monkeypatch.setattr(protocol, "quad_count", lambda all_blocks_s, nsection: nsection)
+    monkeypatch.setattr(pair_work, "quad_count", lambda all_blocks_s, nsection: nsection)
     pair = TargetPair(pool, CARTPOLE, CARTPOLE)
     pair.prepare()
     launch = pair.launch()

@@ -60,6 +60,7 @@ def repository(tmp_path: Path) -> Iterator[Repository]:
     git("tag", "v1")
     (tmp_path / "speed").mkdir()
     (tmp_path / "speed/bench.py").write_text("committed\n")
+    (tmp_path / "top.py").write_text("committed\n")
     git("add", "-A")
     git("commit", "-q", "-m", "second")
     (tmp_path / "speed/bench.py").write_text("changed\n")
@@ -129,6 +130,26 @@ def test_commits_that_the_candidate_lacks_are_noted(repository: Repository) -> N
     worktree = repository.parse(WORKTREE)
     (note,) = RevisionComparison(repository, worktree, old, [], repository.top).notes
     assert "`git merge-base HEAD v1`" in note
+
+
+@pytest.mark.parametrize(
+    ("baseline", "file", "instead"),
+    [
+        ("HEAD", "speed/bench.py", "; what it imports is of each side"),
+        ("HEAD", "top.py", ": for the function of each, name top:step"),
+        ("HEAD", "own/__init__.py", None),
+        ("v1", "top.py", None),
+    ],
+)
+def test_a_benchmark_that_differs_itself_is_noted(
+    repository: Repository, baseline: str, file: str, instead: str | None
+) -> None:
+    (repository.top / "top.py").write_text("changed\n")
+    revisions = map(repository.parse, (baseline, WORKTREE))
+    function = FunctionName(f"{file}::step", "step", Path(file))
+    comparison = RevisionComparison(repository, *revisions, [function], repository.top)
+    note = f"{file} itself differs, and both sides run that of WORKTREE{instead}"
+    assert comparison.notes == ([] if instead is None else [note])
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,10 @@ from paired_examples import BRIEF, CARTPOLE, INSTALLED
 from benchmarks.studies.simulated_launches import Scenario, simulate, skewed, two_modes
 from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
-from mjbench.paired import preparation, protocol, verdict
+from mjbench.paired import pair_work, preparation, verdict
 from mjbench.paired.judgement import Judgement, judge
 from mjbench.paired.moved_check import Averaging
-from mjbench.paired.outcomes import Cause, Verdict
+from mjbench.paired.outcomes import Cause, Metric, Verdict
 from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.run_sizes import Sizes
@@ -40,6 +40,17 @@ def test_a_known_slowdown_is_a_share_of_the_simulations(pool: WorkerPool) -> Non
     assert result.status == Status.OK
     assert result.judgement is not None
     assert result.judgement.ratio.estimate > 1.5  # twice the work
+
+
+@pytest.mark.parametrize(("model", "end"), [("cartpole", "same within 0 %"), ("humanoid", "")])
+def test_what_has_no_noise_is_decided_by_one_launch(pool: WorkerPool, model: str, end: str) -> None:
+    candidate = replace(CARTPOLE, model=models.resolve(model))
+    plan = replace(BRIEF, sizes=Sizes(nbatch=1, nstep=10, metric=Metric.ARENA))
+    result = verdict.decide(pool, CARTPOLE, candidate, plan)
+    assert len(result.launches) == 1
+    change = verdicts.describe_change(result.row())
+    assert change.startswith(end or "larger arena by ")
+    assert "interval" not in change
 
 
 def test_a_few_launches_give_their_ratios(pool: WorkerPool) -> None:
@@ -94,7 +105,7 @@ def test_a_launch_that_proves_too_heavy_is_not_finished(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(preparation, "launch_s", lambda all_blocks_s, *nsection: 0.01)
-    monkeypatch.setattr(protocol, "launch_s", lambda all_blocks_s, *nsection: 100.0)
+    monkeypatch.setattr(pair_work, "launch_s", lambda all_blocks_s, *nsection: 100.0)
     plan = verdict.VerdictPlan(time_limit_s=60.0, as_shipped=True)
     result = verdict.decide(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: 0.0)
     assert result.row().verdict == Verdict.INCONCLUSIVE
