@@ -236,7 +236,7 @@ def measure_and_print(
                 _measure_items(run, items, observer, each, bool(code))
         except KeyboardInterrupt:
             run.interrupt(bool(session.records))
-        if summary:
+        if summary and (session.records or not run.interrupted):
             run.show(summary(session.run()))
         if code is False:
             run.hint_at_code()

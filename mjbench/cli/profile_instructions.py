@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     metavar="RELEASE",
     help="Release to count in; may be given several times.  [default: installed]",
 )
-@click.option("--top", type=COUNT, default=10, show_default=True, help="List this many functions.")
+@click.option("--top", type=COUNT, default=15, show_default=True, help="List this many functions.")
 @click.option(
     "--time-limit",
     "limit_s",
