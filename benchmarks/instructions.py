@@ -4,7 +4,6 @@ Two processes under Callgrind, side by side, count half of the models each, over
 and controls (see mjbench.counts.instructions).
 """
 
-import functools
 import pickle
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
@@ -46,7 +45,7 @@ class Instructions(Tracked):
             release = installs.parse_release(installs.INSTALLED)
             halves = sources[::2], sources[1::2]
             with ThreadPoolExecutor(len(halves)) as pool:
-                for counts in pool.map(functools.partial(counter.count, release), halves):
+                for counts in pool.map(lambda half: list(counter.count(release, half)), halves):
                     cache |= {count.model: _cached(count) for count in counts}
         return cache
 

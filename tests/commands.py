@@ -83,10 +83,12 @@ def _document(words: tuple[str, ...], cwd: Path) -> Path | None:
 
 def _kind(words: Sequence[str]) -> str:
     """Return the name of the document that a command line writes."""
-    from mjbench.store.command_names import EARLIER
+    from mjbench.report.kinds import DOCUMENTS
+    from mjbench.store.command_names import present_name
 
-    for name, (command, mode, *_) in EARLIER.items():
-        if words[0] == command and mode.removesuffix("=") in words:
+    for name in DOCUMENTS:
+        command, _, mode = present_name(name).partition(" ")
+        if mode and words[0] == command and mode in words:
             return name
     return words[0]
 

@@ -8,7 +8,13 @@ from typing import Any
 from mjbench.api.session import Item, Measurement, Observer, input_files, pinning_notes
 from mjbench.paired import release_bisect, revision_bisect
 from mjbench.paired.bisect import short_name
-from mjbench.paired.bisect_records import BisectRecord, BisectTrial, VersionKind
+from mjbench.paired.bisect_records import (
+    BisectMeasured,
+    BisectRecord,
+    BisectTrial,
+    VersionKind,
+    finished,
+)
 from mjbench.paired.revision_sides import RevisionComparison
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.releases.catalogue import ReleaseRange
@@ -19,8 +25,8 @@ from mjbench.units import percent_change
 # Versions that are measured in a search, about, for its progress.
 _USUAL_TRIALS = 8
 
-# Is called with what is told of each phase, and of each version that is measured.
-_Search = Callable[[Callable[[str], None], Callable[[BisectTrial], None]], BisectRecord]
+# Yields what is measured; is called with what is told of each phase, and with earlier records.
+_Search = Callable[[Callable[[str], None], Sequence[Record]], Iterator[BisectMeasured]]
 
 
 def revision_bisection(comparison: RevisionComparison, plan: VerdictPlan) -> Measurement:
@@ -60,16 +66,17 @@ def _measurement(
     search: _Search, kind: VersionKind, arguments: Mapping[str, Any], files: Sequence[Path]
 ) -> Measurement:
     def measure(earlier: Sequence[Record], observer: Observer) -> Iterator[Item]:
-        trials: list[BisectTrial] = []
+        if any(isinstance(record, BisectRecord) for record in earlier):
+            return
+        trials = 0
+        for record in search(observer.begin, earlier):
+            yield Item([record])
+            if isinstance(record, BisectTrial):
+                trials += 1
+                change = "cannot be measured"
+                if record.ratio is not None:
+                    change = f"{percent_change(record.ratio)} %"
+                text = f"{short_name(record.version, kind)} {change}"
+                observer(text, trials / (trials + _USUAL_TRIALS))
 
-        def on_trial(trial: BisectTrial) -> None:
-            trials.append(trial)
-            change = "cannot be measured"
-            if trial.ratio is not None:
-                change = f"{percent_change(trial.ratio)} %"
-            text = f"{short_name(trial.version, kind)} {change}"
-            observer(text, len(trials) / (len(trials) + _USUAL_TRIALS))
-
-        yield Item([search(observer.begin, on_trial)])
-
-    return Measurement("bisect", arguments, files, measure, lambda records: (), pinning_notes())
+    return Measurement("bisect", arguments, files, measure, finished, pinning_notes())

@@ -8,7 +8,7 @@ import click
 from mjbench.cli.ab import REVISION, revision_comparison
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import OUTPUT, VERDICT_PLAN, with_options
+from mjbench.cli.shared import STORING, VERDICT_PLAN, with_options
 from mjbench.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @click.argument("baseline", metavar="OLD")
 @click.argument("candidate", metavar="NEW")
 @click.argument("target", metavar="FUNCTION|MODEL")
-@with_options(VERDICT_PLAN, OUTPUT)
+@with_options(VERDICT_PLAN, STORING)
 def bisect(
     baseline: str, candidate: str, target: str, plan: "VerdictPlan", output: OutputOptions
 ) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjbench.api import interrupts
-from mjbench.cli.group import command_line, report_line
+from mjbench.cli.group import command_line, option_names, report_line
 from mjbench.cli.output_file import OutputFile
 from mjbench.errors import MachineError
 from mjbench.status import ExitCode, Status, exit_code
@@ -142,6 +142,8 @@ class RunContext:
         """Note that the user stopped the work, and tell them whether results are saved."""
         self.interrupted = self.is_stopped = True
         saved = "; what was measured is saved" if is_saved else ""
+        if is_saved and self._session is not None and "resume" in option_names():
+            saved += f"; to go on, add --resume {self._session.file} to the command"
         report_line(f"interrupted{saved}")
 
     def show(self, sections: Iterable["Section"], code: bool = False) -> None:
@@ -234,7 +236,7 @@ def measure_and_print(
                 _measure_items(run, items, observer, each, bool(code))
         except KeyboardInterrupt:
             run.interrupt(bool(session.records))
-        if summary:
+        if summary and (session.records or not run.interrupted):
             run.show(summary(session.run()))
         if code is False:
             run.hint_at_code()

@@ -97,6 +97,12 @@ def command_line() -> tuple[str, ...]:
     return arguments
 
 
+def option_names() -> set[str]:
+    """Return the names of the parameters of the command that runs; none outside of a command."""
+    context = click.get_current_context(silent=True)
+    return {parameter.name or "" for parameter in context.command.params} if context else set()
+
+
 def _check_folder() -> None:
     try:
         os.getcwd()  # noqa: PTH109 - Path.cwd() is the same call

@@ -346,14 +346,16 @@ def _explain_releases(
     before: Sequence[ModelCount] = ()
     with InstructionCounter() as counter:
         if missing and selection.sources:
-            counter.count(selection.reference, selection.sources)  # draws the workloads
+            list(counter.count(selection.reference, selection.sources))  # draws the workloads
         for number, release in enumerate(selection.releases):
             observer(f"MuJoCo {release.version}", number / len(selection.releases))
             if release.version not in missing:
                 before = ()
                 continue
-            counts = counter.count(release, selection.sources)
-            counts += counter.count(release, _requests(selection))
+            counts = [
+                *counter.count(release, selection.sources),
+                *counter.count(release, _requests(selection)),
+            ]
             yield Item(
                 [
                     _record(old, new)

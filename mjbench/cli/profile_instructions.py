@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     metavar="RELEASE",
     help="Release to count in; may be given several times.  [default: installed]",
 )
-@click.option("--top", type=COUNT, default=10, show_default=True, help="List this many functions.")
+@click.option("--top", type=COUNT, default=15, show_default=True, help="List this many functions.")
 @click.option(
     "--time-limit",
     "limit_s",
@@ -54,16 +54,24 @@ def profile_instructions(
     """
     from mjbench.api.session import Item, Measurement, input_files
     from mjbench.counts.instructions import InstructionCounter
-    from mjbench.counts.records import InstructionsRecord
+    from mjbench.counts.records import InstructionsRecord, counted
     from mjbench.releases import installs
     from mjbench.report import counts
 
     specs = [installs.parse_release(name) for name in releases or (installs.INSTALLED,)]
 
     def items(earlier: "Sequence[Record]", observer: "Observer") -> "Iterator[Item]":
+        known = {(record.build, record.model) for record in counted(earlier)}
+        remaining = {(spec.key, source.name) for spec in specs for source in sources} - known
         for number, spec in enumerate(specs):
-            observer(f"MuJoCo {spec.version}", number / len(specs))
-            yield Item([count.record() for count in counter.count(spec, sources, limit_s)])
+            names = {model for build, model in remaining if number == 0 or build == spec.key}
+            to_count = [source for source in sources if source.name in names]
+            for position, count in enumerate(counter.count(spec, to_count, limit_s), 1):
+                share = (number + position / len(to_count)) / len(specs)
+                observer(f"{count.model}, MuJoCo {spec.version}", share)
+                # the first release draws the work of models that remain for others, too
+                if (spec.key, count.model) in remaining:
+                    yield Item([count.record()])
 
     arguments = {
         "sizes": sizes,
@@ -71,7 +79,7 @@ def profile_instructions(
         "models": [source.name for source in sources],
     }
     files = input_files(sources, specs, sizes.starts)
-    measurement = Measurement("instructions", arguments, files, items)
+    measurement = Measurement("instructions", arguments, files, items, counted)
     with InstructionCounter(sizes) as counter:
         run = measure_and_print(
             measurement,

@@ -108,18 +108,24 @@ def install_releases(names: tuple[str, ...]) -> None:
 
 
 @releases.command("installs", short_help="list what is installed in the cache")
-def list_installs() -> None:
+@JSON
+def list_installs(json_file: str | None) -> None:
     """List the installs in the cache folder, with their size and when they were last used."""
     from mjbench.releases import installs
+    from mjbench.report.documents import InstallsDocument
 
-    click.echo(f"In {installs.cache_folder()}:")
-    sizes = installs.install_sizes()
-    for install in sizes:
-        days = int(install.unused_s / _DAY_S)
-        used = "today" if days < 1 else f"{days} day{'s' * (days > 1)} ago"
-        click.echo(f"{install.name}  {_mebibytes(install.size_bytes)}, used {used}")
-    if len(sizes) > 1:
-        click.echo(f"{len(sizes)} installs, {_mebibytes(sum(s.size_bytes for s in sizes))}")
+    with RunContext(json_file) as run:
+        lines = [f"In {installs.cache_folder()}:"]
+        sizes = installs.install_sizes()
+        for install in sizes:
+            days = int(install.unused_s / _DAY_S)
+            used = "today" if days < 1 else f"{days} day{'s' * (days > 1)} ago"
+            lines.append(f"{install.name}  {_mebibytes(install.size_bytes)}, used {used}")
+        if len(sizes) > 1:
+            total_bytes = sum(size.size_bytes for size in sizes)
+            lines.append(f"{len(sizes)} installs, {_mebibytes(total_bytes)}")
+        run.out.print("\n".join(lines), soft_wrap=True)
+        run.write(InstallsDocument(folder=str(installs.cache_folder()), installs=sizes))
 
 
 @releases.command("prune", short_help="remove installs not used for some time")

@@ -8,9 +8,11 @@ import click
 from mjbench.cli import show_pages
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli, report_line
+from mjbench.cli.shared import JSON
 from mjbench.errors import InputError
 
 if TYPE_CHECKING:
+    from mjbench.report.documents import MergeDocument
     from mjbench.store.run_set import Merged
 
 
@@ -32,7 +34,8 @@ def results() -> None:
     type=click.Path(path_type=Path),
     help="Run set to write. If it exists, runs that it lacks are appended.",
 )
-def merge(files: tuple[Path, ...], output: Path) -> None:
+@JSON
+def merge(files: tuple[Path, ...], output: Path, json_file: str | None) -> None:
     """Merge run files of one or several machines into one file, a run set.
 
     The set has every run once, unchanged. Sets can be merged, too. `show`, `history`
@@ -49,11 +52,13 @@ def merge(files: tuple[Path, ...], output: Path) -> None:
 
     if str(output) == "-":
         raise InputError("a run set cannot go to standard output: give -o FILE")
-    with RunContext(inputs=files) as run:
+    with RunContext(json_file, [*files, output]) as run:
         merged = run_set.merge(files, output, RECORD_TYPES)
         for path in merged.torn:
             report_line(f"{path}: its end was cut short; the incomplete part is left out")
-        run.out.print(f"{output}: {_summary(merged)}", soft_wrap=True)
+        document = _document(output, merged)
+        run.out.print(f"{output}: {_summary(document)}", soft_wrap=True)
+        run.write(document)
 
 
 @results.command(short_help="write a run in a format of other tools")
@@ -77,12 +82,25 @@ def export(file: Path, form: str, output: str | None) -> None:
     show_pages.write((file,), form, output)
 
 
-def _summary(merged: "Merged") -> str:
-    """Return what a set holds now, what was added and what was skipped, in one line."""
+def _document(output: Path, merged: "Merged") -> "MergeDocument":
+    from mjbench.report.documents import MergeDocument
     from mjbench.store.machine_identity import identify
+
+    return MergeDocument(
+        file=str(output),
+        runs=len(merged.runs),
+        machines=len(set(identify([run.header.machine for run in merged.runs]))),
+        added=merged.added,
+        repeated=merged.repeated,
+        earlier=merged.earlier,
+        torn=[str(path) for path in merged.torn],
+    )
+
+
+def _summary(merged: "MergeDocument") -> str:
+    """Return what a set holds now, what was added and what was skipped, in one line."""
     from mjbench.units import count_of
 
-    machines = dict.fromkeys(identify([run.header.machine for run in merged.runs]))
     skipped = [
         f"{count} {why}"
         for count, why in (
@@ -92,5 +110,5 @@ def _summary(merged: "Merged") -> str:
         if count
     ]
     end = f", skipped {' and '.join(skipped)}" if skipped else ""
-    runs = count_of(len(merged.runs), "run")
-    return f"{runs} of {count_of(len(machines), 'machine')}; added {merged.added}{end}"
+    runs, machines = count_of(merged.runs, "run"), count_of(merged.machines, "machine")
+    return f"{runs} of {machines}; added {merged.added}{end}"

@@ -9,7 +9,7 @@ import click
 
 from mjbench.cli.context import OutputOptions, measure_and_print
 from mjbench.cli.group import cli
-from mjbench.cli.shared import OUTPUT, Count, Seconds
+from mjbench.cli.shared import OUTPUT, Count, RenamedOption, Seconds
 from mjbench.errors import InputError
 from mjbench.limits import Bounds
 from mjbench.status import ExitCode
@@ -60,8 +60,10 @@ class _ProgramCommand(click.Command):
     help="Sample a running program for --seconds (10s by default). It keeps running.",
 )
 @click.option(
+    "--sample-rate",
     "--rate",
     "rate_hz",
+    cls=RenamedOption,
     type=Count(Bounds(1, 1000)),
     help="Samples of the program's stacks per second  [default: 100; 20 of a program with several"
     " child processes; 10 with --native, or fewer where they would cost too much]",

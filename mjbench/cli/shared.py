@@ -443,7 +443,7 @@ _JUDGING = (
     ),
 )
 OUTPUT = as_one("output", OutputOptions, RESULTS, WAIT, JSON)
-COUNTS_OUTPUT = as_one("output", OutputOptions, RESULTS, JSON)
+COUNTS_OUTPUT = as_one("output", OutputOptions, RESULTS, RESUME, JSON)
 STORING = as_one("output", OutputOptions, RESULTS, RESUME, WAIT, JSON)
 STATES = click.option(
     "--states",

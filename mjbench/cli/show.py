@@ -203,7 +203,10 @@ def _show_differences(
         if rows:
             run.show([differences_section(rows)])
         if not any(row.path for row in rows):
-            raise InputError(f"{old} and {new} have no timed row of `compare` in common")
+            raise InputError(
+                f"{old} and {new} have no timed row of `compare` in common; of verdicts,"
+                " `mjbench show RUN --fail-on slower` judges one run"
+            )
         run.write(DiffDocument(results=rows))
     run.exit_with(exit_code(row.status for row in rows) or fail_on.of_differences(rows))
 

@@ -3,6 +3,7 @@
 import contextlib
 import itertools
 import os
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,8 +11,8 @@ from typing import TYPE_CHECKING
 import click
 
 from mjbench.cli.context import RunContext
-from mjbench.cli.group import cli, report_line
-from mjbench.cli.shared import check_sizes
+from mjbench.cli.group import cli, command_line, report_line
+from mjbench.cli.shared import JSON, check_sizes
 from mjbench.errors import InputError, MachineError
 from mjbench.status import FINISHED
 
@@ -48,7 +49,15 @@ SWEEPS_FOLDER = Path("results/sweeps")
     is_flag=True,
     help="Also measure again what failed; the earlier failures stay in the run set.",
 )
-def sweep(plan: Path, address: str | None, output: Path | None, dry_run: bool, retry: bool) -> None:
+@JSON
+def sweep(
+    plan: Path,
+    address: str | None,
+    output: Path | None,
+    dry_run: bool,
+    retry: bool,
+    json_file: str | None,
+) -> None:
     """Measure what PLAN.toml asks for on all nodes of a Ray cluster, each result once.
 
     The plan names models, releases, paths, metrics and machines. A node measures time only if its
@@ -70,14 +79,19 @@ def sweep(plan: Path, address: str | None, output: Path | None, dry_run: bool, r
       mjbench sweep plan.toml --address auto
     """
     from mjbench.report import sweep as report
+    from mjbench.report.documents import SweepDocument
     from mjbench.sweep import matrix, software
     from mjbench.sweep import plan as plans
 
-    with RunContext(inputs=[plan]) as run:
+    target = output or SWEEPS_FOLDER / f"{plan.stem}.jsonl"
+    with RunContext(json_file, [plan, target]) as run:
         cells = matrix.build(plans.load(plan, check_command), software.installed())
-        target = output or SWEEPS_FOLDER / f"{plan.stem}.jsonl"
         if dry_run:
-            run.show([report.cells_section(cells.cells, _stored(target, cells))])
+            stored = _stored(target, cells)
+            words = [word for word in command_line() if word != "--dry-run"]
+            command = shlex.join(["mjbench", *words])
+            run.show([report.cells_section(cells.cells, stored, command)])
+            run.write(SweepDocument.of(cells.cells, stored))
             return
         _sweep(run, cells, target, address, retry)
 
@@ -105,6 +119,7 @@ def _sweep(
 ) -> None:
     from mjbench.report import sweep as report
     from mjbench.report.content import Conclusion, Section
+    from mjbench.report.documents import SweepDocument
 
     with contextlib.ExitStack() as on_error, contextlib.closing(_open(target, on_error)) as file:
         stored = _stored(target, matrix)
@@ -118,6 +133,7 @@ def _sweep(
             on_error.pop_all()
             stored |= summary.outcomes
             run.show([report.summary_section(summary, stored)])
+    run.write(SweepDocument.of(matrix.cells, stored))
     run.out.print(f"\nRun set: {target}", soft_wrap=True)
     run.out.print(f"Report: mjbench show {target} --html", soft_wrap=True)
     if summary and summary.is_interrupted:

@@ -74,7 +74,7 @@ def versions_explain(
                 targets = [Target(spec, source) for spec in specs]
                 times.append(_compare_times(pool, counter, targets, plan) if clock else None)
             observer("instructions", 0.5)
-            baselines, candidates = (counter.count(spec, remaining) for spec in specs)
+            baselines, candidates = (list(counter.count(spec, remaining)) for spec in specs)
             for baseline, candidate, time in zip(baselines, candidates, times, strict=True):
                 counted[candidate.model] = baseline, candidate
                 yield Item([explain_change(baseline, candidate, time)])

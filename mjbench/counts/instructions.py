@@ -13,7 +13,7 @@ import os
 import shutil
 import subprocess
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -130,8 +130,8 @@ class InstructionCounter:
         release: installs.ReleaseSpec,
         work: Sequence[ModelSource | OperationRequest],
         limit_s: float = 600.0,
-    ) -> list[ModelCount]:
-        """Count the instructions of models' steps, and of operations around the step.
+    ) -> Iterator[ModelCount]:
+        """Yield the instructions of models' steps, and of operations around the step.
 
         Args:
           limit_s: kill the process when it finishes nothing for this long.
@@ -167,36 +167,41 @@ class InstructionCounter:
 
 def _count(
     release: installs.ReleaseSpec, requests: Sequence[TaskRequest], limit_s: float
-) -> list[ModelCount]:
-    counts: list[ModelCount] = []
-    begin = time.monotonic()
-    while len(counts) < len(requests):
+) -> Iterator[ModelCount]:
+    done = 0
+    while done < len(requests):
         # a task that ends the process costs only its own row: a new process counts the rest
         with scratch.folder() as folder:
-            counts += _count_until_death(release, requests[len(counts) :], folder, limit_s)
-    seconds = (time.monotonic() - begin) / max(1, len(counts))
-    return [replace(count, seconds=seconds) for count in counts]
+            for count in _count_until_death(release, requests[done:], folder, limit_s):
+                yield count
+                done += 1
 
 
 def _count_until_death(
-    release: installs.ReleaseSpec, requests: Sequence[TaskRequest], folder: Path, limit_s: float
-) -> list[ModelCount]:
-    """Count tasks until one ends the process; the last count then says how."""
-    answers, failure = _run_program(release, requests, folder, limit_s)
-    counts = [
-        _task_count(release, task, answer, [folder / f"callgrind.out.{n}" for n in _dumps(i)])
-        for i, (task, answer) in enumerate(zip(requests, answers, strict=False))
-    ]
-    if len(counts) < len(requests):
-        assert failure is not None, "otherwise all tasks were answered"
-        counts.append(_failed(requests[len(counts)], release, failure))
-    return counts
-
-
-def _run_program(
     release: installs.ReleaseSpec, tasks: Sequence[TaskRequest], folder: Path, limit_s: float
-) -> tuple[list[CountAnswer], Failure | None]:
-    """Run the counted program under Callgrind; return its answers, and how it failed, or None.
+) -> Iterator[ModelCount]:
+    """Count tasks until one ends the process; the last count then says how."""
+    begin_s = time.monotonic()
+    with _program(release, tasks, folder, limit_s) as connection:
+        for number, task in enumerate(tasks):
+            try:
+                answer: CountAnswer = connection.unpickled(connection.receive(limit_s))
+            except ChildError as error:
+                hung = error.ending == Status.TIMEOUT
+                detail = f"{error.cause}, killed" if hung else str(error)
+                yield _failed(task, release, Failure(error.ending, detail))
+                return
+            dumps = [folder / f"callgrind.out.{dump}" for dump in _dumps(number)]
+            end_s = time.monotonic()
+            yield replace(_task_count(release, task, answer, dumps), seconds=end_s - begin_s)
+            begin_s = end_s
+
+
+@contextlib.contextmanager
+def _program(
+    release: installs.ReleaseSpec, tasks: Sequence[TaskRequest], folder: Path, limit_s: float
+) -> Iterator[ChildConnection]:
+    """Run the counted program under Callgrind as long as the block lasts; yield its connection.
 
     The dumps become `callgrind.out.1`, `callgrind.out.2`, … in the folder.
     """
@@ -220,28 +225,11 @@ def _run_program(
             preexec_fn=lambda: child.die_with_parent(parent),
         )
         try:
-            return _answers(connection, release, tasks, limit_s)
+            with contextlib.suppress(OSError):  # its end is reported where its answer is read
+                connection.connection.send((release.version, tuple(tasks)))
+            yield connection
         finally:
             connection.end()
-
-
-def _answers(
-    connection: ChildConnection,
-    release: installs.ReleaseSpec,
-    tasks: Sequence[TaskRequest],
-    limit_s: float,
-) -> tuple[list[CountAnswer], Failure | None]:
-    answers: list[CountAnswer] = []
-    try:
-        with contextlib.suppress(OSError):  # its end is reported where its answer is read
-            connection.connection.send((release.version, tuple(tasks)))
-        while len(answers) < len(tasks):
-            answers += [connection.unpickled(connection.receive(limit_s))]
-    except ChildError as error:
-        hung = error.ending == Status.TIMEOUT
-        detail = f"{error.cause}, killed" if hung else str(error)
-        return answers, Failure(error.ending, detail)
-    return answers, None
 
 
 def _callgrind(folder: Path) -> list[str]:

@@ -42,7 +42,7 @@ class InstructionsRecord:
       work: contacts, constraints, solver iterations per step.
       repeats: how much a second pass over the same work differed, as a share.
       warnings: how many of the others raised each warning of MuJoCo; None where it was not counted.
-      seconds: time of counting, divided equally among the models counted together.
+      seconds: of counting; the start of a process counts to its first model.
       build: tells builds of one version apart; empty where it is unknown.
       starts: where start states came from; None where another release drew them.
     """
@@ -64,6 +64,11 @@ class InstructionsRecord:
     seconds: float = 0.0
     build: str = ""
     starts: Starts | None = None
+
+
+def counted(records: Sequence[object]) -> list[InstructionsRecord]:
+    """Return the counts of a run file that are not taken again when it is continued."""
+    return [r for r in records if isinstance(r, InstructionsRecord) and r.status in FINISHED]
 
 
 class CodeChange(StrEnum):

@@ -65,6 +65,14 @@ myst_heading_anchors = 4
 """
 # Numbers do not wrap.
 _STYLE = "td.text-right, th.text-right { white-space: nowrap; }"
+# What the theme leaves out for people who do not see it, by how its elements begin: a heading's
+# level, the names of landmarks, and that what scrolls can be reached by the keyboard.
+_MISSING_ATTRIBUTES = (
+    ('p class="caption" role="heading"', 'aria-level="2"'),
+    ('aside class="sidebar-drawer"', 'aria-label="Pages"'),
+    ('aside class="toc-drawer', 'aria-label="On this page"'),
+    ('div class="table-wrapper', 'tabindex="0"'),
+)
 # Groups of documents in the navigation, by the folder that they are in.
 _GROUPS = (
     ("Guides", "docs/guides"),
@@ -107,6 +115,9 @@ def build(project: Project, scratch: Path, output: Path) -> list[str]:
     source, rendered = scratch / "source", scratch / "site"
     lines = write_source(project, source)
     warnings = _render(source, rendered)
+    for page in rendered.rglob("*.html"):
+        if not page.is_relative_to(rendered / "reports"):
+            page.write_text(_accessible(page.read_text(encoding="utf-8")), encoding="utf-8")
     with writing(output):
         (rendered / MARKER).touch()
         output = output.resolve()
@@ -134,6 +145,15 @@ def _render(source: Path, rendered: Path) -> list[str]:
         named = [line for line in lines if re.match(r"[\w.]+(Error|Exception)\b", line)]
         raise MachineError(f"Sphinx failed: {one_line((named or lines or ['no message'])[-1])}")
     return [line.removeprefix(f"{source}/") for line in lines]
+
+
+def _accessible(page: str) -> str:
+    """Return a page of Sphinx with the attributes that its theme leaves out."""
+    page = page.replace("<pre>", '<pre tabindex="0">')
+    for element, attribute in _MISSING_ATTRIBUTES:
+        tag, beginning = element.split(" ", 1)
+        page = page.replace(f"<{element}", f"<{tag} {attribute} {beginning}")
+    return page
 
 
 def write_source(project: Project, source: Path) -> list[str]:
@@ -286,6 +306,10 @@ def _reports_page(runs: Sequence[NamedRun]) -> Iterator[str]:
     yield from markdown.table_lines(headings[:count], (row[:count] for row in rows), ["began"])
 
 
+def _count_models(named: NamedRun) -> int:
+    return len({model for r in named.run.records if (model := getattr(r, "model", ""))})
+
+
 def _name(named_runs: Sequence[NamedRun]) -> str:
     several = f" ({len(named_runs)} runs)" if len(named_runs) > 1 else ""
     return f"{reports.title(named_runs)}{several}"
@@ -333,14 +357,11 @@ def _index(project: Project, source: Path) -> Iterator[str]:
             links.append("[release by release](releases.md)")
         yield f"\n{' · '.join(links)}\n"
     good = [runs[-1] for runs in by_file.values() if not any(map(_remark, runs))]
-    newest_runs = {named.run.header.command: named for named in good}
-    for title, command in (
-        ("The newest comparison of paths", "compare"),
-        ("The newest comparison of releases", "versions"),
-    ):
-        if command in newest_runs:
-            named = newest_runs[command]
-            yield f"## {title}\n"
+    for title, command in (("Ways of stepping", "compare"), ("Two releases", "versions")):
+        of_command = [named for named in good if named.run.header.command == command]
+        if of_command:
+            named = max(reversed(of_command), key=_count_models)  # the newest of equal ones
+            yield f"## {title}, {escaped(named.run.header.began[:10])}\n"
             yield from _summary(by_file[named.file])
             yield f"\n{_report_link(named, _name([named]))}\n"
     if project.asv_pages is not None:

@@ -10,8 +10,9 @@ import contextlib
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from mjbench.errors import InputError, MachineError
 from mjbench.measuring.bisection import ChangePosterior, VersionRatio
 from mjbench.paired.bisect_records import (
     BisectChange,
+    BisectComparison,
+    BisectMeasured,
     BisectRecord,
     BisectTrial,
     VersionKind,
@@ -27,7 +30,12 @@ from mjbench.paired.bisect_records import (
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord
 from mjbench.paired.verdict import launches_to_judge
+from mjbench.store.runs import Record
 from mjbench.units import listed, short_commit
+
+_Result = TypeVar("_Result")
+# Yields what is measured on the way to a result.
+_Steps = Generator[BisectTrial | BisectComparison, None, _Result]
 
 # The probability at which a version is compared with the one before it.
 CERTAINTY = 0.99
@@ -87,15 +95,16 @@ def search(
     measurer: VersionMeasurer,
     searched: SearchRange,
     min_effect: float,
-    on_trial: Callable[[BisectTrial], None] = lambda trial: None,
+    earlier: Sequence[Record] = (),
     clock: Callable[[], float] = time.monotonic,
-) -> BisectRecord:
-    """Return which versions changed the time of something.
+) -> Iterator[BisectMeasured]:
+    """Yield what is measured; the last record says which versions changed the time of something.
 
     Args:
       min_effect: smallest change that matters, as a share.
+      earlier: of a search that is continued; they are not measured again.
     """
-    return _Searcher(measurer, searched, min_effect, on_trial).run(clock)
+    return _Searcher(measurer, searched, min_effect, earlier, clock).run()
 
 
 def short_name(version: VersionRow, kind: VersionKind) -> str:
@@ -104,29 +113,42 @@ def short_name(version: VersionRow, kind: VersionKind) -> str:
 
 
 class _Searcher:
-    """One search, and its results."""
+    """One search, and its results.
+
+    Generators yield what is measured, and return what follows from it.
+    """
 
     def __init__(
         self,
         measurer: VersionMeasurer,
         searched: SearchRange,
         min_effect: float,
-        on_trial: Callable[[BisectTrial], None],
+        earlier: Sequence[Record],
+        clock: Callable[[], float],
     ):
-        self._measurer, self._searched, self._on_trial = measurer, searched, on_trial
+        self._measurer, self._searched, self._clock = measurer, searched, clock
         self._versions = searched.versions
         self._log_effect = math.log1p(min_effect)
+        self._known_trials = {
+            (each.first, each.version.number): each
+            for each in earlier
+            if isinstance(each, BisectTrial)
+        }
+        self._known_comparisons = {
+            (each.first, each.last): each for each in earlier if isinstance(each, BisectComparison)
+        }
         self._unable: set[int] = set()
         self._trials: list[BisectTrial] = []
         self._changes: list[BisectChange] = []
         self._unconfirmed: list[VersionRow] = []
+        self._seconds = 0.0
 
-    def run(self, clock: Callable[[], float]) -> BisectRecord:
-        begin_s, searched, count = clock(), self._searched, len(self._versions)
-        ends = self._measurer.decide(0, count)
+    def run(self) -> Iterator[BisectMeasured]:
+        searched, count = self._searched, len(self._versions)
+        ends = yield from self._decide(0, count)
         if _is_change(ends):
-            self._between(0, count, ends)
-        return BisectRecord(
+            yield from self._between(0, count, ends)
+        yield BisectRecord(
             target=searched.target,
             kind=searched.kind,
             old=searched.old,
@@ -137,7 +159,7 @@ class _Searcher:
             ends=ends.row(),
             trials=self._trials,
             changes=sorted(self._changes, key=lambda change: change.version.number),
-            seconds=clock() - begin_s,
+            seconds=self._seconds,
         )
 
     def _detail(self) -> str:
@@ -151,42 +173,57 @@ class _Searcher:
             f" {kind}s, each too small to be seen alone"
         )
 
-    def _between(self, first: int, last: int, ends: VerdictRecord) -> None:
+    def _decide(self, first: int, last: int) -> _Steps[VerdictRecord]:
+        """Compare two versions; see `VersionMeasurer.decide`."""
+        comparison = self._known_comparisons.get((first, last))
+        if comparison is None:
+            begin_s = self._clock()
+            verdict = self._measurer.decide(first, last)
+            comparison = BisectComparison(first, last, verdict, self._clock() - begin_s)
+            yield comparison
+        self._seconds += comparison.seconds
+        return comparison.verdict
+
+    def _between(self, first: int, last: int, ends: VerdictRecord) -> _Steps[None]:
         """Find the changes between two versions that differ."""
-        changed = self._likeliest(first, last, ends)
+        changed = yield from self._likeliest(first, last, ends)
         if changed is None:  # the last one measured lies between two changes
             middle = self._trials[-1].version.number
-            self._search_each((first, middle), (middle, last))
+            yield from self._search_each((first, middle), (middle, last))
             return
-        before, verdict = (first, ends) if last - first == 1 else self._beside(first, changed)
+        before, verdict = first, ends
+        if last - first > 1:
+            before, verdict = yield from self._beside(first, changed)
         row = self._versions[changed - 1]
         if not _is_change(verdict):
             self._unconfirmed.append(row)
             return
         self._changes.append(BisectChange(row, verdict.row(), self._versions[before : changed - 1]))
         if (before, changed) != (first, last) and self._leaves_more(ends, verdict):
-            self._search_each((first, before), (changed, last))
+            yield from self._search_each((first, before), (changed, last))
 
-    def _search_each(self, *sides: tuple[int, int]) -> None:
+    def _search_each(self, *sides: tuple[int, int]) -> _Steps[None]:
         """Search between versions, where they differ."""
         for first, last in sides:
-            ends = self._measurer.decide(first, last) if first < last else None
-            if ends is not None and _is_change(ends):
-                self._between(first, last, ends)
+            if first == last:
+                continue
+            ends = yield from self._decide(first, last)
+            if _is_change(ends):
+                yield from self._between(first, last, ends)
 
-    def _beside(self, first: int, changed: int) -> tuple[int, VerdictRecord]:
+    def _beside(self, first: int, changed: int) -> _Steps[tuple[int, VerdictRecord]]:
         """Return the last version before one that can be measured, and the verdict on the two."""
         for before in range(changed - 1, first, -1):
             if before in self._unable:
                 continue
             with contextlib.suppress(MachineError):
-                verdict = self._measurer.decide(before, changed)
+                verdict = yield from self._decide(before, changed)
                 if verdict.verdict is not None:
                     return before, verdict
             self._unable.add(before)
-        return first, self._measurer.decide(first, changed)
+        return first, (yield from self._decide(first, changed))
 
-    def _likeliest(self, first: int, last: int, ends: VerdictRecord) -> int | None:
+    def _likeliest(self, first: int, last: int, ends: VerdictRecord) -> _Steps[int | None]:
         """Measure versions between two until one is probably the first that differs; return it.
 
         Where that one cannot be measured, it is the next one that can.
@@ -199,12 +236,13 @@ class _Searcher:
         point = ChangePosterior(last - first, _log_change(ends), _deviation(residuals))
         for _ in range(MOST_TRIALS):
             unable = {number - first for number in self._unable}
-            ready = {number - first for number in self._measurer.ready()}
+            known = {number for start, number in self._known_trials if start == first}
+            ready = {number - first for number in {*self._measurer.ready(), *known}}
             is_certain = point.certainty >= CERTAINTY
             version = None if is_certain else point.next_version(unable, ready)
             if version is None:
                 break
-            log_ratios = self._measure(first, first + version)
+            log_ratios = yield from self._measure(first, first + version)
             if not log_ratios:
                 continue
             residuals += _residuals(log_ratios)
@@ -218,18 +256,34 @@ class _Searcher:
             changed += 1
         return changed
 
-    def _measure(self, first: int, number: int) -> Sequence[float]:
+    def _measure(self, first: int, number: int) -> _Steps[Sequence[float]]:
         """Return the log ratios of a version's launches; none where it cannot be measured."""
-        row, log_ratios = self._versions[number - 1], list[float]()
+        trial = self._known_trials.get((first, number))
+        if trial is None:
+            trial = self._measured(first, number)
+            yield trial
+        self._trials.append(trial)
+        self._seconds += trial.seconds
+        if not trial.log_ratios:
+            self._unable.add(number)
+        return trial.log_ratios
+
+    def _measured(self, first: int, number: int) -> BisectTrial:
+        row, begin_s = self._versions[number - 1], self._clock()
+        log_ratios, detail = list[float](), ""
         try:
             log_ratios += self._measurer.log_ratios(first, number, LAUNCHES)
-            trial = BisectTrial(row, "", math.exp(np.mean(log_ratios)), len(log_ratios))
         except (InputError, MachineError) as error:
-            self._unable.add(number)
-            trial = BisectTrial(row, str(error))
-        self._trials.append(trial)
-        self._on_trial(trial)
-        return log_ratios
+            detail = str(error)
+        return BisectTrial(
+            row,
+            detail,
+            ratio=math.exp(np.mean(log_ratios)) if log_ratios else None,
+            launches=len(log_ratios),
+            first=first,
+            log_ratios=log_ratios,
+            seconds=self._clock() - begin_s,
+        )
 
     def _leaves_more(self, ends: VerdictRecord, change: VerdictRecord) -> bool:
         """Return whether there may be another change: comparisons of both sides decide."""

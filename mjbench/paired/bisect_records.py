@@ -9,8 +9,8 @@ from enum import StrEnum
 from typing import ClassVar
 
 from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
-from mjbench.paired.records import VerdictRow
-from mjbench.status import Status
+from mjbench.paired.records import VerdictRecord, VerdictRow
+from mjbench.status import FINISHED, Status
 
 
 class VersionKind(StrEnum):
@@ -39,17 +39,38 @@ class VersionRow:
 
 @dataclass(frozen=True)
 class BisectTrial:
-    """A version that was measured against the baseline of its search.
+    """A version that was measured against the first one of a range that is searched.
 
     Attributes:
       detail: why it could not be measured; empty otherwise.
-      ratio: of its time over the baseline's; None where it could not be measured.
+      ratio: of its time over the first one's; None where it could not be measured.
+      first: the number of the first one; 0 is the baseline.
+      log_ratios: of each launch.
     """
 
+    record_type: ClassVar[str] = "bisect_trial"
     version: VersionRow
     detail: str = ""
     ratio: PositiveFloat | None = None
     launches: NonNegativeInt = 0
+    first: NonNegativeInt = 0
+    log_ratios: Sequence[float] = ()
+    seconds: NonNegativeFloat = 0.0
+
+
+@dataclass(frozen=True)
+class BisectComparison:
+    """A comparison of two versions, until its verdict is certain.
+
+    Attributes:
+      first: the number of the baseline of this comparison; `last` is the candidate.
+    """
+
+    record_type: ClassVar[str] = "bisect_comparison"
+    first: NonNegativeInt
+    last: PositiveInt
+    verdict: VerdictRecord
+    seconds: NonNegativeFloat = 0.0
 
 
 @dataclass(frozen=True)
@@ -78,6 +99,7 @@ class BisectRecord:
       ends: the verdict on the last version against the baseline; None without one.
       changes: those that were found, in the order of their versions.
       detail: one line; empty when ok.
+      seconds: of all comparisons and trials, also of those before it was continued.
       kind: what was searched.
     """
 
@@ -93,3 +115,22 @@ class BisectRecord:
     changes: Sequence[BisectChange] = ()
     seconds: NonNegativeFloat = 0.0
     kind: VersionKind = VersionKind.COMMIT
+
+
+BisectMeasured = BisectTrial | BisectComparison | BisectRecord
+
+
+def finished(records: Sequence[object]) -> list[BisectMeasured]:
+    """Return the records of a run file that need not be measured again when it is continued.
+
+    A version that could not be measured is tried again, unless the search has ended.
+    """
+    measured = [record for record in records if isinstance(record, BisectMeasured)]
+    if any(isinstance(r, BisectRecord) and r.status in FINISHED for r in measured):
+        return measured
+    return [
+        record
+        for record in measured
+        if (isinstance(record, BisectTrial) and record.ratio is not None)
+        or (isinstance(record, BisectComparison) and record.verdict.status in FINISHED)
+    ]

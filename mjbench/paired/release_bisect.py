@@ -1,6 +1,6 @@
 """Search the releases of MuJoCo for those that changed how long the steps of a model take."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from mjbench.errors import MachineError
@@ -8,8 +8,8 @@ from mjbench.paired import bisect, verdict
 from mjbench.paired.bisect import SearchRange, VersionMeasurer
 from mjbench.paired.bisect_records import (
     BisectChange,
+    BisectMeasured,
     BisectRecord,
-    BisectTrial,
     VersionKind,
     VersionRow,
 )
@@ -23,6 +23,7 @@ from mjbench.releases.installs import INSTALLED
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
+from mjbench.store.runs import Record
 
 
 @dataclass(frozen=True)
@@ -70,9 +71,13 @@ def search(
     source: ModelSource,
     plan: VerdictPlan,
     on_phase: Callable[[str], None] = lambda text: None,
-    on_trial: Callable[[BisectTrial], None] = lambda trial: None,
-) -> BisectRecord:
-    """Return which releases changed the time of a model's steps."""
+    earlier: Sequence[Record] = (),
+) -> Iterator[BisectMeasured]:
+    """Yield what is measured, and which releases changed the time of a model's steps.
+
+    Args:
+      earlier: of a search that is continued; they are not measured again.
+    """
     baseline, *candidates = releases.specs
     searched = SearchRange(
         source.name,
@@ -83,9 +88,12 @@ def search(
     )
     with WorkerPool() as pool:
         measurer = _ReleaseMeasurer(pool, releases, source, plan, on_phase)
-        record = bisect.search(measurer, searched, plan.min_effect, on_trial)
-    changes = [_with_causes(change, source) for change in record.changes]
-    return replace(record, changes=changes)
+        for record in bisect.search(measurer, searched, plan.min_effect, earlier):
+            if isinstance(record, BisectRecord):
+                changes = [_with_causes(change, source) for change in record.changes]
+                yield replace(record, changes=changes)
+            else:
+                yield record
 
 
 def _with_causes(change: BisectChange, source: ModelSource) -> BisectChange:

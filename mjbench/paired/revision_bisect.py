@@ -1,17 +1,18 @@
 """Search the history of the user's code for the commits that changed the time of a function."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from mjbench.paired import bisect, function_verdict, revision_sides
 from mjbench.paired.bisect import SearchRange, VersionMeasurer
-from mjbench.paired.bisect_records import BisectRecord, BisectTrial, VersionKind, VersionRow
+from mjbench.paired.bisect_records import BisectMeasured, VersionKind, VersionRow
 from mjbench.paired.records import VerdictRecord
 from mjbench.paired.revision_sides import RevisionComparison
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.revisions import Commit
 from mjbench.status import Status
+from mjbench.store.runs import Record
 
 
 @dataclass(frozen=True)
@@ -58,12 +59,13 @@ def search(
     comparison: RevisionComparison,
     plan: VerdictPlan,
     on_phase: Callable[[str], None] = lambda text: None,
-    on_trial: Callable[[BisectTrial], None] = lambda trial: None,
-) -> BisectRecord:
-    """Return which commits between two revisions changed the time of a function.
+    earlier: Sequence[Record] = (),
+) -> Iterator[BisectMeasured]:
+    """Yield what is measured, and which commits changed the time of a function.
 
     Args:
       comparison: of the two; it has one function.
+      earlier: of a search that is continued; they are not measured again.
 
     Raises:
       InputError: the candidate does not come after the baseline.
@@ -83,4 +85,4 @@ def search(
         [VersionRow(n, each.commit, each.subject) for n, each in enumerate(commits, 1)],
     )
     measurer = _RevisionMeasurer(comparison, commits, plan, on_phase)
-    return bisect.search(measurer, searched, plan.min_effect, on_trial)
+    return bisect.search(measurer, searched, plan.min_effect, earlier)

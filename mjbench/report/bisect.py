@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 from mjbench.paired.bisect import short_name
 from mjbench.paired.bisect_records import (
     BisectChange,
+    BisectComparison,
+    BisectMeasured,
     BisectRecord,
     BisectTrial,
     VersionKind,
@@ -16,10 +18,15 @@ from mjbench.releases.installs import wheel_digest
 from mjbench.report import formats, verdicts
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.status import Status
+from mjbench.store.runs import Record
 from mjbench.units import count_of
 
 
-def sections(records: Sequence[BisectRecord]) -> list[Section]:
+def sections(records: Sequence[Record]) -> list[Section]:
+    """Return what searches come to, or what is known of one that did not end."""
+    ended = [record for record in records if isinstance(record, BisectRecord)]
+    if not ended and any(isinstance(record, BisectMeasured) for record in records):
+        return [_unfinished(records)]
     return [
         Section(
             f"Which {record.kind} changed {record.target}?",
@@ -27,21 +34,38 @@ def sections(records: Sequence[BisectRecord]) -> list[Section]:
             tables=[_table(record.trials, record.kind)] if record.trials else [],
             notes=[] if record.ends is None else verdicts.notes(record.ends),
         )
-        for record in records
+        for record in ended
     ]
+
+
+def _unfinished(records: Sequence[Record]) -> Section:
+    trials = [record for record in records if isinstance(record, BisectTrial)]
+    comparisons = [record.verdict for record in records if isinstance(record, BisectComparison)]
+    is_of_commits = any(comparison.sides[0].revision for comparison in comparisons)
+    kind = VersionKind.COMMIT if is_of_commits else VersionKind.RELEASE
+    return Section(
+        f"Which {kind} made a difference?",
+        conclusions=[
+            Conclusion("The search has not ended: --resume continues it", Tone.UNSURE),
+            *(Conclusion(verdicts.describe_verdict(each.row())) for each in comparisons),
+        ],
+        tables=[_table(trials, kind)] if trials else [],
+    )
 
 
 def _conclusions(record: BisectRecord) -> Iterator[Conclusion]:
     if record.ends is None or record.status != Status.OK:
         yield Conclusion(f"{record.target}: {record.detail or 'not measured'}", Tone.BAD)
         return
-    yield Conclusion(verdicts.describe_verdict(record.ends), _tone(record.ends.verdict))
+    ends = Conclusion(verdicts.describe_verdict(record.ends), _tone(record.ends.verdict))
     if record.ends.verdict not in (Verdict.SLOWER, Verdict.FASTER):
+        yield ends
         yield Conclusion("So there is nothing to search for.")
         return
     for change in record.changes:
         yield Conclusion(_describe_change(change, record.kind), _tone(change.verdict.verdict))
         yield from map(Conclusion, _causes(change, record))
+    yield ends
     if record.detail:
         yield Conclusion(record.detail, Tone.UNSURE)
     yield Conclusion(

@@ -1,6 +1,6 @@
 """The documents that `--json` writes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, make_dataclass
 
 from mjbench.comparison.listing import ListedModel
@@ -10,6 +10,7 @@ from mjbench.paired.across_machines import AcrossMachines
 from mjbench.paired.selfcheck_records import SelfcheckRow
 from mjbench.releases import speed_history
 from mjbench.releases.catalogue import ReleaseRow
+from mjbench.releases.installs import InstallSize
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.report.across_machines import SideBySide
 from mjbench.report.advice import (
@@ -28,6 +29,8 @@ from mjbench.report.results import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
 from mjbench.status import Status
 from mjbench.store.runs import SCHEMA, Run
+from mjbench.sweep.cells import Cell, CellKind
+from mjbench.sweep.results import CellOutcome
 
 
 def results_document(result: type, schema: int = SCHEMA, has_machine: bool = True) -> type:
@@ -164,6 +167,70 @@ class ReleasesDocument:
 
     schema: int = SCHEMA
     releases: Sequence[ReleaseRow]
+
+
+@dataclass(frozen=True, kw_only=True)
+class InstallsDocument:
+    """What `mjbench releases installs --json` writes."""
+
+    schema: int = SCHEMA
+    folder: str
+    installs: Sequence[InstallSize]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MergeDocument:
+    """What `mjbench results merge --json` writes.
+
+    Attributes:
+      runs: of the set now; `machines` likewise.
+      repeated: that the set held already.
+      earlier: of which the set holds a later state.
+      torn: files whose end was cut short, and left out.
+    """
+
+    schema: int = SCHEMA
+    file: str
+    runs: int
+    machines: int
+    added: int
+    repeated: int
+    earlier: int
+    torn: Sequence[str]
+
+
+@dataclass(frozen=True)
+class SweepRow:
+    """A result that a plan asks for.
+
+    Attributes:
+      status: how it ended; None where it is missing.
+    """
+
+    name: str
+    kind: CellKind
+    model: str
+    release: str
+    baseline: str
+    status: Status | None = None
+    detail: str = ""
+
+    @classmethod
+    def of(cls, cell: Cell, outcome: CellOutcome | None) -> "SweepRow":
+        ended = (outcome.status, outcome.detail) if outcome else ()
+        return cls(cell.name, cell.kind, cell.model, cell.release, cell.baseline, *ended)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepDocument:
+    """What `mjbench sweep --json` writes."""
+
+    schema: int = SCHEMA
+    results: Sequence[SweepRow]
+
+    @classmethod
+    def of(cls, cells: Sequence[Cell], outcomes: Mapping[Cell, CellOutcome]) -> "SweepDocument":
+        return cls(results=[SweepRow.of(cell, outcomes.get(cell)) for cell in cells])
 
 
 @dataclass(frozen=True)

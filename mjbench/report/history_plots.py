@@ -4,7 +4,7 @@ Each plot is a Vega-Lite specification (see `charts`).
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,9 @@ from mjbench.report.content import Column, DataTable, Figure
 from mjbench.report.speed_history import SpeedHistory
 
 _WIDTH, _HEIGHT, _TIME_HEIGHT = 720, 80, 170
+# No labels of an axis overlap, also in a wide font.
+_TICK_HEIGHT = 24
+_TICKS = {"labelOverlap": "greedy", "labelSeparation": 4}
 # An error bar reaches as many standard errors to either side.
 _BAR_DEVIATIONS = 2.0
 # A change without a test of its own counts if it is as many standard errors.
@@ -25,8 +28,9 @@ DEVIATIONS = 4.0
 _LEAST_DRIFT = 1e-17
 # What is plotted of the work of a step; the sizes of the model do not change with releases.
 _COUNTERS = ("contacts", "constraints", "solver_iterations")
+_WORK_TICKS = 0, 2, *(10**n for n in range(1, 7))
 
-Row = dict[str, str | float | None]
+Row = dict[str, Any]
 
 
 def draw(history: SpeedHistory, folder: Path) -> None:
@@ -71,12 +75,14 @@ def figure(history: SpeedHistory, series: SpeedSeries) -> Figure:
 def specification(history: SpeedHistory, series: SpeedSeries) -> Spec:
     releases = [release for release in history.releases() if history.lists(release)]
     reference = series.measured[-1].record.reference
+    work = [*_work(history, series)]
     panels = [
         _panel(f"time ({reference} = 1)", [*_times(history, series)], _time_layers(), _TIME_HEIGHT),
         _panel("instructions (k)", [*_instructions(history, series)], [_line(BLUE)]),
-        _panel("work per step", [*_work(history, series)], [_counters()]),
+        _panel("work per step", work, [_counters(work)]),
         _panel("drift of one step", [*_drifts(history, series)], [_drift_points()]),
     ]
+    panels = [panel for panel in panels if panel["data"]["values"]]
     for panel in panels:
         is_last = panel is panels[-1]
         axis = {"labelAngle": -90, "title": None, "labels": is_last, "ticks": is_last}
@@ -100,8 +106,16 @@ def specification(history: SpeedHistory, series: SpeedSeries) -> Spec:
 
 def _panel(title: str, rows: list[Row], layers: list[Spec], height: int = _HEIGHT) -> Spec:
     for layer in layers:
-        layer["encoding"]["y"]["title"] = title
-    return {"width": _WIDTH, "height": height, "data": {"values": rows}, "layer": layers}
+        y = layer["encoding"]["y"]
+        y["title"] = None
+        y["axis"] = {"tickCount": height // _TICK_HEIGHT, **_TICKS, **y.get("axis", {})}
+    return {
+        "title": {"text": title, "anchor": "start", "fontSize": 11, "fontWeight": "normal"},
+        "width": _WIDTH,
+        "height": height,
+        "data": {"values": rows},
+        "layer": layers,
+    }
 
 
 def _times(history: SpeedHistory, series: SpeedSeries) -> Iterator[Row]:
@@ -188,17 +202,16 @@ def _line(color: str) -> Spec:
     return {"mark": mark, "encoding": {"y": _value(zero=False)}}
 
 
-def _counters() -> Spec:
+def _counters(rows: Sequence[Row]) -> Spec:
+    most = max((row["value"] for row in rows), default=0.0)
     color: Mapping[str, Any] = {
         "field": "counter",
         "type": "nominal",
         "title": None,
         "scale": {"range": [BLUE, ORANGE, GREEN]},
     }
-    return {
-        "mark": {"type": "line", "point": True},
-        "encoding": {"y": _value(type="symlog"), "color": color},
-    }
+    y = _value(type="symlog") | {"axis": {"values": [n for n in _WORK_TICKS if n <= most]}}
+    return {"mark": {"type": "line", "point": True}, "encoding": {"y": y, "color": color}}
 
 
 def _drift_points() -> Spec:

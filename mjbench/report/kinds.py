@@ -19,7 +19,7 @@ from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.profile import ProfileRow
 from mjbench.paired import family
 from mjbench.paired import selfcheck as trials
-from mjbench.paired.bisect_records import BisectRecord
+from mjbench.paired.bisect_records import BisectComparison, BisectRecord, BisectTrial
 from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.paired.race_record import RaceRecord
 from mjbench.paired.records import VerdictRecord, VerdictRow
@@ -174,7 +174,15 @@ SELFCHECK = Kind(
     _selfcheck_rows,
 )
 PLACEMENT = _kind(SpreadRecord, lambda rows: [placement.section(rows)], "placement")
-BISECT = _kind(BisectRecord, bisect.sections, "bisect", schema=2)
+_BISECTIONS = documents.results_document(BisectRecord, schema=2)
+BISECT = Kind(
+    ("bisect",),
+    (BisectRecord, BisectTrial, BisectComparison),
+    _BISECTIONS,
+    lambda run: _BISECTIONS(machine=run.header.machine, results=run.of_type(BisectRecord)),
+    lambda run: bisect.sections(run.records),
+    lambda run: run.of_type(BisectRecord),
+)
 HISTORY = Kind(
     ("history",),
     _RATIOS,
@@ -215,6 +223,9 @@ DOCUMENTS: Mapping[str, type[Any]] = {
     "doctor": documents.DoctorDocument,
     "lint": LintDocument,
     "releases": documents.ReleasesDocument,
+    "installs": documents.InstallsDocument,
+    "merge": documents.MergeDocument,
+    "sweep": documents.SweepDocument,
 }
 
 

@@ -25,7 +25,8 @@ def duration(seconds: float) -> str:
     return f"{hours} h {minutes} min" if hours else f"{minutes} min"
 
 
-def cells_section(cells: Sequence[Cell], done: Mapping[Cell, CellOutcome]) -> Section:
+def cells_section(cells: Sequence[Cell], done: Mapping[Cell, CellOutcome], command: str) -> Section:
+    """Return what a plan asks for; `command` measures what is missing."""
     table = DataTable.of(
         "Results",
         cells,
@@ -33,9 +34,10 @@ def cells_section(cells: Sequence[Cell], done: Mapping[Cell, CellOutcome]) -> Se
         (Column("status"), lambda cell: done[cell].status.value if cell in done else None),
     )
     missing = len(cells) - len(done)
+    end = f": {command}" if missing else ""
     return Section(
         "Results",
-        [Conclusion(f"{count_of(len(cells), 'result')}, {missing} of them missing.")],
+        [Conclusion(f"{count_of(len(cells), 'result')}, {missing} of them missing{end}")],
         tables=[table],
     )
 

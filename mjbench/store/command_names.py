@@ -15,14 +15,15 @@ EARLIER: Mapping[str, Sequence[str]] = {
     "site": ("results", "site"),
 }
 
-# Commands of `history`, by what their results are named after.
-_OF_HISTORY: Mapping[str, Sequence[str]] = {
+# Commands of groups, by what their results are named after.
+_OF_GROUPS: Mapping[str, Sequence[str]] = {
     "history": ("history", "measure"),
     "history-explain": ("history", "explain"),
+    "installs": ("releases", "installs"),
 }
 
 
 def present_name(results_name: str) -> str:
     """Return the command, and its mode, of results that are named after it in files."""
-    words = {**EARLIER, **_OF_HISTORY}.get(results_name, (results_name,))
+    words = {**EARLIER, **_OF_GROUPS}.get(results_name, (results_name,))
     return " ".join(words).removesuffix("=")

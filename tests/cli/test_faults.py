@@ -128,8 +128,11 @@ def test_an_interrupt_is_one_line_and_saves_what_was_measured(
     assert process.returncode == 130
     progress, interrupted = err.splitlines()
     assert progress == f"{contact_file}: checking agreement"
-    assert interrupted == "mjbench: interrupted; what was measured is saved"
     (file,) = (tmp_path / "runs").glob("*.jsonl")
+    assert interrupted == (
+        "mjbench: interrupted; what was measured is saved; to go on, add"
+        f" --resume runs/{file.name} to the command"
+    )
     statuses = [json.loads(line).get("status") for line in file.read_text().splitlines()]
     assert statuses == [None, *["interrupted"] * 6]
     assert list((tmp_path / "scratch").iterdir()) == []

@@ -92,9 +92,14 @@ def test_installs_that_were_not_used_for_long_are_pruned(tmp_path: Path) -> None
         used = time.time() - days * 86_400
         os.utime(marker, (used, used))
     here = {"MJBENCH_CACHE": str(tmp_path)}
-    done = mjbench("releases", "installs", env=here)
-    assert "3.5.0-cpython  3 MiB, used 40 days ago" in done.stdout
-    assert "2 installs, 6 MiB" in done.stdout
+    done = mjbench("releases", "installs", "--json", "-", env=here)
+    rows = json.loads(done.stdout)["installs"]
+    assert [(row["name"], row["size_bytes"]) for row in rows] == [
+        ("3.5.0-cpython", 3 * 2**20),
+        ("3.6.0-cpython", 3 * 2**20),
+    ]
+    assert "3.5.0-cpython  3 MiB, used 40 days ago" in done.stderr
+    assert "2 installs, 6 MiB" in done.stderr
     done = mjbench("releases", "prune", env=here)
     assert done.stdout.splitlines() == ["removed 3.5.0-cpython", "freed 3 MiB"]
     done = mjbench("releases", "prune", "--days", "0", env=here)

@@ -1,5 +1,6 @@
 """`mjbench results merge`: every run once, to the byte; nothing else in a set ever changes."""
 
+import json
 import os
 import shutil
 import signal
@@ -50,9 +51,13 @@ def test_a_name_that_no_file_can_have_is_one_line(tmp_path: Path) -> None:
 def test_run_files_and_sets_become_one_set(tmp_path: Path) -> None:
     a, b, c = (stored(tmp_path, name) for name in "abc")
     inner = set_of(tmp_path / "inner.jsonl", [b, c])
-    done = merge(a, inner, "-o", "all.jsonl")
+    done = merge(a, inner, "-o", "all.jsonl", "--json", "out.json")
     assert done.exit_code == 0, done.output
     assert done.output == "all.jsonl: 3 runs of 3 machines; added 3\n"
+    document = json.loads(Path("out.json").read_text())
+    assert (document["runs"], document["machines"], document["added"]) == (3, 3, 3)
+    refused = merge(a, "-o", "all.jsonl", "--json", "all.jsonl")
+    assert refused.exit_code == 2
     assert contents("all.jsonl") == [path.read_bytes() for path in (a, b, c)]
 
 

@@ -1,8 +1,10 @@
 """`--resume`: what is finished in a run file stays, what is not is measured again."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import click.testing
@@ -12,10 +14,17 @@ from click.testing import CliRunner
 from commands import mjbench
 from example_races import invent_comparisons
 from paired_examples import decided
+from verdict_records import SAME, SLOWER, launch
 
 from mjbench.cli import cli
+from mjbench.counts import instructions
+from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.paired import verdict
 from mjbench.paired.targets import Target
+from mjbench.releases import catalogue
+from mjbench.releases.catalogue import ReleaseRange
+from mjbench.releases.installs import ReleaseSpec
+from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 
 COMPARE = ("compare", "cartpole", "linkage", "--paths", "rollout", "--threads", "2")
@@ -155,3 +164,81 @@ def test_a_changed_model_is_noticed_also_beside_one_of_the_same_name(
     done = CliRunner().invoke(cli, [*words, "--resume", str(file)])
     assert done.exit_code == 2
     assert "m.xml has changed" in done.stderr
+
+
+def test_a_search_is_continued_after_its_last_measurement(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    versions = "3.2.7", "3.3.0", "3.3.1", "3.3.2", "3.3.3"
+    releases = ReleaseRange([ReleaseSpec(version, version) for version in versions])
+    monkeypatch.setattr(catalogue, "releases_between", lambda *arguments: releases)
+    compared: list[tuple[str, str]] = []
+    stops_after = 2
+
+    def log_ratio(baseline: Target, candidate: Target) -> float:
+        if len(compared) == stops_after:
+            raise KeyboardInterrupt
+        pair = baseline.release.version, candidate.release.version
+        compared.append(pair)
+        return 0.03 if pair[0] < "3.3.1" <= pair[1] else 0.0
+
+    def decide(pool: object, baseline: Target, candidate: Target, *others: object) -> Any:
+        record = SLOWER if log_ratio(baseline, candidate) > 0 else SAME
+        ended = replace(record, samples=[launch(0.03)] * 3)
+        return SimpleNamespace(status=ended.status, record=lambda: ended)
+
+    def log_ratios(
+        pool: object, baseline: Target, candidate: Target, plan: object, count: int
+    ) -> list[float]:
+        return [log_ratio(baseline, candidate)] * count
+
+    monkeypatch.setattr(verdict, "decide", decide)
+    monkeypatch.setattr(verdict, "launch_log_ratios", log_ratios)
+    words = ("bisect", "3.2.7", "3.3.3", "cartpole")
+    done = invoke(*words)
+    assert done.exit_code == 130
+    assert "to go on, add --resume" in done.stderr
+    assert "The search has not ended" in done.stdout
+    (file,) = Path("results/runs").glob("*.jsonl")
+    assert "The search has not ended" in invoke("show").stdout
+    stops_after = 100
+    again = invoke(*words, "--resume", str(file), "--json", "out.json")
+    assert again.exit_code == 0, again.stderr
+    assert len(compared) == len(set(compared))
+    (record,) = json.loads(Path("out.json").read_text())["results"]
+    assert [change["version"]["name"] for change in record["changes"]] == ["3.3.1"]
+    stored = file.read_text()
+    assert "3.3.1: slower by 3 %" in invoke(*words, "--resume", str(file)).stdout
+    assert file.read_text() == stored
+
+
+def test_counts_of_instructions_are_continued_with_the_same_work(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    counted: list[tuple[str, str]] = []
+
+    def count(
+        counter: InstructionCounter, release: ReleaseSpec, sources: Sequence[ModelSource], _: float
+    ) -> Iterator[ModelCount]:
+        for source in sources:
+            if len(counted) == 3:
+                raise KeyboardInterrupt
+            counted.append((release.version, source.name))
+            yield ModelCount(model=source.name, release=release.version, build=release.key)
+
+    monkeypatch.setattr(instructions, "unavailable", lambda: None)
+    monkeypatch.setattr(InstructionCounter, "count", count)
+    releases = ("--release", "3.3.0", "--release", "3.3.1")
+    words = ("profile", "--instructions", "cartpole", "linkage", *releases)
+    assert invoke(*words).exit_code == 130
+    (file,) = Path("results/runs").glob("*.jsonl")
+    counted.clear()
+    assert invoke(*words, "--resume", str(file)).exit_code == 0
+    assert counted == [("3.3.0", "linkage"), ("3.3.1", "linkage")]
+    records = [json.loads(line) for line in file.read_text().splitlines()[1:]]
+    assert [(record["release"], record["model"]) for record in records] == [
+        *(("3.3.0", "cartpole"), ("3.3.0", "linkage")),
+        *(("3.3.1", "cartpole"), ("3.3.1", "linkage")),
+    ]

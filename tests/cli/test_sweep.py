@@ -1,5 +1,6 @@
 """`mjbench sweep` as a user types it: what it measures, keeps, and leaves when it is stopped."""
 
+import json
 import os
 import signal
 import subprocess
@@ -46,10 +47,14 @@ def test_a_dry_run_says_what_there_is_to_do_and_measures_nothing(tmp_path: Path)
         'models = ["cartpole", "pile"]\nreleases = ["3.3.0", "4.0.0"]\n'
         "[versions]\n[compare]\n[instructions]\n[history]\n",
     )
-    done = mjbench("sweep", "plan.toml", "--dry-run", cwd=tmp_path)
+    done = mjbench("sweep", "plan.toml", "--dry-run", "--json", "-", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "versions cartpole 3.3.0 → 4.0.0 python_loop" in done.stdout
-    assert done.stdout.startswith("\n12 results, 12 of them missing.\n")
+    rows = json.loads(done.stdout)["results"]
+    assert len(rows) == 12
+    assert {row["status"] for row in rows} == {None}
+    assert "versions cartpole 3.3.0 → 4.0.0 python_loop" in done.stderr
+    first = done.stderr.splitlines()[1]
+    assert first == "12 results, 12 of them missing: mjbench sweep plan.toml --json -"
     assert list(tmp_path.iterdir()) == [tmp_path / "plan.toml"]
 
 
@@ -115,8 +120,13 @@ def test_a_sweep_measures_what_is_missing_and_nothing_else(tmp_path: Path) -> No
     assert models == ["robots/own.xml"], "by its name in the plan"
 
     after = (tmp_path / SET).read_bytes()
-    again = mjbench("sweep", "plan.toml", cwd=tmp_path)
+    again = mjbench("sweep", "plan.toml", "--json", "out.json", cwd=tmp_path)
     assert again.returncode == 0, again.stderr
+    rows = json.loads((tmp_path / "out.json").read_text())["results"]
+    assert [(row["model"], row["status"]) for row in rows] == [
+        ("cartpole", "ok"),
+        ("robots/own.xml", "ok"),
+    ]
     assert "The run set has all results of the plan; nothing was measured." in again.stdout
     assert (tmp_path / SET).read_bytes() == after
 

@@ -187,6 +187,7 @@ class InventedCounter:
 def test_the_command_compares_functions_and_writes_json(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(instructions, "unavailable", lambda: None)
     monkeypatch.setattr(InstructionCounter, "count", InventedCounter(1.1).count)
     words = ["versions", "--explain", "installed", "installed", "cartpole", "--no-clock", "--json"]

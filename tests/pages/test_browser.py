@@ -14,7 +14,11 @@ from mjbench.report.kinds import RECORD_TYPES
 from mjbench.store import runs
 
 # One run of each kind that has charts, and one without any.
-RUNS = ("reference-mujoco-4.0.0", "reference-between-builds", "reference-selfcheck-quiet")
+RUNS = (
+    *("runs/reference-mujoco-4.0.0", "runs/reference-between-builds"),
+    *("runs/reference-selfcheck-quiet", "history/reference-ratios"),
+)
+OPEN_ALL = "for (const each of document.querySelectorAll('details')) each.open = true;"
 
 
 @pytest.fixture(scope="module", params=RUNS)
@@ -22,7 +26,7 @@ def page(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     """Write the report of a committed run, without most of its models: axe takes its time."""
     pytest.importorskip("jinja2")
     pytest.importorskip("vl_convert")
-    file = ROOT / f"results/runs/{request.param}.jsonl"
+    file = ROOT / f"results/{request.param}.jsonl"
     run = runs.load(file, RECORD_TYPES)
     records = tuple(r for r in run.records if getattr(r, "model", "") in ("cartpole", "cloth"))
     report = reports.build([NamedRun(file, dataclasses.replace(run, records=records))])
@@ -59,8 +63,10 @@ def test_every_chart_has_marks(opened: Any) -> None:
 
 
 def test_tables_sort_and_filter(opened: Any) -> None:
-    table = opened.find_element("css selector", "details[open] table")
-    heading = table.find_element("css selector", "th[data-number] button")
+    opened.execute_script(OPEN_ALL)
+    headings = opened.find_elements("css selector", "th[data-number] button")
+    heading = next(each for each in headings if each.is_displayed())
+    table = heading.find_element("xpath", "ancestor::table")
     index = opened.execute_script("return arguments[0].closest('th').cellIndex", heading)
     read = (
         "return [...arguments[0].tBodies[0].rows].map(r => r.cells[arguments[1]].dataset.value)"
@@ -72,7 +78,7 @@ def test_tables_sort_and_filter(opened: Any) -> None:
     assert heading.find_element("xpath", "..").get_attribute("aria-sort") == "ascending"
     heading.click()
     assert opened.execute_script(read, table, index) == sorted(rising, reverse=True)
-    filters = opened.find_elements("css selector", "details[open] input")
+    filters = opened.find_elements("css selector", "details input")
     filters = [each for each in filters if each.is_displayed()]
     if filters:
         filters[0].send_keys("no row has this")
@@ -93,7 +99,6 @@ def test_a_dark_page_is_dark(opened: Any) -> None:
 
 
 OVERLAPS = """
-for (const each of document.querySelectorAll('details')) each.open = true;
 const found = [];
 for (const svg of document.querySelectorAll('figure svg')) {
   const texts = [...svg.querySelectorAll('text')].filter(t => t.textContent && t.getBBox().width);
@@ -112,7 +117,7 @@ return found;
 @pytest.mark.parametrize("width", [375, 768, 1280])
 def test_no_screen_is_too_narrow_and_no_labels_of_charts_overlap(opened: Any, width: int) -> None:
     resize(opened, width)
-    assert opened.execute_script(OVERLAPS) == []
+    assert opened.execute_script(OPEN_ALL + OVERLAPS) == []
     assert opened.execute_script("return document.documentElement.scrollWidth") <= width
 
 
@@ -130,7 +135,5 @@ def test_the_first_screen_has_the_conclusions_and_what_was_measured(opened: Any)
 def test_axe_finds_no_fault(opened: Any, scheme: str) -> None:
     emulate(opened, prefers_color_scheme=scheme)
     resize(opened, 375)
-    opened.execute_script(
-        "for (const each of document.querySelectorAll('details')) each.open = true"
-    )
+    opened.execute_script(OPEN_ALL)
     assert violations(opened) == []

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 from commands import ROOT
 from example_races import BATCH_STEP, ROLLOUT, compared, raced
-from headless_browser import resize
+from headless_browser import emulate, resize, violations
 from set_files import labelled, run_file, set_of
 from verdict_records import SLOWER
 
@@ -95,7 +95,7 @@ def test_the_first_page_says_what_was_found(tmp_path: Path, history: SpeedHistor
     named_runs = reports.read(files)
     site.write_source(Project(tmp_path, named_runs, history), tmp_path)
     index = (tmp_path / "index.md").read_text()
-    assert index.index("a step became slower for") < index.index("The newest comparison of paths")
+    assert index.index("a step became slower for") < index.index("## Ways of stepping, ")
     assert "The newest release, 4.0.0: " in index
     assert "| m | 32 | open | ✓ rollout" in index
     assert "Disturbed" not in index and "| m | 128 |" not in index
@@ -222,6 +222,15 @@ def test_no_page_of_a_site_is_wider_than_its_screen(browser: Any, built: Path, w
     for name in ("index", "reports", "docs/guides/README"):
         browser.get((built / f"{name}.html").as_uri())
         assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+
+
+def test_axe_finds_no_fault_in_a_site(browser: Any, built: Path) -> None:
+    for scheme in ("light", "dark"):
+        emulate(browser, prefers_color_scheme=scheme)
+        resize(browser, 375)
+        for name in ("index", "docs/guides/README"):
+            browser.get((built / f"{name}.html").as_uri())
+            assert violations(browser) == []
 
 
 def test_the_documents_of_this_project_become_a_site(tmp_path: Path, history: SpeedHistory) -> None:

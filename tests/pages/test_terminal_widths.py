@@ -8,6 +8,7 @@ import io
 import json
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,17 @@ from commands import ROOT, mjbench
 from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
+from verdict_records import SLOWER
 
+from mjbench.measuring.ratio import Ratio
 from mjbench.pages import terminal
-from mjbench.report import kinds
+from mjbench.paired.bisect_records import BisectRecord, BisectTrial, VersionRow
+from mjbench.paired.outcomes import Metric
+from mjbench.paired.records import PackageVersions
+from mjbench.report import bisect, kinds, verdicts
 from mjbench.report.content import DataTable
 from mjbench.report.kinds import RECORD_TYPES
+from mjbench.status import Status
 from mjbench.store import run_set
 
 RUNS = ROOT / "results/runs"
@@ -29,6 +36,26 @@ WIDTHS = (60, 80, 100, 200)
 NUMBER = re.compile(r"[-+×]?[\d,]+(\.\d+)?(–[\d,.]+)?( ±[\d.]+)?( %)?")
 
 Row = Mapping[str, str]
+
+# What no committed run has: a search, packages, and memory that grows.
+LONG = VersionRow(1_234, "7" * 40, "Copy states whose subject is longer than a terminal " * 3)
+SEARCH = BisectRecord(
+    target="bench.py::step",
+    old="v1",
+    new="HEAD",
+    versions=2_000,
+    status=Status.OK,
+    trials=[BisectTrial(LONG, "", 1.0312, 3), BisectTrial(LONG, "cannot build it " * 9)],
+)
+OTHER_VERDICTS = [
+    replace(
+        SLOWER,
+        old="jax==0.7.0",
+        new="jax==0.7.1",
+        packages=[PackageVersions("jax", "0.7.0", "0.7.1")],
+    ).row(),
+    replace(SLOWER, metric=Metric.GROWTH, ratio=Ratio(12.3, 11.1, 13.3)).row(),
+]
 
 
 def tables(text: str, first: str) -> Iterator[list[Row]]:
@@ -122,6 +149,8 @@ def committed_tables() -> list[tuple[str, DataTable]]:
         for run in run_set.read(file, RECORD_TYPES).runs:
             sections = kinds.kind_of(run).sections(run)
             tables += [(file.name, table) for section in sections for table in section.tables]
+    tables += [("bisect", table) for table in bisect.sections([SEARCH])[0].tables]
+    tables += [("packages", table) for table in verdicts.section(OTHER_VERDICTS, 0.99).tables]
     return [(name, table) for name, table in tables if table.rows]
 
 
@@ -140,7 +169,7 @@ def test_no_number_is_cut_and_no_table_is_wider_than_the_terminal(width: int) ->
         gone = {column.title for column in filled.columns if column.title not in headings} - {""}
         named = str(left_out[0]).partition(": ")[2].split(", ") if left_out else []
         assert set(named) == gone, name
-        words = set(re.split(r"\n| {2,}", text))
+        words = {word.strip() for word in re.split(r"\n| {2,}", text)}
         for i, column in enumerate(filled.columns):
             if column.is_right_aligned and column.title in headings:
                 cut = [row[i] for row in filled.texts if row[i] and row[i].strip() not in words]

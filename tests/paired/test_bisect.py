@@ -1,8 +1,9 @@
 """The versions that changed the time of something; measurements are invented."""
 
+import itertools
 import math
 import random
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import pytest
@@ -12,7 +13,15 @@ from mjbench.errors import MachineError
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired import bisect
 from mjbench.paired.bisect import SearchRange, VersionMeasurer
-from mjbench.paired.bisect_records import BisectRecord, VersionKind, VersionRow
+from mjbench.paired.bisect_records import (
+    BisectComparison,
+    BisectMeasured,
+    BisectRecord,
+    BisectTrial,
+    VersionKind,
+    VersionRow,
+    finished,
+)
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRecord
 
@@ -61,10 +70,18 @@ class Invented(VersionMeasurer):
         return sum(step for number, step in self.steps.items() if baseline < number <= candidate)
 
 
-def found(measurer: Invented, count: int) -> BisectRecord:
+def search(
+    measurer: Invented, count: int, earlier: Sequence[BisectMeasured] = ()
+) -> Iterator[BisectMeasured]:
     commits = [VersionRow(n, f"{n:040x}", f"commit {n}") for n in range(1, count + 1)]
     searched = SearchRange("bench.py::step", VersionKind.COMMIT, "old", "new", commits)
-    return bisect.search(measurer, searched, 0.01)
+    return bisect.search(measurer, searched, 0.01, earlier, itertools.count().__next__)
+
+
+def found(measurer: Invented, count: int) -> BisectRecord:
+    *_, record = search(measurer, count)
+    assert isinstance(record, BisectRecord)
+    return record
 
 
 @pytest.mark.parametrize("truth", [1, 2, 31, 63, 64])
@@ -134,3 +151,30 @@ def test_a_change_that_is_spread_over_many_commits_is_not_pinned_on_one() -> Non
     result = found(Invented(dict.fromkeys(range(1, 33), 0.002)), 32)
     assert result.changes == []
     assert result.detail.startswith("likely, but not confirmed: ")
+
+
+def test_a_search_that_is_continued_measures_only_the_rest() -> None:
+    *measured, whole = search(Invented({31: 0.05, 50: 0.08}, broken=frozenset({32})), 64)
+    assert len(measured) > 8
+    for count in range(len(measured) + 1):
+        again = Invented({31: 0.05, 50: 0.08}, broken=frozenset({32}))
+        again.rng.seed(count)
+        earlier = finished(measured[:count])
+        *rest, record = search(again, 64, earlier)
+        known = {(each.first, each.last) for each in earlier if isinstance(each, BisectComparison)}
+        assert not known & set(again.decided)
+        assert all(
+            each.version.number not in again.measured
+            for each in earlier
+            if isinstance(each, BisectTrial)
+        )
+        assert record.changes == whole.changes
+        assert record.seconds == len(earlier) + len(rest)
+        assert finished([*earlier, *rest, record]) == [*earlier, *rest, record]
+
+
+def test_what_could_not_be_measured_is_tried_again() -> None:
+    measured = search(Invented({20: 0.05}, broken=frozenset({20})), 40)
+    failed = [each for each in measured if isinstance(each, BisectTrial) and each.detail]
+    assert len(failed) == 1
+    assert finished(failed) == []

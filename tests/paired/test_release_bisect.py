@@ -87,7 +87,7 @@ def test_the_release_that_slowed_the_cart_pole_is_found_among_42_in_ten_comparis
     versions = [VersionRow(n, record.release) for n, record in enumerate(cartpole) if n]
     searched = SearchRange("cartpole", VersionKind.RELEASE, "2.3.7", "4.0.0", versions)
     assert len(cartpole) == 42
-    result = bisect.search(measurer, searched, 0.01)
+    *_, result = bisect.search(measurer, searched, 0.01)
     assert [change.version.name for change in result.changes] == ["3.3.1"]
     assert len(measurer.comparisons) <= 10
 
@@ -131,7 +131,7 @@ def release_range(index_problem: str = "") -> ReleaseRange:
 
 
 def test_a_change_of_a_shipped_model_stands_with_what_is_known_of_it(times: Times) -> None:
-    record = release_bisect.search(release_range(), models.resolve("cartpole"), VerdictPlan())
+    *_, record = release_bisect.search(release_range(), models.resolve("cartpole"), VerdictPlan())
     (change,) = record.changes
     assert (record.kind, record.old, record.new) == (VersionKind.RELEASE, "3.2.7", "3.3.2")
     assert (change.version.name, change.verdict.old) == ("3.3.1", "3.3.0")
@@ -144,7 +144,7 @@ def test_without_an_index_only_installed_releases_are_measured(
     installed = ReleaseSpec("3.3.1", "3.3.1").key
     monkeypatch.setattr(installs, "install_names", lambda: [installed])
     source = models.resolve("cartpole")
-    record = release_bisect.search(release_range("no network"), source, VerdictPlan())
+    *_, record = release_bisect.search(release_range("no network"), source, VerdictPlan())
     assert times.measured == ["3.3.1"]
     assert {trial.detail for trial in record.trials if trial.ratio is None} <= {
         "not installed here, and no network"

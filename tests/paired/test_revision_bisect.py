@@ -64,7 +64,7 @@ def test_the_slow_commit_is_found_with_the_last_commits_benchmark(
 
     monkeypatch.setattr(function_verdict, "decide", decide)
     monkeypatch.setattr(function_verdict, "launch_log_ratios", log_ratios)
-    record = revision_bisect.search(comparison(repository, "v0", "v4"), VerdictPlan())
+    *_, record = revision_bisect.search(comparison(repository, "v0", "v4"), VerdictPlan())
     (change,) = record.changes
     assert change.version.subject == "commit 2"
     assert (record.versions, change.version.number) == (4, 2)

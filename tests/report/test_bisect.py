@@ -6,6 +6,7 @@ from verdict_records import SAME, SLOWER
 
 from mjbench.paired.bisect_records import (
     BisectChange,
+    BisectComparison,
     BisectRecord,
     BisectTrial,
     VersionKind,
@@ -35,7 +36,7 @@ def sentences(record: BisectRecord) -> list[str]:
 
 
 def test_the_commit_stands_with_its_subject_and_its_change() -> None:
-    ends, change, effort = sentences(RECORD)
+    change, ends, effort = sentences(RECORD)
     assert "slower by 3 %" in ends
     assert change.startswith("7777777777 “Copy states”: slower by 3 % (interval")
     assert effort.startswith("2 commits of 64 measured in 90.0 s")
@@ -43,7 +44,7 @@ def test_the_commit_stands_with_its_subject_and_its_change() -> None:
 
 def test_commits_that_may_be_it_instead_are_named() -> None:
     record = replace(RECORD, changes=[BisectChange(SEVEN, SLOWER.row(), [SIX])])
-    assert sentences(record)[1].endswith("or one of 6666666666, which could not be measured")
+    assert sentences(record)[0].endswith("or one of 6666666666, which could not be measured")
 
 
 def test_ends_that_do_not_differ_leave_nothing_to_search_for() -> None:
@@ -57,6 +58,14 @@ def test_a_search_that_failed_says_why() -> None:
     ]
 
 
+def test_a_search_that_did_not_end_says_what_is_known_and_how_it_goes_on() -> None:
+    comparison = BisectComparison(0, 64, SLOWER)
+    (section,) = bisect.sections([comparison, *RECORD.trials])
+    assert "--resume continues it" in section.conclusions[0].text
+    assert "slower by 3 %" in section.conclusions[1].text
+    assert len(section.tables[0].rows) == 2
+
+
 def test_commits_are_listed_in_their_order() -> None:
     (section,) = bisect.sections([RECORD])
     assert [row[1] for row in section.tables[0].rows] == ["6666666666", "7777777777"]
@@ -68,7 +77,7 @@ def test_a_release_stands_with_its_causes_and_with_what_tells_more() -> None:
     record = replace(RECORD, kind=VersionKind.RELEASE, target="cartpole", changes=[release])
     (section,) = bisect.sections([record])
     assert section.heading == "Which release changed cartpole?"
-    _, change, cause, command, _ = (conclusion.text for conclusion in section.conclusions)
+    change, cause, command, *_ = (conclusion.text for conclusion in section.conclusions)
     assert change.startswith("3.3.1: slower by 3 % (interval")
     assert cause == "known of 3.3.1: a timer"
     assert command.endswith("mjbench versions --explain 3.3.0 3.3.1 cartpole")
