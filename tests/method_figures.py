@@ -42,9 +42,6 @@ def percent(share: float, digits: int = 0) -> str:
 
 
 def readme() -> Iterator[str]:
-    counts = trial_counts()
-    yield f"{counts.alarms} comparisons without a slowdown"
-    yield f"{counts.missed} slowdowns of about 1 % or more"
     for confidence in (race_record.CONFIDENCE, outcomes.CONFIDENCE, records.CONFIDENCE):
         yield f"| {percent(confidence)} |"  # which has which: test_docs
 

@@ -93,7 +93,7 @@ def versions(
       mjbench versions numpy==2.3.5 numpy==2.4.0 --function bench.py::step
 
     Ratios are new over old: above 1 is slower. Where a release does other work, such as more
-    contacts, the verdict says so.
+    contacts, the verdict names it.
     """
     from mjbench.api.versions import measurement_of
 
