@@ -26,7 +26,6 @@ from mjbench.simulation import agreement, compat, trajectory
 from mjbench.simulation import workload as workloads
 from mjbench.simulation.contacts import Contacts
 from mjbench.simulation.judgement import (
-    EngineAnswer,
     EngineJudgement,
     JudgedPart,
     Measure,
@@ -111,7 +110,7 @@ def check_run(
     parts = [check.inputs(), check.smooth(), constraints.contacts, constraints.constraints]
     if workload.model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_WARMSTART):
         parts.append(check.warm_start())
-    parts.append(check.run(constraints.contacts.answer == EngineAnswer.YES))
+    parts.append(check.run(constraints.has_same_contacts))
     judgement = EngineJudgement.of(
         precision,
         parts,

@@ -68,13 +68,25 @@ class JudgedConstraints:
     Attributes:
       states: those that were judged within the time for it.
       contact_states: those of them in which C has contacts.
+      precision: of the engine.
     """
 
+    precision: Precision
     contacts: JudgedPart
     constraints: JudgedPart
     pairs: tuple[PairContacts, ...]
     states: int
     contact_states: int
+
+    @property
+    def has_same_contacts(self) -> bool:
+        """Whether contacts change accelerations by no more than rounding does in any model.
+
+        They may agree and change more, where rounding does more in this model.
+        """
+        return self.contacts.answer == EngineAnswer.YES and all(
+            (pair.largest_effect or 0.0) <= SOLUTION_LIMIT[self.precision] for pair in self.pairs
+        )
 
 
 @dataclass(frozen=True)
@@ -124,9 +136,8 @@ def judge_constraints(
     if converged.contacts is None:
         reason = "the engine does not report its contacts"
         unknown = JudgedPart(PartName.CONTACTS, EngineAnswer.NOT_JUDGED, reason=reason)
-        return JudgedConstraints(
-            unknown, dataclasses.replace(unknown, name=PartName.CONSTRAINTS), (), 0, 0
-        )
+        of_problem = dataclasses.replace(unknown, name=PartName.CONSTRAINTS)
+        return JudgedConstraints(precision, unknown, of_problem, (), 0, 0)
     problem, errors = ConstraintProblem(model), _Errors()
     judge, contact_states = ContactJudge(model, precision), 0
     rounding = _Rounding(model) if precision == Precision.FLOAT32 else None
@@ -166,7 +177,12 @@ def judge_constraints(
             errors.force_rounding.append(0.0)
     pairs = judge.pairs(_shared_limit(precision, errors.contact_rounding))
     return JudgedConstraints(
-        _contact_part(pairs), _solution_part(errors, precision), pairs, states, contact_states
+        precision,
+        _contact_part(pairs),
+        _solution_part(errors, precision),
+        pairs,
+        states,
+        contact_states,
     )
 
 

@@ -21,7 +21,7 @@ from mjbench.comparison.judged_steps import (
 from mjbench.paths.accelerated import StepOutcome
 from mjbench.simulation import compat, trajectory
 from mjbench.simulation.constraint_problem import converging
-from mjbench.simulation.judgement import EngineAnswer, Precision
+from mjbench.simulation.judgement import EngineAnswer, JudgedPart, PairContacts, PartName, Precision
 from mjbench.simulation.trajectory import SingleSteps
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload
@@ -132,3 +132,32 @@ def test_without_a_state_whose_rounding_is_finite_nothing_is_judged() -> None:
         acceleration=infinite, force=infinite, rounding=infinite, force_rounding=infinite
     )
     assert _solution_part(errors, Precision.FLOAT32).answer == EngineAnswer.NOT_JUDGED
+
+
+@pytest.mark.parametrize(
+    ("answer", "effect", "expected"),
+    [
+        (EngineAnswer.YES, 5e-5, True),
+        (EngineAnswer.YES, 4e-3, False),  # as much as rounding does in this model, but elsewhere
+        (EngineAnswer.CLOSE, 5e-5, False),
+    ],
+)
+def test_a_run_is_held_to_that_of_c_only_where_contacts_are_the_same(
+    answer: EngineAnswer, effect: float, expected: bool
+) -> None:
+    pair = PairContacts(
+        types=("box", "cylinder"),
+        states=60,
+        other_counts=0,
+        count=4.0,
+        count_in_c=4.0,
+        distance_m=1e-5,
+        position_m=0.01,
+        normal_degrees=0.0,
+        effect=effect,
+        largest_effect=effect,
+        answer=answer,
+    )
+    part = JudgedPart(PartName.CONTACTS, answer)
+    judged = JudgedConstraints(Precision.FLOAT32, part, part, (pair,), 60, 60)
+    assert judged.has_same_contacts == expected
