@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @click.argument("target", metavar="TARGET")
 @click.argument("arguments", nargs=-1, metavar="[-- ARGS…]", type=click.UNPROCESSED)
 @click.option(
-    "--quick", is_flag=True, help="Take 15 seconds, whatever --budget says, and try no settings."
+    "--quick", is_flag=True, help="Take 15 seconds, whatever --budget is, and try no settings."
 )
 @budget(60, "Time in all; a program runs for two thirds of it.")
 @click.option("--html", "html_file", metavar="FILE", help="Also write the report as an HTML page.")
@@ -49,7 +49,7 @@ def checkup(
     follow --. What it prints stays on standard output; the list goes to standard error. A notebook
     is read and not run.
 
-    Each item says what it gains, what it changes in results, and which command looks closer. Wrong
+    Each item shows what it gains, what it changes in results, and which command looks closer. Wrong
     results come first.
 
     \b
