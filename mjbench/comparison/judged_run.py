@@ -24,7 +24,7 @@ MAX_SIMULATIONS = 16
 # An engine may be this many times as far from C as the shadow, which rounds only states.
 SHADOW_FACTOR = 10.0
 # Differences below these shares of a figure's size are rounding.
-_ROUNDING = {Precision.FLOAT64: 1e-8, Precision.FLOAT32: 1e-4}
+_ROUNDING = {Precision.FLOAT64: 1e-8, Precision.FLOAT32: 1e-3}
 # The shadow has parted from C where a figure differs by more than this share of its size.
 TOGETHER_SHARE = 0.01
 # Before that, an engine's may differ by no more than this share of its size; after that, and where
