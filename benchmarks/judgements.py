@@ -10,20 +10,20 @@ compiles.
 
 import argparse
 import dataclasses
-import os
 import sys
 import tempfile
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
+from benchmarks import foreign_packages
 from benchmarks.studies import judgement_page, tally_command, tally_file
 from benchmarks.studies.judgement_tally import JudgedModel, JudgementTally, load, save_states
 from mjbench.comparison import accelerated_run
 from mjbench.comparison.accelerated_run import AcceleratedRequest
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import MeasurementRecord
-from mjbench.errors import InputError, failure_of
+from mjbench.errors import failure_of
 from mjbench.host import isolate
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
@@ -31,24 +31,8 @@ from mjbench.status import ExitCode, Status
 
 ROOT = Path(__file__).resolve().parent.parent
 TALLY, PAGE = ROOT / "results" / "judgements.json", ROOT / "docs" / "judgements.md"
-FOREIGN = Path(os.environ.get("MJBENCH_CACHE", "~/.cache/mjbench")).expanduser() / "foreign"
 PATHS = ("mjx", "mjx64", "warp")
 NBATCH, NSTEP, LIMIT_S = 16, 50, 120.0
-
-
-def find(name: str) -> tuple[str, ModelSource]:
-    """Return the package of a model and where it is.
-
-    Raises:
-      InputError: there is no such model, or no such wheel was downloaded.
-    """
-    package, colon, file = name.partition(":")
-    if not colon:
-        return "shipped", models.resolve(name)
-    folders = sorted(FOREIGN.glob(f"{package}-*"))
-    if not folders or not (folders[-1] / file).is_file():
-        raise InputError(f"{name}: no such file in {FOREIGN}; `make foreign` downloads its wheels")
-    return package, ModelSource(file, folders[-1] / file)
 
 
 def judged(package: str, source: ModelSource, path: str) -> JudgedModel:
@@ -74,7 +58,7 @@ def run(names: Sequence[str], paths: Sequence[str]) -> None:
     """Judge paths on models; store each as it comes."""
     tally = load(TALLY) if TALLY.exists() else JudgementTally(version("mujoco"), NBATCH, NSTEP, ())
     for name in names or models.shipped():
-        package, source = find(name)
+        package, source = foreign_packages.find(name)
         for path in paths:
             row = judged(package, source, path)
             answer = row.judgement.answer if row.judgement else row.status

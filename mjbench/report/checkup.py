@@ -129,8 +129,15 @@ def _conclusions(run: Run, name: str, listed_items: Sequence[CheckupItem]) -> It
     elif others := [each for each in listed_items if each.change != ResultChange.CORRECTED]:
         yield Conclusion(f"{name}: {others[0].action}; what it gains was not measured")
     elif not failed and not (listed_items and _is_read_only(run)):
-        begin = "nothing to gain here" if _is_certain(run) else "no gain is certain yet"
-        yield Conclusion(f"{name}: {begin}: {_why_nothing(run)}", Tone.NEUTRAL)
+        yield Conclusion(f"{name}: {_nothing(run)}: {_why_nothing(run)}", Tone.NEUTRAL)
+
+
+def _nothing(run: Run) -> str:
+    """Return how sure it is that there is nothing to gain."""
+    rows = run.of_type(ProgramRow)
+    if rows and not any(row.loops for row in rows):
+        return "nothing was measured"
+    return "nothing to gain here" if _is_certain(run) else "no gain is certain yet"
 
 
 def _is_read_only(run: Run) -> bool:

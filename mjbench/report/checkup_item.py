@@ -4,8 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
+from mjbench.comparison.plan import Variant
 from mjbench.measuring.ratio import Ratio
 from mjbench.report import formats, tuning_notes
+from mjbench.tuning.settings import Setting
 
 
 class ResultChange(StrEnum):
@@ -54,6 +56,8 @@ class CheckupItem:
 
     Attributes:
       action: what to do, and where, in a line.
+      variant: the way of stepping that it advises; None of anything else.
+      settings: that it advises.
       gain: None for a wrong result, and where the gain was not measured.
       is_bound: whether it is at most that: what comes instead takes time, too.
       change_detail: what else is given up, or may change in runs other than those seen, in a few
@@ -65,6 +69,8 @@ class CheckupItem:
     """
 
     action: str
+    variant: Variant | None = None
+    settings: Sequence[Setting] = ()
     gain: Ratio | None = None
     unit: GainUnit | None = None
     is_bound: bool = False

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from mjbench.checkups.records import CheckedPart, Combination
+from mjbench.comparison.plan import WITHOUT_TIMER, Variant
 from mjbench.environment.records import EnvironmentRecord, PhysicsPath
 from mjbench.loop.lint import Finding
 from mjbench.loop.profile import ProfileRow
@@ -14,7 +15,7 @@ from mjbench.paired.race_record import Loop
 from mjbench.paired.records import VerdictRow
 from mjbench.paths.parallelism import nthread
 from mjbench.program.records import ProgramRow
-from mjbench.program.remedy import Basis, Remedy
+from mjbench.program.remedy import Basis, Remedy, RemedyKind
 from mjbench.report import advice, environment, formats, program, starts, tuning, tuning_notes
 from mjbench.report.advice import Advice
 from mjbench.report.checkup_item import CheckupItem, GainGroup, GainUnit, ResultChange
@@ -106,6 +107,7 @@ def _of_paths(
         loops = {each.loop for each in advised if each.variant == row.variant}
         yield CheckupItem(
             action=f"step by {advice.described(row.variant)}{_whose(row, loops)}",
+            variant=row.variant,
             gain=row.speedup,
             unit=GainUnit.PLAIN_LOOP,
             change=ResultChange.NONE,
@@ -124,6 +126,7 @@ def _of_paths(
     if clock is not None and not any(setting.loop.is_clock_off for setting in settings):
         yield CheckupItem(
             action=f"turn off {package_timer.NAME}: {package_timer.OFF_CODE} after creating MjData",
+            variant=WITHOUT_TIMER,
             gain=clock.speedup,
             unit=GainUnit.PLAIN_LOOP,
             change=ResultChange.NONE,
@@ -199,6 +202,7 @@ def _of_recommendation(each: Recommendation, command: str) -> CheckupItem:
     }
     return CheckupItem(
         action=f"settings: {label(each.settings)}",
+        settings=each.settings,
         gain=each.ratio.inverse,
         unit=GainUnit.SIMULATED_SECOND,
         change=changes[each.effect],
@@ -225,6 +229,7 @@ def _of_loss(attempt: Attempt, command: str) -> CheckupItem:
     setting = attempt.settings[0]
     return CheckupItem(
         action=f"settings: {setting.label}",
+        settings=attempt.settings,
         gain=attempt.ratio.inverse,
         unit=GainUnit.SIMULATED_SECOND,
         change=ResultChange.STATED,
@@ -273,7 +278,7 @@ def _of_program(row: ProgramRow, target: str) -> Iterator[CheckupItem]:
             command=command,
         )
     for remedy in row.wrong:
-        yield CheckupItem(action=_placed(remedy), change=ResultChange.CORRECTED, command=command)
+        yield CheckupItem(action=placed(remedy), change=ResultChange.CORRECTED, command=command)
     for report in row.loops[:1]:
         for remedy in [each for each in report.remedies if each.is_certain][:_MOST_OF_PROGRAM]:
             yield _of_remedy(remedy, command)
@@ -282,7 +287,7 @@ def _of_program(row: ProgramRow, target: str) -> Iterator[CheckupItem]:
 def _of_remedy(remedy: Remedy, command: str) -> CheckupItem:
     keeps = remedy.effect in ("", "nothing")
     return CheckupItem(
-        action=_placed(remedy),
+        action=placed(remedy),
         gain=remedy.share_saved,
         unit=GainUnit.LOOP_SHARE,
         is_bound=remedy.basis == Basis.BOUND and remedy.confirmed is None,
@@ -293,10 +298,12 @@ def _of_remedy(remedy: Remedy, command: str) -> CheckupItem:
     )
 
 
-def _placed(remedy: Remedy) -> str:
+def placed(remedy: Remedy) -> str:
     place = f"{short_name(remedy.place.file)}:{remedy.place.line}: " if remedy.place else ""
     code = f" ({remedy.code})" if remedy.code else ""
-    return f"{place}{program.subject(remedy)}{remedy.text}{code}"
+    # what a line mostly does may differ from run to run
+    subject = "" if remedy.kind == RemedyKind.LINE else program.subject(remedy)
+    return f"{place}{subject}{remedy.text}{code}"
 
 
 def _of_source(
@@ -354,6 +361,7 @@ def _of_physics(path: PhysicsPath, command: str) -> CheckupItem:
     loop = "" if path.closed_loop else ", with controls known beforehand"
     return CheckupItem(
         action=f"step its physics yourself, by {path.path}{place}{loop}",
+        variant=Variant(path.path, path.options),
         gain=_ratio_of(path.speedup),
         unit=GainUnit.ENV_STEP,
         change=ResultChange.STATED,

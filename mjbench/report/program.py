@@ -103,7 +103,13 @@ def conclusion(row: ProgramRow) -> str:
         return f"no samples were taken: {row.detail}"
     outside = _outside(row)
     if not row.loops:
-        but = ", although it steps; run it for longer" if row.steps and not outside else ""
+        if row.exit_code and not row.was_ended:
+            return f"it ended with exit code {row.exit_code}, and no loop stepped MuJoCo before"
+        but = ""
+        if row.steps and not outside:
+            but = ", although it steps; run it for longer"
+        elif row.was_ended and not row.steps:
+            but = f" in {plain(row.wall_s, 2)} s; run it for longer"
         return "no loop was seen that steps MuJoCo" + but + (f"; {outside}" if outside else "")
     loop = _first_loop(row)
     remedy = remedies.first(loop.remedies)
@@ -213,8 +219,8 @@ def _first(time: LoopTime, remedy: Remedy) -> str:
             f"; that saves at most {whole_percent(remedy.gain)}" if remedy.gain < share else ""
         )
         return f"{text}; {remedy.text}{at_most}"
-    # the timer is read in all steps, and takes a part of them
-    is_part = remedy.share is None or remedy.kind == RemedyKind.CLOCK
+    # the timer takes a part of each step, and what a call creates is freed elsewhere
+    is_part = remedy.kind == RemedyKind.CLOCK or (remedy.share or 0.0) < remedy.gain
     now = "" if is_part else f" {whole_percent(remedy.share or 0.0)} of the loop now;"
     where_to = f"at {remedy.place}, " if remedy.place is not None else ""
     gain = _uncertain(remedy)

@@ -108,11 +108,14 @@ class CSearch(Search[CMeasurements]):
                 f" {plain(left_s, 2)} s were left"
             )
             return None
+        begin_s = self._clock()
         try:
             return self._measure.reference(horizon_ncontrol)
         except (InputError, MachineError) as error:
             self._set(no_reference=self._detail_of(error))
             return None
+        finally:  # on a busy machine it takes longer than its steps say
+            self._reference_s = max(self._reference_s, self._clock() - begin_s)
 
     # -- each setting alone -------------------------------------------------------------------
 

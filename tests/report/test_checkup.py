@@ -18,9 +18,10 @@ from mjbench.loop.lint import Finding
 from mjbench.measuring.ratio import Ratio
 from mjbench.pages import reports, terminal
 from mjbench.pages.reports import NamedRun
-from mjbench.program.activities import Activity
+from mjbench.program.activities import Activity, Place
+from mjbench.program.records import ProgramRow
 from mjbench.program.remedy import Confirmed, Remedy, RemedyKind
-from mjbench.report import advice, checkup, tuning
+from mjbench.report import advice, checkup, checkup_items, tuning
 from mjbench.report.checkup_item import GainUnit, ResultChange
 from mjbench.report.content import Tone
 from mjbench.report.results import derive_all
@@ -135,6 +136,15 @@ def test_the_share_that_a_program_saves_lies_within_the_whole_and_is_the_confirm
     tried = replace(line, confirmed=Confirmed(0.3, 0.2, 0.4, 8))
     assert line.share_saved == Ratio(0.8, 0.4, 1.0)
     assert tried.share_saved == Ratio(0.3, 0.2, 0.4)
+
+
+def test_a_line_is_named_by_its_place_and_not_by_what_it_mostly_does() -> None:
+    place = Place("train.py", 7, "main", "env.step(action)")
+    remedies = [
+        Remedy(RemedyKind.LINE, activity, place, "time in gymnasium", 0.3, 0.01)
+        for activity in (Activity.NUMPY, Activity.BINDINGS)
+    ]
+    assert {checkup_items.placed(each) for each in remedies} == {"train.py:7: time in gymnasium"}
 
 
 def test_wrong_results_stand_first() -> None:
@@ -270,6 +280,16 @@ def test_what_is_not_installed_and_what_was_not_tried_are_lines() -> None:
     )
     quick = checkup.list_section(run(part(CheckupPart.STEP), step_profile(), *PATHS)).notes
     assert "Settings were not tried: mjbench tune 'my robot.xml'" in quick
+
+
+def test_a_program_that_does_not_step_has_no_verdict() -> None:
+    failed = ProgramRow("train.py", Status.OK, "", 1, False, 3.0, 100, 300, 0.0, [], [])
+    seen = run(part(CheckupPart.PROGRAM, TargetKind.PROGRAM), failed)
+    (conclusion,) = checkup.list_section(seen).conclusions
+    assert conclusion.text == (
+        f"{TARGET}: nothing was measured: it ended with exit code 1, and no loop stepped MuJoCo"
+        " before"
+    )
 
 
 def test_of_a_notebook_there_is_what_lint_finds() -> None:

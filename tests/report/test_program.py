@@ -81,6 +81,12 @@ def test_a_measured_gain_is_said_as_the_time_that_remains() -> None:
     )
 
 
+def test_a_share_that_is_smaller_than_the_gain_is_not_said() -> None:
+    frees_memory_elsewhere = replace(remedy(), share=0.3)
+    said = program.conclusion(row(MIXED, frees_memory_elsewhere))
+    assert said.startswith("first, at train.py:7, do otherwise: with the change, the loop takes")
+
+
 def test_a_bound_is_said_as_a_share_of_the_loop() -> None:
     said = program.conclusion(row(MIXED, remedy(Basis.BOUND)))
     assert said == (
@@ -106,6 +112,17 @@ def test_a_crash_comes_before_a_wrong_result_and_that_before_time() -> None:
     )
     crashed = replace(both, crash=PLACE, exit_code=139)
     assert program.conclusion(crashed).startswith("it crashed (SIGSEGV) at train.py:7")
+
+
+def test_a_program_that_fails_before_it_steps_has_its_exit_code() -> None:
+    failed = replace(row(MIXED), loops=[], exit_code=1)
+    assert (
+        program.conclusion(failed) == "it ended with exit code 1, and no loop stepped MuJoCo before"
+    )
+    ended = replace(failed, was_ended=True)
+    assert program.conclusion(ended) == (
+        "no loop was seen that steps MuJoCo in 3 s; run it for longer"
+    )
 
 
 def test_what_takes_longer_than_the_loops_comes_first() -> None:

