@@ -296,6 +296,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("pages", nargs="*", metavar="PAGE", help="all, if none is named")
     parser.add_argument("--limit", type=float, default=900.0, help="seconds of a command")
     options = parser.parse_args(arguments)
+    # a shell starts background jobs with SIGINT ignored, and their commands would inherit that
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     is_good = True
     for page in options.pages or PAGES:
         with tempfile.TemporaryDirectory(prefix="mjbench-pages-") as folder:

@@ -27,7 +27,7 @@ from mjbench.counts import explain
 from mjbench.loop import capture
 from mjbench.measuring import stats
 from mjbench.paired import bisect, call_results, outcomes, race_record
-from mjbench.report import advice, checkup_items
+from mjbench.report import advice, checkup_items, program, run_differences
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.store import runs
 from mjbench.tuning import reference
@@ -50,11 +50,13 @@ def readme() -> Iterator[str]:
     yield how
     counts = trial_counts()
     yield from counts.phrases()
-    yield f"slower than the fastest, by up to {percent(max(worst_regrets()), 1)}"
+    yield "in 99 of 100 comparisons"
+    yield f"is at most {percent(max(worst_regrets()), 1)} slower than the fastest"
     free, equivalent = promises()
     assert free[0] == free[1]
     yield f"all {free[1]} that it called free changed no state"
-    yield f"of the {equivalent[1]} within the solver's tolerance, {equivalent[0]} stayed"
+    yield f"of the {equivalent[1]} that it called within the solver's tolerance"
+    yield f"tolerance, {equivalent[0]} were"
     yield from durations()
 
 
@@ -110,6 +112,7 @@ def trust() -> Iterator[str]:
     yield f"if that is more than {percent(outcomes.MIN_EFFECT)}"
     yield f"can be faster by {percent(race_record.MARGIN)}"
     yield faster_as_a_whole(share=1 / 2, speedup=2)
+    yield f"differs by more than {percent(run_differences.MIN_EFFECT)}"
 
 
 def faster_as_a_whole(share: float, speedup: float) -> str:
@@ -129,6 +132,8 @@ def story() -> Iterator[str]:
     yield f"a plain loop would be {alone} times as fast"
     (promised,) = re.findall(r"([\d.]+) times \([^)]*\) by batch_step", page)
     yield f"had promised no more than {promised}."
+    (of_line,) = re.findall(r"(\d+ % of the loop) in", page)
+    yield f"{of_line} is what that line takes"
 
 
 def revisions() -> Iterator[str]:
@@ -173,6 +178,11 @@ def upgrades() -> Iterator[str]:
     yield f"steps that are {percent(slower)} slower make the program {program} slower"
 
 
+def loop() -> Iterator[str]:
+    yield f"runs it for {checkup._FULL.program:.0f} seconds at most"
+    yield f"if it grew by {program._LEAST_GROWTH_BYTES / 2**20:.0f} MiB or more"
+
+
 def checkup_guide() -> Iterator[str]:
     yield f"or {checkup.QUICK_S:.0f} seconds with `--quick`"
     yield f"for {checkup._FULL.program:.0f} seconds at most"
@@ -191,6 +201,7 @@ PHRASES: dict[str, Callable[[], Iterator[str]]] = {
             f"repeat within {percent(explain.REPEATABILITY, 1)}",
         )
     ),
+    "docs/guides/loop.md": loop,
     "docs/guides/machines.md": lambda: iter(
         (f"of those named slower, at most {percent(1 - outcomes.CONFIDENCE)} are expected",)
     ),

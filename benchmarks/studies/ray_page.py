@@ -21,8 +21,8 @@ def lines(tally: RayTally) -> Iterator[str]:
     yield " ".join(_conclusion(tally))
     yield ""
     yield (
-        "Work of a call, in milliseconds of the plain loop and in steps of all simulations"
-        f" together, from which on {tally.usable_cores} actors are faster than the other path."
+        f"The smallest call for which {tally.usable_cores} actors beat the other path: in"
+        " milliseconds of the plain loop, and in steps of all simulations."
         " *Never* is followed by the largest size tried, and Ray's relative speed there."
     )
     yield ""

@@ -93,12 +93,12 @@ def _promise_lines(
     equivalent = [promise for promise in promises if promise.effect == Effect.EQUIVALENT]
     nrun = max((promise.later_nrun for promise in promises), default=0)
     yield (
-        "Every row of the output was run again from starts that neither look of the search had:"
+        "Every row of the output was run again from starts that the search had not used:"
         f" {nrun} runs each. Nine in ten err by no more than promised for {_errors_hold(first)}"
         f" settings that are recommended first, and for {_errors_hold(promises)} of all that are"
         f" shown. Free settings changed no state in {_effects_hold(free)} cases; equivalent ones"
         f" were still equivalent in {_effects_hold(equivalent)}. The search itself withdrew"
-        f" {sum(model.withdrawn for model in searched)} settings at its second look."
+        f" {sum(model.withdrawn for model in searched)} settings when it measured them again."
     )
     broken = [
         (m, p) for m in searched for p in m.promises if not (p.keeps_error and p.keeps_effect)
@@ -127,5 +127,5 @@ def _broken(model: "TunedModel", promise: "Promise") -> str:
         )
     if not promise.keeps_effect:
         worst = max(promise.later_effects, key=lambda effect: effect.rank)
-        parts.append(f"{worst} instead of {promise.effect} in one look or more")
+        parts.append(f"{worst} instead of {promise.effect} in one or both measurements")
     return f"- {model.model}: {promise.settings}: {'; '.join(parts)}"

@@ -47,9 +47,10 @@ def ab(
     installed.
 
     Or each is rev=REVISION, a branch, tag or commit of the git repository here, or rev=WORKTREE,
-    what is not committed included. Then name functions of your code: FILE.py::FUNCTION or
-    MODULE:FUNCTION. With them, rev= may be left out. Each is called without arguments, after
-    `setup()` of its module, if there is one. A FILE is the CANDIDATE's on both sides.
+    what is not committed included. Then name functions of your code, and rev= may be left out. Each
+    is called without arguments, after `setup()` of its module, if there is one. With
+    bench.py::step, both sides run the CANDIDATE's bench.py, so that a new benchmark can time old
+    code. If bench.py itself changed, write bench:step: each side then runs its own.
 
     \b
     Examples:
@@ -58,7 +59,7 @@ def ab(
       mjbench ab model=humanoid,solver=newton solver=cg
       mjbench ab model=a.xml model=b.xml --metric load
       mjbench ab rev=main rev=HEAD bench.py::step
-      mjbench ab rev=main rev=HEAD bench.py::step --metric growth
+      mjbench ab rev=main rev=HEAD bench:step --metric growth
       mjbench ab HEAD WORKTREE my_package.physics:step --fail-on slower
     """
     plan = replace(plan, sizes=replace(plan.sizes, metric=Metric(metric)))

@@ -30,8 +30,8 @@ def bisect(
     one that is probably the first to differ is compared with the one before it.
 
     With rev=OLD rev=NEW, these are commits, and FUNCTION is one of your code, named as for
-    `mjbench ab rev=…`; before a FILE.py::FUNCTION, rev= may be left out. A file is NEW's in all
-    commits. Of merges, first parents are followed.
+    `mjbench ab rev=…`; before a FILE.py::FUNCTION, rev= may be left out. All commits run
+    NEW's copy of that file. Of merges, first parents are followed.
 
     Otherwise, they are the final releases of MuJoCo from OLD to NEW, and the steps of MODEL are
     timed. Releases that are installed are preferred, others are installed in the cache, as by

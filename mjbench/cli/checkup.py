@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @click.argument("target", metavar="TARGET")
 @click.argument("arguments", nargs=-1, metavar="[-- ARGS…]", type=click.UNPROCESSED)
 @click.option(
-    "--quick", is_flag=True, help="Take 15 seconds, whatever --budget says, and try no settings."
+    "--quick", is_flag=True, help="Take 15 seconds, whatever --budget is, and try no settings."
 )
 @budget(60, "Time in all; a program runs for two thirds of it.")
 @click.option("--html", "html_file", metavar="FILE", help="Also write the report as an HTML page.")
@@ -44,11 +44,12 @@ def checkup(
     """My simulation is slow: what can I do? One ranked list, in a minute.
 
     TARGET is a model, a Python program or a notebook, or an environment, as other commands take
-    them. `mjbench TARGET` is the same. Of a model, it races ways of stepping, tries settings, and
-    measures together what changes no result. A program runs unchanged, and its arguments follow --.
-    Its output is its own, and the list goes to standard error. A notebook is read and not run.
+    them. `mjbench TARGET` is the same. For a model, it races ways of stepping, tries settings,
+    and measures together the changes that keep results. A program runs unchanged, and its arguments
+    follow --. What it prints stays on standard output; the list goes to standard error. A notebook
+    is read and not run.
 
-    Each item says what it gains, what it changes in results, and which command looks closer. Wrong
+    Each item shows what it gains, what it changes in results, and which command looks closer. Wrong
     results come first.
 
     \b

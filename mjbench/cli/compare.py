@@ -76,14 +76,15 @@ if TYPE_CHECKING:
 @click.option(
     "--total-steps",
     type=LargeCount(),
-    help="Steps that you will take in all: a path that compiles is advised only if that pays within"
-    " them  [default: those of one block]",
+    help="Steps that you will take in all simulations together, such as 1e9: a path that compiles"
+    " is advised only if that pays within them  [default: those of one block]",
 )
 @click.option(
     "--scaling",
     is_flag=True,
-    help="Let many numbers of threads, up to twice as many as can run at once, and chunk sizes take"
-    " part; --threads and --chunk name them  [paths by default: rollout, batch_step]",
+    help="How many threads? Race many numbers of threads, up to twice as many as can run at once,"
+    " and chunk sizes, or those of --threads and --chunk. Only rollout and batch_step race, unless"
+    " --paths names others.",
 )
 @CODE
 @with_options(HOLD, SEED, STARTS, LIMIT, STORING)

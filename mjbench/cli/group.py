@@ -231,7 +231,7 @@ def cli() -> None:
       mjbench compare robot.xml --scaling  how many threads?
       mjbench compare robot.xml --paths mjx,rollout
       mjbench versions 3.17.0 4.0.0 robot.xml
-      mjbench ab rev=main rev=HEAD bench.py::step
+      mjbench ab rev=main rev=HEAD bench:step
       mjbench tune robot.xml       which settings are faster?
       mjbench doctor               can I trust timings here?
 

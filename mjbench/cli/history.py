@@ -60,7 +60,7 @@ _TOP = 12
     "--machine",
     metavar="NAME",
     help="Report the history of this machine only. Without it, if the folder has several machines,"
-    " the page says on how many of them each change is listed.",
+    " the page names on how many of them each change is listed.",
 )
 @PAGE
 @click.pass_context

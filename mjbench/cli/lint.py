@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from mjbench.loop.lint_fixes import LintedFile, Unfixed
+    from mjbench.loop.lint_rule import Rule
 
 
 def _explain(context: click.Context, _: click.Parameter, code: str | None) -> None:
@@ -23,12 +24,19 @@ def _explain(context: click.Context, _: click.Parameter, code: str | None) -> No
         return
     from mjbench.loop.lint_rules import RULES
 
+    if code.lower() == "all":
+        for rule in RULES:
+            click.echo(_title(rule))
+        context.exit()
     for rule in RULES:
         if rule.code == code.upper():
-            kind = "wrong result" if rule.is_wrong_result else "time"
-            click.echo(f"{rule.code} ({kind}): {rule.message}\n\n{rule.explanation}", nl=False)
+            click.echo(f"{_title(rule)}\n\n{rule.explanation}", nl=False)
             context.exit()
     raise InputError(f"no rule {code!r}; there are {', '.join(rule.code for rule in RULES)}")
+
+
+def _title(rule: "Rule") -> str:
+    return f"{rule.code} ({'wrong result' if rule.is_wrong_result else 'time'}): {rule.message}"
 
 
 @cli.command()
@@ -37,8 +45,8 @@ def _explain(context: click.Context, _: click.Parameter, code: str | None) -> No
     "--select",
     metavar="CODE,…",
     default="",
-    help="Check only rules with these codes, or codes that begin so.  [default: as pyproject.toml"
-    " says, else all]",
+    help="Check only rules with these codes, or codes that begin so.  [default: as in"
+    " pyproject.toml, else all]",
 )
 @click.option("--ignore", metavar="CODE,…", default="", help="Leave out rules, likewise.")
 @click.option(
@@ -64,7 +72,7 @@ def _explain(context: click.Context, _: click.Parameter, code: str | None) -> No
     callback=_explain,
     expose_value=False,
     is_eager=True,
-    help="Print what a rule finds, why, and what to write instead, and end.",
+    help="Print what a rule finds, why, and what to write instead, and end; `all` lists the rules.",
 )
 @JSON
 def lint(
@@ -79,13 +87,17 @@ def lint(
 ) -> None:
     """Find in a script what makes a stepping loop slow or its log wrong, without executing it.
 
+    It finds stored views (`log.append(data.qpos)` without .copy()), models, MjData and renderers
+    that a loop makes anew, names that it looks up in each step, and more: `--explain all` lists the
+    rules.
+
     Findings are FILE:LINE:COLUMN CODE MESSAGE, with roughly what it costs in each step. FILE is a
     Python file, a Jupyter notebook, or a folder, which stands for all of them below it. `# noqa:
     MJB001` at the end of a line suppresses its finding. `[tool.mjbench.lint]` in pyproject.toml has
     `select`, `ignore` and `per-file-ignores`.
 
-    --fix changes a file where this is certainly safe, and says on standard error why it leaves
-    the others of these findings.
+    --fix changes a file where this is certainly safe, and prints on standard error why it leaves
+    others of these findings.
 
     The exit code is 1 if there are findings; without any, 2 if a file could not be checked. With
     --fix, findings that were changed do not count, and it is 3 if a file could not be written. With

@@ -34,9 +34,10 @@ def profile(
 ) -> None:
     """Where does a step's time go: engine stages, Python around it, rendering?
 
-    Stages are from MuJoCo's own timers. Rendering is timed with EGL and with OSMesa, or on macOS
-    with CGL. Steps are short runs from states along the model's own run, or from those of --states,
-    each with its controls held. Without a MODEL: cartpole.
+    Stages, such as collision, constraint solver and kinematics, are from MuJoCo's own timers.
+    Rendering is timed with EGL and with OSMesa, or on macOS with CGL. Steps are short runs from
+    states along the model's own run, or from those of --states, each with its controls held.
+    Without a MODEL: cartpole.
 
     \b
     Examples:

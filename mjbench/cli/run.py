@@ -112,7 +112,8 @@ def run(
 
     PROGRAM is a Python file, or -m and a module, as after `python`. Its arguments follow it;
     options of mjbench come before it. The program runs unchanged, with its own output and exit
-    code. The report goes to standard error.
+    code. The report goes to standard error. `mjbench PROGRAM`, the check-up, runs it for 40 seconds
+    at most, and prints only what to change.
 
     \b
     Examples:

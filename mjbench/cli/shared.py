@@ -438,8 +438,8 @@ _JUDGING = (
     click.option(
         "--as-shipped",
         is_flag=True,
-        help="Compare builds with their machine code where it lies in memory. By default mjbench"
-        " moves it from launch to launch, so that only what the code does makes a difference.",
+        help="Compare builds as they are. By default mjbench moves their machine code in memory"
+        " from launch to launch, so that only what the code does makes a difference.",
     ),
 )
 OUTPUT = as_one("output", OutputOptions, RESULTS, WAIT, JSON)
@@ -451,8 +451,8 @@ STATES = click.option(
     metavar="FILE.npz",
     type=click.Path(path_type=Path),
     help="Draw start states, and their controls if there are any, from this file, which"
-    " `mjbench.capture` wrote in your program, or of arrays by MjData field, as `mjbench.record`"
-    " returns them.",
+    " `mjbench.capture` wrote in your program, or which has arrays by MjData field, as"
+    " `mjbench.record` returns them.",
 )
 ACTIONS = click.option(
     "--actions",

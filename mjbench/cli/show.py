@@ -74,8 +74,10 @@ def show(
 
     --against compares runs of `compare`; in run sets, each machine is compared with itself. The two
     were measured at different times, so only what certainly differs by more than 5 % is slower or
-    faster. `mjbench versions` and `mjbench ab` alternate both, and find smaller changes: --fail-on
-    alone is about the verdicts of a run of theirs.
+    faster. `mjbench versions` and `mjbench ab` alternate both, and find smaller changes.
+
+    With --against, --fail-on judges these differences; without, the verdicts that `versions` or
+    `ab` stored in RUN.
 
     \b
     Examples:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 def site(output: Path, project: Path) -> None:
     """Write a static site: the history of releases, reports of all runs, and the documents.
 
-    The first page has the conclusions. Each release and each run file has a page of its own. If
+    The first page has the conclusions. Each release and each run file has its own page. If
     `asv publish` wrote pages, or `make lab` its page, they are on the site, too. It needs Sphinx,
     MyST and Furo: the extra `site`.
 

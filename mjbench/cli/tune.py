@@ -56,13 +56,16 @@ NBATCH = 64
     " (equivalent), or all (approximate)  [default: approximate]",
 )
 @click.option(
-    "--skip", type=Names(), metavar="KNOB,…", help="Knobs to leave alone, such as excludes,timestep"
+    "--skip",
+    type=Names(),
+    metavar="NAME,…",
+    help="Settings to leave alone, such as excludes,timestep",
 )
 @click.option(
     "--max-error",
     type=Share(below=10.0),
     help="Largest error to recommend, in percent of the motion; nine runs in ten stay below it"
-    "  [default: that of the present settings]",
+    "  [default: the error that your present settings have]",
 )
 @budget(300, "About how long to search, for each model.")
 @click.option(

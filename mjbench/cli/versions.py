@@ -74,10 +74,10 @@ def versions(
 ) -> None:
     """Is MODEL slower with a NEW release of MuJoCo than with the OLD one?
 
-    A release is a version (3.5.0), a wheel or a folder of wheels, `installed`, `newest` or
-    `previous`, the last release on the package index and the one before it. Each is installed in a
-    folder of its own in the cache (`mjbench releases installs`). There may be several NEW ones.
-    Without a MODEL: all shipped models.
+    A release is a version (3.5.0), a wheel or a folder of wheels, `installed`, `newest` (the last
+    on the package index) or `previous` (the one before it). Each is installed in its own folder in
+    the cache (`mjbench releases installs` lists them). There may be several NEW ones. Without a
+    MODEL: all shipped models.
 
     Other packages are named as pip takes them, with commas: jax==0.7.0,jaxlib==0.7.0. They are
     installed beside this environment's MuJoCo and NumPy, unless those are among them.
@@ -93,7 +93,7 @@ def versions(
       mjbench versions numpy==2.3.5 numpy==2.4.0 --function bench.py::step
 
     Ratios are new over old: above 1 is slower. Where a release does other work, such as more
-    contacts, the verdict says so.
+    contacts, the verdict names it.
     """
     from mjbench.api.versions import measurement_of
 

@@ -37,9 +37,9 @@ def versions_explain(
     """Explain what changed from the OLD release to the NEW one: code, work, or time alone.
 
     Needs valgrind. Lists instructions per step by function and by stage, the largest difference
-    first, with the work done and the ratio of wall-clock times, and says whether the machine code
-    changed that executes. Times and counts are of the same simulations. Without a MODEL: all
-    shipped models.
+    first, with the work done and the ratio of wall-clock times, and whether the machine code that
+    executes changed. Times and counts are of the same simulations. Without a MODEL: all shipped
+    models.
 
     \b
     Example:

@@ -1,8 +1,11 @@
 """Which examples a page has, and how a command has ended."""
 
+import signal
+
 import pytest
 
-from benchmarks.page_commands import Example, Kind, Outcome, examples_of, outcome
+from benchmarks import page_commands
+from benchmarks.page_commands import Example, Kind, Outcome, Readers, examples_of, outcome
 
 PAGE = """Look with `mjbench env Humanoid-v5`, or `mjbench
 tune robot.xml`; `mjbench run` and `mjbench versions OLD NEW robot.xml` are names.
@@ -65,3 +68,22 @@ def test_a_command_has_failed_unless_its_exit_code_is_an_answer(
     line: str, code: int, printed: str, is_interrupted: bool, expected: Outcome
 ) -> None:
     assert outcome(line, code, printed, is_interrupted) == expected
+
+
+def test_commands_can_be_interrupted_where_the_shell_ignores_ctrl_c(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    handlers: list[object] = []
+
+    def check(*_: object) -> bool:
+        handlers.append(signal.getsignal(signal.SIGINT))
+        return True
+
+    monkeypatch.setattr(Readers, "make", lambda _: None)
+    monkeypatch.setattr(page_commands, "check", check)
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        assert page_commands.main(["README.md"]) == 0
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert handlers == [signal.default_int_handler]

@@ -12,6 +12,7 @@ from click.testing import CliRunner, Result
 from commands import ROOT, mjbench
 
 from mjbench.cli import cli
+from mjbench.loop.lint_rules import RULES
 from mjbench.store import files
 
 LOOP = """
@@ -302,6 +303,14 @@ def test_a_rule_is_explained_without_a_file() -> None:
     done = lint("--explain", "MJB999")
     assert done.exit_code == 2
     assert "no rule 'MJB999'; there are MJB001" in done.stderr
+
+
+def test_all_rules_are_listed() -> None:
+    done = lint("--explain", "all")
+    assert done.exit_code == 0
+    lines = done.stdout.splitlines()
+    assert len(lines) == len(RULES)
+    assert lines[0].startswith("MJB001 (wrong result): a view is stored")
 
 
 def test_a_file_or_a_folder_is_asked_for() -> None:
