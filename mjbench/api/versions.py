@@ -18,6 +18,7 @@ from mjbench.paired import environment_sides, family, outcomes, targets, verdict
 from mjbench.paired.compiled_sides import CompiledComparison
 from mjbench.paired.environment_sides import EnvironmentComparison
 from mjbench.paired.family import Family
+from mjbench.paired.metrics import COMPILING_METRICS
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.records import VerdictRecord, VerdictRow, finished
 from mjbench.paired.run_sizes import Sizes
@@ -93,8 +94,8 @@ def versions(
         releases; None for `python_loop`.
       metric: what to compare: `time`, `p99` (the time that 99 of 100 steps do not exceed),
         `instructions`, which needs valgrind, the time of `load`, `reset`, `rays`, or of a short
-        call of `rollout` or `batch`, the peak of `memory`, its `growth` with steps, or the size of
-        the `arena`.
+        call of `rollout` or `batch`, the peak of `memory`, its `growth` with steps, the size of the
+        `arena`, or the time that paths take to `compile`.
       min_effect: smallest change that matters, as a share; a change that is certainly smaller is
         `same`.
       confidence: of the interval, as a share.
@@ -180,9 +181,10 @@ def measurement_of(
         path_names = [BASE]
     if compiling := [name for name in path_names if find(name).compiles]:
         others = [name for name in path_names if name not in compiling]
-        if others or metric != Metric.TIME:
-            alone = f"leave out {', '.join(others)}" if others else "leave out --metric"
-            raise InputError(f"only the time of {', '.join(compiling)} is compared, alone: {alone}")
+        if others or metric not in COMPILING_METRICS:
+            named, known = listed(compiling), " or ".join(COMPILING_METRICS)
+            unfit = listed(others) if others else f"--metric {metric}"
+            raise InputError(f"{named} can be compared alone, by {known}: leave out {unfit}")
         return revisions.compiled_verdicts(
             CompiledComparison(baseline, candidates, sources, path_names, plan.sizes), plan
         )

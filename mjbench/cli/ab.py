@@ -27,7 +27,9 @@ REVISION = "rev="
 @click.argument("baseline", metavar="BASELINE")
 @click.argument("candidate", metavar="CANDIDATE")
 @click.argument("functions", metavar="[FUNCTION]…", nargs=-1)
-@metric_option(*(metric for metric in Metric if metric != Metric.INSTRUCTIONS))
+@metric_option(
+    *(metric for metric in Metric if metric not in (Metric.INSTRUCTIONS, Metric.COMPILE))
+)
 @with_options(FAIL_ON, VERDICT_PLAN, STORING)
 def ab(
     baseline: str,

@@ -10,6 +10,7 @@ from pathlib import Path
 from mjbench.errors import InputError
 from mjbench.paired import environment_sides
 from mjbench.paired.function_pair import FunctionTarget, FunctionTargets, SteppedRun
+from mjbench.paired.outcomes import Metric
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.timed_function import FunctionSource
 from mjbench.paired.worker import Worker
@@ -90,7 +91,7 @@ def prepare(pool: WorkerPool, comparison: CompiledComparison) -> list[FunctionTa
                     source.name,
                     None,
                     "",
-                    _source(source, name, file, caches[spec.key]),
+                    _source(source, name, file, caches[spec.key], comparison.sizes.metric),
                     origin,
                     spec,
                     SteppedRun(name, nbatch, nstep, drawn.starts),
@@ -115,16 +116,25 @@ def _draw(pool: WorkerPool, comparison: CompiledComparison, source: ModelSource)
         pool.end([process])
 
 
-def _source(source: ModelSource, path_name: str, workload: Path, cache: Path) -> FunctionSource:
-    """Return a module with the function of a model, for a process to import."""
+def _source(
+    source: ModelSource, path_name: str, workload: Path, cache: Path, metric: Metric
+) -> FunctionSource:
+    """Return a module with the function of a model, for a process to import.
+
+    No package that the path imports may have the module's name.
+    """
     arguments = (
         f"ModelSource({source.name!r}, Path({str(source.path)!r})), {path_name!r},"
-        f" Path({str(workload)!r}), Path({str(cache)!r})"
+        f" Path({str(workload)!r})"
     )
+    call = f"compiled_step({arguments}, Path({str(cache)!r}))"
+    if metric == Metric.COMPILE:
+        call = f"compilation({arguments})"
     text = (
         "from pathlib import Path\n"
-        "from mjbench.paired.compiled_steps import compiled_step\n"
+        "from mjbench.paired.compiled_steps import compilation, compiled_step\n"
         "from mjbench.simulation.models import ModelSource\n"
-        f"step = compiled_step({arguments})\n"
+        f"step = {call}\n"
     )
-    return FunctionSource("step", path_name, f"{path_name}.py", text.encode())
+    module = f"mjbench_{path_name}"
+    return FunctionSource("step", module, f"{module}.py", text.encode())

@@ -11,8 +11,15 @@ import numpy as np
 
 from mjbench.errors import MachineError, UnavailableError
 from mjbench.measuring.calls import PreparedCall
-from mjbench.paths.accelerated import Compiled, accelerated_path, start_fields
+from mjbench.paths.accelerated import (
+    AcceleratedPath,
+    Compiled,
+    accelerated_path,
+    reference_peaks,
+    start_fields,
+)
 from mjbench.paths.base import Resources
+from mjbench.paths.warp import CACHE_VARIABLE
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Workload, restore
@@ -43,6 +50,47 @@ def compiled_step(
     Raises:
       UnavailableError: a package is missing, or the engine does not take the model.
     """
+    path = _available(path_name)
+    _use_cache(path, cache)
+    workload = _workload(path, source, workload_file)
+    compiled = path.prepare(workload, {}, Resources(workload))
+    return PreparedCall(compiled.clear, compiled.run, lambda: _result(compiled, workload))
+
+
+def compilation(source: ModelSource, path_name: str, workload_file: Path) -> PreparedCall:
+    """Return a function that traces and compiles what `compiled_step` runs, without any cache.
+
+    Its result is that of `compiled_step`, too. MuJoCo Warp compiles once in a process, so only its
+    first call is such.
+
+    Raises:
+      UnavailableError: as `compiled_step`.
+    """
+    path = _available(path_name)
+    workload = _workload(path, source, workload_file)
+    resources, compiled = Resources(workload), list[Compiled]()
+    reference_peaks(workload, resources)  # by which buffers are sized
+
+    def prepare() -> None:
+        compiled.clear()
+        if "jax" in path.packages:
+            import jax
+
+            jax.clear_caches()
+
+    def result() -> dict[str, np.ndarray]:
+        (program,) = compiled
+        program.clear()
+        program.run()
+        return _result(program, workload)
+
+    return PreparedCall(
+        prepare, lambda: compiled.append(path.prepare(workload, {}, resources)), result
+    )
+
+
+def _available(path_name: str) -> AcceleratedPath:
+    """Return a path, with the environment that it needs in this process."""
     path = accelerated_path(path_name)
     if reason := path.unavailable():
         raise UnavailableError(reason)
@@ -51,13 +99,14 @@ def compiled_step(
             os.environ.pop(name, None)
         else:
             os.environ[name] = value
-    if "jax" in path.packages:
-        _use_cache(cache)
-    workload = restore(models.load(source), pickle.loads(workload_file.read_bytes()))
+    return path
+
+
+def _workload(path: AcceleratedPath, source: ModelSource, file: Path) -> Workload:
+    workload = restore(models.load(source), pickle.loads(file.read_bytes()))
     if reason := path.unsuited(workload, {}):
         raise UnavailableError(reason)
-    compiled = path.prepare(workload, {}, Resources(workload))
-    return PreparedCall(compiled.clear, compiled.run, lambda: _result(compiled, workload))
+    return workload
 
 
 def _result(compiled: Compiled, workload: Workload) -> dict[str, np.ndarray]:
@@ -72,7 +121,12 @@ def _result(compiled: Compiled, workload: Workload) -> dict[str, np.ndarray]:
     return {name: after[name].astype(np.float32) for name in _COMPARED}
 
 
-def _use_cache(folder: Path) -> None:
+def _use_cache(path: AcceleratedPath, folder: Path) -> None:
+    """Have what a path compiles stored in a folder, and read from it."""
+    if "warp" in path.packages:
+        os.environ[CACHE_VARIABLE] = str(folder)
+    if "jax" not in path.packages:
+        return
     import jax
 
     jax.config.update("jax_compilation_cache_dir", str(folder))

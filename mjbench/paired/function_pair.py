@@ -1,6 +1,6 @@
 """A function of the user's code on two sides, timed in turns in fresh processes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from mjbench.host import machine
@@ -142,7 +142,14 @@ class CallPlan:
 
 
 class _FunctionWork(PairWork):
-    """The calls of two functions."""
+    """The calls of two functions.
+
+    Class attributes:
+      calls_ahead: whether a function is called before it is measured, as what it does only once is
+        not of interest.
+    """
+
+    calls_ahead = True
 
     def __init__(self, targets: FunctionTargets, plan: CallPlan):
         self._targets, self._plan = targets, plan
@@ -151,7 +158,7 @@ class _FunctionWork(PairWork):
     def equip(self, processes: Sequence[WorkerProcess]) -> None:
         """See `PairWork.equip`."""
         for process, target in zip(processes, self._targets, strict=True):
-            process.ask(import_function, target.source, calls_it=True)
+            process.ask(import_function, target.source, calls_it=self.calls_ahead)
 
     def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
         return process.call(prepare_function, allowed, self._plan.count, self._plan.metric)
@@ -159,6 +166,20 @@ class _FunctionWork(PairWork):
 
 class _FunctionMemoryWork(SingleQuadWork, _FunctionWork):
     """What calls of two functions take up."""
+
+
+class _CompilationWork(SingleQuadWork, _FunctionWork):
+    """What two processes compile once; the blocks of a quad only read how long that took."""
+
+    calls_ahead = False
+    nblock = 1
+
+
+_KINDS: Mapping[Measured, type[_FunctionWork]] = {
+    Measured.STEPS: _FunctionWork,
+    Measured.MEMORY: _FunctionMemoryWork,
+    Measured.COMPILATION: _CompilationWork,
+}
 
 
 class RevisionPair(LaunchedPair):
@@ -178,7 +199,6 @@ class RevisionPair(LaunchedPair):
         plan = self._plan
         if plan.metric == Metric.GROWTH:
             check_growth(plan.both_s, self._pool)
-        is_of_memory = METRICS[plan.metric].measured == Measured.MEMORY
-        work = (_FunctionMemoryWork if is_of_memory else _FunctionWork)(self._targets, plan)
+        work = _KINDS[METRICS[plan.metric].measured](self._targets, plan)
         self._time_limit.check_first_launch(work.launch_s(plan.both_s))
         return work

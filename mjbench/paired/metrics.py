@@ -21,6 +21,8 @@ class Measured(Enum):
     """The time of blocks of an operation around the step (see `operations`)."""
     MEMORY = auto()
     """What a process that steps takes up."""
+    COMPILATION = auto()
+    """The time that a process takes to compile once."""
     COUNTS = auto()
     """Under Callgrind, and not in pairs of processes."""
 
@@ -34,7 +36,7 @@ class MetricSpec:
       suffix: what follows the name of a comparison; empty for the usual metric.
       more: what the candidate does that is worse, such as `slower`.
       less: what it does that is better.
-      refusal: what it does with the plain loop only; empty where it is of all paths.
+      refusal: why it is not of all paths; empty where it is.
       is_exact: whether it has no noise, so that one measurement is certain.
     """
 
@@ -50,7 +52,7 @@ class MetricSpec:
     @property
     def follows_placement(self) -> bool:
         """Whether it may depend on where machine code lies in memory."""
-        return self.measured not in (Measured.COUNTS, Measured.MEMORY)
+        return self.measured in (Measured.STEPS, Measured.SINGLE_STEPS, Measured.OPERATION)
 
     def outcome(self, verdict: Verdict) -> str:
         """Return a verdict in the words of this metric."""
@@ -117,7 +119,16 @@ _ALL = (
         refusal="steps by python_loop only",
         is_exact=True,
     ),
+    MetricSpec(
+        Metric.COMPILE,
+        Measured.COMPILATION,
+        "tracing and compiling the steps of a path that compiles, such as mjx",
+        ", compiling",
+        refusal="is of paths that compile only",
+    ),
 )
 # Those of a function of the user's code, whose calls are its steps.
 FUNCTION_METRICS = (Metric.TIME, Metric.MEMORY, Metric.GROWTH)
+# Those of a model by a path that compiles.
+COMPILING_METRICS = (Metric.TIME, Metric.COMPILE)
 METRICS: Mapping[Metric, MetricSpec] = {spec.metric: spec for spec in _ALL}

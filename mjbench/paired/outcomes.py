@@ -76,6 +76,8 @@ class Metric(StrEnum):
     """What 1,000 steps add to the memory of a process."""
     ARENA = "arena"
     """The most that the arena of MjData holds at a time."""
+    COMPILE = "compile"
+    """The time that tracing and compiling a model's steps takes once."""
 
 
 class Arm(StrEnum):

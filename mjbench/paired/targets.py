@@ -108,9 +108,12 @@ def check_metric(metric: Metric, path_names: Iterable[str]) -> None:
     """Refuse paths whose releases cannot be compared by a metric.
 
     Raises:
-      InputError: the metric is of the plain loop only, and other paths are named.
+      InputError: the metric is of the plain loop only, and other paths are named; or it is of paths
+        that compile.
     """
     refusal = METRICS[metric].refusal
+    if METRICS[metric].measured == Measured.COMPILATION:
+        raise InputError(f"--metric {metric} {refusal}: `mjbench versions … --paths mjx`")
     others = dict.fromkeys(name for name in path_names if refusal and name != paths.BASE)
     if others:
         raise InputError(f"--metric {metric} {refusal}: leave out {listed([*others])}")

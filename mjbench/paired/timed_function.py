@@ -292,18 +292,16 @@ def try_function(worker: Worker, origin: CodeOrigin) -> FunctionFacts:
     """
     assert worker.function is not None, "it was imported"
     try:
-        function = worker.function.fresh()
-        results, problem = _results(function)
         function, count = worker.function.fresh(), 1
-        if isinstance(function, calls.PreparedCall):
+        if isinstance(function, calls.PreparedCall):  # once, because it keeps no state
             function.prepare()
-            function = function.timed
+            call_s, cores = _timed(function.timed, count)
+            results, problem = _results(function.result, count)
         else:
+            results, problem = _results(function, RESULTS)
+            function = worker.function.fresh()
             count = calls.calls_per_block(functools.partial(_seconds, function))
-        begin_s, busy_s = time.perf_counter(), time.process_time()
-        _block(function, count)
-        call_s = (time.perf_counter() - begin_s) / count
-        cores = (time.process_time() - busy_s) / count / call_s
+            call_s, cores = _timed(function, count)
     except (InputError, MachineError):
         raise
     except BaseException as error:  # it may raise SystemExit
@@ -320,10 +318,10 @@ def try_function(worker: Worker, origin: CodeOrigin) -> FunctionFacts:
     )
 
 
-def _results(function: calls.Function) -> tuple[list[list[Leaf]], str]:
+def _results(function: calls.Function, count: int) -> tuple[list[list[Leaf]], str]:
     """Return the results of the first calls; none, and why, where they cannot be compared."""
     results = []
-    for _ in range(RESULTS):
+    for _ in range(count):
         result = function()
         try:
             results.append(leaves(result))
@@ -332,10 +330,28 @@ def _results(function: calls.Function) -> tuple[list[list[Leaf]], str]:
     return results, ""
 
 
+def _timed(function: calls.Function, count: int) -> tuple[float, float]:
+    """Return the seconds of a call, and the cores that it keeps busy, from `count` calls."""
+    begin_s, busy_s = time.perf_counter(), time.process_time()
+    _block(function, count)
+    all_s = time.perf_counter() - begin_s
+    return all_s / count, (time.process_time() - busy_s) / all_s
+
+
 def _seconds(function: calls.Function, count: int) -> float:
     begin_s = time.perf_counter()
     _block(function, count)
     return time.perf_counter() - begin_s
+
+
+def _called_once(function: calls.PreparedCall) -> LoopSection:
+    """Return a block that gives the nanoseconds of one call, which is done here."""
+    function.prepare()
+    begin = time.perf_counter_ns()
+    function.timed()
+    ns = time.perf_counter_ns() - begin
+    function.result()
+    return LoopSection(calls.nothing, reading=lambda: ns)
 
 
 @activity("preparing the benchmark")
@@ -359,6 +375,8 @@ def prepare_function(
             block = functools.partial(_block, function, count)
             return memory_blocks.section_of(metric, block, count)
         if isinstance(function, calls.PreparedCall):
+            if METRICS[metric].measured == Measured.COMPILATION:
+                return _called_once(function)
             check = functools.partial(calls.repeat, function.result, 1)
             return LoopSection(function.timed, function.prepare, check)
         warm_up = function if count > 1 else calls.nothing  # caches hold what the other side did

@@ -29,6 +29,7 @@ from mjbench.paths.accelerated import (
     supported_fields,
 )
 from mjbench.paths.base import Options, States
+from mjbench.paths.warp import CACHE_VARIABLE
 from mjbench.simulation import compat
 from mjbench.simulation.contacts import Contacts
 from mjbench.simulation.judgement import Precision
@@ -172,6 +173,9 @@ class MjxWarp(Mjx):
     distributions = ("mujoco", "mujoco-mjx", "mujoco-warp", "jax", "warp-lang")
     impl = "warp"
     compiles_at_first_call = True  # Warp's kernels
+
+    def environment(self) -> dict[str, str | None]:
+        return {**super().environment(), CACHE_VARIABLE: None}
 
     def compile(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
         from mjbench.paths.warp import configure_warp

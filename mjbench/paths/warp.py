@@ -1,5 +1,6 @@
 """MuJoCo Warp: MuJoCo written in NVIDIA Warp, for a CUDA GPU; it runs on a CPU as well."""
 
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -26,6 +27,9 @@ from mjbench.simulation.judgement import Precision
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload
 
+# Names a folder in which Warp keeps compiled kernels.
+CACHE_VARIABLE = "WARP_CACHE_PATH"
+
 
 class Warp(AcceleratedPath):
     """MuJoCo Warp by itself; a step is a captured graph, on a GPU and on a CPU."""
@@ -38,6 +42,9 @@ class Warp(AcceleratedPath):
     engine = "MuJoCo Warp"
     packages = ("warp", "mujoco_warp")
     distributions = ("mujoco", "mujoco-warp", "warp-lang")
+
+    def environment(self) -> dict[str, str | None]:
+        return {CACHE_VARIABLE: None}
 
     def device_kind(self) -> str:
         import warp as wp
@@ -194,13 +201,17 @@ _Rollout = Callable[[Mapping[str, Any], Sequence[Any], int], None]
 
 
 def configure_warp() -> None:
-    """Let Warp print warnings only, and compile anew into a new folder inside the current one."""
+    """Let Warp print warnings only, and compile anew into a new folder inside the current one.
+
+    A folder that the environment variable names is used in its place, with what it holds.
+    """
     import tempfile
 
     import warp as wp
 
     _print_warnings_only()
-    wp.config.kernel_cache_dir = tempfile.mkdtemp(prefix="warp-", dir=Path.cwd())
+    named = os.environ.get(CACHE_VARIABLE)
+    wp.config.kernel_cache_dir = named or tempfile.mkdtemp(prefix="warp-", dir=Path.cwd())
 
 
 def _print_warnings_only() -> None:

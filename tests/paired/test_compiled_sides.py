@@ -1,13 +1,18 @@
 """Models that a path steps which compiles: what their environments hold."""
 
+from pathlib import Path
+
 import pytest
 
 from mjbench.errors import InputError
 from mjbench.paired import compiled_sides
 from mjbench.paired.compiled_sides import CompiledComparison
+from mjbench.paired.outcomes import Metric
 from mjbench.paired.run_sizes import Sizes
+from mjbench.paired.timed_function import FunctionSource
 from mjbench.releases import packages
 from mjbench.releases.installs import INSTALLED, ReleaseSpec
+from mjbench.simulation import models
 
 HERE = {"mujoco": "4.0.0", "mujoco-mjx": "3.17.0", "jax": "0.9.0"}
 
@@ -45,3 +50,26 @@ def test_another_release_gets_what_pip_chooses() -> None:
 def test_this_environment_is_refused() -> None:
     with pytest.raises(InputError, match="name the packages in place of installed"):
         with_engine(ReleaseSpec(INSTALLED, "4.0.0"))
+
+
+def source_of(path: str, folder: Path, metric: Metric = Metric.TIME) -> FunctionSource:
+    model, workload, cache = models.resolve("cartpole"), folder / "workload", folder / "cache"
+    return compiled_sides._source(model, path, workload, cache, metric)
+
+
+def test_a_module_compiles_without_the_cache_where_compiling_is_compared(tmp_path: Path) -> None:
+    cache = str(tmp_path / "cache").encode()
+    steps, compiling = (source_of("mjx", tmp_path, m).text for m in (Metric.TIME, Metric.COMPILE))
+    assert steps is not None
+    assert compiling is not None
+    assert b"= compiled_step(" in steps
+    assert cache in steps
+    assert b"= compilation(" in compiling
+    assert cache not in compiling
+
+
+@pytest.mark.parametrize("path", ["mjx", "warp"])
+def test_the_module_of_a_model_has_no_package_s_name(path: str, tmp_path: Path) -> None:
+    source = source_of(path, tmp_path)
+    assert source.module not in {"jax", "mjx", "mujoco", "mujoco_warp", "warp"}
+    assert source.file == f"{source.module}.py"

@@ -1,10 +1,12 @@
 """A model's run by a path that compiles, as a function; a stub stands for the path."""
 
+import os
 import pickle
+import sys
 from collections.abc import Mapping
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
+from types import ModuleType, SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,7 +14,9 @@ import pytest
 from mjbench.errors import MachineError
 from mjbench.measuring.calls import PreparedCall
 from mjbench.paired import compiled_steps
+from mjbench.paths.accelerated import accelerated_path
 from mjbench.paths.base import States
+from mjbench.paths.warp import CACHE_VARIABLE
 from mjbench.paths.warp_buffers import OverflowedError
 from mjbench.simulation import models, workload
 from mjbench.simulation.workload import Workload
@@ -67,9 +71,57 @@ def step(
         prepare=lambda *_: program,
     )
     monkeypatch.setattr(compiled_steps, "accelerated_path", lambda name: path)
-    file = tmp_path / "workload"
+    return compiled_steps.compiled_step(SOURCE, "mjx", stored(simulations, tmp_path), tmp_path)
+
+
+def stored(simulations: Workload, folder: Path) -> Path:
+    file = folder / "workload"
     file.write_bytes(pickle.dumps(workload.portable(simulations)))
-    return compiled_steps.compiled_step(SOURCE, "mjx", file, tmp_path)
+    return file
+
+
+def test_compiling_anew_is_timed_without_what_a_process_has_kept(
+    simulations: Workload, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    log: list[str] = []
+    programs: list[Program] = []
+
+    def prepare(*_: object) -> Program:
+        log.append("compile")
+        programs.append(Program(simulations))
+        return programs[-1]
+
+    path = SimpleNamespace(
+        packages=("jax",),
+        unavailable=lambda: None,
+        environment=lambda: {"JAX_COMPILATION_CACHE_DIR": None},
+        unsuited=lambda *_: None,
+        prepare=prepare,
+    )
+    jax = SimpleNamespace(clear_caches=lambda: log.append("clear"))
+    monkeypatch.setattr(compiled_steps, "accelerated_path", lambda name: path)
+    monkeypatch.setitem(sys.modules, "jax", cast(ModuleType, jax))
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "/elsewhere")
+    call = compiled_steps.compilation(SOURCE, "mjx", stored(simulations, tmp_path))
+    assert "JAX_COMPILATION_CACHE_DIR" not in os.environ
+    assert log == []
+    for _ in range(2):
+        call.prepare()
+        call.timed()
+    assert log == ["clear", "compile"] * 2
+    result: Any = call.result()
+    assert result["qpos"].shape == (3, 2)
+    assert [program.log for program in programs] == [[], ["clear", "run"]]
+
+
+def test_warp_keeps_its_kernels_where_processes_of_an_environment_look(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv(CACHE_VARIABLE, "/elsewhere")
+    path = accelerated_path("warp")
+    assert path.environment()[CACHE_VARIABLE] is None
+    compiled_steps._use_cache(path, tmp_path)
+    assert os.environ[CACHE_VARIABLE] == str(tmp_path)
 
 
 def test_the_run_alone_is_timed(program: Program, step: PreparedCall) -> None:

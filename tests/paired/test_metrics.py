@@ -4,7 +4,7 @@ import pytest
 
 from mjbench.errors import InputError
 from mjbench.paired import operations, targets
-from mjbench.paired.metrics import METRICS, Measured
+from mjbench.paired.metrics import COMPILING_METRICS, METRICS, Measured
 from mjbench.paired.outcomes import Metric, Verdict
 
 
@@ -23,11 +23,17 @@ def test_only_the_usual_metric_is_of_all_paths_and_has_no_name_of_its_own() -> N
     assert all(spec.refusal and spec.suffix for spec in others)
 
 
-@pytest.mark.parametrize("metric", [m for m in Metric if m != Metric.TIME])
+@pytest.mark.parametrize("metric", [m for m in Metric if m not in COMPILING_METRICS])
 def test_a_metric_of_the_plain_loop_refuses_other_paths(metric: Metric) -> None:
     targets.check_metric(metric, ["python_loop", "python_loop"])
     with pytest.raises(InputError, match=rf"--metric {metric} .*: leave out rollout"):
         targets.check_metric(metric, ["python_loop", "rollout"])
+
+
+def test_paths_that_do_not_compile_have_no_time_of_compiling() -> None:
+    for paths in (["python_loop"], ["rollout", "python_loop"]):
+        with pytest.raises(InputError, match="--metric compile is of paths that compile only"):
+            targets.check_metric(Metric.COMPILE, paths)
 
 
 @pytest.mark.parametrize(

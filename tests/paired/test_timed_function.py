@@ -127,8 +127,8 @@ def test_what_prepares_a_call_is_not_timed(imported: Imported) -> None:
     worker.function = imported(PREPARED)
     facts = timed_function.try_function(worker, ORIGIN)
     log = sys.modules["own_bench"].log
-    assert (facts.calls, len(facts.results)) == (1, timed_function.RESULTS)
-    assert log == ["prepare", "timed", "result"] * timed_function.RESULTS + ["prepare", "timed"]
+    assert (facts.calls, len(facts.results)) == (1, 1)
+    assert log == ["prepare", "timed", "result"]
     log.clear()
     try:
         timed_function.prepare_function(worker, (), facts.calls)
@@ -140,6 +140,23 @@ def test_what_prepares_a_call_is_not_timed(imported: Imported) -> None:
     log.clear()
     section.run()
     assert log == ["timed"]
+
+
+def test_what_compiles_is_called_once_and_blocks_only_give_its_time(imported: Imported) -> None:
+    worker = Worker(cast(Connection, None))
+    worker.function = imported(PREPARED)
+    try:
+        timed_function.prepare_function(worker, (), 1, Metric.COMPILE)
+    finally:
+        gc.unfreeze()
+        gc.enable()
+    (section,) = worker.sections
+    assert sys.modules["own_bench"].log == ["prepare", "timed", "result"]
+    assert section.reading is not None
+    section.run()
+    section.run()
+    assert section.reading() == section.reading() > 0
+    assert sys.modules["own_bench"].log == ["prepare", "timed", "result"]
 
 
 def test_a_wrong_result_is_a_failure_not_something_that_one_side_cannot_do(
