@@ -108,8 +108,10 @@ def _no_traces(tmp_path_factory: pytest.TempPathFactory) -> Any:
         patch.setenv(neighbours.FOLDER_VARIABLE, str(tmp_path_factory.mktemp("measuring")))
         costs = tmp_path_factory.mktemp("step_costs") / "costs.json"
         patch.setenv(step_costs.FILE_VARIABLE, str(costs))
-        # what XLA saves by optimising a program is less than what that takes
+        # what XLA saves by optimising a program is less than what that takes; its emitters of
+        # fusions take half of the time of a compilation
         patch.setenv("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
+        patch.setenv("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
         yield
 
 

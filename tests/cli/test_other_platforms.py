@@ -31,7 +31,7 @@ MACOS = {
     "placement": ["doctor", "--placement", "cartpole", "--results", "runs"],
     "merge": ["results", "merge", RUN, "-o", "set.jsonl"],
     "profile": ["profile", "cartpole", "--budget", "0.1s"],
-    "overhead": ["profile", "--habits", "cartpole", "--budget", "0.1s"],
+    "overhead": ["profile", "--habits", "humanoid", "--budget", "0.1s"],
     "models": ["models", "cartpole"],
     "releases": ["releases", "installs"],
     "instructions": ["profile", "--instructions", "cartpole"],
@@ -45,7 +45,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("other")
     (folder / "contact.xml").write_text(CONTACT_XML)
     (folder / "script.py").write_text("x = 1\n")
-    shutil.copy(ROOT / "results/runs/reference-mujoco-4.0.0.jsonl", folder / RUN)
+    shutil.copy(ROOT / "results/runs/reference-mjx-cpu.jsonl", folder / RUN)
     return folder
 
 

@@ -9,8 +9,9 @@ import sys
 import time
 from pathlib import Path
 
+import program_runs
 import pytest
-from commands import PYTHONPATH, ROOT, check_document, mjbench
+from commands import PYTHONPATH, ROOT, mjbench
 
 from mjbench.program import confirm
 from mjbench.program.activities import Activity
@@ -21,22 +22,22 @@ PLANTED = ROOT / "tests" / "program" / "planted"
 HUMANOID = str(ROOT / "models" / "humanoid.xml")
 
 
-def run(tmp_path, *arguments, env=None, timeout=120):
-    """Run `mjbench run`; return the finished process and the row of its document."""
+@pytest.fixture(scope="module", autouse=True)
+def brief():
+    with pytest.MonkeyPatch.context() as patch:
+        program_runs.measure_briefly(patch)
+        yield
+
+
+def run(tmp_path, *arguments, env=None):
+    """Run `mjbench run`; return how it ended, without the program's output, and the row of its
+    document.
+    """
     document = tmp_path / "run.json"
-    command = [sys.executable, "-m", "mjbench", "run", "--json", str(document)]
-    done = subprocess.run(
-        [*command, *map(str, arguments)],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": PYTHONPATH, **(env or {})},
-        capture_output=True,
-        text=True,
-        timeout=timeout,
-        check=False,
-    )
+    words = ("run", "--json", str(document), *map(str, arguments))
+    done = mjbench(*words, cwd=tmp_path, env=env)
     if not document.exists():
         return done, None
-    check_document("run", document.read_text())
     (row,) = json.loads(document.read_text())["results"]
     if row["status"] == "unavailable" and "SYS_PTRACE" in row["detail"]:
         pytest.skip(f"no profiler here: {row['detail']}")
@@ -59,9 +60,9 @@ def planted(tmp_path_factory):
 @pytest.mark.parametrize(
     ("program", "arguments", "activity", "code"),
     [
-        ("slow_observation.py", ["15000"], "Python", 7),
-        ("collector.py", ["4000"], "garbage collection", 0),
-        ("vector_env.py", ["8000", "fork"], "waiting for other processes", 0),
+        ("slow_observation.py", ["6000"], "Python", 7),
+        ("collector.py", ["2000"], "garbage collection", 0),
+        ("vector_env.py", ["3000", "fork"], "waiting for other processes", 0),
     ],
 )
 def test_the_planted_cause_comes_first(planted, program, arguments, activity, code):
@@ -76,9 +77,9 @@ def test_the_planted_cause_comes_first(planted, program, arguments, activity, co
     assert sum(shares) == pytest.approx(1.0)
 
 
-def test_a_stored_view_comes_first_since_it_is_a_wrong_result(tmp_path):
+def test_a_stored_view_comes_first_since_it_is_a_wrong_result(tmp_path, capfd):
     done, row = run(tmp_path, "--rate", "100", PLANTED / "stored_views.py", HUMANOID, "10000")
-    assert done.stdout == "10000\n"
+    assert capfd.readouterr().out == "10000\n"
     assert row["wrong"][0]["code"] == "MJB001"
     assert "correct a wrong result" in done.stderr
 
@@ -141,18 +142,18 @@ def test_output_input_arguments_and_exit_code_are_the_programs(tmp_path):
     assert "to stderr" in done.stderr
 
 
-def test_a_module_runs_with_its_arguments(tmp_path):
+def test_a_module_runs_with_its_arguments(tmp_path, capfd):
     package = tmp_path / "package"
     package.mkdir()
     (package / "__init__.py").touch()
     (package / "train.py").write_text("import sys\nprint(__name__, sys.argv[1:])")
     done, row = run(tmp_path, "-m", "package.train", "--json", "x")
     assert done.returncode == 0, done.stderr
-    assert done.stdout == "__main__ ['--json', 'x']\n"
+    assert capfd.readouterr().out == "__main__ ['--json', 'x']\n"
     assert row["program"] == "package.train"
 
 
-def test_an_exception_is_shown_as_python_shows_it(tmp_path):
+def test_an_exception_is_shown_as_python_shows_it(tmp_path, capfd):
     program = tmp_path / "broken.py"
     program.write_text("raise RuntimeError('mine')")
     plain = subprocess.run(
@@ -160,7 +161,7 @@ def test_an_exception_is_shown_as_python_shows_it(tmp_path):
     )
     done, row = run(tmp_path, program)
     assert done.returncode == 1
-    assert plain.stderr in done.stderr
+    assert capfd.readouterr().err == plain.stderr
     assert row["exit_code"] == 1
 
 
@@ -241,7 +242,7 @@ def test_a_signal_reaches_the_program_and_the_report_comes(tmp_path):
 
 
 def test_a_stored_run_is_shown_and_reported(planted, tmp_path):
-    *_, folder = planted("collector.py", "4000")
+    *_, folder = planted("collector.py", "2000")
     (file,) = (folder / "results" / "runs").glob("*.jsonl")
     shown = mjbench("show", str(file), "--json", "-")
     assert json.loads(shown.stdout)["results"][0]["program"] == "collector.py"

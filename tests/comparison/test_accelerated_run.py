@@ -40,7 +40,7 @@ def measured(
 
 @pytest.mark.parametrize(
     ("engine", "nstep", "package"),
-    [("FixedMjx", 500, "mujoco-mjx"), ("QuickWarp", NSTEP, "mujoco-warp")],
+    [("FixedMjx", NSTEP, "mujoco-mjx"), ("QuickWarp", NSTEP, "mujoco-warp")],
 )
 def test_the_cart_pole_keeps_to_the_tolerances(
     engine: str, nstep: int, package: str, tmp_path: Path, request: pytest.FixtureRequest

@@ -23,6 +23,10 @@ from mjbench.status import Status
 
 INSTALLED = installs.parse_release(installs.INSTALLED)
 REPEATED = ("cartpole", "cube_table")
+OPERATIONS = (
+    OperationRequest("load cartpole", models.resolve("cartpole")),
+    OperationRequest("copy pile", models.resolve("pile")),
+)
 needs_valgrind = pytest.mark.skipif(
     instructions.unavailable() is not None, reason=str(instructions.unavailable())
 )
@@ -38,12 +42,12 @@ def counter() -> Iterator[InstructionCounter]:
 def counts(
     counter: InstructionCounter, tmp_path_factory: pytest.TempPathFactory
 ) -> dict[str, ModelCount]:
-    """Return the counts of a broken model, and of two good ones after it, in one run."""
+    """Return the counts of a broken model, and of what is good after it, in one run."""
     broken = tmp_path_factory.mktemp("models") / "broken.xml"
     broken.write_text("<mujoco><worldbody/></mujoco>")
     sources = [models.resolve(name) for name in (str(broken), *REPEATED)]
-    names = ("broken", *REPEATED)
-    return dict(zip(names, counter.count(INSTALLED, sources), strict=True))
+    names = ("broken", *REPEATED, *(request.operation for request in OPERATIONS))
+    return dict(zip(names, counter.count(INSTALLED, [*sources, *OPERATIONS]), strict=True))
 
 
 def test_without_valgrind_one_line_says_how_to_get_it(tmp_path: Path) -> None:
@@ -85,13 +89,9 @@ def test_a_broken_model_costs_its_own_row(counts: dict[str, ModelCount]) -> None
 
 
 @needs_valgrind
-def test_operations_are_counted_whole_and_by_function(counter: InstructionCounter) -> None:
-    requests = [
-        OperationRequest("load cartpole", models.resolve("cartpole")),
-        OperationRequest("copy pile", models.resolve("pile")),
-    ]
-    load, copy = counter.count(INSTALLED, requests)
-    for count, request in ((load, requests[0]), (copy, requests[1])):
+def test_operations_are_counted_whole_and_by_function(counts: dict[str, ModelCount]) -> None:
+    load, copy = (counts[request.operation] for request in OPERATIONS)
+    for count, request in zip((load, copy), OPERATIONS, strict=True):
         assert (count.status, count.operation) == (Status.OK, request.operation)
         assert count.repeats is not None
         assert count.repeats < 0.1  # some work may move to the other pass

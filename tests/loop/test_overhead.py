@@ -17,6 +17,7 @@ def test_the_table_has_every_habit_with_its_cheaper_form(
     monkeypatch: pytest.MonkeyPatch, inline: None
 ) -> None:
     monkeypatch.setattr(overhead, "MOST_QUADS", 3)
+    monkeypatch.setattr(overhead, "BLOCK_S", 1e-4)
     table = overhead.measure(models.resolve("cartpole"), launches=2)
     assert {cost.source for cost in table.costs or ()} == {
         habit.name for habit in habits.HABITS if habit not in (habits.BARE, habits.ZERO_STEPS)

@@ -1,0 +1,15 @@
+"""`mjbench run` in this process, with brief measurements after the program has ended."""
+
+import inline_tasks
+import pytest
+
+from mjbench.host import isolate
+from mjbench.loop import step_parts
+from mjbench.program import replacements
+
+
+def measure_briefly(patch: pytest.MonkeyPatch) -> None:
+    """Time parts of steps and remedies in the fewest rounds, in this process."""
+    patch.setattr(isolate, "run", inline_tasks.run)
+    for module in (step_parts, replacements):
+        patch.setattr(module, "MOST_ROUNDS", module.LEAST_ROUNDS)
