@@ -22,19 +22,19 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from benchmarks import foreign_packages
 from benchmarks.studies import checkup_tally, tally_command, tally_file
 from benchmarks.studies.checkup_tally import CheckupTally, CheckupTrial
 from benchmarks.studies.page_part import PagePart
-from mjbench.checkups.records import CheckedPart, CheckupPart
 from mjbench.checkups.targets import TargetKind
 from mjbench.errors import InputError, MachineError, MjbenchError, one_line
 from mjbench.host import machine
-from mjbench.report import kinds
 from mjbench.status import ExitCode
-from mjbench.store import runs
-from mjbench.store.runs import Run
+
+if TYPE_CHECKING:
+    from mjbench.store.runs import Run
 
 ROOT = Path(__file__).resolve().parent.parent
 TALLY = ROOT / "results" / "checkups.json"
@@ -142,8 +142,12 @@ def measure(target: Target) -> CheckupTrial:
     return checkup_tally.trial(begun, short, longer)
 
 
-def as_checkup(target: Target, longer: Sequence[tuple[str, Run]]) -> Run:
+def as_checkup(target: Target, longer: "Sequence[tuple[str, Run]]") -> "Run":
     """Return runs of commands as the run of a check-up that consists of them."""
+    # late, as elsewhere: asv imports this module where few packages are
+    from mjbench.checkups.records import CheckedPart, CheckupPart
+    from mjbench.store.runs import Run
+
     parts = [
         CheckedPart(target=target.name, kind=target.kind, part=CheckupPart(command))
         for command, _ in longer
@@ -152,12 +156,15 @@ def as_checkup(target: Target, longer: Sequence[tuple[str, Run]]) -> Run:
     return Run(longer[0][1].header, (*parts, *records))
 
 
-def _measured(target: Target, words: Sequence[str]) -> Run:
+def _measured(target: Target, words: Sequence[str]) -> "Run":
     """Run a command of mjbench; return its run file.
 
     Raises:
       MachineError: it stored none.
     """
+    from mjbench.report import kinds
+    from mjbench.store import runs
+
     with tempfile.TemporaryDirectory() as folder:
         if target.copied is not None:
             shutil.copy(target.copied, folder)

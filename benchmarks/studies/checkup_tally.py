@@ -2,15 +2,18 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from mjbench.checkups.targets import TargetKind
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import RaceRecord
-from mjbench.report import checkup_items, formats
+from mjbench.report import formats
 from mjbench.report.checkup_item import CheckupItem, ResultChange
-from mjbench.store.runs import Run
 from mjbench.tuning.records import Effect, TuneRecord
 from mjbench.tuning.search_base import LEAST_GAIN
+
+if TYPE_CHECKING:
+    from mjbench.store.runs import Run
 
 # The first advice has at least this share of the best gain, and a check-up takes no longer.
 LEAST_SHARE, MOST_S = 0.95, 60.0
@@ -69,8 +72,10 @@ class CheckupTrial:
         return f"| `{self.name}` | {seconds} | {' | '.join(texts)} |"
 
 
-def trial(begun: CheckupTrial, short: Run, longer: Run) -> CheckupTrial:
+def trial(begun: CheckupTrial, short: "Run", longer: "Run") -> CheckupTrial:
     """Return what a check-up lists, judged by a run that has the records of longer commands."""
+    from mjbench.report import checkup_items  # late: asv imports this module without its packages
+
     listed, closer = checkup_items.items(short), checkup_items.items(longer)
     if begun.kind == TargetKind.MODEL:
         first, best = _best(listed), _best(closer)
@@ -114,7 +119,7 @@ def _in_list(first: CheckupItem | None, closer: Sequence[CheckupItem]) -> float 
     return same.times if same is not None and same.rank[0] == closer[0].rank[0] else None
 
 
-def _measured(item: CheckupItem, longer: Run) -> Ratio | None:
+def _measured(item: CheckupItem, longer: "Run") -> Ratio | None:
     """Return how much faster the same way of stepping, or the same settings, are in another run.
 
     Settings that it did not try together have the gain of the best of them alone.
@@ -131,7 +136,7 @@ def _measured(item: CheckupItem, longer: Run) -> Ratio | None:
     return least.inverse if least is not None else None
 
 
-def _ratios(longer: Run) -> dict[frozenset[str], Ratio]:
+def _ratios(longer: "Run") -> dict[frozenset[str], Ratio]:
     """Return the times of all settings, by their labels, over those of the present ones."""
     ratios: dict[frozenset[str], Ratio] = {}
     for record in longer.of_type(TuneRecord):
@@ -146,7 +151,7 @@ def _ratios(longer: Run) -> dict[frozenset[str], Ratio]:
     return ratios
 
 
-def _objection(item: CheckupItem, longer: Run) -> str:
+def _objection(item: CheckupItem, longer: "Run") -> str:
     """Return what the longer commands say against an item; empty for nothing."""
     gain = _measured(item, longer)
     if gain is not None and _is_no_gain(gain):
