@@ -110,7 +110,7 @@ class EngineMeasurements:
             run_baseline,
             self._case,
             plan,
-            limit_s=self._case.limit_s,
+            limit_s=max(reference.RUNS_SILENCE_S, self._case.limit_s),
             environment=self._environment,
             memory_bytes=_memory_bytes(),
         )

@@ -31,8 +31,6 @@ from mjbench.tuning.settings import Setting, Settings
 
 # Seconds of silence after which a child is killed.
 SILENCE_S = 120.0
-# Seconds that the present runs and the reference may take at least: they have many steps.
-RUNS_SILENCE_S = 600.0
 # A launch of a few settings takes at least this share of the time of one of all: it starts a
 # process.
 SHARE_OF_START = 0.25
@@ -77,7 +75,7 @@ class CMeasurements:
     ):
         self._source = ModelSource(source.name, source.path.resolve())
         self._starts, self._hold = starts, hold
-        self._limit_s, self._long_s = limit_s, max(RUNS_SILENCE_S, limit_s)
+        self._limit_s, self._long_s = limit_s, max(reference.RUNS_SILENCE_S, limit_s)
         model, baseline = pool.new_file(".mjb"), pool.new_file(".pickle")
         self._files = SearchFiles(model, baseline, pool.new_folder())
 

@@ -44,6 +44,8 @@ _SEEDS_APART = 10_007
 LONGEST_S, LEAST_NCONTROL = 1.0, 4
 # Seconds of computing for the reference, which limit the length of runs.
 REFERENCE_S = 8.0
+# Seconds that the present runs and the reference may take at least: they have many steps.
+RUNS_SILENCE_S = 600.0
 # The solver is said not to converge if it stops at its limit in more than this share of the steps.
 MOST_LIMITED = 0.05
 # The converged solver: its tolerance, and its least numbers of iterations.

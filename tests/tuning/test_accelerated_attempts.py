@@ -7,12 +7,13 @@ from commands import PYTHONPATH
 from pretender import available
 
 from mjbench.errors import MachineError, UnavailableError
+from mjbench.host import isolate
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation import models
 from mjbench.simulation.starts import StartPlan
 from mjbench.simulation.work import Peaks
 from mjbench.status import Status
-from mjbench.tuning import knob_values
+from mjbench.tuning import knob_values, reference
 from mjbench.tuning.accelerated_attempts import EngineMeasurements
 from mjbench.tuning.reference import TrialPlan
 from mjbench.tuning.settings import Setting, label, option
@@ -93,6 +94,14 @@ def test_c_itself_transfers_without_error_and_fewer_iterations_do_not(on, inline
     assert attempts["iterations=1"].error.share > 1e-6
     assert attempts["solver=CG"].error.share > 0.0
     assert attempts["solver=CG"].time_ratio is not None
+
+
+def test_the_many_steps_of_c_have_more_time_than_a_child_that_reports_nothing(on, monkeypatch):
+    limits = []
+    monkeypatch.setattr(isolate, "call", lambda *_, limit_s, **__: limits.append(limit_s))
+    for limit_s in (60.0, 900.0):
+        on("pretender:Pretender", limit_s=limit_s).baseline(PLAN)
+    assert limits == [reference.RUNS_SILENCE_S, 900.0]
 
 
 def test_a_setting_that_crashes_or_is_rejected_is_one_row_and_the_others_go_on(on):
