@@ -32,18 +32,18 @@ from mjbench.status import ExitCode, Status
 ROOT = Path(__file__).resolve().parent.parent
 TALLY, PAGE = ROOT / "results" / "judgements.json", ROOT / "docs" / "judgements.md"
 PATHS = ("mjx", "mjx64", "warp")
-NBATCH, NSTEP, LIMIT_S = 16, 50, 120.0
+NBATCH, NSTEP, LIMIT_S = 16, 50, 240.0
 
 
-def judged(package: str, source: ModelSource, path: str) -> JudgedModel:
+def judged(package: str, source: ModelSource, path: str, limit_s: float) -> JudgedModel:
     """Judge a path on a model, in a child process."""
     records = [MeasurementRecord.of(source.name, Variant(path, {}))]
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "workload.pickle"
         resolved = ModelSource(source.name, source.path.resolve())
         try:
-            isolate.call(save_states, resolved, file, NBATCH, NSTEP, limit_s=LIMIT_S)
-            request = AcceleratedRequest(resolved, Variant(path, {}), file, limit_s=LIMIT_S)
+            isolate.call(save_states, resolved, file, NBATCH, NSTEP, limit_s=limit_s)
+            request = AcceleratedRequest(resolved, Variant(path, {}), file, limit_s=limit_s)
             ended = accelerated_run.run(request, records.append)
         except Exception as error:  # a model's or an engine's own
             failure = failure_of(error)
@@ -54,13 +54,13 @@ def judged(package: str, source: ModelSource, path: str) -> JudgedModel:
     return JudgedModel.of(package, last)
 
 
-def run(names: Sequence[str], paths: Sequence[str]) -> None:
+def run(names: Sequence[str], paths: Sequence[str], limit_s: float) -> None:
     """Judge paths on models; store each as it comes."""
     tally = load(TALLY) if TALLY.exists() else JudgementTally(version("mujoco"), NBATCH, NSTEP, ())
     for name in names or models.shipped():
         package, source = foreign_packages.find(name)
         for path in paths:
-            row = judged(package, source, path)
+            row = judged(package, source, path, limit_s)
             answer = row.judgement.answer if row.judgement else row.status
             print(f"{name}: {path}: {answer}: {row.detail}", flush=True)
             tally = tally.with_row(row)
@@ -79,6 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("models", nargs="*")
     parser.add_argument("--paths", default=",".join(PATHS), help="paths that compile")
+    parser.add_argument("--time-limit", type=float, default=LIMIT_S, help="seconds without a word")
     parser.add_argument("--page", action="store_true", help="only write the page again")
     options = parser.parse_args(arguments)
 
@@ -86,7 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
         if options.page:
             save(load(TALLY))
         else:
-            run(options.models, options.paths.split(","))
+            run(options.models, options.paths.split(","), options.time_limit)
         return ExitCode.OK
 
     return tally_command.run("judgements", action, "the tally has what was judged")

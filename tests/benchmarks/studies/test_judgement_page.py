@@ -5,6 +5,7 @@ from pathlib import Path
 
 from example_records import JUDGED, measurement
 
+from benchmarks import judgements
 from benchmarks.studies import judgement_page, tally_file
 from benchmarks.studies.judgement_tally import JudgedModel, JudgementTally, load
 from mjbench.simulation.judgement import EngineAnswer
@@ -26,6 +27,10 @@ def test_the_page_says_what_differs_and_which_versions_computed() -> None:
     assert "mujoco 4.0.0, mujoco-warp 4.0.0" in text
     assert "contacts: box–box" in text
     assert text.index("Shipped models") < text.index("p: m")
+
+
+def test_the_page_is_that_of_the_committed_tally() -> None:
+    assert judgements.PAGE.read_text() == judgement_page.page(load(judgements.TALLY))
 
 
 def test_a_model_that_is_judged_again_replaces_its_row(tmp_path: Path) -> None:
