@@ -5,6 +5,7 @@ suggests in its place is timed on the program's own model (`replacements`). Wher
 of the loop, its time is the gain.
 """
 
+import math
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -265,14 +266,24 @@ def _gain_of_functions(loop: LoopTime, calls: Sequence[CallTime], ratio: TimeRat
 
 
 def _saving_of_rays(loop: LoopTime, context: _Context, ratio: TimeRatio) -> _Saving:
-    """Return what one call saves in place of a loop of calls: all that this loop does goes, too."""
+    """Return what one call saves in place of a loop of calls: all that this loop does goes, too.
+
+    How much that is, few samples do not tell: then half of what they do not see, give or take half.
+    """
     position = context.place.position
     inner = loop_within_step(position, loop.lines_to_step)
     shares = {line.place.position: line.share for line in loop.lines}
     of_calls = max(_share(loop, context.calls), shares.pop(position, 0.0))
     others = sum(share for each, share in shares.items() if inner is not None and inner.holds(each))
-    gain = of_calls * ratio.saved + others if ratio.saved else 0.0
-    return _Saving(gain, of_calls + others, Basis.PAIRED, ratio.relative_error)
+    share = of_calls + others
+    if not ratio.saved:
+        return _Saving(0.0, share, Basis.PAIRED)
+    gain = of_calls * ratio.saved + others
+    error = of_calls * ratio.saved * ratio.relative_error
+    if loop.samples < FEW_SAMPLES and inner is not None:
+        unseen = max(0.0, 1 - _share(loop, loop.calls) - others)
+        gain, error = gain + unseen / 2, math.hypot(error, unseen / 4)
+    return _Saving(gain, share, Basis.PAIRED, error / gain)
 
 
 def _share_with_python(loop: LoopTime, calls: Sequence[CallTime]) -> float:
