@@ -40,6 +40,7 @@ def test_the_examples_of_a_program_run(
         options |= {"models": "cartpole", "time_limit_s": 0.1, "as_shipped": True}
         return versions(*["installed"] * len(releases), **options)
 
+    (tmp_path / "robot.xml").symlink_to(ROOT / "models/humanoid.xml")
     (tmp_path / "models").symlink_to(ROOT / "models")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(mjbench, "compare", briefly)

@@ -173,7 +173,7 @@ def test_docs_say_how_far_changes_of_the_second_history_differ(
     (changes,) = [line for line in capsys.readouterr().out.splitlines() if " changes: " in line]
     deviation, largest = re.findall(r"([0-9.]+ %)", changes)
     page = " ".join((ROOT / "docs/method/history.md").read_text().split())
-    assert f"committed run by {deviation} (root mean square), and by up to {largest};" in page
+    assert f"committed run by {deviation} (root mean square), and by up to {largest}:" in page
 
 
 def test_a_pass_in_turns_is_as_exact_as_the_page_says_and_takes_two_minutes_a_release() -> None:
