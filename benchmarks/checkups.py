@@ -15,7 +15,6 @@ import argparse
 import dataclasses
 import importlib.util
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
@@ -25,11 +24,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmarks import foreign_packages
-from benchmarks.studies import checkup_tally, tally_command, tally_file
+from benchmarks.studies import checkup_tally, stored_run, tally_command, tally_file
 from benchmarks.studies.checkup_tally import CheckupTally, CheckupTrial
 from benchmarks.studies.page_part import PagePart
 from mjbench.checkups.targets import TargetKind
-from mjbench.errors import InputError, MachineError, MjbenchError, one_line
+from mjbench.errors import InputError, MjbenchError
 from mjbench.host import machine
 from mjbench.status import ExitCode
 
@@ -157,37 +156,19 @@ def as_checkup(target: Target, longer: "Sequence[tuple[str, Run]]") -> "Run":
 
 
 def _measured(target: Target, words: Sequence[str]) -> "Run":
-    """Run a command of mjbench; return its run file.
-
-    Raises:
-      MachineError: it stored none.
-    """
-    from mjbench.report import kinds
-    from mjbench.store import runs
-
+    """Run a command of mjbench; return its run file; MachineError where it stored none."""
     with tempfile.TemporaryDirectory() as folder:
-        if target.copied is not None:
-            shutil.copy(target.copied, folder)
-        storing = ["--results", f"{folder}/runs", "--json", f"{folder}/document.json"]
-        command = [sys.executable, "-m", "mjbench", words[0], *storing, *words[1:]]
-        ended = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-        files = sorted(Path(folder, "runs").glob("*.jsonl"))
-        if not files:
-            name = Path(words[0]).name
-            last = one_line(ended.stderr.strip().rpartition("\n")[2])
-            raise MachineError(f"mjbench {name}: exit code {ended.returncode}: {last}")
-        return runs.load(files[0], kinds.RECORD_TYPES)
+        if (copied := target.copied) is not None:
+            shutil.copy(copied, folder)
+        return stored_run.run_of(words, Path(folder))
 
 
 def run(names: Sequence[str], writes_page: bool) -> ExitCode:
     """Check the targets that are named, or those that the tally lacks; store each as it comes."""
     here = machine.describe()
-    tally = CheckupTally(here.versions["mujoco"], here.cpu, here.usable_cores, ())
-    if TALLY.exists():
-        tally = tally_file.load(TALLY, CheckupTally, "check-ups")
-    if tally.mujoco != here.versions["mujoco"]:
-        raise InputError(f"{TALLY} is of MuJoCo {tally.mujoco}: remove it to begin another")
-    stored = {each.name for each in tally.trials}
+    empty = CheckupTally(here.versions["mujoco"], here.cpu, here.usable_cores, ())
+    tally = tally_file.continued(TALLY, empty, "check-ups")
+    stored = {each.name for each in tally.trials if not each.detail}
     for target in TARGETS:
         if target.name in names or (not names and target.name not in stored):
             trial = measure(target)

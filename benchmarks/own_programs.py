@@ -240,15 +240,18 @@ class ProgramTally:
         """Yield what the page of the method has."""
         wrong = [f"`{each.name}`" for each in self.programs if not each.is_right]
         timed = [each for each in self.programs if each.measured is not None]
-        far = [f"`{each.name}`" for each in timed if not each.is_near]
-        wide = sum(each.is_wide for each in timed)
+        predicted = [each for each in timed if not each.is_bound]
+        far = [f"`{each.name}`" for each in predicted if not each.is_near]
+        bounds = [each.is_near for each in timed if each.is_bound]
+        wide = sum(each.is_wide for each in predicted)
         count = len(self.programs)
         yield (
             "The right change, and the right line where there is one, is named first for"
             f" {count - len(wrong)} of {count} programs{_named(' (not ', wrong, ')')}. Of"
-            f" {len(timed)} predictions, {len(timed) - len(far)} are within {_MOST_DIFFERENCE} of"
-            f" what was measured, or hold it in the interval that {wide} of them show"
-            f"{_named(' (not ', far, ')')}. Programs without times have wrong results."
+            f" {len(predicted)} predictions, {len(predicted) - len(far)} are within"
+            f" {_MOST_DIFFERENCE} of what was measured, or hold it in the interval that {wide} of"
+            f" them show{_named(' (not ', far, ')')}; of {len(bounds)} bounds, {sum(bounds)} hold."
+            " Programs without times have wrong results."
         )
         yield (
             f"(MuJoCo {self.mujoco}, {self.cpu}, {self.cores} cores, with a load of {self.load:g}"

@@ -11,17 +11,15 @@ is 1 if a change is missed or a control differs, and 0 otherwise.
 """
 
 import argparse
-import subprocess
 import sys
-import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from benchmarks.studies import tally_command, tally_file
+from benchmarks.studies import stored_run, tally_command, tally_file
 from benchmarks.studies.page_part import PagePart
 from benchmarks.studies.truth_tally import Answer, Truth, TruthResult, TruthTally
-from mjbench.errors import MachineError, one_line
+from mjbench.errors import MachineError
 from mjbench.host import machine
 from mjbench.status import ExitCode
 
@@ -131,28 +129,16 @@ def ask(arguments: Sequence[str]) -> Answer:
     """Return what `mjbench versions` answers.
 
     Raises:
-      MachineError: nothing.
+      MachineError: it stored no verdict, or several.
     """
     # late: asv imports this module where few packages are
     from mjbench.paired.records import VerdictRecord
-    from mjbench.report.kinds import RECORD_TYPES
-    from mjbench.store import runs
 
     load = machine.describe().load_1min
-    command = [sys.executable, "-m", "mjbench", "versions", *arguments]
-    with tempfile.TemporaryDirectory() as results:
-        command += ["--results", results]
-        done = subprocess.run(command, cwd=FOLDER, capture_output=True, text=True)
-        records = [
-            record
-            for file in Path(results).glob("*.jsonl")
-            for record in runs.load(file, RECORD_TYPES).of_type(VerdictRecord)
-        ]
-    if done.returncode == ExitCode.INTERRUPTED:
-        raise KeyboardInterrupt
+    run = stored_run.run_of(["versions", *arguments], FOLDER)
+    records = run.of_type(VerdictRecord)
     if len(records) != 1:
-        lines = done.stderr.strip().splitlines() or ["it measured nothing"]
-        raise MachineError(f"mjbench versions {' '.join(arguments)}: {one_line(lines[-1])}")
+        raise MachineError(f"mjbench versions {' '.join(arguments)}: {len(records)} verdicts")
     row = records[0].row()
     return Answer(tuple(arguments), row.verdict, row.ratio, row.seconds, load, row.detail)
 
@@ -185,8 +171,8 @@ def main() -> ExitCode:
             parser.error(f"{name}: names are {'; '.join(truth.name for truth in TRUTHS)}")
     here = machine.describe()
     tally = TruthTally(here.versions["mujoco"], here.cpu, here.usable_cores, [])
-    if options.write and TALLY.exists():
-        tally = replace(tally, results=tally_file.load(TALLY, TruthTally, "changes").results)
+    if options.write:
+        tally = tally_file.continued(TALLY, tally, "changes")
     known = [truth for truth, _ in tally.known(TRUTHS)]
     chosen = [
         truth

@@ -174,6 +174,7 @@ def accelerated() -> Iterator[str]:
     yield f"ten times C's, or {percent(judged_steps.SETTINGS_LIMIT, 1)}"
     yield f"within {percent(judged_run.TOGETHER_SHARE)} of C"
     yield f"{percent(judged_run._ROUNDING[Precision.FLOAT32], 1)} is always allowed"
+    yield f"the same, or {percent(judged_run._ROUNDING[Precision.FLOAT32], 1)}"
     yield f"never by more than {percent(judged_run.LARGEST_SHARE)} of it"
     groups = derive_all(runs.load(RUNS / "reference-mjx-cpu.jsonl", RECORD_TYPES).records)
     times = {

@@ -198,10 +198,10 @@ class CheckupTally:
         load = max(each.load for each in self.trials)
         yield (
             f"(MuJoCo {self.mujoco}, {self.cpu}, {self.cores} cores, with a load of up to"
-            f" {load:.1f} at the beginning of a check-up.)"
+            f" {load:.1f} at the beginning of a check-up. Gains are those of the longer commands.)"
         )
         yield ""
-        yield "| target | s | first advice | gains | best of the longer commands | gains |"
+        yield "| target | s | first advice | its gain | best of the longer commands | its gain |"
         yield "|---|---:|---|---:|---|---:|"
         yield from (each.row for each in self.trials)
 

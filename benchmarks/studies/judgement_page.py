@@ -16,8 +16,9 @@ _HEAD = (
 _TAIL = (
     "",
     "A `close` names the pairs of geoms whose contacts differ, and how much that changes"
-    " accelerations in nine of ten states: [how parts are judged]"
-    "(method/accelerated.md#how-it-is-judged), [what that means for you](guides/mjx.md).",
+    " accelerations in nine of ten states. A `NO` beside small changes is of contacts that are"
+    " missing in some state: [how parts are judged](method/accelerated.md#how-it-is-judged), [what"
+    " that means for you](guides/mjx.md).",
 )
 
 
@@ -31,7 +32,7 @@ def _lines(tally: JudgementTally) -> Iterator[str]:
     yield _conclusion(tally)
     yield ""
     versions = ", ".join(f"{name} {version}" for name, version in sorted(_versions(tally).items()))
-    yield f"{tally.nbatch} simulations of {tally.nstep} steps, on a CPU: {versions}."
+    yield f"{tally.nbatch} simulations of {tally.nstep} steps, on two cores of a CPU: {versions}."
     for is_shipped, heading in ((True, "Shipped models"), (False, "Models of other packages")):
         rows = [row for row in tally.rows if (row.package == "shipped") == is_shipped]
         if rows:
@@ -51,6 +52,8 @@ def _conclusion(tally: JudgementTally) -> str:
     ]
     refused = sum(row.status == Status.UNAVAILABLE for row in tally.rows)
     beside = f"; {refused} times the engine does not take the model" if refused else ""
+    failed = len(tally.rows) - refused - sum(row.judgement is not None for row in tally.rows)
+    beside += f"; {failed} failed, or reached a limit" if failed else ""
     return f"Of {len(tally.rows)} pairs of a model and a path: {', '.join(counts)}{beside}."
 
 

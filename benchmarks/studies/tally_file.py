@@ -37,3 +37,24 @@ def load(file: Path, kind: type[_Tally], content: str) -> _Tally:
         raise InputError(f"cannot read {file}: {error.strerror}") from error
     except (msgspec.MsgspecError, UnicodeDecodeError) as error:
         raise InputError(f"{file} is not a tally of {content}: {one_line(error)}") from error
+
+
+def continued(file: Path, empty: _Tally, content: str) -> _Tally:
+    """Return the tally that a file holds, to be continued here; `empty` where there is none.
+
+    Args:
+      empty: has `mujoco`, `cpu` and `cores` of this machine.
+
+    Raises:
+      InputError: see `load`; or the tally is of another release or machine.
+    """
+    from mjbench.errors import InputError
+
+    if not file.exists():
+        return empty
+    stored = load(file, type(empty), content)
+    for name in ("mujoco", "cpu", "cores"):
+        there, here = getattr(stored, name), getattr(empty, name)
+        if there != here:
+            raise InputError(f"{file} is of {name} {there}, not {here}: remove it to begin anew")
+    return stored

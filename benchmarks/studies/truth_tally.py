@@ -130,20 +130,24 @@ class TruthTally:
         found = [truth.name for truth, each in known if each.is_found(truth)]
         beside = [each.has_control for truth, each in known if each.is_found(truth)]
         sized = [each.has_size(truth) for truth, each in known if truth.change is not None]
-        missed = [truth.name for truth, _ in known if truth.name not in found]
+        missed = [f"{t.name}: {r.answer.text}" for t, r in known if t.name not in found]
         others = f" (not {', '.join(missed)})" if missed else ""
+        controls = [each.control.verdict for _, each in known]
+        differing = sum(each in (Verdict.SLOWER, Verdict.FASTER) for each in controls)
         yield (
             f"`mjbench versions` finds {len(found)} of {len(known)} changes that others have"
             f" published{others}, {sum(beside)} of them beside a control that stays `same`:"
             " other work in the same environments, or the same work in others. Of"
+            f" {len(controls)} controls, {differing} differ; whether rightly, is not known. Of"
             f" {len(sized)} published sizes, {sum(sized)} are found within a factor of"
             f" {ROUGHLY:g}."
         )
         if known:
             loads = [each.load for _, both in known for each in (both.answer, both.control)]
             yield (
-                f"(MuJoCo {self.mujoco} unless named, {self.cpu}, {self.cores} cores, with a load"
-                f" of {min(loads):.0f} to {max(loads):.0f} at the beginning of comparisons.)"
+                f"(`python -m benchmarks.truths`, MuJoCo {self.mujoco} unless named, {self.cpu},"
+                f" {self.cores} cores, with a load of {min(loads):.0f} to {max(loads):.0f} at the"
+                " beginning of comparisons.)"
             )
         yield ""
         yield "| what changed | published: candidate / baseline | found | control |"

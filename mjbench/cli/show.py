@@ -150,9 +150,10 @@ def _exit_code(stored: "Sequence[Run]", fail_on: FailOn) -> int:
         return fail_on.exit_code(rows, family.confidence_of(run.header))
 
     worst = max(judged, key=code)
-    if len(stored) > 1 and code(worst) != ExitCode.OK:
-        report_line(f"exit code {code(worst)}: mjbench {worst.header.typed_command}")
-    return code(worst)
+    exit_code = code(worst)
+    if len(stored) > 1 and exit_code != ExitCode.OK:
+        report_line(f"exit code {exit_code}: mjbench {worst.header.typed_command}")
+    return exit_code
 
 
 def _print_set(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:

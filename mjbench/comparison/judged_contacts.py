@@ -60,7 +60,7 @@ class _PairStates:
       counts: of the engine and of C, an entry a state.
       effects: of the states where C can be given the contacts.
       lacking_effects: those of them in which the engine's contacts are C's own, but fewer.
-      aligned_effects: those of them in which tangents are C's, too.
+      aligned_effects: those of `effects` where tangents are C's.
       apart: an entry a contact.
       beside_flex: states in which C cannot be given contacts because a flex touches, too.
       unmet: states in which geoms touch that touch in no judged state of C.
@@ -189,18 +189,17 @@ def _pair(types: Types, states: _PairStates, limit: float) -> PairContacts:
     if states.effects:
         effect = float(np.quantile(states.effects, CLOSE_QUANTILE, method="higher"))
         largest = max(states.effects)
-    apart = np.array(states.apart).reshape(-1, 4)
-    farthest = [float(each) for each in apart.max(axis=0)] if len(apart) else [None] * 4
+    farthest = _Apart(*np.array(states.apart).max(axis=0).tolist()) if states.apart else None
     return PairContacts(
         types=types,
         states=len(counts),
         other_counts=other,
         count=float(counts[:, 0].mean()),
         count_in_c=float(counts[:, 1].mean()),
-        distance_m=farthest[0],
-        position_m=farthest[1],
-        normal_degrees=farthest[2],
-        tangent_degrees=farthest[3],
+        distance_m=farthest and farthest.distance_m,
+        position_m=farthest and farthest.position_m,
+        normal_degrees=farthest and farthest.normal_degrees,
+        tangent_degrees=farthest and farthest.tangent_degrees,
         effect=None if effect is None else finite_or_none(effect),
         largest_effect=None if largest is None else finite_or_none(largest),
         beside_flex=states.beside_flex,

@@ -23,7 +23,9 @@ MAX_POINTS = 6
 MAX_SIMULATIONS = 16
 # An engine may be this many times as far from C as the shadow, which rounds only states.
 SHADOW_FACTOR = 10.0
-# Differences below these shares of a figure's size are rounding.
+# Differences below these shares of a figure's size are rounding. With 1e-4 in float32, Warp failed
+# on dm_control's humanoid, of which single steps agree: forces differ by 0.10 N, and 0.07 N were
+# allowed (`benchmarks.judgements`).
 _ROUNDING = {Precision.FLOAT64: 1e-8, Precision.FLOAT32: 1e-3}
 # The shadow has parted from C where a figure differs by more than this share of its size.
 TOGETHER_SHARE = 0.01

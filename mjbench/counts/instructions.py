@@ -189,7 +189,8 @@ def _count_until_death(
             except ChildError as error:
                 hung = error.ending == Status.TIMEOUT
                 detail = f"{error.cause}, killed" if hung else str(error)
-                yield _failed(task, release, Failure(error.ending, detail))
+                failed = _failed(task, release, Failure(error.ending, detail))
+                yield replace(failed, seconds=time.monotonic() - begin_s)
                 return
             dumps = [folder / f"callgrind.out.{dump}" for dump in _dumps(number)]
             end_s = time.monotonic()

@@ -26,11 +26,13 @@ class PreparedCall:
     Attributes:
       timed: is called once after each preparation, and waits for what it began.
       result: returns what the call came to; MachineError where that is wrong.
+      seconds: what counts of the last call, where that is done once; None where blocks time it.
     """
 
     prepare: Callable[[], None]
     timed: Callable[[], None]
     result: Function
+    seconds: Callable[[], float] | None = None
 
     def __call__(self) -> object:
         """Do all three."""

@@ -10,6 +10,7 @@ import contextlib
 import math
 import time
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -129,11 +130,7 @@ class _Searcher:
         self._measurer, self._searched, self._clock = measurer, searched, clock
         self._versions = searched.versions
         self._log_effect = math.log1p(min_effect)
-        self._known_trials = {
-            (each.first, each.version.number): each
-            for each in earlier
-            if isinstance(each, BisectTrial)
-        }
+        self._known_trials = deque(each for each in earlier if isinstance(each, BisectTrial))
         self._known_comparisons = {
             (each.first, each.last): each for each in earlier if isinstance(each, BisectComparison)
         }
@@ -236,14 +233,20 @@ class _Searcher:
         point = ChangePosterior(last - first, _log_change(ends), _deviation(residuals))
         for _ in range(MOST_TRIALS):
             unable = {number - first for number in self._unable}
-            known = {number for start, number in self._known_trials if start == first}
-            ready = {number - first for number in {*self._measurer.ready(), *known}}
+            ready = {number - first for number in self._measurer.ready()}
             is_certain = point.certainty >= CERTAINTY
             version = None if is_certain else point.next_version(unable, ready)
             if version is None:
                 break
-            log_ratios = yield from self._measure(first, first + version)
+            trial = self._next_known(first, last)
+            if trial is None:
+                trial = self._measured(first, first + version)
+                yield trial
+            self._trials.append(trial)
+            self._seconds += trial.seconds
+            version, log_ratios = trial.version.number - first, trial.log_ratios
             if not log_ratios:
+                self._unable.add(trial.version.number)
                 continue
             residuals += _residuals(log_ratios)
             observation = VersionRatio(version, float(np.mean(log_ratios)))
@@ -256,17 +259,12 @@ class _Searcher:
             changed += 1
         return changed
 
-    def _measure(self, first: int, number: int) -> _Steps[Sequence[float]]:
-        """Return the log ratios of a version's launches; none where it cannot be measured."""
-        trial = self._known_trials.get((first, number))
-        if trial is None:
-            trial = self._measured(first, number)
-            yield trial
-        self._trials.append(trial)
-        self._seconds += trial.seconds
-        if not trial.log_ratios:
-            self._unable.add(number)
-        return trial.log_ratios
+    def _next_known(self, first: int, last: int) -> BisectTrial | None:
+        """Return the next trial of the search that is continued: once each, as it measured them."""
+        known = self._known_trials
+        if known and known[0].first == first and first < known[0].version.number <= last:
+            return known.popleft()
+        return None
 
     def _measured(self, first: int, number: int) -> BisectTrial:
         row, begin_s = self._versions[number - 1], self._clock()

@@ -84,8 +84,11 @@ def compilation(source: ModelSource, path_name: str, workload_file: Path) -> Pre
         program.run()
         return _result(program, workload)
 
+    def seconds() -> float:
+        return (compiled[0].trace_s or 0.0) + compiled[0].compile_s
+
     return PreparedCall(
-        prepare, lambda: compiled.append(path.prepare(workload, {}, resources)), result
+        prepare, lambda: compiled.append(path.prepare(workload, {}, resources)), result, seconds
     )
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 from mjbench.host import machine
 from mjbench.paired.memory_blocks import GROWTH_NSTEP
-from mjbench.paired.metrics import METRICS, Measured
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.pair_work import PairWork, SingleQuadWork, check_growth
 from mjbench.paired.protocol import LaunchedPair
@@ -164,8 +163,14 @@ class _FunctionWork(PairWork):
         return process.call(prepare_function, allowed, self._plan.count, self._plan.metric)
 
 
-class _FunctionMemoryWork(SingleQuadWork, _FunctionWork):
-    """What calls of two functions take up."""
+class _FunctionGrowthWork(SingleQuadWork, _FunctionWork):
+    """What calls of two functions add to memory."""
+
+
+class _FunctionPeakWork(SingleQuadWork, _FunctionWork):
+    """The most memory of two processes that call a function; the blocks of a quad only read it."""
+
+    nblock = 1
 
 
 class _CompilationWork(SingleQuadWork, _FunctionWork):
@@ -175,10 +180,11 @@ class _CompilationWork(SingleQuadWork, _FunctionWork):
     nblock = 1
 
 
-_KINDS: Mapping[Measured, type[_FunctionWork]] = {
-    Measured.STEPS: _FunctionWork,
-    Measured.MEMORY: _FunctionMemoryWork,
-    Measured.COMPILATION: _CompilationWork,
+_KINDS: Mapping[Metric, type[_FunctionWork]] = {
+    Metric.TIME: _FunctionWork,
+    Metric.MEMORY: _FunctionPeakWork,
+    Metric.GROWTH: _FunctionGrowthWork,
+    Metric.COMPILE: _CompilationWork,
 }
 
 
@@ -199,6 +205,6 @@ class RevisionPair(LaunchedPair):
         plan = self._plan
         if plan.metric == Metric.GROWTH:
             check_growth(plan.both_s, self._pool)
-        work = _KINDS[METRICS[plan.metric].measured](self._targets, plan)
+        work = _KINDS[plan.metric](self._targets, plan)
         self._time_limit.check_first_launch(work.launch_s(plan.both_s))
         return work

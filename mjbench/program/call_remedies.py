@@ -283,7 +283,7 @@ def _saving_of_rays(loop: LoopTime, context: _Context, ratio: TimeRatio) -> _Sav
     if loop.samples < FEW_SAMPLES and inner is not None:
         unseen = max(0.0, 1 - _share(loop, loop.calls) - others)
         gain, error = gain + unseen / 2, math.hypot(error, unseen / 4)
-    return _Saving(gain, share, Basis.PAIRED, error / gain)
+    return _Saving(gain, share, Basis.PAIRED, error / gain if gain else 0.0)
 
 
 def _share_with_python(loop: LoopTime, calls: Sequence[CallTime]) -> float:

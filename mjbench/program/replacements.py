@@ -26,7 +26,8 @@ from mjbench.simulation.engine_clock import engine_clock
 BUDGET_S, LIMIT_S = 0.5, 30.0
 # Rounds: the interval of a median needs six at least. Seconds of a block, and calls of one at most.
 LEAST_ROUNDS, MOST_ROUNDS, BLOCK_S, MOST_CALLS = 15, 200, 0.002, 1000
-# Processes for a pair that uses threads: how fast threads wake differs from process to process.
+# Processes for a pair that uses threads: how fast threads wake differs from process to process. The
+# pair of `rollout_each_step` in `benchmarks.own_programs` gave ratios of 0.07 to 0.71.
 LAUNCHES_OF_THREADS = 5
 
 

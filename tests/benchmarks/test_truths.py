@@ -59,7 +59,8 @@ def test_the_page_counts_what_is_found_and_names_what_is_not() -> None:
     assert "Of 1 published sizes, 1 are found" in found
     assert "| A 2.0: sums | [its notes](https://a): × 4 | slower, × 5 | same, × 5 |" in found
     missed = lines(result(Verdict.SAME, 1.001, control=Verdict.SLOWER))
-    assert "finds 0 of 1 changes that others have published (not A 2.0: sums), 0 of them" in missed
+    assert "finds 0 of 1 changes that" in missed
+    assert "(not A 2.0: sums: same, × 1.001), 0 of them" in missed
     assert "| same, × 1.001 | slower, × 1.001 |" in missed
 
 

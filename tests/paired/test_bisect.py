@@ -78,7 +78,7 @@ def search(
     return bisect.search(measurer, searched, 0.01, earlier, itertools.count().__next__)
 
 
-def found(measurer: Invented, count: int) -> BisectRecord:
+def searched_to_its_end(measurer: Invented, count: int) -> BisectRecord:
     *_, record = search(measurer, count)
     assert isinstance(record, BisectRecord)
     return record
@@ -87,7 +87,7 @@ def found(measurer: Invented, count: int) -> BisectRecord:
 @pytest.mark.parametrize("truth", [1, 2, 31, 63, 64])
 def test_the_first_slower_commit_is_found_among_64(truth: int) -> None:
     measurer = Invented({truth: 0.05})
-    result = found(measurer, 64)
+    result = searched_to_its_end(measurer, 64)
     assert [change.version.number for change in result.changes] == [truth]
     assert result.changes[0].verdict.verdict == Verdict.SLOWER
     assert measurer.decided == [(0, 64), (truth - 1, truth)]
@@ -95,13 +95,13 @@ def test_the_first_slower_commit_is_found_among_64(truth: int) -> None:
 
 
 def test_a_faster_commit_is_found_likewise() -> None:
-    (change,) = found(Invented({9: -0.05}), 20).changes
+    (change,) = searched_to_its_end(Invented({9: -0.05}), 20).changes
     assert (change.version.number, change.verdict.verdict) == (9, Verdict.FASTER)
 
 
 def test_versions_at_hand_are_preferred() -> None:
     measurer = Invented({21: 0.05}, at_hand=frozenset({12, 25}))
-    result = found(measurer, 42)
+    result = searched_to_its_end(measurer, 42)
     assert [change.version.number for change in result.changes] == [21]
     assert set(measurer.measured[:2]) == {12, 25}
     assert len(measurer.measured) <= 8
@@ -109,7 +109,7 @@ def test_versions_at_hand_are_preferred() -> None:
 
 def test_ends_that_do_not_differ_end_the_search() -> None:
     measurer = Invented({})
-    result = found(measurer, 64)
+    result = searched_to_its_end(measurer, 64)
     assert (result.changes, result.trials, measurer.measured) == ([], [], [])
     assert result.ends.verdict == Verdict.SAME
 
@@ -118,13 +118,13 @@ def test_ends_that_do_not_differ_end_the_search() -> None:
     "steps", [{10: 0.06, 40: 0.06}, {10: 0.08, 40: 0.04}, {31: 0.05, 32: 0.05}, {3: 0.1, 60: -0.05}]
 )
 def test_two_steps_are_found_as_two(steps: dict[int, float]) -> None:
-    result = found(Invented(steps), 64)
+    result = searched_to_its_end(Invented(steps), 64)
     assert [change.version.number for change in result.changes] == sorted(steps)
 
 
 def test_neighbours_are_compared_once() -> None:
     measurer = Invented({1: 0.05})
-    (change,) = found(measurer, 1).changes
+    (change,) = searched_to_its_end(measurer, 1).changes
     assert (change.version.number, measurer.decided) == (1, [(0, 1)])
 
 
@@ -140,7 +140,7 @@ def test_commits_that_cannot_be_measured_are_named_with_the_change(
     broken: frozenset[int], number: int, skipped: list[int]
 ) -> None:
     measurer = Invented({20: 0.05}, broken=broken)
-    result = found(measurer, 40)
+    result = searched_to_its_end(measurer, 40)
     (change,) = result.changes
     assert change.version.number == number
     assert [row.number for row in change.skipped] == skipped
@@ -148,7 +148,7 @@ def test_commits_that_cannot_be_measured_are_named_with_the_change(
 
 
 def test_a_change_that_is_spread_over_many_commits_is_not_pinned_on_one() -> None:
-    result = found(Invented(dict.fromkeys(range(1, 33), 0.002)), 32)
+    result = searched_to_its_end(Invented(dict.fromkeys(range(1, 33), 0.002)), 32)
     assert result.changes == []
     assert result.detail.startswith("likely, but not confirmed: ")
 
@@ -171,6 +171,21 @@ def test_a_search_that_is_continued_measures_only_the_rest() -> None:
         assert record.changes == whole.changes
         assert record.seconds == len(earlier) + len(rest)
         assert finished([*earlier, *rest, record]) == [*earlier, *rest, record]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_trial_counts_once_where_a_noisy_search_is_continued(seed: int) -> None:
+    noisy = Invented({31: 0.05}, deviation=0.1)
+    noisy.rng.seed(seed)
+    *measured, whole = search(noisy, 64)
+    trials = [each for each in measured if isinstance(each, BisectTrial)]
+    assert len({each.version.number for each in trials}) < len(trials)
+    *rest, again = search(Invented({31: 0.05}, deviation=0.1), 64, measured)
+    assert isinstance(whole, BisectRecord)
+    assert isinstance(again, BisectRecord)
+    assert rest == []
+    assert again.trials == whole.trials == trials
+    assert again.changes == whole.changes
 
 
 def test_what_could_not_be_measured_is_tried_again() -> None:
