@@ -25,7 +25,7 @@ from mjbench.units import percent_change
 # Versions that are measured in a search, about, for its progress.
 _USUAL_TRIALS = 8
 
-# Yields what is measured; is called with what is told of each phase, and with earlier records.
+# Yields what is measured; called with what shows the text of a phase, and with earlier records.
 _Search = Callable[[Callable[[str], None], Sequence[Record]], Iterator[BisectMeasured]]
 
 

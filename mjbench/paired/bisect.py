@@ -276,8 +276,6 @@ class _Searcher:
         return BisectTrial(
             row,
             detail,
-            ratio=math.exp(np.mean(log_ratios)) if log_ratios else None,
-            launches=len(log_ratios),
             first=first,
             log_ratios=log_ratios,
             seconds=self._clock() - begin_s,

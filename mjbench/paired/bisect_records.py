@@ -3,14 +3,17 @@
 Field names are the keys of the JSON format.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from statistics import fmean
 from typing import ClassVar
 
-from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
+from mjbench.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.status import FINISHED, Status
+from mjbench.store.json_form import in_json
 
 
 class VersionKind(StrEnum):
@@ -37,25 +40,28 @@ class VersionRow:
     subject: str = ""
 
 
+@in_json("version", "detail", "ratio", "first", "log_ratios", "seconds")
 @dataclass(frozen=True)
 class BisectTrial:
     """A version that was measured against the first one of a range that is searched.
 
     Attributes:
       detail: why it could not be measured; empty otherwise.
-      ratio: of its time over the first one's; None where it could not be measured.
       first: the number of the first one; 0 is the baseline.
-      log_ratios: of each launch.
+      log_ratios: of its time over the first one's, of each launch; none where it was not measured.
     """
 
     record_type: ClassVar[str] = "bisect_trial"
     version: VersionRow
     detail: str = ""
-    ratio: PositiveFloat | None = None
-    launches: NonNegativeInt = 0
     first: NonNegativeInt = 0
     log_ratios: Sequence[float] = ()
     seconds: NonNegativeFloat = 0.0
+
+    @property
+    def ratio(self) -> float | None:
+        """Of its time over the first one's, the mean over launches; None where there is none."""
+        return math.exp(fmean(self.log_ratios)) if self.log_ratios else None
 
 
 @dataclass(frozen=True)

@@ -113,6 +113,6 @@ def _table(trials: Sequence[BisectTrial], kind: VersionKind) -> DataTable:
         (Column("number", formats.count), lambda trial: trial.version.number),
         (Column(kind.value), lambda trial: short_name(trial.version, kind)),
         (Column("change", formats.change), lambda trial: trial.ratio),
-        (Column("launches", formats.count), lambda trial: trial.launches),
+        (Column("launches", formats.count), lambda trial: len(trial.log_ratios)),
         (Column("remark", wraps=True), lambda trial: trial.detail or trial.version.subject),
     )

@@ -45,7 +45,7 @@ SEARCH = BisectRecord(
     new="HEAD",
     versions=2_000,
     status=Status.OK,
-    trials=[BisectTrial(LONG, "", 1.0312, 3), BisectTrial(LONG, "cannot build it " * 9)],
+    trials=[BisectTrial(LONG, log_ratios=[0.03] * 3), BisectTrial(LONG, "cannot build it " * 9)],
 )
 OTHER_VERDICTS = [
     replace(

@@ -24,7 +24,7 @@ RECORD = BisectRecord(
     versions=64,
     status=Status.OK,
     ends=SLOWER.row(),
-    trials=[BisectTrial(SEVEN, "", 1.03, 3), BisectTrial(SIX, "cannot build it")],
+    trials=[BisectTrial(SEVEN, log_ratios=[0.03] * 3), BisectTrial(SIX, "cannot build it")],
     changes=[BisectChange(SEVEN, SLOWER.row())],
     seconds=90.0,
 )
