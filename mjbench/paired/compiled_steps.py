@@ -5,12 +5,13 @@ This module runs in the environment of any release, with the packages of the pat
 
 import os
 import pickle
+import time
 from pathlib import Path
 
 import numpy as np
 
 from mjbench.errors import MachineError, UnavailableError
-from mjbench.measuring.calls import PreparedCall
+from mjbench.measuring.calls import Compilation, PreparedCall
 from mjbench.paths.accelerated import (
     AcceleratedPath,
     Compiled,
@@ -30,6 +31,8 @@ _CACHES_ALL = {
     "jax_persistent_cache_min_compile_time_secs": 0.0,
     "jax_persistent_cache_min_entry_size_bytes": -1,
 }
+# JAX reports it for each program that it asks its compiler for, found in the cache or not.
+_COMPILED = "/jax/core/compile/backend_compile_duration"
 # What single steps are compared by.
 _COMPARED = ("qpos", "qvel")
 
@@ -53,8 +56,13 @@ def compiled_step(
     path = _available(path_name)
     _use_cache(path, cache)
     workload = _workload(path, source, workload_file)
+    programs, stored = _Programs(path), {*cache.rglob("*")}
     compiled = path.prepare(workload, {}, Resources(workload))
-    return PreparedCall(compiled.clear, compiled.run, lambda: _result(compiled, workload))
+    is_cached = stored == {*cache.rglob("*")}
+    compilation = programs.compilation(compiled, _run_s(compiled), is_cached)
+    return PreparedCall(
+        compiled.clear, compiled.run, lambda: _result(compiled, workload), lambda: compilation
+    )
 
 
 def compilation(source: ModelSource, path_name: str, workload_file: Path) -> PreparedCall:
@@ -67,29 +75,71 @@ def compilation(source: ModelSource, path_name: str, workload_file: Path) -> Pre
       UnavailableError: as `compiled_step`.
     """
     path = _available(path_name)
-    workload = _workload(path, source, workload_file)
-    resources, compiled = Resources(workload), list[Compiled]()
-    reference_peaks(workload, resources)  # by which buffers are sized
+    fresh = _FreshCompilation(path, _workload(path, source, workload_file))
+    return PreparedCall(fresh.prepare, fresh.compile, fresh.result, fresh.compilation)
 
-    def prepare() -> None:
-        compiled.clear()
-        if "jax" in path.packages:
+
+class _FreshCompilation:
+    """Compiles a path's program as if it were the first time."""
+
+    def __init__(self, path: AcceleratedPath, workload: Workload):
+        self._path, self._workload = path, workload
+        self._resources, self._programs = Resources(workload), _Programs(path)
+        self._compiled: Compiled | None = None
+        self._first_run_s = 0.0
+        reference_peaks(workload, self._resources)  # by which buffers are sized
+
+    def prepare(self) -> None:
+        self._compiled = None
+        self._programs.forget()
+
+    def compile(self) -> None:
+        self._compiled = self._path.prepare(self._workload, {}, self._resources)
+
+    def result(self) -> dict[str, np.ndarray]:
+        assert self._compiled is not None, "it was compiled"
+        self._first_run_s = _run_s(self._compiled)
+        return _result(self._compiled, self._workload)
+
+    def compilation(self) -> Compilation:
+        assert self._compiled is not None, "it was compiled"
+        return self._programs.compilation(self._compiled, self._first_run_s)
+
+
+class _Programs:
+    """Counts the programs that JAX asks its compiler for, from now on."""
+
+    def __init__(self, path: AcceleratedPath):
+        self._has_jax = "jax" in path.packages
+        self._events: list[str] = []
+        if self._has_jax:
+            import jax
+
+            jax.monitoring.register_event_duration_secs_listener(
+                lambda event, *_, **__: self._events.append(event)
+            )
+
+    def forget(self) -> None:
+        """Have JAX compile everything anew; count from 0 again."""
+        self._events.clear()
+        if self._has_jax:
             import jax
 
             jax.clear_caches()
 
-    def result() -> dict[str, np.ndarray]:
-        (program,) = compiled
-        program.clear()
-        program.run()
-        return _result(program, workload)
+    def compilation(
+        self, compiled: Compiled, first_run_s: float, is_cached: bool = False
+    ) -> Compilation:
+        """Return what a program took so far."""
+        programs = self._events.count(_COMPILED) if self._has_jax else None
+        return Compilation(compiled.trace_s, compiled.compile_s, first_run_s, programs, is_cached)
 
-    def seconds() -> float:
-        return (compiled[0].trace_s or 0.0) + compiled[0].compile_s
 
-    return PreparedCall(
-        prepare, lambda: compiled.append(path.prepare(workload, {}, resources)), result, seconds
-    )
+def _run_s(compiled: Compiled) -> float:
+    compiled.clear()
+    begin_s = time.perf_counter()
+    compiled.run()
+    return time.perf_counter() - begin_s
 
 
 def _available(path_name: str) -> AcceleratedPath:
