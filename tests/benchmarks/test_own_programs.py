@@ -34,3 +34,31 @@ def test_the_page_has_the_committed_results() -> None:
     tally = tally_file.load(own_programs.TALLY, own_programs.ProgramTally, "programs")
     assert own_programs.PART.text() == of_lines(tally.lines())
     assert {each.name for each in tally.programs} == {each.name for each in own_programs.PROGRAMS}
+
+
+@pytest.mark.parametrize(
+    ("predicted_error", "measured_error", "is_near"),
+    [(0.0, 0.0, False), (0.03, 0.04, True), (0.0, 0.045, False)],
+)
+def test_a_prediction_is_near_within_five_points_or_both_uncertainties(
+    monkeypatch: pytest.MonkeyPatch, predicted_error: float, measured_error: float, is_near: bool
+) -> None:
+    program = own_programs.PROGRAMS[0]
+    said = own_programs.Advice(program.line, program.says, 0.70, predicted_error)
+    share = own_programs.MeasuredShare(0.605, measured_error)
+    monkeypatch.setattr(own_programs, "advice", lambda *_: said)
+    monkeypatch.setattr(own_programs, "measured", lambda *_: share)
+    result = own_programs.ProgramResult.of(program, 60, 9)
+    assert result.is_near == is_near
+    assert (" to " in result.row.split("|")[-2]) == (measured_error > 0)
+
+
+def test_the_uncertainty_of_a_measured_share_is_of_the_median_of_its_rounds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seconds = iter([1.0, 0.6, 0.7, 1.0, 1.0, 0.5])  # the second round begins with the change
+    monkeypatch.setattr(own_programs, "_loop_s", lambda *_: next(seconds))
+    share = own_programs.measured(own_programs.PROGRAMS[0], 60, 3)
+    assert share is not None
+    assert share.median == pytest.approx(0.6)
+    assert share.error == pytest.approx(1.2533 * 0.1 / 3**0.5, rel=1e-3)
