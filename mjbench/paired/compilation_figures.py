@@ -19,7 +19,6 @@ class CompilationFigures:
     Attributes:
       trace_s: from Python to the compiler's input; None without such a stage.
       compile_s: of the compiler without a cache; None where no process did without.
-      cached_compile_s: of the compiler where its cache holds the programs; None likewise.
       first_run_s: of the first run after that.
       steady_run_s: of a run that is timed; None where compiling is what is compared.
       programs: how many the compiler was asked for, single operations included; None where it does
@@ -30,7 +29,6 @@ class CompilationFigures:
 
     trace_s: Estimate | None
     compile_s: Estimate | None
-    cached_compile_s: Estimate | None
     first_run_s: Estimate
     steady_run_s: Estimate | None
     programs: NonNegativeInt | None
@@ -47,16 +45,11 @@ class CompilationFigures:
           compilations: of each of its processes, one or more.
           steady_run_s: of each launch; none where compiling is what is compared.
         """
-        fresh, cached = (
-            [c for c in compilations if c.is_cached == is_in] for is_in in (False, True)
-        )
-        first_run_s = _median(c.first_run_s for c in compilations)
-        assert first_run_s is not None, "there is a process"
+        fresh = [c for c in compilations if not c.is_cached]
         return cls(
             _median(c.trace_s for c in compilations if c.trace_s is not None),
             _median(c.compile_s for c in fresh),
-            _median(c.compile_s for c in cached),
-            first_run_s,
+            stats.median_of([c.first_run_s for c in compilations]),
             _median(steady_run_s),
             max((c.programs for c in compilations if c.programs is not None), default=None),
             len(compilations),

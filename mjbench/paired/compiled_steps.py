@@ -6,6 +6,8 @@ This module runs in the environment of any release, with the packages of the pat
 import os
 import pickle
 import time
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -56,12 +58,11 @@ def compiled_step(
     path = _available(path_name)
     _use_cache(path, cache)
     workload = _workload(path, source, workload_file)
-    programs, stored = _Programs(path), {*cache.rglob("*")}
-    compiled = path.prepare(workload, {}, Resources(workload))
-    is_cached = stored == {*cache.rglob("*")}
-    compilation = programs.compilation(compiled, _run_s(compiled), is_cached)
+    stored = {*cache.rglob("*")}
+    compiled, took = _compiled(path, workload, Resources(workload), _requests(path))
+    took = replace(took, is_cached=stored == {*cache.rglob("*")})
     return PreparedCall(
-        compiled.clear, compiled.run, lambda: _result(compiled, workload), lambda: compilation
+        compiled.clear, compiled.run, lambda: _result(compiled, workload), lambda: took
     )
 
 
@@ -75,71 +76,51 @@ def compilation(source: ModelSource, path_name: str, workload_file: Path) -> Pre
       UnavailableError: as `compiled_step`.
     """
     path = _available(path_name)
-    fresh = _FreshCompilation(path, _workload(path, source, workload_file))
-    return PreparedCall(fresh.prepare, fresh.compile, fresh.result, fresh.compilation)
+    workload = _workload(path, source, workload_file)
+    resources, requests = Resources(workload), _requests(path)
+    last = list[tuple[Compiled, Compilation]]()
+    reference_peaks(workload, resources)  # by which buffers are sized
 
-
-class _FreshCompilation:
-    """Compiles a path's program as if it were the first time."""
-
-    def __init__(self, path: AcceleratedPath, workload: Workload):
-        self._path, self._workload = path, workload
-        self._resources, self._programs = Resources(workload), _Programs(path)
-        self._compiled: Compiled | None = None
-        self._first_run_s = 0.0
-        reference_peaks(workload, self._resources)  # by which buffers are sized
-
-    def prepare(self) -> None:
-        self._compiled = None
-        self._programs.forget()
-
-    def compile(self) -> None:
-        self._compiled = self._path.prepare(self._workload, {}, self._resources)
-
-    def result(self) -> dict[str, np.ndarray]:
-        assert self._compiled is not None, "it was compiled"
-        self._first_run_s = _run_s(self._compiled)
-        return _result(self._compiled, self._workload)
-
-    def compilation(self) -> Compilation:
-        assert self._compiled is not None, "it was compiled"
-        return self._programs.compilation(self._compiled, self._first_run_s)
-
-
-class _Programs:
-    """Counts the programs that JAX asks its compiler for, from now on."""
-
-    def __init__(self, path: AcceleratedPath):
-        self._has_jax = "jax" in path.packages
-        self._events: list[str] = []
-        if self._has_jax:
-            import jax
-
-            jax.monitoring.register_event_duration_secs_listener(
-                lambda event, *_, **__: self._events.append(event)
-            )
-
-    def forget(self) -> None:
-        """Have JAX compile everything anew; count from 0 again."""
-        self._events.clear()
-        if self._has_jax:
+    def prepare() -> None:
+        last.clear()
+        requests.clear()
+        if "jax" in path.packages:
             import jax
 
             jax.clear_caches()
 
-    def compilation(
-        self, compiled: Compiled, first_run_s: float, is_cached: bool = False
-    ) -> Compilation:
-        """Return what a program took so far."""
-        programs = self._events.count(_COMPILED) if self._has_jax else None
-        return Compilation(compiled.trace_s, compiled.compile_s, first_run_s, programs, is_cached)
+    return PreparedCall(
+        prepare,
+        lambda: last.append(_compiled(path, workload, resources, requests)),
+        lambda: _result(last[0][0], workload),
+        lambda: last[0][1],
+    )
 
 
-def _run_s(compiled: Compiled) -> float:
+def _requests(path: AcceleratedPath) -> list[str]:
+    """Return a list that grows with what JAX asks its compiler for; empty of other engines."""
+    requests = list[str]()
+    if "jax" in path.packages:
+        import jax
+
+        def note(event: str, *_: object, **__: object) -> None:
+            requests.extend([event] if event == _COMPILED else [])
+
+        jax.monitoring.register_event_duration_secs_listener(note)
+    return requests
+
+
+def _compiled(
+    path: AcceleratedPath, workload: Workload, resources: Resources, requests: Sequence[str]
+) -> tuple[Compiled, Compilation]:
+    """Compile the program of a workload, and run it once; return also what that took."""
+    compiled = path.prepare(workload, {}, resources)
     compiled.clear()
     begin_s = time.perf_counter()
     compiled.run()
-    return time.perf_counter() - begin_s
+    first_run_s = time.perf_counter() - begin_s
+    programs = len(requests) or None
+    return compiled, Compilation(compiled.trace_s, compiled.compile_s, first_run_s, programs)
 
 
 def _available(path_name: str) -> AcceleratedPath:

@@ -1,89 +1,41 @@
 """What compiling took in the environments of a comparison, beside steady runs."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Sequence
 
 from mjbench.measuring.stats import Estimate
-from mjbench.paired.compilation_figures import CompilationFigures
 from mjbench.paired.records import VerdictRow
 from mjbench.report import formats
-from mjbench.report.content import Cell, Column, DataTable
-
-# A comparison, the environment of one side, and what compiling took there.
-_Side = tuple[VerdictRow, str, CompilationFigures]
+from mjbench.report.content import Column, DataTable
+from mjbench.units import duration
 
 
 def tables(rows: Sequence[VerdictRow]) -> list[DataTable]:
     """Return one table of all comparisons whose runs are compiled first; none without any."""
-    sides = [*_sides(rows)]
+    sides = [
+        (row.model, label, figures)
+        for row in rows
+        for label, figures in zip((row.old, row.new), row.compiling, strict=False)
+    ]
     if not sides:
         return []
-    return [
-        DataTable.of(
-            "Compiling",
-            sides,
-            (Column("model"), lambda side: side[0].model),
-            (Column("environment", wraps=True), lambda side: side[1]),
-            *_estimate("trace", "s", 1.0, lambda figures: figures.trace_s),
-            *_estimate("compile", "s", 1.0, lambda figures: figures.compile_s),
-            *_estimate("cached", "s", 1.0, lambda figures: figures.cached_compile_s, leaves=1),
-            *_estimate("first run", "ms", 1e3, lambda figures: figures.first_run_s),
-            *_estimate("steady", "ms", 1e3, lambda figures: figures.steady_run_s),
-            (Column("programs", formats.count, leaves=3), lambda side: side[2].programs),
-        )
-    ]
+    table = DataTable.of(
+        "Compiling",
+        sides,
+        (Column("model", leaves=2), lambda side: side[0]),
+        (Column("environment", wraps=True), lambda side: side[1]),
+        (Column("trace"), lambda side: _time(side[2].trace_s, side[2].processes)),
+        (Column("compile"), lambda side: _time(side[2].compile_s, side[2].compiling_processes)),
+        (Column("first run"), lambda side: _time(side[2].first_run_s, side[2].processes)),
+        (Column("steady run"), lambda side: _time(side[2].steady_run_s, side[2].processes)),
+        (Column("programs", formats.count, leaves=1), lambda side: side[2].programs),
+    )
+    return [table]
 
 
-def notes(row: VerdictRow) -> list[str]:
-    """Return how many processes the figures of a comparison are of."""
-    both = row.compiling
-    if not both:
-        return []
-    traced = _processes(figures.processes for figures in both)
-    compiled = _processes(figures.compiling_processes for figures in both)
-    if compiled == traced:
-        return [f"tracing, compiling and the first run are of {traced} a side"]
-    return [
-        f"tracing and the first run are of {traced} a side, compiling of {compiled}; the others"
-        " found the programs in the compiler's cache"
-    ]
-
-
-def _processes(counts: Iterable[int]) -> str:
-    """Return a number of processes; two where the sides differ."""
-    fewest, *others = sorted(set(counts))
-    if others:
-        return f"{fewest:,} or {others[-1]:,} processes"
-    return "one process" if fewest == 1 else f"{fewest:,} processes"
-
-
-def _sides(rows: Sequence[VerdictRow]) -> Iterator[_Side]:
-    for row in rows:
-        for label, figures in zip((row.old, row.new), row.compiling, strict=False):
-            yield row, label, figures
-
-
-def _estimate(
-    title: str,
-    unit: str,
-    factor: float,
-    estimate: Callable[[CompilationFigures], Estimate | None],
-    leaves: int = 0,
-) -> list[tuple[Column, Callable[[_Side], Cell]]]:
-    """Return the columns of a median and of its interval, in a unit of `1 / factor` seconds."""
-
-    def scaled(side: _Side) -> Estimate | None:
-        seconds = estimate(side[2])
-        if seconds is None:
-            return None
-        low, high = (None if end is None else factor * end for end in (seconds.low, seconds.high))
-        return Estimate(factor * seconds.median, low, high)
-
-    def median(side: _Side) -> Cell:
-        value = scaled(side)
-        return None if value is None else value.median
-
-    form = formats.digits(3)
-    return [
-        (Column(f"{title} {unit}", form, leaves=leaves), median),
-        (Column(f"95 % of {title}", formats.ends_in(form), leaves=2), scaled),
-    ]
+def _time(seconds: Estimate | None, processes: int) -> str:
+    """Return a median with its interval, or of how many processes it is."""
+    if seconds is None:
+        return ""
+    interval = formats.in_brackets(seconds, lambda end: duration(1e9 * end))
+    count = "one process" if processes == 1 else f"{processes} processes"
+    return f"{duration(1e9 * seconds.median)}{interval or f' ({count})'}"

@@ -270,13 +270,7 @@ def _same_work(row: VerdictRow) -> str:
 
 def notes(row: VerdictRow) -> list[str]:
     """Return which states or code a comparison was of, and what MuJoCo warned of, a line each."""
-    return [
-        *_package_lines(row),
-        *compiling.notes(row),
-        *_starts_lines(row),
-        *_warning_lines(row),
-        *_revision_lines(row),
-    ]
+    return [*_package_lines(row), *_starts_lines(row), *_warning_lines(row), *_revision_lines(row)]
 
 
 def _package_lines(row: VerdictRow) -> list[str]:

@@ -13,8 +13,6 @@ def test_what_a_cache_holds_is_apart_from_what_was_compiled() -> None:
     figures = CompilationFigures.of([FRESH, *[CACHED] * 8], [0.01] * 8)
     assert figures.compile_s is not None
     assert (figures.compile_s.median, figures.compile_s.low) == (8.0, None)
-    assert figures.cached_compile_s is not None
-    assert figures.cached_compile_s.median == 0.4
     assert figures.trace_s is not None
     assert (figures.trace_s.median, figures.trace_s.low) == (2.2, 2.2)
     assert (figures.processes, figures.compiling_processes, figures.programs) == (9, 1, 31)
@@ -31,7 +29,6 @@ def test_a_median_has_an_interval_from_six_processes_on() -> None:
 def test_an_engine_without_such_stages_has_no_figures_of_them() -> None:
     figures = CompilationFigures.of([Compilation(None, 1.0, 0.1)], [])
     assert figures.trace_s is None
-    assert figures.cached_compile_s is None
     assert figures.steady_run_s is None
     assert figures.programs is None
     assert figures.first_run_s.median == pytest.approx(0.1)
