@@ -85,7 +85,7 @@ def test_each_machine_of_a_set_is_compared_with_itself(tmp_path: Path) -> None:
     ratios = {row["machine"]: row["ratio"]["estimate"] for row in rows(tmp_path)}
     assert ratios == {"a": pytest.approx(1.5), "b": pytest.approx(2.0)}
     _, conclusion, heading, *_ = done.output.splitlines()
-    assert conclusion == "Of 2 rows: 2 slower"
+    assert conclusion == "Of 2 rows: 2 slower; the slowest is b, m, mjx, by 100 %"
     assert heading.split()[:2] == ["machine", "model"]
 
 
