@@ -151,7 +151,6 @@ def explain_change(
 
 
 def _code_changes(baseline: ModelCount, candidate: ModelCount) -> CodeChanges:
-    """Return how the code changed."""
     from mjbench.counts.code_comparison import compare  # late: Capstone takes long to import
 
     return compare(baseline.places, candidate.places)

@@ -89,6 +89,8 @@ def model_section(sizes: Sequence[ModelResults]) -> Section:
     about += [line for each in sizes for line in detail_lines(each.model)]
     about += [line for each in timed for line in _what_would_decide(each)]
     compiled = [r for each in timed for r in each.results if r.compile_s is not None]
+    if compiled:
+        about.append("tracing and compiling are of one process of each path")
     headings = [heading(each.model) for each in sizes]
     return Section(
         heading=headings[0] if len(sizes) == 1 else sizes[0].model.model,
