@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from mjbench.checkups.targets import TargetKind
 from mjbench.comparison.plan import Variant
-from mjbench.environment.records import EnvironmentRecord
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import RaceRecord
 from mjbench.report import formats
@@ -134,7 +133,9 @@ def _measured(item: CheckupItem, longer: "Run") -> Ratio | None:
 
     Settings that it did not try together have the gain of the best of them alone.
     """
-    from mjbench.report import checkup_items  # late: asv imports this module without its packages
+    # late: asv imports this module without their packages
+    from mjbench.environment.records import EnvironmentRecord
+    from mjbench.report import checkup_items
 
     if item.variant is not None:
         gains = [race.speedup(item.variant) for race in longer.of_type(RaceRecord)]
