@@ -28,14 +28,10 @@ from commands import ROOT
 
 import benchmarks
 from benchmarks import instructions, mjx, reference, stored
-from mjbench.comparison import accelerated_run
-from mjbench.comparison.accelerated_run import AcceleratedRequest
-from mjbench.comparison.records import MeasurementRecord
+from benchmarks.settings import Cached
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.errors import MachineError
-from mjbench.host import isolate
 from mjbench.paired.moved_check import Averaging
-from mjbench.paths.accelerated import load_workload
 from mjbench.releases import installs
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
@@ -233,18 +229,6 @@ def _interpret(code: str) -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def measure_nothing(
-    request: AcceleratedRequest, on_record: Callable[[MeasurementRecord], None]
-) -> isolate.Ended:
-    """Stand in for `accelerated_run.run`, which tests/comparison/test_accelerated_run.py tests."""
-    workload, resources = load_workload(models.load(request.source), request.workload_file)
-    resources.close()
-    record = MeasurementRecord.of(request.source.name, request.variant)
-    sizes = {"nbatch": workload.nbatch, "nstep": workload.nstep}
-    on_record(replace(record, **sizes, agrees=True, compile_s=2.0, samples_s=[0.5]))
-    return isolate.Ended(Status.OK)
-
-
 def test_what_is_tracked_is_a_number_that_was_measured(
     exact: Case,
     monkeypatch: pytest.MonkeyPatch,
@@ -256,7 +240,8 @@ def test_what_is_tracked_is_a_number_that_was_measured(
     # any number will do, not a precise one
     monkeypatch.setattr("benchmarks.instructions.NBATCH", 1)
     monkeypatch.setattr("benchmarks.instructions.stored.nstep_of", lambda name: stored.HEAVY_NSTEP)
-    monkeypatch.setattr(accelerated_run, "run", measure_nothing)
+    times = mjx.MjxTimes(compile_s=2.0, block_s=[0.5])
+    monkeypatch.setattr(mjx, "_measured", lambda *case: Cached(Status.OK, value=times))
     monkeypatch.setattr("benchmarks.reference.LAUNCHES", 2)
     for kind, few in FEW_MODELS.items():
         monkeypatch.setattr(kind, "params", few)

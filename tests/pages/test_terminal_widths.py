@@ -48,7 +48,6 @@ SEARCH = BisectRecord(
     status=Status.OK,
     trials=[BisectTrial(LONG, log_ratios=[0.03] * 3), BisectTrial(LONG, "cannot build it " * 9)],
 )
-SEARCHED = Run(RunHeader(SCHEMA, "bisect", MACHINE, {"revisions": []}), [SEARCH])
 OTHER_VERDICTS = [
     replace(
         SLOWER,
@@ -166,7 +165,8 @@ def committed_tables() -> list[tuple[str, DataTable]]:
         for run in run_set.read(file, RECORD_TYPES).runs:
             sections = kinds.kind_of(run).sections(run)
             tables += [(file.name, table) for section in sections for table in section.tables]
-    tables += [("bisect", table) for table in bisect.sections(SEARCHED)[0].tables]
+    search = Run(RunHeader(SCHEMA, "bisect", MACHINE, {}), (SEARCH,))
+    tables += [("bisect", table) for table in bisect.sections(search)[0].tables]
     tables += [("packages", table) for table in verdicts.section(OTHER_VERDICTS, 0.99).tables]
     return [(name, with_deciding_rows(table)) for name, table in tables if table.rows]
 
