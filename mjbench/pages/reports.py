@@ -84,7 +84,7 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
     ]
     if history:
         parts = [*history, *(replace(part, main=first_of(part.main)) for part in parts)]
-    chosen = _told_apart(_most_important(parts)) if len(named_runs) > 1 else parts
+    chosen = _with_unique_headings(_most_important(parts)) if len(named_runs) > 1 else parts
     # several models may say the same
     main = list(dict.fromkeys(conclusion for part in chosen for conclusion in part.main))
     main.sort(key=lambda conclusion: conclusion.tone != Tone.BAD)
@@ -115,7 +115,7 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
     )
 
 
-def _told_apart(parts: Sequence[_Part]) -> list[_Part]:
+def _with_unique_headings(parts: Sequence[_Part]) -> list[_Part]:
     """Return parts with headings of their own: equal ones get their file's name, or a number."""
     names = [part.section.heading for part in parts]
     for added in ([part.source for part in parts], map(str, itertools.count(1))):
