@@ -17,7 +17,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,6 +31,8 @@ TALLY = Path(__file__).parents[1] / "results/own-programs.json"
 PART = PagePart("method/run.md", "own-programs", "benchmarks.own_programs")
 # Points by which a predicted time may differ from the one measured.
 _MOST_DIFFERENCE = 0.05
+
+Command = Callable[..., object]
 
 
 @dataclass(frozen=True)
@@ -117,15 +119,22 @@ class Advice:
         return says and self.line.startswith(program.line)
 
 
-def advice(program: OwnProgram, count: int) -> Advice:
-    """Run a program under `mjbench run`; return what that says first."""
+def advice(program: OwnProgram, count: int, mjbench: Command | None = None) -> Advice:
+    """Run a program under `mjbench run`; return what that says first.
+
+    Args:
+      mjbench: runs mjbench with arguments; None for a process of its own.
+    """
     from mjbench.program.remedy import Basis
+
+    def mjbench_process(*arguments: str) -> object:
+        return _run([sys.executable, "-m", "mjbench", *arguments], program)
 
     with tempfile.TemporaryDirectory() as folder:
         document = Path(folder) / "run.json"
-        command = [sys.executable, "-m", "mjbench", "run", "--json", str(document)]
-        command += ["--results", folder, str(program.file), str(count)]
-        _run(command, program)
+        options = ("--json", str(document), "--results", folder)
+        run = mjbench or mjbench_process
+        run("run", *options, str(program.file), str(count))
         (row,) = json.loads(document.read_text(encoding="utf-8"))["results"]
     remedies = row["wrong"] or row["loops"][0]["remedies"]
     if not remedies:

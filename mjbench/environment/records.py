@@ -277,7 +277,6 @@ class EnvironmentRecord:
 
     @classmethod
     def failed(cls, environment: str, failure: Failure) -> "EnvironmentRecord":
-        """Return the record of an environment that could not be measured."""
         return cls(environment=environment, status=failure.status, detail=failure.detail)
 
     @property
@@ -287,7 +286,6 @@ class EnvironmentRecord:
 
     @property
     def rounds(self) -> int:
-        """Rounds that were timed."""
         return len(self.step_ns) if self.is_timed else 0
 
     @cached_property
@@ -328,7 +326,6 @@ class EnvironmentRecord:
 
     @cached_property
     def reset(self) -> ResetTime | None:
-        """What a reset takes; None where it was not timed."""
         if self.facts is None or self.step is None:
             return None
         reset, length = stats.median_of(self.reset_ns), self.facts.episode_nstep

@@ -79,7 +79,6 @@ class MeasuredRatios:
 
 
 def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> MeasuredRatios:
-    """Return the ratio of each question that could be measured."""
     model = loadable(models)
     if model is None:
         return MeasuredRatios({})
@@ -177,7 +176,6 @@ def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -
 
 
 def _created_share(way: Way, data: mujoco.MjData, clock: timing.Clock) -> float:
-    """Return the share of the time of a way in which it creates its object."""
     if way.create is None:
         return 1.0
     begin_s = clock()

@@ -17,6 +17,7 @@ from commands import ROOT, mjbench
 from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
+from set_files import MACHINE
 from verdict_records import SLOWER
 
 from mjbench.measuring.ratio import Ratio
@@ -29,6 +30,7 @@ from mjbench.report.content import DataTable
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 from mjbench.store import run_set
+from mjbench.store.runs import SCHEMA, Run, RunHeader
 
 RUNS = ROOT / "results/runs"
 WIDTHS = (60, 80, 100, 200)
@@ -149,7 +151,8 @@ def committed_tables() -> list[tuple[str, DataTable]]:
         for run in run_set.read(file, RECORD_TYPES).runs:
             sections = kinds.kind_of(run).sections(run)
             tables += [(file.name, table) for section in sections for table in section.tables]
-    tables += [("bisect", table) for table in bisect.sections([SEARCH])[0].tables]
+    search = Run(RunHeader(SCHEMA, "bisect", MACHINE, {}), (SEARCH,))
+    tables += [("bisect", table) for table in bisect.sections(search)[0].tables]
     tables += [("packages", table) for table in verdicts.section(OTHER_VERDICTS, 0.99).tables]
     return [(name, table) for name, table in tables if table.rows]
 
