@@ -31,7 +31,7 @@ NBATCH, NSTEP = 1024, 20
 ROUNDS = 240
 # Blocks that are timed; how far from C's a run may end, as a share of the largest value; and the
 # seconds in which a child compiles and times.
-BLOCKS, TOLERANCE, LIMIT_S = 30, 1e-3, 300.0
+BLOCKS, TOLERANCE, LIMIT_S = 12, 1e-3, 300.0
 
 
 @dataclass(frozen=True)
