@@ -84,9 +84,10 @@ def test_each_machine_of_a_set_is_compared_with_itself(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     ratios = {row["machine"]: row["ratio"]["estimate"] for row in rows(tmp_path)}
     assert ratios == {"a": pytest.approx(1.5), "b": pytest.approx(2.0)}
-    _, conclusion, heading, *_ = done.output.splitlines()
-    assert conclusion == "Of 2 rows: 2 slower"
-    assert heading.split()[:2] == ["machine", "model"]
+    _, first, *lines = done.output.splitlines()
+    assert first == "a, m: OLD: timed by an earlier version of mjbench"
+    assert lines[3] == "Of 2 rows: 2 undecided"
+    assert lines[4].split()[:2] == ["machine", "model"]
 
 
 def test_a_machine_that_one_set_lacks_is_a_row_that_says_so(tmp_path: Path) -> None:
@@ -104,7 +105,6 @@ def test_without_a_machine_in_common_the_rows_say_why_and_it_is_bad_input(tmp_pa
     old, new = (timed(tmp_path, labelled(name), 1.0) for name in "ab")
     done = diff(tmp_path, [old], [new])
     assert done.exit_code == 2
-    assert "Of 2 rows: 2 not comparable" in done.stdout
     assert "not in NEW" in done.stdout
     assert "no timed row of `compare` in common" in done.stderr
 
@@ -185,9 +185,7 @@ def test_what_is_certainly_slower_than_an_earlier_run_fails_in_ci(
     verdicts = [row["verdict"] for row in rows(tmp_path)]
     assert set(verdicts) == {verdict, None}  # the slow paths leave the race early
     assert done.exit_code == code, done.output
-    conclusion = done.stdout.splitlines()[1]
-    assert conclusion.startswith(f"Of 4 rows: {4 - verdicts.count(None)} ")
-    assert ("the slowest is m, " in conclusion) == (verdict == "slower")
+    assert done.stdout.splitlines()[1].startswith(f"Of 4 rows: {4 - verdicts.count(None)} ")
 
 
 @pytest.mark.parametrize(("finding", "code"), [("slower", 1), ("faster", 0)])
