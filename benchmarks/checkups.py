@@ -117,6 +117,9 @@ _PROGRAMS = (
     ("benchmarks/programs/gymnasium_async.py", ()),
     ("mujoco:mjx/testspeed.py", _HUMANOID),
     ("mujoco:memory_leak_test.py", ()),
+    ("mujoco:thread_safety_test.py", ()),
+    ("mujoco:rollout_test.py", ()),
+    ("mujoco:batch_test.py", ()),
 )
 _ENVIRONMENTS = ("Humanoid-v5", "Ant-v5", "HalfCheetah-v5", "Hopper-v5", "Swimmer-v5")
 TARGETS = (

@@ -26,7 +26,7 @@ import numpy as np
 from benchmarks import mjx, stored
 from benchmarks.studies import tally_command, tally_file
 from mjbench import paths
-from mjbench.errors import MachineError, MjbenchError
+from mjbench.errors import InputError, MachineError, MjbenchError
 from mjbench.host import isolate
 from mjbench.measuring import timing
 from mjbench.paths import warp_buffers
@@ -111,17 +111,23 @@ def gpus() -> tuple[str, ...]:
 
 
 def compare(name: str, nbatch: str, path_names: str, folder: Path) -> None:
-    """Compare the paths on a model, and write a run file."""
+    """Compare the paths on a model, and write a run file.
+
+    Raises:
+      MachineError: the command failed.
+    """
     flags = ["--paths", path_names, "--nbatch", nbatch, "--nstep", str(NSTEP)]
     command = [sys.executable, "-m", "mjbench", "compare", name, *flags, "--results", str(folder)]
-    subprocess.run(command, check=False)
+    done = subprocess.run(command, check=False)
+    if done.returncode:
+        raise MachineError(f"mjbench compare {name} ended with exit code {done.returncode}")
 
 
 def testspeed(name: str, nworld: int) -> Testspeed:
     """Return what mjwarp-testspeed measures of a model, with the path's buffers.
 
     Raises:
-      MachineError: it failed.
+      MachineError: it failed, or its output has other names.
     """
     peaks = work.observe(stored.stored_workload(name, nstep=NSTEP)).peaks
     sizes = warp_buffers.buffer_sizes(peaks, 1)
@@ -138,15 +144,18 @@ def testspeed(name: str, nworld: int) -> Testspeed:
         lines = f"{done.stdout}\n{done.stderr}".strip().splitlines() or ["no output"]
         raise MachineError(f"mjwarp-testspeed on {name} failed: {lines[-1]}")
     metrics = json.loads(done.stdout[done.stdout.index("{") :])
-    return Testspeed(
-        name,
-        nworld,
-        1e9 / metrics["steps_per_second"],
-        metrics["jit_duration"],
-        metrics["ncon_mean"],
-        metrics["nefc_mean"],
-        metrics["solver_niter_mean"],
-    )
+    try:
+        return Testspeed(
+            name,
+            nworld,
+            1e9 / metrics["steps_per_second"],
+            metrics["jit_duration"],
+            metrics["ncon_mean"],
+            metrics["nefc_mean"],
+            metrics["solver_niter_mean"],
+        )
+    except KeyError as missing:
+        raise MachineError(f"this mjwarp-testspeed does not print {missing}") from missing
 
 
 def warp_over_by_hand(name: str, nbatch: int) -> OverByHand:
@@ -218,13 +227,18 @@ def run(names: Sequence[str], nbatch: str, path_names: str, output: Path) -> Gpu
         nonlocal tally
         try:
             value = measure()
-        except MjbenchError as error:
+        except (
+            MjbenchError,
+            NotImplementedError,
+        ) as error:  # benchmarks raise it for what is missing
             field, value = "failures", str(error)
+        if value is None:
+            return
         tally = dataclasses.replace(tally, **{field: (*getattr(tally, field), value)})
         (output / "gpu.json").write_text(tally_file.dumps(tally), encoding="utf-8")
 
     for name in names:
-        compare(name, nbatch, path_names, output / "runs")
+        add("failures", functools.partial(compare, name, nbatch, path_names, output / "runs"))
         for size in sizes:
             add("testspeed", functools.partial(testspeed, name, size))
         add("over_by_hand", functools.partial(warp_over_by_hand, name, max(sizes)))
@@ -246,6 +260,8 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
 
     def action() -> ExitCode:
         names = options.models or models.shipped()
+        if unknown := sorted(set(names) - set(models.shipped())):
+            raise InputError(f"no such shipped model: {', '.join(unknown)}")
         tally = run(names, options.nbatch, options.paths, options.output)
         return ExitCode.FINDING if tally.failures else ExitCode.OK
 

@@ -235,9 +235,9 @@ def gpu_compile_s(path: str) -> list[float]:
 
 def mjx_guide() -> Iterator[str]:
     yield (
-        f"took MJX {on_gpu_machine('mjx', 8192):,.0f} ns with 8,192 simulations"
-        f" and {on_gpu_machine('mjx', 64):,.0f} ns with 64,"
-        f" where 16 cores took {on_gpu_machine(None, 64):,.0f} ns in C"
+        f"took MJX {on_gpu_machine('mjx', 1024):,.0f} ns with 1,024 simulations"
+        f" and {on_gpu_machine('mjx', 8192):,.0f} ns with 8,192;"
+        f" C on 16 cores took {on_gpu_machine(None, 1024):,.0f} ns with 1,024"
     )
 
 

@@ -241,7 +241,8 @@ def cli() -> None:
     gymnasium:ant.
 
     Results are stored in results/runs. `mjbench show` prints the newest again, or an older one. In
-    CI, --fail-on slower makes `versions`, `ab` and `show --against` exit with 1.
+    CI, --fail-on slower makes `versions`, `ab` and `show --against` exit with 1 where something is
+    slower.
 
     Exit codes: 0 success; 1 a finding (paths disagree, or what --fail-on names); 2 bad usage or
     input; 3 the environment failed (crash, time limit, disk), or a verdict that --fail-on needs

@@ -2,7 +2,7 @@
 
 import itertools
 import shlex
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -118,12 +118,13 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
 def _with_unique_headings(parts: Sequence[_Part]) -> list[_Part]:
     """Return parts with headings of their own: equal ones get their file's name, or a number."""
     names = [part.section.heading for part in parts]
-    for added in ([part.source for part in parts], map(str, itertools.count(1))):
-        counts = Counter(names)
-        names = [
-            f"{name} ({text})" if counts[name] > 1 else name
-            for name, text in zip(names, added, strict=False)
-        ]
+    counts = Counter(names)
+    names = [
+        f"{name} ({part.source})" if counts[name] > 1 and part.source else name
+        for name, part in zip(names, parts, strict=True)
+    ]
+    counts, numbers = Counter(names), defaultdict[str, Iterator[int]](lambda: itertools.count(1))
+    names = [f"{name} ({next(numbers[name])})" if counts[name] > 1 else name for name in names]
     return [
         replace(part, section=replace(part.section, heading=name))
         for part, name in zip(parts, names, strict=True)

@@ -48,7 +48,8 @@ def _unfinished(run: Run) -> Section:
         f"Which {kind} changed {target}?",
         conclusions=[
             Conclusion(
-                "The search has not ended: the same command goes on with --resume and this file",
+                "The search has not ended: to continue, repeat the command with --resume and this"
+                " run file",
                 Tone.UNSURE,
             ),
             *(Conclusion(verdicts.describe_verdict(each.row())) for each in comparisons),

@@ -303,7 +303,7 @@ def path_table(sizes: Sequence[ModelResults]) -> DataTable:
         (Column(""), lambda row: row[0]),
         (Column("path", wraps=True), lambda row: str(row[1].variant)),
         (Column("simulations", formats.count), lambda row: row[1].nbatch if has_sizes else None),
-        (Column("ns/step", formats.count), lambda row: row[1].step_ns if row[2] else None),
+        (Column("ns/step", formats.count), lambda row: row[1].step_ns),
         (Column("speed-up", formats.factor), lambda row: row[2].estimate if row[2] else None),
         (Column("95 %", formats.ends), lambda row: row[1].interval),
         (Column("× real", times_real_time, leaves=1), lambda row: row[1].realtime_factor),
@@ -392,7 +392,7 @@ def notes(model_results: ModelResults) -> list[str]:
     lines += [
         f"{r.path}: timed in one process, so its speed-up has no interval"
         for r in results
-        if r.is_accelerated and r.is_timed
+        if r.is_accelerated and r.speedup is not None
     ]
     lines += _buffer_lines(results)
     return [*_race_notes(model_results), *lines, *_cores_note(model_results)]

@@ -63,13 +63,16 @@ def noise_section(noise: NoiseRow, conditions: Sequence[Condition] = ()) -> Sect
     size = plain(100 * noise.decidable, 2)
     can = "can" if noise.trusted else "cannot"
     text = (
-        f"This machine {can} be trusted with 1 % now: a verdict of a minute decides changes of"
+        f"This machine {can} decide changes of 1 % now: a verdict of a minute decides those of"
         f" {size} % and more of a small model (the cart-pole beside itself: {noise.launches}"
         f" launches, which differ by {plain(100 * noise.deviation, 2)} %)."
     )
     conclusions = [Conclusion(text, Tone.GOOD if noise.trusted else Tone.BAD)]
     if not noise.trusted:
-        text = f"End other programs, give a longer --budget, or accept --min-effect {size}%."
+        text = (
+            "End other programs, or give `versions` and `ab` a longer --budget or"
+            f" --min-effect {size}%."
+        )
         conclusions.append(Conclusion(text))
     if bad:
         text = f"Bad for measuring: {', '.join(bad)}. What to do stands above, below each."

@@ -19,7 +19,8 @@ _SCHEDULER = (
     "other programs took the core, physics is not slow: end them, or give the program a core of its"
     " own and a real-time priority (taskset, chrt)"
 )
-_PHYSICS = "these steps have more to compute: `mjbench tune` looks for faster settings"
+_FASTER_STEPS = "`mjbench tune` looks for faster settings"
+_PHYSICS = f"these steps have more to compute: {_FASTER_STEPS}"
 _REMEDIES = {
     "µs of late start": _SCHEDULER,
     "preemptions": _SCHEDULER,
@@ -65,7 +66,7 @@ def _remedies(rows: Sequence[LatencyRow]) -> list[str]:
         causes.setdefault(_REMEDIES.get(name, ""), []).append(name)
     remedies = [f"{', '.join(same)}: {remedy}" for remedy, same in causes.items() if remedy]
     if not remedies and any(map(_misses_mostly, rows)):
-        return [f"Most steps take longer than that: {_PHYSICS.partition(': ')[2]}"]
+        return [f"Most steps take longer than the deadline: {_FASTER_STEPS}"]
     if not remedies and any(row.missed for row in rows):
         return ["`mjbench doctor` says what delays programs on this machine"]
     return remedies

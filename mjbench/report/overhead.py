@@ -29,11 +29,13 @@ def _section(table: OverheadRow) -> Section:
         text = "no habit certainly costs anything: give a longer --budget, or end other programs"
         conclusions.append(Conclusion(f"{table.model}: {text}", Tone.UNSURE))
     else:
-        certain = "" if cost is table.costs[0] else ", of those that are certain,"
+        habit = "the most expensive habit"
+        if cost is not table.costs[0]:
+            habit = "of the habits that certainly cost time, the most expensive"
         remedy = f"; `{cost.cheaper}` does the same for less" if cost.cheaper else ""
         conclusions.append(
             Conclusion(
-                f"{table.model}: the most expensive habit{certain} is {cost.source}:"
+                f"{table.model}: {habit} is {cost.source}:"
                 f" {cost.ns:,.0f} ns a step, {100 * cost.share:.0f} % of it{remedy}",
                 Tone.UNSURE,
             )

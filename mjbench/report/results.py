@@ -49,11 +49,12 @@ class PathResult(MeasurementRecord):
 
     Attributes:
       steps_per_s: steps of all simulations per second.
-      step_ns: nanoseconds of one step of one simulation: that of the plain loop over `speedup`.
+      step_ns: nanoseconds of one step of one simulation: that of the plain loop over `speedup`; of
+        a path that compiles, the median of its own blocks.
       realtime_factor: simulated seconds per second, all simulations together.
       speedup: over the plain Python loop, with its 95 % interval from launch to launch; without
         ends where it is from one process, or from too few launches.
-      launches: fresh processes that gave the speed-up.
+      launches: fresh processes in which it was timed.
       overtakes_after_steps: break-even: steps of the plain loop that take as long as compiling and
         running the same number; None where the plain loop is faster.
       disturbances: what disturbed its race, a clause each; empty where nothing did.

@@ -243,7 +243,9 @@ def differences_section(rows: Sequence[RunDifference]) -> Section:
 def _conclusion(rows: Sequence[RunDifference]) -> Conclusion:
     counts = Counter(row.verdict for row in rows if row.status == Status.OK)
     tone = Tone.BAD if counts[Verdict.SLOWER] else Tone.UNSURE
-    if counts.keys() <= {Verdict.SAME, Verdict.FASTER, None} and len(counts) > 1:
+    if {Verdict.SAME, Verdict.FASTER} & counts.keys() and not (
+        counts.keys() - {Verdict.SAME, Verdict.FASTER, None}
+    ):
         tone = Tone.GOOD
     named = {
         Verdict.SLOWER: "slower",

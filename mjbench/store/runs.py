@@ -8,6 +8,7 @@ is left out. docs/formats.md describes the records, and `mjbench/schemas` holds 
 import contextlib
 import hashlib
 import io
+import itertools
 import json
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
@@ -72,7 +73,8 @@ class RunHeader:
     """The first line of a run file.
 
     Attributes:
-      arguments: they must be the same for `resume`; nothing else reads them.
+      arguments: they must be the same for `resume`; those of runs that did not end name what was
+        measured.
       command_line: the words after `mjbench`; empty in older files.
       began: in UTC, as ISO 8601; empty in older files.
     """
@@ -253,7 +255,13 @@ def _typed(path: Path, number: int, value: Any, types: Mapping[str, type]) -> An
 
 
 def latest(folder: Path) -> Path:
-    """Return the newest run file of a folder; what is empty or no file at all is passed over."""
+    """Return the newest run file of a folder that has a record, else the newest of all.
+
+    What is empty or no file at all is passed over.
+
+    Raises:
+      InputError: there is none.
+    """
     written: list[tuple[float, Path]] = []
     for path in folder.glob("*.jsonl"):
         with contextlib.suppress(OSError):  # a link to nothing, or no permission
@@ -262,4 +270,14 @@ def latest(folder: Path) -> Path:
                 written.append((status.st_mtime, path))
     if not written:
         raise InputError(f"no run file in {folder}; `mjbench compare` writes one")
-    return max(written)[1]
+    newest_first = [path for _, path in sorted(written, reverse=True)]
+    return next((path for path in newest_first if _has_record(path)), newest_first[0])
+
+
+def _has_record(file: Path) -> bool:
+    """Return whether a line follows the header: a command may fail before it has a result."""
+    try:
+        with file.open("rb") as lines:
+            return next(itertools.islice(lines, 1, None), None) is not None
+    except OSError:
+        return False

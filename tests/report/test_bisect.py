@@ -69,7 +69,7 @@ def test_a_search_that_did_not_end_says_what_is_known_and_how_it_goes_on() -> No
     comparison = BisectComparison(0, 64, SLOWER)
     (section,) = bisect.sections(run(comparison, *RECORD.trials))
     assert section.heading == "Which commit changed bench.py::step?"
-    assert "goes on with --resume" in section.conclusions[0].text
+    assert "repeat the command with --resume" in section.conclusions[0].text
     assert "slower by 3 %" in section.conclusions[1].text
     assert len(section.tables[0].rows) == 2
 

@@ -43,7 +43,7 @@ def test_a_median_without_an_interval_has_its_number_of_processes() -> None:
     (table,) = compiling.tables([row_of([FRESH, FRESH], [CACHED])])
     assert [cells[2:4] for cells in table.texts] == [
         ["2 s (2 processes)", "8 s (2 processes)"],
-        ["2 s (one process)", ""],
+        ["2 s (one process)", "from the cache"],
     ]
 
 

@@ -169,6 +169,17 @@ def test_a_folder_that_cannot_be_created_is_reported_with_the_option_to_use(tmp_
         run_file.RunFile.create(tmp_path / "file", HEADER)
 
 
+def test_a_run_without_a_record_is_the_latest_only_where_no_other_has_one(tmp_path: Path) -> None:
+    older, newer = tmp_path / "a.jsonl", tmp_path / "b.jsonl"
+    for number, file in enumerate((older, newer)):
+        file.write_text('{"type": "run"}\n')
+        os.utime(file, (number, number))
+    assert runs.latest(tmp_path) == newer
+    older.write_text('{"type": "run"}\n{"type": "model"}\n')
+    os.utime(older, (0, 0))
+    assert runs.latest(tmp_path) == older
+
+
 def test_the_latest_is_the_newest(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no run file"):
         runs.latest(tmp_path)
