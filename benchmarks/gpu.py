@@ -1,42 +1,77 @@
-"""Measures MJX and Warp on this machine's GPU, beside mjwarp-testspeed and a JAX loop by hand.
+"""Measures MJX and Warp on this machine's GPU, beside mjwarp-testspeed and programs by hand.
 
-    python -m benchmarks.gpu [MODEL …] [--nbatch 1,1024,8192]
+    python -m benchmarks.gpu [MODEL …] [--nbatch 1,1024,8192] [--paths NAME,…] [--output FOLDER]
 
-compares C, MJX and Warp on each model with `mjbench compare`, whose run files go to results/runs,
-and writes results/gpu.json: the GPU with its clocks before and after, the speed of
-mjwarp-testspeed for the same models and sizes, and the ratio of the path `mjx` to a loop by hand on
-1024 cart-poles. It needs an NVIDIA GPU, `nvidia-smi`, and the extras `mjx` and `warp`.
+compares C, MJX and Warp on each model with `mjbench compare`, whose run files go to FOLDER/runs,
+and writes FOLDER/gpu.json, which grows with each figure: the GPU with its clocks before and after;
+what mjwarp-testspeed measures for the same models, sizes and buffers; and the throughput of the
+paths over programs by hand from the same states. It needs an NVIDIA GPU, `nvidia-smi`, and the
+extras `mjx` and `warp`.
 """
 
 import argparse
+import dataclasses
+import functools
 import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from benchmarks import mjx
+import numpy as np
+
+from benchmarks import mjx, stored
 from benchmarks.studies import tally_command, tally_file
-from mjbench.errors import MachineError
-from mjbench.simulation import models
+from mjbench import paths
+from mjbench.errors import MachineError, MjbenchError
+from mjbench.host import isolate
+from mjbench.measuring import timing
+from mjbench.paths import warp_buffers
+from mjbench.paths.accelerated import accelerated_path
+from mjbench.simulation import models, work
+from mjbench.simulation.workload import Workload, fields
 from mjbench.status import ExitCode
 
-ROOT = Path(__file__).resolve().parent.parent
-TALLY = ROOT / "results" / "gpu.json"
-PATHS, NSTEP = "rollout,batch_rollout,mjx,mjx_warp,warp", 100
+RESULTS = Path(__file__).resolve().parent.parent / "results"
+PATHS, NSTEP = "rollout,batch_rollout,mjx,mjx_warp,warp", 20
+# Pairs of blocks, and the limit of one comparison with a program by hand, which compiles first.
+ROUNDS, BY_HAND_LIMIT_S = 60, 300
+# Of MJX: one that compiles in seconds.
+MJX_MODEL = "cartpole"
+# The start states of a program by hand: fields that these models' steps change.
+_MOVING = ("qpos", "qvel", "act", "qacc_warmstart")
 # What nvidia-smi says of each GPU.
 _QUERY = "name,driver_version,clocks.sm,clocks.mem,clocks.max.sm,power.limit,temperature.gpu"
 
 
 @dataclass(frozen=True)
 class Testspeed:
-    """What mjwarp-testspeed printed of a model, as JSON."""
+    """What mjwarp-testspeed measured: the mean of its steps, from keyframe 0 with noisy controls.
+
+    Attributes:
+      contacts: of a world, on average; `constraints` are those of the world with most.
+    """
 
     model: str
     nworld: int
-    result: dict[str, object]
+    ns_per_step: float
+    compile_s: float
+    contacts: float
+    constraints: float
+    solver_iterations: float
+
+
+@dataclass(frozen=True)
+class OverByHand:
+    """Throughput of a path over that of a program by hand, the median of pairs of blocks."""
+
+    path: str
+    model: str
+    nbatch: int
+    ratio: float
 
 
 @dataclass(frozen=True)
@@ -45,13 +80,14 @@ class GpuTally:
 
     Attributes:
       before: lines of nvidia-smi, one a GPU, as CSV; `after` is after all measurements.
-      over_by_hand: throughput of the path `mjx` over that of a loop by hand.
+      failures: a line for each figure that is not there.
     """
 
     before: tuple[str, ...]
-    after: tuple[str, ...]
-    testspeed: tuple[Testspeed, ...]
-    over_by_hand: float
+    after: tuple[str, ...] = ()
+    testspeed: tuple[Testspeed, ...] = ()
+    over_by_hand: tuple[OverByHand, ...] = ()
+    failures: tuple[str, ...] = ()
 
 
 def gpus() -> tuple[str, ...]:
@@ -74,38 +110,128 @@ def gpus() -> tuple[str, ...]:
     return tuple(done.stdout.splitlines())
 
 
-def compare(names: Sequence[str], nbatch: str) -> None:
-    """Compare the paths on each model; each writes a run file."""
-    for name in names:
-        words = [name, "--paths", PATHS, "--nbatch", nbatch, "--nstep", str(NSTEP)]
-        subprocess.run([sys.executable, "-m", "mjbench", "compare", *words], cwd=ROOT, check=False)
+def compare(name: str, nbatch: str, path_names: str, folder: Path) -> None:
+    """Compare the paths on a model, and write a run file."""
+    flags = ["--paths", path_names, "--nbatch", nbatch, "--nstep", str(NSTEP)]
+    command = [sys.executable, "-m", "mjbench", "compare", name, *flags, "--results", str(folder)]
+    subprocess.run(command, check=False)
 
 
 def testspeed(name: str, nworld: int) -> Testspeed:
-    """Return what mjwarp-testspeed measures of a model.
+    """Return what mjwarp-testspeed measures of a model, with the path's buffers.
 
     Raises:
       MachineError: it failed.
     """
+    peaks = work.observe(stored.stored_workload(name, nstep=NSTEP)).peaks
+    sizes = warp_buffers.buffer_sizes(peaks, 1)
+    flags = {
+        "nworld": nworld,
+        "nstep": NSTEP,
+        "nconmax": sizes["naconmax"],
+        "njmax": sizes["njmax"],
+    }
     command = [sys.executable, "-m", "mujoco_warp.testspeed", str(models.resolve(name).path)]
-    flags = ["--nworld", str(nworld), "--nstep", str(NSTEP), "--format", "json"]
-    done = subprocess.run([*command, *flags], capture_output=True, text=True, check=False)
-    if done.returncode:
-        lines = done.stderr.splitlines() or ["no output"]
+    command += [f"--{flag}={value}" for flag, value in flags.items()]
+    done = subprocess.run([*command, "--format=json"], capture_output=True, text=True, check=False)
+    if done.returncode or "{" not in done.stdout:
+        lines = f"{done.stdout}\n{done.stderr}".strip().splitlines() or ["no output"]
         raise MachineError(f"mjwarp-testspeed on {name} failed: {lines[-1]}")
-    return Testspeed(name, nworld, json.loads(done.stdout[done.stdout.index("{") :]))
+    metrics = json.loads(done.stdout[done.stdout.index("{") :])
+    return Testspeed(
+        name,
+        nworld,
+        1e9 / metrics["steps_per_second"],
+        metrics["jit_duration"],
+        metrics["ncon_mean"],
+        metrics["nefc_mean"],
+        metrics["solver_niter_mean"],
+    )
 
 
-def run(names: Sequence[str], nbatch: str) -> None:
-    """Measure, and write the tally."""
-    before = gpus()
-    compare(names, nbatch)
-    sizes = [int(size) for size in nbatch.split(",")]
-    speeds = tuple(testspeed(name, size) for name in names for size in sizes)
+def warp_over_by_hand(name: str, nbatch: int) -> OverByHand:
+    """Time the path `warp` and the loop of mjwarp-testspeed on the same states, in turns."""
+    ratio = isolate.call(
+        compare_warp_with_handwritten,
+        name,
+        nbatch,
+        limit_s=BY_HAND_LIMIT_S,
+        environment=accelerated_path("warp").environment(),
+    )
+    return OverByHand("warp", name, nbatch, ratio)
+
+
+def compare_warp_with_handwritten(name: str, nbatch: int, channel: isolate.Channel) -> float:
+    """Return the path's throughput over the other's; runs in a child process."""
+    workload = stored.stored_workload(name, nbatch, NSTEP)
+    prepared = accelerated_path("warp").prepare(workload, {}, paths.Resources(workload))
+    contenders = [
+        timing.Contender(prepared.run, before=prepared.clear),
+        timing.Contender(_handwritten_warp(workload, prepared.buffer_sizes)),
+    ]
+    timed = list(timing.rounds(contenders, 0.0, 1 + ROUNDS, 1 + ROUNDS))[1:]
+    return float(np.median([by_hand_s / path_s for path_s, by_hand_s in timed]))
+
+
+def _handwritten_warp(workload: Workload, sizes: Any) -> Callable[[], None]:
+    """Return a program that steps as mjwarp-testspeed does: it waits for each step."""
+    import mujoco_warp
+    import warp as wp
+
+    model = mujoco_warp.put_model(workload.model)
+    data = mujoco_warp.make_data(workload.model, nworld=workload.nbatch, **sizes)
+    mujoco_warp.step(model, data)
+    with wp.ScopedCapture() as capture:
+        mujoco_warp.step(model, data)
+    start = fields(workload.model, workload.initial_state)
+    moving = {name: getattr(data, name) for name in _MOVING if name in start}
+    values = {name: wp.array(start[name], dtype=wp.float32) for name in moving}
+    controls = [wp.array(step, dtype=wp.float32) for step in workload.control.swapaxes(0, 1)]
+
+    def run() -> None:
+        for name, array in moving.items():
+            wp.copy(array, values[name])
+        for k in range(workload.nstep):
+            if k % workload.hold == 0:
+                wp.copy(data.ctrl, controls[k // workload.hold])
+            wp.capture_launch(capture.graph)
+            wp.synchronize()
+
+    return run
+
+
+def mjx_over_by_hand() -> OverByHand:
+    """Time the path `mjx` and a handwritten program, in turns."""
     by_hand = mjx.ByHand()
     by_hand.setup()
     ratio = by_hand.track_throughput_over_handwritten()
-    TALLY.write_text(tally_file.dumps(GpuTally(before, gpus(), speeds, ratio)), encoding="utf-8")
+    return OverByHand("mjx", MJX_MODEL, mjx.NBATCH, ratio)
+
+
+def run(names: Sequence[str], nbatch: str, path_names: str, output: Path) -> GpuTally:
+    """Measure, and write the tally after each figure."""
+    tally = GpuTally(gpus())
+    sizes = [int(size) for size in nbatch.split(",")]
+    output.mkdir(parents=True, exist_ok=True)
+
+    def add(field: str, measure: Callable[[], Any]) -> None:
+        nonlocal tally
+        try:
+            value = measure()
+        except MjbenchError as error:
+            field, value = "failures", str(error)
+        tally = dataclasses.replace(tally, **{field: (*getattr(tally, field), value)})
+        (output / "gpu.json").write_text(tally_file.dumps(tally), encoding="utf-8")
+
+    for name in names:
+        compare(name, nbatch, path_names, output / "runs")
+        for size in sizes:
+            add("testspeed", functools.partial(testspeed, name, size))
+        add("over_by_hand", functools.partial(warp_over_by_hand, name, max(sizes)))
+    add("over_by_hand", mjx_over_by_hand)
+    tally = dataclasses.replace(tally, after=gpus())
+    (output / "gpu.json").write_text(tally_file.dumps(tally), encoding="utf-8")
+    return tally
 
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:
@@ -114,13 +240,16 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("models", nargs="*")
     parser.add_argument("--nbatch", default="1,1024,8192")
+    parser.add_argument("--paths", default=PATHS)
+    parser.add_argument("--output", type=Path, default=RESULTS)
     options = parser.parse_args(arguments)
 
     def action() -> ExitCode:
-        run(options.models or models.shipped(), options.nbatch)
-        return ExitCode.OK
+        names = options.models or models.shipped()
+        tally = run(names, options.nbatch, options.paths, options.output)
+        return ExitCode.FINDING if tally.failures else ExitCode.OK
 
-    return tally_command.run("gpu", action, "run files have what was compared")
+    return tally_command.run("gpu", action, "what was measured is in gpu.json and the run files")
 
 
 if __name__ == "__main__":

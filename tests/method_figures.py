@@ -1,5 +1,6 @@
 """Phrases with figures on the pages of the method, from committed files and from the code."""
 
+import functools
 import json
 import math
 from collections.abc import Callable, Iterator
@@ -7,7 +8,9 @@ from collections.abc import Callable, Iterator
 from commands import ROOT
 from committed_trials import RUNS, trial_counts
 
+from benchmarks import gpu
 from benchmarks.odd_programs import ODD_PROGRAMS
+from benchmarks.studies import tally_file
 from benchmarks.studies.simulated_launches import Scenario
 from mjbench.comparison import (
     accelerated_check,
@@ -29,7 +32,7 @@ from mjbench.releases import change_points, placement, release_ratios
 from mjbench.report import advice, environment
 from mjbench.report import latency as latency_section
 from mjbench.report.kinds import RECORD_TYPES
-from mjbench.report.results import derive_all
+from mjbench.report.results import PathResult, derive_all
 from mjbench.simulation import agreement, package_timer, sampling, starts, workload
 from mjbench.simulation.judgement import Precision
 from mjbench.store import runs
@@ -184,10 +187,58 @@ def accelerated() -> Iterator[str]:
     slower = {model: of["mjx"] / of["python_loop"] for model, of in times.items()}
     yield f"took {slower['cube_table']:.0f} times as long as the plain loop's on `cube_table`"
     yield f"and {slower['gripper']:.0f} times on `gripper`"
+    for size in (1, 64, 1024, 8192):
+        speeds = [on_gpu_machine(path, size) for path in ("mjx", "warp", None)]
+        row = ["not timed" if each is None else f"{each:,.0f}" for each in speeds]
+        yield " | ".join([f"| {size:,}", *row])
+    mjx, warp = (gpu_compile_s(path) for path in ("mjx", "warp"))
+    yield f"MJX compiled in {mjx[0]:.0f} to {mjx[-1]:.0f} seconds, Warp in {warp[0]:.0f}"
+    cores = sorted(
+        group.cores.had
+        for group in derive_all(runs.load(RUNS / "reference-gpu-h200.jsonl", RECORD_TYPES).records)
+        if group.cores is not None
+    )
+    yield f"threads got {cores[0]:.0f} to {cores[-1]:.0f} of the cores"
+    (speed,) = tally_file.load(gpu.RESULTS / "gpu.json", gpu.GpuTally, "a GPU").testspeed
+    yield f"took {speed.ns_per_step:.0f} ns per step, after compiling for {speed.compile_s:.0f} s"
     yield "a force off by 1 %"  # planted by tests/comparison/test_accelerated_check.py
     yield "a stiffness off by 2 %"
     yield f"for at most {2 * judged_steps.JUDGING_S:.0f} seconds"
     yield f"with its {percent(stats.CONFIDENCE)} interval"
+
+
+@functools.cache
+def gpu_results() -> list[PathResult]:
+    """Return the results on the H200's machine."""
+    return [
+        row
+        for file in sorted(RUNS.glob("reference-gpu-*.jsonl"))
+        for group in derive_all(runs.load(file, RECORD_TYPES).records)
+        for row in group.results
+    ]
+
+
+def on_gpu_machine(path: str | None, nbatch: int) -> float | None:
+    """Return nanoseconds per step of a path there; None for the fastest of C."""
+    rows = (
+        row
+        for row in gpu_results()
+        if row.nbatch == nbatch and path == (row.path if row.compile_s is not None else None)
+    )
+    return min((row.step_ns for row in rows if row.step_ns), default=None)
+
+
+def gpu_compile_s(path: str) -> list[float]:
+    """Return the seconds that a path compiled there, from the shortest on."""
+    return sorted(r.compile_s for r in gpu_results() if r.path == path and r.compile_s is not None)
+
+
+def mjx_guide() -> Iterator[str]:
+    yield (
+        f"took MJX {on_gpu_machine('mjx', 8192):,.0f} ns with 8,192 simulations"
+        f" and {on_gpu_machine('mjx', 64):,.0f} ns with 64,"
+        f" where 16 cores took {on_gpu_machine(None, 64):,.0f} ns in C"
+    )
 
 
 PHRASES: dict[str, Callable[[], Iterator[str]]] = {

@@ -212,6 +212,7 @@ PHRASES: dict[str, Callable[[], Iterator[str]]] = {
             faster_as_a_whole(share=1 / 3, speedup=2),
         )
     ),
+    "docs/guides/mjx.md": method_figures.mjx_guide,
     "docs/guides/states.md": lambda: iter(
         (
             f"at most `max_states` states ({capture.MAX_STATES:,})",

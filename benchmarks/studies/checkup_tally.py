@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from mjbench.checkups.targets import TargetKind
+from mjbench.comparison.plan import Variant
+from mjbench.environment.records import EnvironmentRecord
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import RaceRecord
 from mjbench.report import formats
@@ -84,7 +86,7 @@ def trial(begun: CheckupTrial, short: "Run", longer: "Run") -> CheckupTrial:
             again = None
     else:
         first, best = next(iter(listed), None), next(iter(closer), None)
-        again = _in_list(first, closer)
+        again = _in_list(first, closer, longer)
     judged = [item for item in listed if item.gain is not None and begun.kind == TargetKind.MODEL]
     objections = [(item.action, _objection(item, longer)) for item in judged]
     return replace(
@@ -111,12 +113,16 @@ def _times(gain: Ratio | None) -> float | None:
     return gain.estimate if gain is not None else None
 
 
-def _in_list(first: CheckupItem | None, closer: Sequence[CheckupItem]) -> float | None:
-    """Return how much an item gains in the list of the longer command, if it may stand first."""
+def _in_list(
+    first: CheckupItem | None, closer: Sequence[CheckupItem], longer: "Run"
+) -> float | None:
+    """Return how much an item gains by the longer command, if it may stand first there."""
     if first is None:
         return None if _has_wrong(closer) else 1.0
+    if not closer or first.rank[0] != closer[0].rank[0]:
+        return None
     same = next((item for item in closer if item.action == first.action), None)
-    return same.times if same is not None and same.rank[0] == closer[0].rank[0] else None
+    return same.times if same is not None else _times(_measured(first, longer))
 
 
 def _measured(item: CheckupItem, longer: "Run") -> Ratio | None:
@@ -124,8 +130,16 @@ def _measured(item: CheckupItem, longer: "Run") -> Ratio | None:
 
     Settings that it did not try together have the gain of the best of them alone.
     """
+    from mjbench.report import checkup_items  # late: asv imports this module without its packages
+
     if item.variant is not None:
         gains = [race.speedup(item.variant) for race in longer.of_type(RaceRecord)]
+        gains += [
+            checkup_items.ratio_of(path.speedup)
+            for record in longer.of_type(EnvironmentRecord)
+            for path in record.physics_paths
+            if Variant(path.path, path.options) == item.variant
+        ]
         return next(iter(gains), None)
     ratios = _ratios(longer)
     wanted = frozenset(each.label for each in item.settings)

@@ -163,9 +163,10 @@ class _PathComparison:
         children = self.children
         self._on_phase(f"{self._name}: checking agreement")
         ended = children.verify(self._show_verifying)
+        verified_s = self._clock() - self._begin_s
         if ended.status != Status.OK:
             return
-        yield from self._run_race()
+        yield from self._run_race(verified_s)
         if self._race is not None and self._race.status == Status.INTERRUPTED:
             raise KeyboardInterrupt
         for index in self._plan.accelerated:
@@ -184,7 +185,7 @@ class _PathComparison:
         measurements = self.children.measurements(timed, is_over)
         return ModelComparison(self.children.model_record(), measurements, self._race)
 
-    def _run_race(self) -> Iterator[ModelComparison]:
+    def _run_race(self, verified_s: float) -> Iterator[ModelComparison]:
         agreeing = self.children.agreeing
         if 0 not in agreeing:  # the plain loop
             return
@@ -192,8 +193,11 @@ class _PathComparison:
         launches = RaceLaunches(self._pool, self.children, variants)
         entered = enter(self.children.model_record(), variants)
         budget = RaceBudget(self._begin_s + self._plan.budget_s, self._clock)
-        left_s = max(1.0, budget.left_s())
-        racing = f"racing {len(variants)} paths, about {left_s:.0f} s"
+        # a launch takes about as long as the agreement check: each runs every path a few times
+        expected_s = max(1.0, verified_s, budget.left_s())
+        racing = f"racing {len(variants)} paths, about {expected_s:.0f} s"
+        if budget.left_s() < verified_s:
+            racing += ": one launch takes longer than is left of the budget"
         phase = racing if len(variants) > 1 else "timing the plain loop"
         self._on_phase(f"{self._name}: {phase}")
         for record in race(entered, launches, budget):

@@ -52,7 +52,8 @@ class Advice:
     Attributes:
       speedup: over the plain loop, the same as in the path's row; None for the plain loop itself.
       is_certain: whether no other path can be faster by 2 %, and nothing disturbed the race.
-      rivals: paths that may be as fast, each with its options, the fastest by estimate first.
+      rivals: paths that may be as fast, each with its options, the fastest by estimate first;
+        `rival_speedup` is how many times as fast as the plain loop the first one was.
       most_gain: share by which one of them may be faster than the fastest, at most; None where
         launches are too few to say.
       unable: paths that left the race because they could not go on, or that are not advised because
@@ -71,6 +72,7 @@ class Advice:
     reason: Reason
     is_certain: bool
     rivals: Sequence[Variant]
+    rival_speedup: float | None
     most_gain: float | None
     unable: Sequence[str]
     break_even: str
@@ -124,9 +126,14 @@ class _Choice:
     result: PathResult
     reason: Reason
     is_certain: bool
-    rivals: Sequence[Variant] = ()
+    rivals: Sequence[PathResult] = ()
     most_gain: float | None = None
     break_even: str = ""
+
+    @property
+    def fastest(self) -> PathResult:
+        """The fastest by estimate of it and its rivals."""
+        return max([self.result, *self.rivals], key=lambda result: result.steps_per_s or 0.0)
 
 
 def advise(model_results: ModelResults) -> list[Advice]:
@@ -176,7 +183,7 @@ def _choose(
     rivals = [each for each in contenders if each is not None and each not in (chosen, base)]
     rivals.sort(key=lambda result: result.steps_per_s or 0.0, reverse=True)
     most_gain = standing.most_gain if math.isfinite(standing.most_gain) else None
-    return _Choice(chosen, reason, is_certain, [each.variant for each in rivals], most_gain)
+    return _Choice(chosen, reason, is_certain, rivals, most_gain)
 
 
 def _others_timed(model_results: ModelResults, loop: Loop) -> bool:
@@ -210,14 +217,16 @@ def _unable(
 def _with_accelerated(choice: _Choice, loop: Loop, model_results: ModelResults) -> _Choice:
     """Return an accelerated path instead where compiling it pays; otherwise say when it would.
 
-    It pays after so many steps that it would be faster in all than the path that it displaces.
+    It pays after so many steps that it would be faster in all than the path that it displaces, and
+    than those that may be faster than that one.
     """
-    total_steps, step_ns = model_results.total_steps, choice.result.step_ns or 0.0
+    displaced = choice.fastest
+    total_steps, step_ns = model_results.total_steps, displaced.step_ns or 0.0
     faster = [
         result
         for result in model_results.results
         if result.compile_s is not None and result.is_timed and result.is_judged
-        if result.serves(loop) and result.rate_over(choice.result) > 1 + MARGIN
+        if result.serves(loop) and result.rate_over(displaced) > 1 + MARGIN
     ]
     if not faster or total_steps is None:
         return choice
@@ -245,7 +254,8 @@ def _advice(loop: Loop, choice: _Choice, unable: Sequence[str]) -> Advice:
         speedup=result.interval,
         reason=choice.reason,
         is_certain=choice.is_certain,
-        rivals=choice.rivals,
+        rivals=[each.variant for each in choice.rivals],
+        rival_speedup=_speedup_of_first(choice.rivals),
         most_gain=choice.most_gain,
         unable=unable,
         break_even=choice.break_even,
@@ -253,6 +263,10 @@ def _advice(loop: Loop, choice: _Choice, unable: Sequence[str]) -> Advice:
         realtime_factor=result.realtime_factor,
         snippet=result.snippet,
     )
+
+
+def _speedup_of_first(results: Sequence[PathResult]) -> float | None:
+    return results[0].speedup.estimate if results and results[0].speedup is not None else None
 
 
 def advise_threads(model_results: ModelResults) -> list[ThreadAdvice]:
@@ -355,7 +369,16 @@ def _doubt(advice: Advice) -> str:
     if len(advice.rivals) <= _MOST_RIVALS:
         rivals = " or ".join(map(described, advice.rivals))
     most = f" by up to {max(1, round(100 * advice.most_gain))} %" if advice.most_gain else ""
-    return f": {rivals} may be faster{most}"
+    return f": {rivals} may be faster{most}{_first_rival(advice)}"
+
+
+def _first_rival(advice: Advice) -> str:
+    """Return how fast the first rival of the plain loop was; empty beside another path."""
+    factor = advice.rival_speedup
+    if advice.reason != Reason.NO_GAIN or factor is None or factor < 1 + MARGIN:
+        return ""
+    name = described(advice.rivals[0])
+    return f"; {name} was {formats.factor(factor)} times as fast, in too few launches to advise it"
 
 
 def _times(speedup: Ratio, baseline: str) -> str:

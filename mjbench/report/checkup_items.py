@@ -338,7 +338,7 @@ def _of_environment(record: EnvironmentRecord, target: str) -> Iterator[CheckupI
         fastest = max(timed, key=lambda form: form.speedup.median if form.speedup else 0.0)
         yield CheckupItem(
             action=f"step {fastest.nenv} environments in one {fastest.form}",
-            gain=_ratio_of(fastest.speedup),
+            gain=ratio_of(fastest.speedup),
             unit=GainUnit.ONE_ENVIRONMENT,
             change=ResultChange.NONE,
             group=GainGroup.VECTORS,
@@ -362,7 +362,7 @@ def _of_physics(path: PhysicsPath, command: str) -> CheckupItem:
     return CheckupItem(
         action=f"step its physics yourself, by {path.path}{place}{loop}",
         variant=Variant(path.path, path.options),
-        gain=_ratio_of(path.speedup),
+        gain=ratio_of(path.speedup),
         unit=GainUnit.ENV_STEP,
         change=ResultChange.STATED,
         change_detail="the same physics, without observation, reward and wrappers",
@@ -375,5 +375,5 @@ def _is_faster(speedup: Estimate | None) -> bool:
     return speedup is not None and speedup.low is not None and speedup.low > 1
 
 
-def _ratio_of(speedup: Estimate | None) -> Ratio | None:
+def ratio_of(speedup: Estimate | None) -> Ratio | None:
     return None if speedup is None else Ratio(speedup.median, speedup.low, speedup.high)

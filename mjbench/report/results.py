@@ -264,10 +264,15 @@ def _result(
 ) -> PathResult:
     """Return the result of a variant."""
     untimed = PathResult(**vars(record), starts=model.starts)
-    if not record.agrees or record.status != Status.OK or speedup is None or base_ns is None:
+    ratio, launches = speedup or (None, 1)
+    if not record.agrees or record.status != Status.OK:
         return untimed
-    ratio, launches = speedup
-    step_ns = base_ns / ratio.estimate
+    if record.is_accelerated and record.samples_s:
+        step_ns = 1e9 * _step_s(record)
+    elif ratio is not None and base_ns is not None:
+        step_ns = base_ns / ratio.estimate
+    else:
+        return untimed
     timestep = model.facts.timestep if model.facts else 0.0
     timed = replace(
         untimed,
@@ -278,6 +283,8 @@ def _result(
         speedup=ratio,
         launches=launches,
     )
+    if base_ns is None:
+        return timed
     break_even = timed.pays_after_steps(base_ns)
     overtakes_after_steps = break_even if math.isfinite(break_even) else None
     return replace(timed, overtakes_after_steps=overtakes_after_steps)

@@ -132,6 +132,22 @@ def test_rivals_are_listed_the_fastest_first_and_one_alone_is_named() -> None:
         assert conclusion(replace(advice, rivals=rivals, most_gain=0.04)).endswith(doubt)
 
 
+def test_beside_the_plain_loop_the_fastest_rival_is_said_with_how_fast_it_was() -> None:
+    model_results = derived(raced([(ROLLOUT, 20.0), (POOL, 19.0)], spread=2.0, launches=2))
+    advice = advise(model_results)[0]
+    assert (advice.path, advice.is_certain) == ("python_loop", False)
+    first = next(each for each in model_results.results if each.variant == advice.rivals[0])
+    assert first.speedup is not None
+    assert advice.rival_speedup == first.speedup.estimate > 2
+    doubt = conclusion(advice).split("; ")[-1]
+    assert re.fullmatch(
+        r"mujoco\.rollout on 2 threads.* was \d+.* times as fast, in too few launches to advise it",
+        doubt,
+    )
+    assert "too few launches" not in conclusion(replace(advice, rival_speedup=1.01))
+    assert "too few launches" not in conclusion(replace(advice, reason=Reason.FASTER))
+
+
 def test_the_plain_loop_is_no_rival_of_a_path_that_is_certainly_faster() -> None:
     model_results = derived(raced([(ROLLOUT, 1.94)], spread=0.5, launches=6))
     assert model_results.race is not None
@@ -215,6 +231,15 @@ def test_compiling_must_pay_over_the_c_path_that_it_displaces() -> None:
         assert re.search(r"after (39|40|41),\d\d\d,\d\d\d steps", advice.break_even)
         (own,) = (r for r in model_results.results if r.is_accelerated)
         assert own.overtakes_after_steps == pytest.approx(6.7e6, rel=0.02)
+
+
+def test_compiling_must_pay_over_a_path_that_may_be_faster_than_the_one_advised() -> None:
+    uncertain = raced([(ROLLOUT, 20.0), (POOL, 19.0)], spread=2.0, launches=2)
+    model_results = derived(uncertain, more=[compiled(4.0)], total_steps=1000)
+    open_loop, closed_loop = advise(model_results)
+    assert open_loop.path == "python_loop"
+    assert not open_loop.break_even
+    assert "would pay after" in closed_loop.break_even
 
 
 def test_of_paths_that_compile_the_fastest_that_pays_is_advised() -> None:

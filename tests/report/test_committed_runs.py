@@ -26,6 +26,7 @@ from mjbench.report.advice import advise
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.report.results import derive_all
 from mjbench.simulation import models
+from mjbench.simulation.judgement import EngineAnswer
 from mjbench.status import ExitCode, Status
 from mjbench.store import runs
 
@@ -35,6 +36,7 @@ NO_CHANGE = RUNS / "reference-history-no-change.jsonl"
 STORY = sorted(RUNS.glob("reference-story-*.jsonl"))
 CHECKUP = RUNS / "reference-checkup-humanoid.jsonl"
 MJX = RUNS / "reference-mjx-cpu.jsonl"
+GPU = sorted(RUNS.glob("reference-gpu-*.jsonl"))
 
 
 def test_every_committed_run_is_tested_and_there_is_one_of_each_kind() -> None:
@@ -43,7 +45,8 @@ def test_every_committed_run_is_tested_and_there_is_one_of_each_kind() -> None:
     assert INSIDE_STEP
     assert len(BETWEEN_BUILDS) == 6
     single = {HISTORY_AGAIN, NO_CHANGE, CHECKUP, MJX}
-    committed = {*COMPARISONS, *SELFCHECKS, *INSIDE_STEP, *BETWEEN_BUILDS, *single, *STORY}
+    series = {*COMPARISONS, *SELFCHECKS, *INSIDE_STEP, *BETWEEN_BUILDS, *STORY, *GPU}
+    committed = series | single
     assert committed == set(RUNS.glob("reference-*.jsonl"))
 
 
@@ -70,6 +73,22 @@ def test_the_committed_comparison_is_complete_and_every_path_agreed(file: Path) 
         advice = advise(group)
         assert {row.loop for row in advice} == (set() if group.is_former else set(Loop))
         assert all(row.speedup and row.speedup.is_above(1) for row in advice if row.path != BASE)
+
+
+@pytest.mark.parametrize("file", GPU, ids=lambda f: f.stem)
+def test_what_a_gpu_computed_agrees_and_is_timed_also_where_c_was_not(file: Path) -> None:
+    groups = derive_all(runs.load(file, RECORD_TYPES).records)
+    compiled = [r for group in groups for r in group.results if r.compile_s is not None]
+    answers = {r.judgement.answer for r in compiled if r.judgement is not None}
+    assert ({r.device for r in compiled}, answers) == ({"NVIDIA H200"}, {EngineAnswer.YES})
+    assert all(result.step_ns and result.steps_per_s for result in compiled)
+    beside_c = [group.base is not None and group.base.is_timed for group in groups]
+    assert [r.speedup is not None for r in compiled] == [
+        timed
+        for group, timed in zip(groups, beside_c, strict=True)
+        for r in group.results
+        if r.compile_s is not None
+    ]
 
 
 @pytest.mark.parametrize("file", SELFCHECKS, ids=lambda f: f.stem)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
+import example_environment_records as environments
 import pytest
 from example_races import BATCH_STEP, ROLLOUT, THREADS, Entrant, compared, raced
 from set_files import MACHINE
@@ -118,6 +119,31 @@ def test_of_a_program_the_first_item_is_the_same() -> None:
     assert trial(begun, first, first).is_right
     assert trial(begun, none, none).is_right
     assert trial(begun, both, none).again is None
+
+
+@pytest.mark.parametrize(("rollout_ns", "right"), [(20_500.0, True), (30_000.0, False)])
+def test_a_path_of_an_environment_that_is_not_in_the_longer_list_has_the_gain_that_it_measured(
+    rollout_ns: float, right: bool
+) -> None:
+    paths_of = environments.record().paths
+    rollout, batch = paths_of[1], replace(paths_of[2], closed_loop=False)
+    of_rollout, of_both = (
+        environments.record(paths=[paths_of[0], *others], vectors=[])
+        for others in (
+            [rollout],
+            [
+                replace(rollout, ns=environments.steady(rollout_ns)),
+                replace(batch, ns=environments.steady(20_000.0)),
+            ],
+        )
+    )
+    begun = replace(BEGUN, name="Robot-v0", kind=TargetKind.ENVIRONMENT)
+    runs = [run(each, kind=TargetKind.ENVIRONMENT) for each in (of_rollout, of_both)]
+    judged = trial(begun, *runs)
+    assert "rollout" in judged.first
+    assert "batch_step" in judged.best
+    assert judged.again == pytest.approx(100_000.0 / rollout_ns)
+    assert judged.is_right == right
 
 
 def test_the_page_counts_what_is_right_by_kind() -> None:
