@@ -4,21 +4,26 @@
 
 compares a model with itself by each metric that is measured in pairs, 20 times; none may be called
 different. Before that, it plants what a metric has to find and other metrics must not: a file that
-takes longer to load, with the same model in it, and a step that does more.
+takes longer to load, with the same model in it; a step that does more; and a step of MJX whose
+tracing takes longer, although the program is the same.
 
-A comparison takes ten seconds to a minute. The exit code is 1 if something is missed or falsely
-called different, and 0 otherwise.
+A comparison takes ten seconds to a minute; of compiling, five minutes. FILE is written after each
+one, and keeps what it has of metrics that are not measured. The exit code is 1 if something is
+missed or falsely called different, and 0 otherwise.
 """
 
 import argparse
-import json
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from importlib import metadata
 from pathlib import Path
 
-from mjbench.paired import verdict
+from benchmarks.studies import tally_file
+from mjbench.paired import compiled_sides, function_verdict, verdict
+from mjbench.paired.compiled_sides import CompiledComparison
+from mjbench.paired.function_pair import FunctionTargets
 from mjbench.paired.metrics import METRICS, Measured
 from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.paired.records import VerdictRow
@@ -34,8 +39,44 @@ from mjbench.status import ExitCode, Status
 MODEL = "cartpole"
 # Of a comment that makes the file longer to parse; and a function that each step calls once more.
 COMMENT_BYTES, CALLBACK = 200_000, "mj_factorM"
-_OTHERS = (Measured.COUNTS, Measured.COMPILATION)
-PAIRED = tuple(m for m, spec in METRICS.items() if spec.measured not in _OTHERS)
+PAIRED = tuple(m for m, spec in METRICS.items() if spec.measured != Measured.COUNTS)
+# The path that compiles; seconds that a comparison of compiling may take, and of silence.
+ENGINE, COMPILING_S, PATIENCE_S = "mjx", 300.0, 600.0
+# Without constraints, MJX compiles it in a few seconds.
+PENDULUM = """
+<mujoco>
+  <worldbody>
+    <body>
+      <joint name="hinge" axis="0 1 0"/>
+      <geom fromto="0 0 0 0 0 -.5" size=".02" type="capsule" contype="0" conaffinity="0"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor joint="hinge"/>
+  </actuator>
+</mujoco>
+"""
+# Has the tracing of every step take longer; the program is the same.
+SLOWLY_TRACED = """
+import time
+from mujoco import mjx
+step_as_it_is = mjx.step
+def step_slowly_traced(model, data):
+    time.sleep(2)
+    return step_as_it_is(model, data)
+mjx.step = step_slowly_traced
+"""
+
+
+@dataclass(frozen=True)
+class CompiledModel:
+    """The pendulum by MJX, in one environment.
+
+    Attributes:
+      prelude: what its process runs first.
+    """
+
+    prelude: str = ""
 
 
 @dataclass(frozen=True)
@@ -48,7 +89,7 @@ class Case:
 
     name: str
     metric: Metric
-    candidate: Target
+    candidate: Target | CompiledModel
     is_slower: bool
 
 
@@ -59,6 +100,11 @@ class Result:
     case: str
     is_slower: bool
     verdict: VerdictRow
+
+    @property
+    def looked_for(self) -> Metric:
+        """The metric that was tried."""
+        return Metric.COMPILE if self.verdict.path == ENGINE else self.verdict.metric
 
 
 def baseline() -> Target:
@@ -76,6 +122,11 @@ def planted(folder: Path, metrics: Sequence[Metric]) -> Iterator[Case]:
     longer = replace(same, model=ModelSource(MODEL, file))
     heavier = replace(same, callback=CALLBACK)
     for metric in metrics:
+        if metric == Metric.COMPILE:
+            slower = CompiledModel(SLOWLY_TRACED)
+            yield Case("slower tracing", Metric.COMPILE, slower, is_slower=True)
+            yield Case("slower tracing", Metric.TIME, slower, is_slower=False)
+            continue
         yield Case("a longer file", metric, longer, is_slower=metric == Metric.LOAD)
         if metric in (Metric.TIME, Metric.P99, Metric.LOAD, Metric.RESET):
             slower = metric in (Metric.TIME, Metric.P99)
@@ -85,8 +136,32 @@ def planted(folder: Path, metrics: Sequence[Metric]) -> Iterator[Case]:
 def unchanged(metrics: Sequence[Metric], pairs: int) -> Iterator[Case]:
     """Yield a model against itself, as often as asked for by each metric."""
     for metric in metrics:
+        candidate = CompiledModel() if metric == Metric.COMPILE else baseline()
         for number in range(pairs):
-            yield Case(f"itself, {number + 1}", metric, baseline(), is_slower=False)
+            yield Case(f"itself, {number + 1}", metric, candidate, is_slower=False)
+
+
+def decide(pool: WorkerPool, case: Case) -> VerdictRow:
+    """Return the verdict on a case."""
+    plan = VerdictPlan(sizes=Sizes(metric=case.metric), as_shipped=True)
+    if isinstance(case.candidate, Target):
+        return verdict.decide(pool, baseline(), case.candidate, plan).row()
+    plan = replace(plan, time_limit_s=COMPILING_S)
+    return function_verdict.decide(pool, _compiled(pool, case.candidate, plan.sizes), plan).row()
+
+
+def _compiled(pool: WorkerPool, model: CompiledModel, sizes: Sizes) -> FunctionTargets:
+    """Return the pendulum as it is, and after a prelude, with the versions that are installed."""
+    file = pool.new_folder() / "pendulum.xml"
+    file.write_text(PENDULUM)
+    names = ("jax", "jaxlib", "mujoco-mjx")
+    spec = installs.parse_release(",".join(f"{name}=={metadata.version(name)}" for name in names))
+    comparison = CompiledComparison(spec, [spec], [ModelSource("pendulum", file)], [ENGINE], sizes)
+    ((old, new),) = compiled_sides.prepare(pool, comparison)
+    assert new.source.text is not None, "it has a module of its own"
+    source = replace(new.source, text=model.prelude.encode() + new.source.text)
+    # two sides that seem to be the same are not timed
+    return old, replace(new, source=source, tree="again")
 
 
 def is_wrong(case: Case, row: VerdictRow) -> bool:
@@ -108,22 +183,24 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
     options = parser.parse_args(arguments)
     # late: asv imports this module where few packages are
     from mjbench.report.verdicts import describe_verdict
-    from mjbench.store.json_form import json_form
 
     metrics = [Metric(name) for name in options.metric or PAIRED]
+    earlier = list[Result]()
+    if options.json and options.json.exists():
+        stored = tally_file.load(options.json, list[Result], "metrics")
+        earlier = [each for each in stored if each.looked_for not in metrics]
     results, wrong = list[Result](), 0
-    with tempfile.TemporaryDirectory() as folder, WorkerPool() as pool:
+    with tempfile.TemporaryDirectory() as folder, WorkerPool(PATIENCE_S) as pool:
         for case in (*planted(Path(folder), metrics), *unchanged(metrics, options.pairs)):
-            plan = VerdictPlan(sizes=Sizes(metric=case.metric), as_shipped=True)
-            row = verdict.decide(pool, baseline(), case.candidate, plan).row()
+            row = decide(pool, case)
             mark = "WRONG: " if is_wrong(case, row) else ""
             wrong += bool(mark)
             print(f"{mark}{case.name}, {case.metric}: {describe_verdict(row)}", flush=True)
             print(f"    {row.launches} launches, {row.seconds:.0f} s", flush=True)
             results.append(Result(case.name, case.is_slower, row))
+            if options.json:
+                options.json.write_text(tally_file.dumps([*earlier, *results]))
     print(f"{wrong} of {len(results)} comparisons are wrong")
-    if options.json:
-        options.json.write_text(json.dumps(json_form(results), indent=1) + "\n")
     return ExitCode.FINDING if wrong else ExitCode.OK
 
 

@@ -5,18 +5,19 @@
 runs each program of programs/own under `mjbench run`, and compares what it says first with what is
 known to be right. Where that saves time, the same program with the change runs beside it, in turns,
 without mjbench; the last column is the time of its loop over that of the original's, as the median
-of the rounds. With more than five points between the two, or than the interval shown, or another
-first advice than expected, the command fails.
+of the rounds. With more than five points between the two, or than their uncertainties explain, or
+another first advice than expected, the command fails.
 """
 
 import argparse
 import json
+import math
 import os
 import statistics
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,6 +31,8 @@ TALLY = Path(__file__).parents[1] / "results/own-programs.json"
 PART = PagePart("method/run.md", "own-programs", "benchmarks.own_programs")
 # Points by which a predicted time may differ from the one measured.
 _MOST_DIFFERENCE = 0.05
+
+Command = Callable[..., object]
 
 
 @dataclass(frozen=True)
@@ -116,15 +119,22 @@ class Advice:
         return says and self.line.startswith(program.line)
 
 
-def advice(program: OwnProgram, count: int) -> Advice:
-    """Run a program under `mjbench run`; return what that says first."""
+def advice(program: OwnProgram, count: int, mjbench: Command | None = None) -> Advice:
+    """Run a program under `mjbench run`; return what that says first.
+
+    Args:
+      mjbench: runs mjbench with arguments; None for a process of its own.
+    """
     from mjbench.program.remedy import Basis
+
+    def mjbench_process(*arguments: str) -> object:
+        return _run([sys.executable, "-m", "mjbench", *arguments], program)
 
     with tempfile.TemporaryDirectory() as folder:
         document = Path(folder) / "run.json"
-        command = [sys.executable, "-m", "mjbench", "run", "--json", str(document)]
-        command += ["--results", folder, str(program.file), str(count)]
-        _run(command, program)
+        options = ("--json", str(document), "--results", folder)
+        run = mjbench or mjbench_process
+        run("run", *options, str(program.file), str(count))
         (row,) = json.loads(document.read_text(encoding="utf-8"))["results"]
     remedies = row["wrong"] or row["loops"][0]["remedies"]
     if not remedies:
@@ -136,8 +146,20 @@ def advice(program: OwnProgram, count: int) -> Advice:
     return Advice(line, first["text"], None if gain is None else 1 - gain, error or 0.0)
 
 
-def measured(program: OwnProgram, count: int, rounds: int) -> float | None:
-    """Return the time of the changed program's loop over that of the original's; None if wrong."""
+@dataclass(frozen=True)
+class MeasuredShare:
+    """The time of the changed program's loop over that of the original's.
+
+    Attributes:
+      error: the standard error of the median of the rounds, as of a normal distribution.
+    """
+
+    median: float
+    error: float
+
+
+def measured(program: OwnProgram, count: int, rounds: int) -> MeasuredShare | None:
+    """Run both programs in turns, in fresh processes; None of one whose results are wrong."""
     if program.is_wrong:
         return None
     ratios = []
@@ -145,7 +167,10 @@ def measured(program: OwnProgram, count: int, rounds: int) -> float | None:
         files = [program.file, program.changed_file]
         seconds = {file: _loop_s(file, program, count) for file in files[:: 1 - 2 * (number % 2)]}
         ratios.append(seconds[program.changed_file] / seconds[program.file])
-    return statistics.median(ratios)
+    spread = statistics.stdev(ratios) if len(ratios) > 1 else 0.0
+    return MeasuredShare(
+        statistics.median(ratios), math.sqrt(math.pi / 2) * spread / math.sqrt(len(ratios))
+    )
 
 
 def _loop_s(file: Path, program: OwnProgram, count: int) -> float:
@@ -182,7 +207,8 @@ class ProgramResult:
       predicted, measured: time of the loop with the change, over that without it; None for a wrong
         result.
       reach: half the width of the interval of the predicted time, which `mjbench run` shows.
-      is_near: whether the two are within 0.05, or within that reach.
+      measured_reach: likewise of the measured time, twice its standard error.
+      is_near: whether the two are within 0.05, or within both reaches, added as independent errors.
     """
 
     name: str
@@ -193,34 +219,36 @@ class ProgramResult:
     measured: float | None
     is_near: bool
     reach: float = 0.0
+    measured_reach: float = 0.0
 
     @classmethod
     def of(cls, program: OwnProgram, count: int, rounds: int) -> "ProgramResult":
         """Run a program, and its change."""
         said = advice(program, count)
-        after = measured(program, count, rounds)
-        reach = max(_MOST_DIFFERENCE, 2 * said.error)
+        share = measured(program, count, rounds)
+        after = None if share is None else share.median
+        reaches = 2 * said.error, 0.0 if share is None else 2 * share.error
+        reach = max(_MOST_DIFFERENCE, math.hypot(*reaches))
         is_near = (
             said.predicted is None or after is None or _agree(program, said.predicted, reach, after)
         )
         right, predicted, is_bound = said.is_right(program), said.predicted, program.is_bound
-        return cls(program.name, said.text, right, predicted, is_bound, after, is_near, reach)
+        return cls(program.name, said.text, right, predicted, is_bound, after, is_near, *reaches)
 
     @property
     def is_wide(self) -> bool:
-        """Whether the predicted time has an interval wider than it should be."""
-        return self.measured is not None and self.reach > _MOST_DIFFERENCE
+        """Whether either time has an interval wider than it should be."""
+        widest = max(self.reach, self.measured_reach)
+        return self.measured is not None and widest > _MOST_DIFFERENCE
 
     @property
     def row(self) -> str:
         """The row of a table."""
         shares = [
-            "–" if each is None else f"{each:.2f}" for each in (self.predicted, self.measured)
+            _with_interval(self.predicted, self.reach),
+            _with_interval(self.measured, self.measured_reach),
         ]
         shares[0] = f"≥ {shares[0]}" if self.is_bound else shares[0]
-        if self.is_wide and self.predicted is not None:
-            low, high = max(0.0, self.predicted - self.reach), min(1.0, self.predicted + self.reach)
-            shares[0] += f" ({low:.2f} to {high:.2f})"
         text = self.advice.replace("|", "\\|")
         return f"| `{self.name}` | {text} | {' | '.join(shares)} |"
 
@@ -249,7 +277,7 @@ class ProgramTally:
             "The right change, and the right line where there is one, is named first for"
             f" {count - len(wrong)} of {count} programs{_named(' (not ', wrong, ')')}. Of"
             f" {len(predicted)} predictions, {len(predicted) - len(far)} are within"
-            f" {_MOST_DIFFERENCE} of what was measured, or hold it in the interval that {wide} of"
+            f" {_MOST_DIFFERENCE} of what was measured, or within the intervals that {wide} of"
             f" them show{_named(' (not ', far, ')')}; of {len(bounds)} bounds, {sum(bounds)} hold."
             " Programs without times have wrong results."
         )
@@ -261,6 +289,14 @@ class ProgramTally:
         yield "| program | first advice | predicted | measured |"
         yield "|---|---|---:|---:|"
         yield from (each.row for each in self.programs)
+
+
+def _with_interval(share: float | None, reach: float) -> str:
+    if share is None:
+        return "–"
+    if reach <= _MOST_DIFFERENCE:
+        return f"{share:.2f}"
+    return f"{share:.2f} ({max(0.0, share - reach):.2f} to {share + reach:.2f})"
 
 
 def _named(before: str, names: Sequence[str], after: str = "") -> str:

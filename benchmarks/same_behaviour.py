@@ -61,9 +61,8 @@ def observed(program: OddProgram, folder: Path) -> Behaviour:
     return Behaviour(seen.exit_code, seen.output, "".join(lines), seen.files)
 
 
-def differences(name: str) -> Iterator[str]:
+def differences(program: OddProgram) -> Iterator[str]:
     """Yield what differs between both ways of running a program, by line."""
-    program = ODD_PROGRAMS[name]
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "work"  # tracebacks hold its name, so it is the same
         first, second = plain(program, folder), observed(program, folder)
@@ -122,7 +121,7 @@ def main() -> None:
     parser.add_argument("programs", nargs="*", metavar="PROGRAM")
     names = parser.parse_args().programs or list(ODD_PROGRAMS)
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-        listed = list(pool.map(lambda name: list(differences(name)), names))
+        listed = list(pool.map(lambda name: list(differences(ODD_PROGRAMS[name])), names))
     for name, lines in zip(names, listed, strict=True):
         if lines:
             print(f"{name}:", *lines, sep="\n  ")

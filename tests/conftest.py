@@ -108,6 +108,8 @@ def _no_traces(tmp_path_factory: pytest.TempPathFactory) -> Any:
         patch.setenv(neighbours.FOLDER_VARIABLE, str(tmp_path_factory.mktemp("measuring")))
         costs = tmp_path_factory.mktemp("step_costs") / "costs.json"
         patch.setenv(step_costs.FILE_VARIABLE, str(costs))
+        # a thread of OpenBLAS, which waits busily, costs more than it saves in a short process
+        patch.setenv("OPENBLAS_NUM_THREADS", "1")
         # what XLA saves by optimising a program is less than what that takes; its emitters of
         # fusions take half of the time of a compilation
         patch.setenv("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
@@ -115,7 +117,7 @@ def _no_traces(tmp_path_factory: pytest.TempPathFactory) -> Any:
         yield
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
     yield from session()
 

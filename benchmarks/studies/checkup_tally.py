@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from mjbench.checkups.targets import TargetKind
 from mjbench.comparison.plan import Variant
-from mjbench.environment.records import EnvironmentRecord
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.race_record import RaceRecord
 from mjbench.report import formats
@@ -35,7 +34,7 @@ class CheckupTrial:
         they did not measure it, or say otherwise that results are wrong.
       best, best_gain: what the longer commands find best, and times as fast that it is.
       contradicted: items that the longer commands call no gain, or that change more than is said.
-      unknown: items that they did not measure.
+      unknown: items that they did not measure, or whose gain they leave undecided.
       detail: why it failed; empty otherwise.
     """
 
@@ -96,7 +95,11 @@ def trial(begun: CheckupTrial, short: "Run", longer: "Run") -> CheckupTrial:
         best=best.action if best is not None else "",
         best_gain=best.times if best is not None else 1.0,
         contradicted=[f"{action}: {objection}" for action, objection in objections if objection],
-        unknown=[item.action for item in judged if _measured(item, longer) is None],
+        unknown=[
+            item.action
+            for item in judged
+            if not (_is_decided(_measured(item, longer)) or _objection(item, longer))
+        ],
     )
 
 
@@ -130,7 +133,9 @@ def _measured(item: CheckupItem, longer: "Run") -> Ratio | None:
 
     Settings that it did not try together have the gain of the best of them alone.
     """
-    from mjbench.report import checkup_items  # late: asv imports this module without its packages
+    # late: asv imports this module without their packages
+    from mjbench.environment.records import EnvironmentRecord
+    from mjbench.report import checkup_items
 
     if item.variant is not None:
         gains = [race.speedup(item.variant) for race in longer.of_type(RaceRecord)]
@@ -168,7 +173,7 @@ def _ratios(longer: "Run") -> dict[frozenset[str], Ratio]:
 def _objection(item: CheckupItem, longer: "Run") -> str:
     """Return what the longer commands say against an item; empty for nothing."""
     gain = _measured(item, longer)
-    if gain is not None and _is_no_gain(gain):
+    if gain is not None and item.gain is not None and _is_no_gain(gain, item.gain):
         return f"{formats.factor(gain.estimate)}{formats.in_brackets(gain)}"
     effects = [
         each.effect
@@ -180,11 +185,18 @@ def _objection(item: CheckupItem, longer: "Run") -> str:
     return next((each for each in effects if said is not None and each.rank > said.rank), "")
 
 
-def _is_no_gain(gain: Ratio) -> bool:
-    """Return whether a gain is not certain; one without an interval, whether it was given up."""
-    if gain.low is None:
+def _is_no_gain(gain: Ratio, said: Ratio) -> bool:
+    """Return whether a gain that the longer commands measured is less than said, and may be none.
+
+    One without an interval was given up, or was not decided.
+    """
+    if gain.low is None or gain.high is None:
         return gain.estimate <= 1 / (1 - LEAST_GAIN)
-    return not gain.is_above(1.0)
+    return not gain.is_above(1.0) and gain.high < (said.low or said.estimate)
+
+
+def _is_decided(gain: Ratio | None) -> bool:
+    return gain is not None and (gain.low is None or gain.is_above(1.0))
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,7 @@ from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
 from mjbench.status import Status
 from mjbench.store.runs import Record
+from mjbench.tuning.c_search import LEAST_LAUNCHES
 from mjbench.tuning.records import TuneRecord
 from mjbench.tuning.search_base import SearchPlan
 from mjbench.tuning.tune import tune
@@ -242,6 +243,10 @@ class _Parts:
             return Item([ended, *records])
         return Item([ended, *records], Failure(ended.status, f"{name}: {ended.detail}"))
 
+    @property
+    def parts(self) -> list[CheckedPart]:
+        return [each for each in self.records if isinstance(each, CheckedPart)]
+
     def of_type(self, kind: type[_Record]) -> _Record | None:
         return next((each for each in self.records if isinstance(each, kind)), None)
 
@@ -270,7 +275,7 @@ def _model_items(source: ModelSource, parts: _Parts) -> Iterator[Item]:
             "racing ways of stepping",
             lambda part: _compared(part, pool, source, parts),
         )
-        settings_s = parts.left_s() - plan.times.together - _STARTING_S
+        settings_s = parts.left_s() - plan.times.together - _STARTING_S - _last_look_s(parts)
         if not plan.is_quick and settings_s > _LEAST_TUNING_S:
             yield parts.measured(
                 CheckupPart.SETTINGS,
@@ -295,6 +300,18 @@ def _compared(
     parts.observer.show(None)
     (model,) = (each for each in records if isinstance(each, ModelRecord))
     return replace(part, status=model.status, detail=model.detail), records
+
+
+def _last_look_s(parts: _Parts) -> float:
+    """Return about how long the last launches of a search take, which it makes in any case.
+
+    Those of a large model, which takes long to load, are long: as long as those of its race.
+    """
+    race = parts.of_type(RaceRecord)
+    if race is None or not race.launches:
+        return 0.0
+    raced_s = next(each.seconds for each in parts.parts if each.part == CheckupPart.PATHS)
+    return LEAST_LAUNCHES * raced_s / (len(race.launches) + 1)
 
 
 def _tuned(

@@ -1,5 +1,6 @@
 """`mjbench.compare`: the ways of stepping a model: do they agree, and which is fastest?"""
 
+import contextlib
 import functools
 import itertools
 import sys
@@ -207,16 +208,25 @@ def measure_model(
         def on_progress(name: str, share: float, begin: float = begin, end: float = end) -> None:
             observer(name, begin + share * (end - begin))
 
-        known = path_comparison.stored(source, plan, earlier)
+        known, is_interrupted = path_comparison.stored(source, plan, earlier), False
         if known is None:
-            for known in path_comparison.compare_model(
+            comparison = path_comparison.compare_model(
                 pool, source, plan, on_progress, observer.begin
-            ):
-                observer.show(functools.partial(_section_so_far, [*of_sizes, *known.records]))
-            observer(source.name, end)
-        assert known is not None, "the last that it yields is complete"
+            )
+            try:
+                for known in comparison:
+                    observer.show(functools.partial(_section_so_far, [*of_sizes, *known.records]))
+                observer(source.name, end)
+            except KeyboardInterrupt:  # while it was shown
+                is_interrupted = True
+                with contextlib.suppress(KeyboardInterrupt):  # it was complete
+                    known = comparison.throw(KeyboardInterrupt())
+        if known is None:  # it had not begun
+            raise KeyboardInterrupt
         of_sizes += known.records
         yield Item(known.records, is_part=plan is not plans[-1])
+        if is_interrupted:
+            raise KeyboardInterrupt
 
 
 def _section_so_far(records: Sequence[Record]) -> Section | None:

@@ -19,11 +19,11 @@ LISTED: Mapping[str, Mapping[str, str]] = {
         "compare": "the fastest way to step; threads with --scaling",
         "tune": "faster settings of a model; what they change",
         "versions": "is a release slower? why: --explain",
-        "ab": "which of two models or revisions is slower?",
+        "ab": "which of two models or git commits is slower?",
         "bisect": "which commit or MuJoCo release made it slower?",
         "lint": "what is slow or wrong in a script",
         "doctor": "can I trust timings here? error rate: --verdicts",
-        "show": "results again, as a page, or beside others",
+        "show": "stored results again; as a page: --html",
     },
     "A closer look": {
         "profile": "the stages of a step; habits of loops: --habits",
@@ -36,7 +36,7 @@ LISTED: Mapping[str, Mapping[str, str]] = {
     "Many runs": {
         "history": "in which release speed changed, and why",
         "releases": "list, install and remove releases",
-        "results": "merge or export runs; write a site of them",
+        "results": "merge runs of machines; write a site of them",
         "sweep": "a matrix of models and releases on Ray",
     },
 }
@@ -49,7 +49,9 @@ REMOVED: Mapping[str, str] = {
 
 def with_mode(words: Sequence[str], names: Collection[str]) -> list[str]:
     """Return the words of a command line with the command's present name, a mode as one word."""
-    name, *rest = [*EARLIER.get(words[0], words[:1]), *words[1:]]
+    nword = 2 if " ".join(words[:2]) in EARLIER else 1
+    earlier = " ".join(words[:nword])
+    name, *rest = [*EARLIER.get(earlier, words[:1]), *words[nword:]]
     options = rest[: rest.index("--")] if "--" in rest else rest
     for option in options:
         if f"{name} {option}" in names:

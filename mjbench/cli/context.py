@@ -96,7 +96,10 @@ class RunContext:
         return self
 
     def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
-        """Close the outputs; name the run file, unless an error is on its way to the user."""
+        """Close the outputs; name the run file, unless an error is on its way to the user.
+
+        Ctrl-C while results are printed or written leaves them in the run file, and says so.
+        """
         with self._closing:
             if self._session is None:
                 return
@@ -107,6 +110,9 @@ class RunContext:
                     self.out.print(note, soft_wrap=True)
                 else:
                     report_line(note)
+            if isinstance(error, KeyboardInterrupt) and self._session.records:
+                self.interrupt(is_saved=True)
+                sys.exit(ExitCode.INTERRUPTED)
 
     def _disturbances(self, session: "Session") -> Sequence[str]:
         """Store what disturbed the run; return it in sentences."""

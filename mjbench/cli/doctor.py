@@ -44,11 +44,7 @@ def doctor(budget_s: float, json_file: str | None) -> None:
         others = presence.enter(wait=False)
         rows = [*conditions.all_conditions(others), *_mujoco_conditions()]
         print_lines(run.out, [*condition_lines(rows)])
-        try:
-            noise = _noise(budget_s)
-        except KeyboardInterrupt:
-            run.interrupt(is_saved=False)
-            run.exit([])
+        noise = _noise(budget_s)
         run.show([noise_section(noise, rows)])
         run.write(DoctorDocument(machine=machine.describe(), conditions=rows, noise=noise))
     if noise.decidable is None:

@@ -226,18 +226,22 @@ def cli() -> None:
 
     \b
     Examples:
-      mjbench robot.xml            it is slow: what can I do?
-      mjbench run --seconds 30 train.py    what does it waste?
-      mjbench compare robot.xml --scaling  how many threads?
-      mjbench compare robot.xml --paths mjx,rollout
-      mjbench versions 3.17.0 4.0.0 robot.xml
-      mjbench ab rev=main rev=HEAD bench:step
-      mjbench tune robot.xml       which settings are faster?
-      mjbench doctor               can I trust timings here?
+      mjbench robot.xml                        what can I do?
+      mjbench run --seconds 30 train.py        what to change?
+      mjbench compare robot.xml --scaling      how many threads?
+      mjbench compare robot.xml --paths mjx,c  does MJX pay off?
+      mjbench versions 3.17.0 4.0.0 robot.xml  is 4.0.0 slower?
+      mjbench ab HEAD WORKTREE bench.py::step  am I slower now?
+      mjbench tune robot.xml                   faster settings?
+      mjbench doctor                           can I trust it?
+      mjbench show --html report.html          a page of the last
 
     A TARGET is a MODEL, a program or an environment. A MODEL is a path to .xml, .urdf or .mjb, one
     of the shipped models, or PACKAGE:NAME for a model inside an installed package, such as
     gymnasium:ant.
+
+    Results are stored in results/runs. `mjbench show` prints the newest again, or an older one. In
+    CI, --fail-on slower makes `versions`, `ab` and `show --against` exit with 1.
 
     Exit codes: 0 success; 1 a finding (paths disagree, or what --fail-on names); 2 bad usage or
     input; 3 the environment failed (crash, time limit, disk), or a verdict that --fail-on needs

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli import show_pages
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli, report_line
 from mjbench.cli.shared import JSON
@@ -18,9 +17,9 @@ if TYPE_CHECKING:
 
 @cli.group()
 def results() -> None:
-    """Merge run files into a set, export one, or write a site of all of them.
+    """Merge run files into a set, or write a site of all of them.
 
-    `mjbench show` prints and compares runs, and writes reports.
+    `mjbench show` prints and compares runs, and writes reports and formats of other tools.
     """
 
 
@@ -59,27 +58,6 @@ def merge(files: tuple[Path, ...], output: Path, json_file: str | None) -> None:
         document = _document(output, merged)
         run.out.print(f"{output}: {_summary(document)}", soft_wrap=True)
         run.write(document)
-
-
-@results.command(short_help="write a run in a format of other tools")
-@click.argument("file", metavar="RUN", type=click.Path(path_type=Path))
-@click.option(
-    "--format",
-    "form",
-    type=click.Choice(show_pages.FORMATS),
-    default="csv",
-    show_default=True,
-    help="The format.",
-)
-@click.option("-o", "--output", metavar="FILE", help="Write to FILE  [default: stdout]")
-def export(file: Path, form: str, output: str | None) -> None:
-    """Write a run file or set in a format of other tools, as `mjbench show --format` does.
-
-    \b
-    Example:
-      mjbench results export run.jsonl --format parquet -o run.parquet
-    """
-    show_pages.write((file,), form, output)
 
 
 def _document(output: Path, merged: "Merged") -> "MergeDocument":

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import report_line
 from mjbench.cli.output_file import OutputFile
-from mjbench.errors import InputError, writing
+from mjbench.errors import InputError
 
 if TYPE_CHECKING:
     from mjbench.pages.reports import NamedRun
@@ -29,8 +29,6 @@ def write(files: Sequence[Path], form: str, output: str | None) -> None:
     Args:
       output: a file, or `-` for standard output; None for the default of the format.
     """
-    from mjbench.pages import exports
-
     target = output or ("report.html" if form == "html" else "-")
     if form not in _PAGES and len(files) > 1:
         raise InputError(
@@ -40,12 +38,8 @@ def write(files: Sequence[Path], form: str, output: str | None) -> None:
         raise InputError("--format parquet needs a file: give -o FILE")
     file = OutputFile("-o", target, files)
     with RunContext(inputs=files) as run, contextlib.closing(file):
-        if form == "parquet":
-            with writing(Path(target)):
-                exports.write_parquet(_stored(files[0]), Path(target))
-        else:
-            file.open()
-            file.write(_text(form, files))
+        file.open()
+        file.write(_content(form, files))
         if target != "-":
             run.out.print(f"Report: {target}", soft_wrap=True)
 
@@ -62,7 +56,7 @@ def _stored(file: Path) -> "RunSet":
     return stored
 
 
-def _text(form: str, files: Sequence[Path]) -> str:
+def _content(form: str, files: Sequence[Path]) -> str | bytes:
     from mjbench.pages import comment, exports, reports
 
     if form == _COMMENT:

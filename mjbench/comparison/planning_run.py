@@ -172,7 +172,6 @@ class _PlannedPath:
         return states, costs
 
     def _prepare(self, start: np.ndarray, candidates: np.ndarray) -> None:
-        """Prepare the path with the first candidates; what it needs to know is in them."""
         self._workload.initial_state[:] = start
         self._workload.control[:] = candidates
         path = paths.find(self._variant.path)

@@ -173,7 +173,6 @@ class _Names:
         self._full: dict[str, str] = {}
 
     def read(self, value: str) -> str:
-        """Return the name that `value` stands for; remember it if it is written out."""
         match = re.match(r"\((\d+)\)(?: (.*))?$", value)
         if not match:
             return self._normal(value)
@@ -227,7 +226,6 @@ def _without_types(name: str) -> str:
 
 
 def _without_brackets(text: str) -> str:
-    """Return a text without what stands in round or angle brackets."""
     depth, characters = 0, []
     for character in text:
         if character in "(<":

@@ -66,9 +66,6 @@ def compare(
 
     Functions of other libraries than the engine's, such as memcpy of the C library, are identical
     where both releases execute the same file, and otherwise unknown.
-
-    Raises:
-      MachineError: a library cannot be read, or has no symbol table.
     """
     functions = _engine_changes(_executed(baseline, read), _executed(candidate, read))
     of_engine = {*functions.changes, *functions.old_names.values()}
@@ -145,7 +142,6 @@ def _has_twin(library: SharedLibrary, symbols: Sequence[Symbol], other: SharedLi
 
 
 def _named_like(symbols: Iterable[Symbol], library: SharedLibrary) -> list[Symbol]:
-    """Return the functions of a library that have a name of those of another one."""
     names = {source_name(symbol.name) for symbol in symbols}
     return sorted({twin for name in names for twin in library.named(name)})
 

@@ -39,16 +39,21 @@ DISAGREEMENT = 0.03
 
 
 def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRecord) -> list[str]:
+    """Return what changed, a line each: first by how much, then in what."""
     assert baseline.instructions_per_step
     assert candidate.instructions_per_step
     ratio = candidate.instructions_per_step / baseline.instructions_per_step
     changes = _work_changes(baseline, candidate, row.time)
-    lines = [
+    counts = (
         f"instructions per step {baseline.instructions_per_step:,.0f} →"
-        f" {candidate.instructions_per_step:,.0f} ({percent_change(ratio)} %)",
+        f" {candidate.instructions_per_step:,.0f} ({percent_change(ratio)} %)"
+    )
+    time = row.time
+    lines = [
+        f"{_describe_time(time, time.ratio)}; {counts}" if time and time.ratio else counts,
         "changed work: " + ", ".join(changes) if changes else "same work",
     ]
-    return lines + _code_lines(row) + (_time_lines(row.time, ratio) if row.time else [])
+    return lines + _code_lines(row) + (_time_lines(time, ratio) if time else [])
 
 
 def _code_lines(row: ExplainRecord) -> list[str]:
@@ -90,15 +95,18 @@ def _moved_line(group: Sequence[FunctionDifference]) -> str:
     return f"cost moved between {parts}, together {total:+,.0f}"
 
 
+def _describe_time(time: VerdictRow, ratio: Ratio) -> str:
+    interval = "interval unknown"
+    if ratio.low is not None and ratio.high is not None:
+        interval = f"{percent_change(ratio.low)} to {percent_change(ratio.high)}"
+    return f"{time.verdict}, time {percent_change(ratio.estimate)} % ({interval})"
+
+
 def _time_lines(time: VerdictRow, instruction_ratio: float) -> list[str]:
     lines = [] if time.status == Status.OK else [f"time not compared: {time.detail}"]
-    if time.ratio is None:
+    if time.ratio is None or time.ratio.low is None or time.ratio.high is None:
         return lines
     estimate, low, high = time.ratio.estimate, time.ratio.low, time.ratio.high
-    if low is None or high is None:
-        return [*lines, f"time {percent_change(estimate)} % (interval unknown), {time.verdict}"]
-    interval = f"{percent_change(low)} to {percent_change(high)}"
-    lines.append(f"time {percent_change(estimate)} % ({interval}), {time.verdict}")
     difference = abs(estimate - instruction_ratio)
     is_outside = not low - DISAGREEMENT <= instruction_ratio <= high + DISAGREEMENT
     if difference > DISAGREEMENT and is_outside:
@@ -143,7 +151,6 @@ def explain_change(
 
 
 def _code_changes(baseline: ModelCount, candidate: ModelCount) -> CodeChanges:
-    """Return how the code changed."""
     from mjbench.counts.code_comparison import compare  # late: Capstone takes long to import
 
     return compare(baseline.places, candidate.places)

@@ -82,7 +82,6 @@ def is_different(function: FunctionDifference) -> bool:
 
 
 def code_shares(functions: Sequence[FunctionDifference]) -> dict[CodeChange, CodeShare]:
-    """Return how many functions and instructions execute, by how the code changed."""
     costs: dict[CodeChange, list[float]] = defaultdict(list)
     for function in functions:
         assert function.code
@@ -96,7 +95,6 @@ def code_shares(functions: Sequence[FunctionDifference]) -> dict[CodeChange, Cod
 
 
 def moved_groups(functions: Iterable[FunctionDifference]) -> list[list[FunctionDifference]]:
-    """Return the functions between which cost moved, by groups, in their order."""
     moved = {function.name: function for function in functions if function.moved_with}
     groups: list[list[FunctionDifference]] = []
     while moved:
@@ -142,7 +140,6 @@ def _self_costs(count: ModelCount, names: Mapping[str, str]) -> dict[str, float]
 def _mark_moved(
     functions: dict[str, FunctionDifference], calls: AbstractSet[tuple[str, str]], min_cost: float
 ) -> None:
-    """Set `moved_with` of the functions between which cost moved."""
     for group in moved_cost(functions, calls, min_cost):
         ordered = sorted(group, key=lambda name: -abs(functions[name].difference))
         for name in ordered:

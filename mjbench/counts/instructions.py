@@ -135,10 +135,6 @@ class InstructionCounter:
 
         Args:
           limit_s: kill the process when it finishes nothing for this long.
-
-        Raises:
-          InputError: the release does not exist.
-          MachineError: the release cannot be installed, or valgrind fails.
         """
         requests = [
             each if isinstance(each, OperationRequest) else self._request(each) for each in work

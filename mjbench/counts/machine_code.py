@@ -176,7 +176,6 @@ def _work_differs(old: Instruction, new: Instruction) -> bool:
 def _line_arguments(
     decoded: Sequence[capstone.CsInsn], instructions: Sequence[Instruction]
 ) -> Iterator[int]:
-    """Yield the indices of instructions that pass a line of source code to a callee."""
     for call, instruction in enumerate(instructions):
         register = _LINE_REGISTERS.get(instruction.callee or "")
         if register is None:

@@ -43,7 +43,6 @@ class Symbol:
 
     @property
     def end(self) -> int:
-        """Address of the first byte behind it."""
         return self.address + self.size_bytes
 
 
@@ -83,7 +82,6 @@ class SharedLibrary:
         return self._by_name.get(name, [])
 
     def decoded(self, symbol: Symbol) -> list[Instruction]:
-        """Return the instructions of a function, which are decoded once."""
         if symbol.address not in self._decoded:
             code = _content(self.code, symbol.address, symbol.size_bytes) or b""
             surroundings = Surroundings(self.name_at, self.constant_at)
@@ -114,7 +112,6 @@ class SharedLibrary:
 
 
 def _content(sections: Iterable[Section], address: int, size_bytes: int) -> bytes | None:
-    """Return bytes at an address; None where they are not all in one section."""
     for section in sections:
         begin = address - section.address
         if begin >= 0 and begin + size_bytes <= len(section.content):

@@ -58,7 +58,6 @@ class EnvironmentAdapter(ABC):
         return [Callee(each, "step", *self._layer(each)) for each in chain[1:]]
 
     def outermost_layer(self) -> tuple[Layer, str]:
-        """Return the layer that the time of the outermost step belongs to, and its name."""
         return self._layer(self.environment)
 
     def _layer(self, environment: Any) -> tuple[Layer, str]:
@@ -206,7 +205,6 @@ def adapt(environment: Any) -> EnvironmentAdapter:
 
 
 def chain_of(environment: Any) -> list[Any]:
-    """Return an environment and those inside it, the outermost first."""
     chain = [environment]
     while len(chain) < _MAX_WRAPPERS:
         inner = _inner(chain[-1])

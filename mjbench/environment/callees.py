@@ -86,7 +86,6 @@ def _known_callees(callee: Callee) -> Iterator[Callee]:
 
 
 def _steps(environment: object) -> Iterator[Callable[..., Any]]:
-    """Yield the step of an environment, and those of base classes that it calls."""
     own = vars(environment).get("step") if hasattr(environment, "__dict__") else None
     if isinstance(own, types.FunctionType):
         yield own
@@ -101,7 +100,6 @@ def _steps(environment: object) -> Iterator[Callable[..., Any]]:
 
 
 def _function_of(owner: object, attribute: str) -> Callable[..., Any] | None:
-    """Return the function of a method; None where it is something else."""
     method = inspect.getattr_static(type(owner), attribute, None)
     return _undecorated(method) if isinstance(method, types.FunctionType) else None
 
@@ -144,7 +142,6 @@ def _owner(owner: object, function: Callable[..., Any], call: _Call) -> Any:
 
 
 def _can_be_replaced(owner: object, attribute: str) -> bool:
-    """Return whether an attribute is a Python function that its owner can have another for."""
     if isinstance(owner, types.ModuleType):
         return isinstance(vars(owner).get(attribute), types.FunctionType)
     if not hasattr(owner, "__dict__") or isinstance(owner, type):

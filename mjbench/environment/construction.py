@@ -62,9 +62,6 @@ def make(source: EnvironmentSource) -> Any:
     """Return a new environment.
 
     A factory runs in the user's folder, and its modules are imported from there.
-
-    Raises:
-      InputError: there is no such environment, its package is not installed, or making it failed.
     """
     match source.origin:
         case Origin.GYMNASIUM:
@@ -80,9 +77,6 @@ def as_input_error(what: str) -> Iterator[None]:
     """Turn what the user's code raises into an InputError with its file and line.
 
     Where dm_control was built for another release of MuJoCo, the error says so, too.
-
-    Args:
-      what: what failed, such as `its step`.
     """
     try:
         yield
@@ -158,7 +152,6 @@ def _from_factory(source: EnvironmentSource) -> Any:
 
 
 def _user_module(name: str, folder: Path) -> Any:
-    """Return a module of the user's, which is imported from a folder, and works in it."""
     os.chdir(folder)
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))

@@ -109,7 +109,6 @@ class LayerTimes:
         self._inside_ns, self._outside_ns = inside * self._call_ns, (1 - inside) * self._call_ns
 
     def _ns(self, sample: LayerSamples) -> np.ndarray:
-        """Return (rounds,) nanoseconds of a function, per step."""
         cost_ns = sample.timed_calls * self._inside_ns + sample.inner_calls * self._outside_ns
         return np.array(sample.ns) - cost_ns
 

@@ -91,8 +91,6 @@ class EnvironmentPasses:
         return self._compared(self._begin_plain, heartbeat)
 
     def recorded(self, watch: EngineWatch, heartbeat: Callable[[], None]) -> Pass:
-        """Return a pass that `watch` watches; its times include the watching."""
-
         def begin_episode() -> contextlib.AbstractContextManager[_TimedStep]:
             step = self._step()
             watch.begin_episode()
@@ -115,7 +113,6 @@ class EnvironmentPasses:
         return plain, replace(layered, layers=[each for each in timer.layers() if each.calls])
 
     def _begin_plain(self) -> contextlib.AbstractContextManager[_TimedStep]:
-        """Prepare an episode whose steps are timed as a whole."""
         return self._timed(self._step())
 
     def _timed(self, step: Callable[[Any], Any]) -> contextlib.AbstractContextManager[_TimedStep]:
@@ -132,7 +129,6 @@ class EnvironmentPasses:
     def _begin_layered(
         self, timer: LayerTimer, elsewhere: Sequence[Binding]
     ) -> Iterator[_TimedStep]:
-        """Prepare an episode whose steps are timed by layer."""
         adapter = self.adapter
         layer, name = adapter.outermost_layer()
         # a reset may have replaced what the environment holds

@@ -277,7 +277,6 @@ class _ModelVersions:
         self._changes: collections.Counter[tuple[str, Moment]] = collections.Counter()
 
     def of(self, model: Any) -> int:
-        """Return the number of a model's content; note a change."""
         if self._guard is not None:
             changed = self._guard.difference(model)
             if changed is None:
@@ -293,7 +292,6 @@ class _ModelVersions:
             self._most_uses, self.most_used = self._uses, (self._number, self._copy)
 
     def changes(self) -> list[ModelChange]:
-        """Return the changes so far, the most frequent first."""
         return [ModelChange(*key, count) for key, count in self._changes.most_common()]
 
 

@@ -277,7 +277,6 @@ class EnvironmentRecord:
 
     @classmethod
     def failed(cls, environment: str, failure: Failure) -> "EnvironmentRecord":
-        """Return the record of an environment that could not be measured."""
         return cls(environment=environment, status=failure.status, detail=failure.detail)
 
     @property
@@ -287,13 +286,12 @@ class EnvironmentRecord:
 
     @property
     def rounds(self) -> int:
-        """Rounds that were timed."""
         return len(self.step_ns) if self.is_timed else 0
 
     @cached_property
     def step(self) -> Estimate | None:
         """Nanoseconds of a step of the environment, without resets; None where not timed."""
-        return _estimate(self.step_ns) if self.is_timed else None
+        return stats.median_of(self.step_ns) if self.is_timed else None
 
     @property
     def env_steps_per_s(self) -> float | None:
@@ -328,10 +326,9 @@ class EnvironmentRecord:
 
     @cached_property
     def reset(self) -> ResetTime | None:
-        """What a reset takes; None where it was not timed."""
         if self.facts is None or self.step is None:
             return None
-        reset, length = _estimate(self.reset_ns), self.facts.episode_nstep
+        reset, length = stats.median_of(self.reset_ns), self.facts.episode_nstep
         steps_ns = (length or self.facts.nstep) * self.step.median
         share = reset.median / (reset.median + steps_ns)
         return ResetTime(reset, reset.median / length if length else None, share)
@@ -378,8 +375,3 @@ class EnvironmentRecord:
 
 def _speedup(baseline_ns: Sequence[float], ns: Sequence[float]) -> Estimate | None:
     return stats.speedup_in_common(baseline_ns, ns) if baseline_ns and ns else None
-
-
-def _estimate(samples: Sequence[float] | np.ndarray) -> Estimate:
-    values = np.asarray(samples, dtype=float)
-    return Estimate(float(np.median(values)), *stats.median_interval(values))

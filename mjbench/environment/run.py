@@ -318,6 +318,5 @@ class _Turns:
         return self._calibration.cores(single_s, together_s)
 
     def _path_ns(self, comparison: PhysicsComparison, position: int) -> float:
-        """Time a path once; return its nanoseconds per step of the environment."""
         self._channel.doing(f"timing {self._variants[position]}", position)
         return 1e9 * comparison.block_s(position) / len(comparison.physics.numbers)

@@ -153,7 +153,6 @@ def measure_cost(clock_ns: ClockNs = time.perf_counter_ns) -> TimerCost:
 
 
 def _block_ns(clock_ns: ClockNs) -> tuple[int, int, int]:
-    """Return the time of a loop that calls a function, and of one that calls it timed."""
     timer = LayerTimer(clock_ns)
     timed = timer.timed(_nothing, Layer.REST, "inside")
 

@@ -76,7 +76,6 @@ def sized_forms(plan: EnvironmentPlan) -> list[tuple[VectorForm, int]]:
 def added(
     record: EnvironmentRecord, source: EnvironmentSource, plan: EnvironmentPlan
 ) -> EnvironmentRecord:
-    """Return a record with the vectorised forms of its environment, measured in child processes."""
     step_s = float(np.median(record.step_ns)) * 1e-9
     repeats = record.facts is not None and record.facts.repeats
     rule = _VectorRule(plan)
@@ -209,7 +208,6 @@ def _singles(
 
 
 def _no_forms(adapter: EnvironmentAdapter) -> str:
-    """Return why there are no vectorised forms of an environment; empty where there are."""
     if not isinstance(adapter, GymnasiumAdapter):
         return "only Gymnasium has them"
     try:

@@ -88,11 +88,6 @@ class Child(ChildProcess):
         preexec_fn: Callable[[], None] | None = None,
         **arguments: Any,
     ):
-        """Start the command; `preexec_fn` is called in the child before the program starts.
-
-        Raises:
-          MachineError: no process can be started.
-        """
         _adopt_orphans()
         super().__init__(new_mark())
         environment = os.environ if env is None else env
@@ -180,7 +175,6 @@ def end_descendants() -> None:
 
 
 def _end_where(belongs: "Callable[[psutil.Process], bool]") -> None:
-    """Kill the processes below this one for which `belongs` is true."""
     for _ in range(_SEARCHES):
         own = [process for process in _descendants(os.getpid()) if belongs(process)]
         if not own:

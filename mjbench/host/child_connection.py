@@ -83,9 +83,6 @@ class ChildConnection:
             limit that `pair` was given holds.
           activity: what it is doing, such as `stepping the model`.
           watch: called every now and then; what it raises is passed on.
-
-        Raises:
-          ChildError: the child crashed, hung, or sent something else.
         """
         if not self._poll(limit_s, watch):
             raise self._timeout(f"no answer within {limit_s:g} s", activity)
@@ -171,11 +168,6 @@ def _exit_handles(process: Process) -> list[Connection]:
 def start(
     command: Callable[[int], Sequence[str]], output_file: Path, limit_s: float, **arguments: Any
 ) -> ChildConnection:
-    """Start a child with a connection.
-
-    Raises:
-      MachineError: no process can be started, or the file cannot be written.
-    """
     ours, theirs = pair(limit_s)
     try:
         with theirs, writing(output_file), output_file.open("wb") as output:
@@ -198,9 +190,6 @@ def pair(limit_s: float) -> tuple[Connection, socket.socket]:
     Args:
       limit_s: the longest silence within a message; how long the first byte may take is up to
         `ChildConnection.receive`.
-
-    Raises:
-      MachineError: the system has no sockets left.
     """
     ours, theirs = sockets(socket.SOCK_STREAM)
     ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, timeval(limit_s))
@@ -208,11 +197,6 @@ def pair(limit_s: float) -> tuple[Connection, socket.socket]:
 
 
 def sockets(kind: int) -> tuple[socket.socket, socket.socket]:
-    """Return a connected pair of sockets.
-
-    Raises:
-      MachineError: the system has none left.
-    """
     try:
         return socket.socketpair(type=kind)
     except OSError as error:

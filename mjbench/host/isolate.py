@@ -124,9 +124,6 @@ def run(
     Returns:
       How the child ended. The child and all that it started are gone by then, also when an
       exception (Ctrl-C) passes through.
-
-    Raises:
-      MachineError: no process can be started, or its files cannot be written.
     """
     with scratch.folder() as folder:
         connection = child_connection.start(

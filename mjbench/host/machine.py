@@ -308,7 +308,6 @@ class Calibration:
             thread.join()
 
     def cores(self, single_s: float, together_s: float) -> float:
-        """Return how many cores the times of `single` and `together` amount to."""
         return self.threads * single_s / together_s
 
     def _work(self, data: "mujoco.MjData") -> None:
@@ -345,7 +344,6 @@ def _network_address() -> str:
 
 
 def is_virtual() -> bool:
-    """Return whether this is a virtual machine, as far as it says so."""
     return "hypervisor" in _cpuinfo("flags").split() or _sysctl("kern.hv_vmm_present") == "1"
 
 
@@ -376,7 +374,6 @@ def read_text(path: str | Path) -> str:
 
 
 def package_versions(names: Iterable[str]) -> dict[str, str]:
-    """Return the versions of those of some packages that are installed, by name."""
     return {name: version for name in names if (version := _version(name))}
 
 

@@ -85,7 +85,6 @@ def describe(others: Sequence[Neighbour]) -> str:
 
 
 def shared_folder() -> Path:
-    """Return the folder that all users of this machine share."""
     root = Path("/tmp")  # not TMPDIR, which may be each user's own
     if named := os.environ.get(FOLDER_VARIABLE):
         root = Path(named)

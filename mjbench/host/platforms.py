@@ -138,11 +138,7 @@ def _exit_after(parent: int) -> None:
 
 
 def lock_file(descriptor: int, *, shared: bool, wait: bool) -> None:
-    """Lock an open file by flock; the kernel frees the lock when the process ends.
-
-    Raises:
-      BlockingIOError: another process holds the lock, and `wait` is false.
-    """
+    """Lock an open file by flock; the kernel frees the lock when the process ends."""
     if sys.platform == "win32":
         raise NotImplementedError("no command that installs a release runs on Windows")
     import fcntl

@@ -21,9 +21,6 @@ def folder() -> Iterator[Path]:
     """Yield a temporary folder; it is removed when the block ends.
 
     Folders of processes that were killed, and could not remove their own, are removed first.
-
-    Raises:
-      MachineError: it cannot be created.
     """
     prefix = f"{_PREFIX}{_pid_namespace()}-"
     try:

@@ -30,9 +30,6 @@ def start() -> Callable[[], None]:
 
     Returns:
       What dismisses the guard.
-
-    Raises:
-      MachineError: no process can be started.
     """
     if sys.platform != "linux" or os.getsid(0) != os.getpid():
         return lambda: None

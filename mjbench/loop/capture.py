@@ -254,7 +254,6 @@ class _Block:
         )
 
     def check_model(self) -> None:
-        """Raise a MachineError if the model was to be written, and could not be saved."""
         for recorded in self.recorder.models()[:1]:
             if recorded.mjb_failure:
                 raise MachineError(f"cannot save {self.model_file}: {recorded.mjb_failure}")
@@ -294,7 +293,6 @@ def _modules_with_own_functions() -> list[str]:
 
 
 def _ending(file: str | os.PathLike[str], ending: str, what: str) -> Path:
-    """Return the path of a file; refuse one with another ending."""
     path = Path(file)
     if path.suffix != ending:
         raise InputError(f"{shown(str(path))}: {what} ends in {ending}")

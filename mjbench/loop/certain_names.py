@@ -66,7 +66,6 @@ class CertainNames:
         return bool(nodes) and all(self._is_assigned(node, kind) for node in nodes)
 
     def _is_assigned(self, target: ast.AST, kind: str) -> bool:
-        """Return whether a binding assigns a new MjData, or a loaded MjModel."""
         statement = self.script.parents[target]
         if not isinstance(statement, ast.Assign | ast.AnnAssign):
             return False

@@ -61,7 +61,6 @@ class Copying:
         return self._stored_in(above)
 
     def _stored_in(self, node: ast.AST | None) -> ast.Name | None:
-        """Return the name in which a node stores something; None where it is not just that."""
         store = store_of(node) if node is not None else None
         if node is None or store is None or not isinstance(store.place, ast.Name):
             return None

@@ -44,7 +44,6 @@ def original(name: str) -> EngineFunction:
 
 
 def _replace(active: Sequence[Wrappers]) -> None:
-    """Replace each function by itself inside its wrappers, the first one innermost."""
     names = {name for wrappers in active for name in wrappers if hasattr(mujoco, name)}
     for name in _ORIGINALS.keys() - names:
         setattr(mujoco, name, _ORIGINALS.pop(name))

@@ -85,7 +85,6 @@ class Hoisting:
         return hoists, refusals
 
     def _loops_up_from(self, loop: Loop) -> Iterator[Loop]:
-        """Yield a loop, and those around it in its scope, the innermost first."""
         above = self._script.above(loop, self._bindings.scope_of(loop))
         return (node for node in (loop, *above) if isinstance(node, Loop))
 

@@ -162,11 +162,7 @@ QUANTILES = (0.5, 0.99, 0.999)
 
 
 def measure(request: LatencyRequest, limit_s: float = TIME_LIMIT_S) -> list[StepSamples]:
-    """Return the steps of a model at each pace, measured in a child process.
-
-    Raises:
-      MjbenchError: the child failed, or was killed after `limit_s` seconds of silence.
-    """
+    """Return the steps of a model at each pace, measured in a child process."""
     return isolate.call(measure_in_child, request, limit_s=limit_s)
 
 

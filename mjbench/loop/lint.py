@@ -64,7 +64,6 @@ def refusing_deep_nesting(file: str) -> Iterator[None]:
 
 
 def findings_of(file: str, program: PythonProgram, codes: Collection[str]) -> list[Finding]:
-    """Return the findings of a program, in the order of its lines, under the name of its file."""
     of_rules = matches(program, SteppingScript(program.tree), codes)
     return [finding_of(file, program, rule, match) for rule, match in of_rules]
 

@@ -124,11 +124,7 @@ def _check(file: str, codes: Collection[str]) -> LintedFile:
 
 
 def fix(file: str, codes: Collection[str] = ALL_CODES) -> LintedFile:
-    """Return what can be changed in a Python file or a notebook; nothing is written.
-
-    Raises:
-      InputError: it cannot be read, is neither, or is too large or too deeply nested.
-    """
+    """Return what can be changed in a Python file or a notebook; nothing is written."""
     with lint.refusing_deep_nesting(file):
         before = after = read_program(file)
         plan = _plan(before, codes)
@@ -233,7 +229,6 @@ class _PartText:
 
 
 def lines_of(text: str) -> list[str]:
-    """Return the lines of a text, each with its end."""
     return [line for line in _LINE.findall(text) if line]
 
 
@@ -273,8 +268,6 @@ def _expected(tree: ast.Module, changes: SourceChanges) -> ast.AST:
 
 
 class _Transformer(ast.NodeTransformer):
-    """Makes changes in a tree, whose nodes are the copies of those that the changes name."""
-
     def __init__(self, changes: SourceChanges, copies: Mapping[int, Any]):
         self._copied = {copies[id(view)] for view in changes.copied}
         self._names = {copies[id(c)]: hoist.name for hoist in changes.hoists for c in hoist.calls}

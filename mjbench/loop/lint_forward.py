@@ -99,7 +99,6 @@ def _is_statement(script: SteppingScript, call: ast.Call) -> bool:
 
 
 def _follows_step(script: SteppingScript, call: ast.Call) -> bool:
-    """Return whether a call is a statement after mj_step, of the same model and MjData."""
     statement = script.parents[call]
     assert isinstance(statement, ast.Expr), "the call is a statement"
     block = block_around(statement, script.parents.get(statement))

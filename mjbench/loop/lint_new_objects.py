@@ -227,7 +227,6 @@ def _resets_inside(loop: ast.AST) -> bool:
 
 
 def _varies(script: SteppingScript, each: Iteration) -> bool:
-    """Return whether what runs depends on what its loop runs over."""
     return not names_in(each.inside).isdisjoint(each.varying_names(script))
 
 
@@ -238,7 +237,6 @@ def _takes_data(script: SteppingScript, each: Iteration) -> bool:
 
 
 def _has_new_model(script: SteppingScript, each: Iteration, call: ast.Call) -> bool:
-    """Return whether a call gets a model that is new in each iteration, or that it chooses."""
     if creates_model(call) or each.makes_model():
         return True
     model: ast.AST = call.args[0] if call.args else call
@@ -301,7 +299,6 @@ def _is_jit(script: SteppingScript, function: ast.AST) -> bool:
 
 
 def _is_partial_jit(script: SteppingScript, decorator: ast.AST) -> bool:
-    """Return whether a decorator is `jax.jit(…)` or `functools.partial(jax.jit, …)`."""
     if not isinstance(decorator, ast.Call):
         return False
     is_partial = last_name(decorator.func) == "partial" and bool(decorator.args)

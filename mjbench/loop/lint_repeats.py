@@ -64,7 +64,6 @@ class Iteration:
         return names
 
     def makes_model(self) -> bool:
-        """Return whether what runs gets a model that is new in the iteration."""
         new = _new_models(self.loop) & names_in(self.inside)
         return bool(new) or any(map(_new_models, self.functions))
 
@@ -194,7 +193,6 @@ def _roots(target: ast.AST) -> set[str]:
 
 
 def creates_model(node: ast.AST, by_any_call: bool = False) -> bool:
-    """Return whether a call in a node creates a model, or any call is said to."""
     calls = (n for n in ast.walk(node) if isinstance(n, ast.Call))
     return any(by_any_call or is_call(call, *_CREATE_MODEL) for call in calls)
 

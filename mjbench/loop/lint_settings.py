@@ -83,7 +83,6 @@ ALL_RULES = RuleChoice()
 
 
 def _matching(beginnings: Sequence[str]) -> set[str]:
-    """Return the codes that begin so; raise InputError if none does."""
     for beginning in beginnings:
         if not beginning or not any(code.startswith(beginning.upper()) for code in ALL_CODES):
             raise InputError(f"no rule {beginning!r}; there are {', '.join(ALL_CODES)}")

@@ -196,7 +196,6 @@ def _steps_given_data(
 
 
 def _stepped(function: ast.FunctionDef) -> Iterator[ast.expr]:
-    """Yield what a function itself passes to mj_step as MjData."""
     for node in nodes_inside(function):
         if isinstance(node, ast.Call) and is_step(node) and len(node.args) > 1:
             yield node.args[1]
@@ -242,7 +241,6 @@ def written_views(script: SteppingScript) -> Iterator[Match]:
 
 
 def _written(node: ast.expr | ast.stmt) -> Iterator[ast.Name]:
-    """Yield the names of arrays that a node certainly writes into."""
     written: list[ast.expr] = []
     if isinstance(node, ast.AugAssign):
         written = [node.target]

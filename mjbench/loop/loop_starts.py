@@ -31,7 +31,6 @@ class StartsInTurn:
         self.count = 0
 
     def __call__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Restore the next start state."""
         row = self._rows[self.count // self._repeats % len(self._rows)]
         self.count += 1
         if self._has_reset:
@@ -45,11 +44,7 @@ class LoopStarts:
     def __init__(
         self, model: mujoco.MjModel, plan: StartPlan, nstep: int | None = None, seed: int = 0
     ):
-        """Draw starts for runs of `nstep` steps; None for as many as take about RUN_S.
-
-        Raises:
-          InputError: the file does not fit the model, or every simulation diverges.
-        """
+        """Draw starts for runs of `nstep` steps; None for as many as take about RUN_S."""
         self._model, step_s = model, work.step_s(model)
         self.nstep = nstep or max(LEAST_NSTEP, int(RUN_S / step_s))
         affordable = int(DRAWING_S / (self.nstep * step_s))

@@ -125,7 +125,6 @@ class NameBindings:
         return ".".join(filter(None, (origin, rest))) if origin else ""
 
     def _is_bound_once(self, name: str, scope: Scope) -> bool:
-        """Return whether one node binds a name of a scope, and is in no loop."""
         if (scope, _STAR) in self._bindings:
             return False
         nodes = self._bindings[scope, name]
@@ -144,7 +143,6 @@ class NameBindings:
         return node.name if node.asname else node.name.partition(".")[0]
 
     def _scopes_of_binding(self, node: ast.AST) -> Iterator[Scope]:
-        """Yield the scope in which a node binds a name, or all scopes that it might be."""
         scopes = self._scopes_around(node)
         # in a default value, of the scope around the function
         is_walrus = isinstance(self._parents.get(node), ast.NamedExpr)
@@ -182,7 +180,6 @@ class ScriptFunctions:
         return functions[0] if functions else None
 
     def calls_of(self, function: ast.FunctionDef) -> Sequence[ast.Call]:
-        """Return the calls that may mean a function."""
         return self._calls_of.get(function, [])
 
     def arguments(self, call: ast.Call, function: ast.FunctionDef) -> Mapping[str, ast.expr] | None:
@@ -229,7 +226,6 @@ class ScriptFunctions:
     def _method(
         self, attribute: ast.Attribute, decorators: Sequence[str]
     ) -> Sequence[ast.FunctionDef]:
-        """Return the one method of a name, if it has just these decorators."""
         owner = self._class_of(attribute.value)
         body = owner.body if owner is not None else []
         methods = [n for n in body if isinstance(n, FUNCTIONS) and n.name == attribute.attr]
@@ -252,7 +248,6 @@ class ScriptFunctions:
         return owner if isinstance(owner, ast.ClassDef) else None
 
     def _binding(self, name: ast.Name) -> ast.AST | None:
-        """Return the one node that binds a name; None where there are others."""
         bindings = self._bindings.of_name(name)
         return bindings[0] if len(bindings) == 1 else None
 

@@ -121,10 +121,6 @@ def measure(
       limit_s: a launch is killed after this long without a message.
       launches: processes that measure, one after the other, at most.
       budget_s: seconds after which no launch begins, once there are a few.
-
-    Raises:
-      InputError: the model cannot be loaded, or the file does not fit it.
-      MachineError: a launch crashed or hung.
     """
     measured: list[Launch] = []
     end_s = clock() + budget_s
@@ -184,7 +180,6 @@ def launch(
 
 
 def quads(budget_s: float, quad_s: float) -> int:
-    """Return how many quads of a habit a launch times, each of which takes about `quad_s`."""
     return max(1, min(MOST_QUADS, int(budget_s / quad_s)))
 
 

@@ -164,10 +164,6 @@ def measure(
 
     Args:
       budget_s: for the steps; the frames of each backend have half as much.
-
-    Raises:
-      InputError: it cannot be loaded, diverges, or the file does not fit it.
-      MachineError: the process that steps it crashed or hung.
     """
     steps = isolate.call(step, source, starts, budget_s, limit_s=limit_s)
     frame_s = FRAME_SHARE * budget_s
@@ -189,7 +185,6 @@ class Block:
     new_start: Callable[[], Callable[[mujoco.MjModel, mujoco.MjData], None]]
 
     def of_loop(self, habit: Habit, model: mujoco.MjModel) -> Callable[[], None]:
-        """Return a block of the loop of a habit."""
         run, nrun = compile_loop(habit, model, self.nstep, start=self.new_start()).run, self.nrun
 
         def runs() -> None:
@@ -242,7 +237,6 @@ def step(source: ModelSource, plan: StartPlan, budget_s: float, channel: Channel
 def _step_ns(
     model: mujoco.MjModel, block: Block, budget_s: float, of_habits: Sequence[Habit]
 ) -> list[list[float]]:
-    """Return the ns of a step in the loop of each habit, in each round, timed in turns."""
     contenders = []
     for habit in of_habits:
         run = block.of_loop(habit, model)

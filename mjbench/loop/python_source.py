@@ -84,12 +84,6 @@ class PythonProgram:
 
 
 def read_program(file: str) -> PythonProgram:
-    """Return the program in a Python file or a notebook.
-
-    Raises:
-      InputError: it cannot be read, or is neither.
-      RecursionError, MemoryError: it is nested too deeply, or too large, for the parser.
-    """
     try:
         data = _read(Path(file))
         return parse_notebook(data) if file.endswith(NOTEBOOK_SUFFIX) else parse_python(data)

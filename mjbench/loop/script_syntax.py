@@ -35,7 +35,6 @@ def is_call(node: ast.AST | None, *names: str) -> TypeGuard[ast.Call]:
 
 
 def is_step(node: ast.AST) -> TypeGuard[ast.Call]:
-    """Return whether a node calls `mj_step`, or a part of it."""
     return is_call(node, "mj_step", "mj_step1", "mj_step2")
 
 

@@ -114,13 +114,11 @@ def parts(
 
 
 def of_sensors(sensors: Sequence[SensorCost]) -> list[StepPart]:
-    """Return all sensors as one part of a step; nothing without any."""
     total = sum(each.share for each in sensors)
     return [StepPart(SENSORS, OTHER, total)] if sensors else []
 
 
 def step_s(model: mujoco.MjModel, start: Start, budget_s: float = BUDGET_S) -> float:
-    """Return the seconds of a step from start states."""
     (seconds,) = medians(model, start, [(_nothing, mujoco.mj_step)], budget_s)
     return seconds
 

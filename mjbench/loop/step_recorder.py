@@ -78,7 +78,6 @@ class RecordedWindow:
     def step(
         self, function: EngineFunction, model: mujoco.MjModel, data: mujoco.MjData, nstep: int
     ) -> int:
-        """Take steps of the MjData one by one, and store the states after them."""
         before, last, spec = self._before, self._last, self._reader.spec
         self._get_state(model, data, before, spec)
         if last is None or self._is_elsewhere(before, last):
@@ -385,7 +384,6 @@ class StepRecorder:
 def _arguments(
     names: Sequence[str], args: tuple[Any, ...], keywords: Mapping[str, Any]
 ) -> tuple[mujoco.MjModel, mujoco.MjData, int] | None:
-    """Return model, data and steps of a call; None where it is none that takes a step."""
     given = {**dict(zip(names, args, strict=False)), **keywords}
     if len(args) + len(keywords) != len(given) or not {"m", "d"} <= given.keys() <= set(names):
         return None

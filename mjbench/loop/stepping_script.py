@@ -254,7 +254,6 @@ class SteppingScript:
         )
 
     def step_loop_around(self, node: ast.AST) -> Loop | None:
-        """Return the innermost loop around a node that calls `mj_step` itself; None without one."""
         return next((n for n in self.loops_around(node) if n in self._step_loops), None)
 
     def is_numpy_call(self, node: ast.Call) -> bool:
@@ -269,22 +268,18 @@ class SteppingScript:
         return False
 
     def steps_inside(self, node: ast.AST) -> bool:
-        """Return whether `mj_step`, or a function that calls it, is called inside a node."""
         return any(isinstance(n, ast.Call) and self._steps(n) for n in nodes_inside(node))
 
     def _steps(self, call: ast.Call) -> bool:
-        """Return whether a call is `mj_step`, or leads to it."""
         if is_step(call) or last_name(call.func) in self._stepping_functions:
             return True
         indirect = self._indirect_functions
         return bool(indirect) and not indirect.isdisjoint(self.functions.called(call))
 
     def steps_either_inside(self, node: ast.AST) -> bool:
-        """Return whether `mj_step` is called inside a node, or an environment is stepped."""
         return self.steps_inside(node) or self.steps_environment_inside(node)
 
     def steps_environment_inside(self, node: ast.AST) -> bool:
-        """Return whether an environment is stepped inside a node, there or in a function."""
         return any(
             self._steps_environment(n)
             or (isinstance(n, ast.Call) and last_name(n.func) in self._environment_functions)
@@ -307,7 +302,6 @@ class SteppingScript:
         return name in self._data_names or name.rpartition(".")[2] in ("data", "mjdata")
 
     def is_access_to_data(self, node: ast.AST) -> bool:
-        """Return whether a node is `data.joint(…)` or the like."""
         return (
             isinstance(node, ast.Call)
             and isinstance(node.func, ast.Attribute)
@@ -316,7 +310,6 @@ class SteppingScript:
         )
 
     def is_named_part(self, node: ast.AST) -> bool:
-        """Return whether a node is the part of an MjData that belongs to a named element."""
         values = self.assigned(node)
         is_name = bool(values) and all(v is not None and self.is_access_to_data(v) for v in values)
         return is_name or self.is_access_to_data(node)

@@ -117,7 +117,6 @@ class StoredViews:
             yield from self._collected(comprehension)
 
     def loop_around(self, node: ast.AST) -> SteppingBody | None:
-        """Return the innermost loop around a node that steps in any way; None without one."""
         around = (self._loops.get(loop) for loop in self._script.loops_around(node))
         return next((loop for loop in around if loop is not None), None)
 
@@ -161,7 +160,6 @@ class StoredViews:
         return self.adds(store.key, body) and self._may_repeat(node, place, body)
 
     def adds(self, key: ast.expr | None, body: SteppingBody) -> bool:
-        """Return whether a key is another one in each iteration of a body."""
         if key is None:
             return True
         counts = self._counted | (set() if body.is_method else _renewed(body.inner))
@@ -173,7 +171,6 @@ class StoredViews:
         )
 
     def _may_repeat(self, node: ast.AST, place: str, body: SteppingBody) -> bool:
-        """Return whether a body may store at a node more than once."""
         while node is not body.node:
             child, node = node, self._script.parents[node]
             if isinstance(node, ast.If) and child is not node.test:

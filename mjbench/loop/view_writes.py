@@ -50,7 +50,6 @@ class WritesThrough:
         return name in self._written
 
     def through_entries(self, name: str) -> bool:
-        """Return whether the script may write into an entry of what a dotted name holds."""
         return name in self._names
 
     def through_attribute(self, attribute: str) -> bool:

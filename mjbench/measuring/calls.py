@@ -20,19 +20,43 @@ MOST_CALLS = 1_000_000
 
 
 @dataclass(frozen=True)
+class Compilation:
+    """What a process took before steps that are compiled ran at their usual speed.
+
+    Attributes:
+      trace_s: seconds from Python to the compiler's input; None without such a stage.
+      first_run_s: of the program's first run, which is compiled by then.
+      programs: how many the compiler was asked for, those of single operations included; None where
+        it does not tell.
+      is_cached: whether the compiler found all of them in its cache.
+    """
+
+    trace_s: float | None
+    compile_s: float
+    first_run_s: float
+    programs: int | None = None
+    is_cached: bool = False
+
+    @property
+    def seconds(self) -> float:
+        """Of tracing and compiling."""
+        return (self.trace_s or 0.0) + self.compile_s
+
+
+@dataclass(frozen=True)
 class PreparedCall:
     """A function whose every call needs a preparation, which is not timed.
 
     Attributes:
       timed: is called once after each preparation, and waits for what it began.
       result: returns what the call came to; MachineError where that is wrong.
-      seconds: what counts of the last call, where that is done once; None where blocks time it.
+      compilation: of what the last call ran; None where nothing is compiled.
     """
 
     prepare: Callable[[], None]
     timed: Callable[[], None]
     result: Function
-    seconds: Callable[[], float] | None = None
+    compilation: Callable[[], Compilation] | None = None
 
     def __call__(self) -> object:
         """Do all three."""

@@ -25,6 +25,12 @@ class Estimate:
     high: float | None
 
 
+def median_of(samples: Sequence[float] | np.ndarray) -> Estimate:
+    """Return the median of independent samples, of which there is one at least."""
+    values = np.asarray(samples, dtype=float)
+    return Estimate(float(np.median(values)), *median_interval(values))
+
+
 def speedup(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> Estimate:
     """Return how many times faster the candidate is than the baseline in the same rounds.
 

@@ -25,7 +25,6 @@ class Contender:
 
 
 def block_s(contender: Contender, clock: Clock = time.perf_counter) -> float:
-    """Time one block of a contender and return the seconds it took."""
     contender.before()
     start = clock()
     contender.run()

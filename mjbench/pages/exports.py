@@ -6,7 +6,6 @@ import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from xml.etree import ElementTree
 
 from mjbench.comparison.records import ModelRecord
@@ -266,31 +265,34 @@ def _cases_by_machine(runs: Sequence[Run]) -> Iterator[_Case]:
             yield _Case(comparison.model, f"{verdict.machine}: {name}", outcome, detail)
 
 
-def write_parquet(stored: RunSet, file: Path) -> None:
-    """Write results as Parquet.
+def as_parquet(stored: RunSet) -> bytes:
+    """Return results as a file of Parquet.
 
     Raises:
       MachineError: neither pandas with pyarrow nor polars is installed.
     """
     table: Sequence[Mapping[str, rows.Cell]] = rows.of_set(stored)
+    file = io.BytesIO()
     try:
         import polars
     except ImportError:
         pass
     else:
         polars.DataFrame(table, infer_schema_length=None, strict=False).write_parquet(file)
-        return
+        return file.getvalue()
     try:
         import pandas
 
         pandas.DataFrame(table).to_parquet(file)
+        return file.getvalue()
     except ImportError as error:
         raise MachineError("--format parquet needs polars, or pandas with pyarrow") from error
 
 
-# The text formats by name.
-FORMATS: Mapping[str, Callable[[RunSet], str]] = {
+# The formats by name.
+FORMATS: Mapping[str, Callable[[RunSet], str | bytes]] = {
     "csv": as_csv,
+    "parquet": as_parquet,
     "github-action-benchmark": as_github_action_benchmark,
     "bencher": as_bencher,
     "otava": as_otava,

@@ -1,10 +1,13 @@
 """From run files and run sets to the content of a report."""
 
+import itertools
 import shlex
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from mjbench.counts.records import ExplainRecord
 from mjbench.errors import one_line, printable
 from mjbench.releases import known_causes
 from mjbench.releases.release_ratios import RatioRecord
@@ -50,10 +53,15 @@ class NamedRun:
 
 @dataclass(frozen=True)
 class _Part:
-    """A section, and what of it stands at the head of the report."""
+    """A section, and what of it stands at the head of the report.
+
+    Attributes:
+      source: name of the file that it is from; empty if it is from several.
+    """
 
     section: Section
     main: Sequence[Conclusion]
+    source: str = ""
 
 
 def read(files: Sequence[Path]) -> list[NamedRun]:
@@ -68,14 +76,15 @@ def read(files: Sequence[Path]) -> list[NamedRun]:
 
 def build(named_runs: Sequence[NamedRun]) -> Report:
     results = across.side_by_side([named.run for named in named_runs])
+    history = _history_parts(named_runs)
     parts = [
-        part
+        replace(part, source=printable(named.file.stem))
         for named, machine in zip(named_runs, results.machines, strict=True)
-        for part in _parts(named, machine.name if results.has_several else "")
+        for part in _parts(named, machine.name if results.has_several else "", bool(history))
     ]
-    if history := _history_parts(named_runs):  # why speed changed is part of it
+    if history:
         parts = [*history, *(replace(part, main=first_of(part.main)) for part in parts)]
-    chosen = _most_important(parts) if len(named_runs) > 1 else parts
+    chosen = _with_unique_headings(_most_important(parts)) if len(named_runs) > 1 else parts
     # several models may say the same
     main = list(dict.fromkeys(conclusion for part in chosen for conclusion in part.main))
     main.sort(key=lambda conclusion: conclusion.tone != Tone.BAD)
@@ -104,6 +113,21 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
         summaries,
         _machines(named_runs, results.machines),
     )
+
+
+def _with_unique_headings(parts: Sequence[_Part]) -> list[_Part]:
+    """Return parts with headings of their own: equal ones get their file's name, or a number."""
+    names = [part.section.heading for part in parts]
+    for added in ([part.source for part in parts], map(str, itertools.count(1))):
+        counts = Counter(names)
+        names = [
+            f"{name} ({text})" if counts[name] > 1 else name
+            for name, text in zip(names, added, strict=False)
+        ]
+    return [
+        replace(part, section=replace(part.section, heading=name))
+        for part, name in zip(parts, names, strict=True)
+    ]
 
 
 def _has_content(section: Section) -> bool:
@@ -190,24 +214,35 @@ def _history_parts(named_runs: Sequence[NamedRun]) -> list[_Part]:
     each = history_files.of_runs(
         [named.run for named in named_runs], causes if causes.exists() else None
     )
-    sections = history_across.sections(each)
     command = timed[0].command
-    first, *others = (replace(section, command=command) for section in sections)
+    first, *others = (
+        replace(section, command=command) for section in history_across.sections(each)
+    )
+    counted = [named for named in named_runs if named.run.of_type(ExplainRecord)]
+    if counted:  # why speed changed; counts hold for any machine
+        records = [record for named in counted for record in named.run.of_type(ExplainRecord)]
+        newest = {(record.series, record.old, record.new): record for record in records}
+        run = Run(counted[0].run.header, tuple(newest.values()))
+        others += [
+            replace(section, command=counted[0].command) for section in kinds.EXPLAIN.sections(run)
+        ]
     return [
         _Part(replace(first, is_summary=True), first.conclusions),
         *(_Part(section, first_of(section.conclusions)) for section in others),
     ]
 
 
-def _parts(named: NamedRun, machine: str) -> Iterator[_Part]:
+def _parts(named: NamedRun, machine: str, has_history: bool) -> Iterator[_Part]:
     """Yield the sections of a run.
 
-    `machine` is its name where there are several: what they show side by side then stands at the
-    head, in place of what one of them shows.
+    Args:
+      machine: its name where there are several: what they show side by side then stands at the
+        head, in place of what one of them shows.
+      has_history: whether all runs together are a history, which has their counts, too.
     """
     of_run = kinds.kinds_of(named.run)
     for kind in of_run:
-        if kind is kinds.HISTORY:  # of all runs together
+        if kind is kinds.HISTORY or (has_history and kind is kinds.EXPLAIN):
             continue
         is_detail = kinds.CHECKUP in of_run and kind is not kinds.CHECKUP
         sections = [*kind.sections(named.run)]

@@ -5,12 +5,15 @@ This module runs in the environment of any release, with the packages of the pat
 
 import os
 import pickle
+import time
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from mjbench.errors import MachineError, UnavailableError
-from mjbench.measuring.calls import PreparedCall
+from mjbench.measuring.calls import Compilation, PreparedCall
 from mjbench.paths.accelerated import (
     AcceleratedPath,
     Compiled,
@@ -30,6 +33,8 @@ _CACHES_ALL = {
     "jax_persistent_cache_min_compile_time_secs": 0.0,
     "jax_persistent_cache_min_entry_size_bytes": -1,
 }
+# JAX reports it for each program that it asks its compiler for, found in the cache or not.
+_COMPILED = "/jax/core/compile/backend_compile_duration"
 # What single steps are compared by.
 _COMPARED = ("qpos", "qvel")
 
@@ -53,8 +58,12 @@ def compiled_step(
     path = _available(path_name)
     _use_cache(path, cache)
     workload = _workload(path, source, workload_file)
-    compiled = path.prepare(workload, {}, Resources(workload))
-    return PreparedCall(compiled.clear, compiled.run, lambda: _result(compiled, workload))
+    stored = {*cache.rglob("*")}
+    compiled, took = _compiled(path, workload, Resources(workload), _requests(path))
+    took = replace(took, is_cached=stored == {*cache.rglob("*")})
+    return PreparedCall(
+        compiled.clear, compiled.run, lambda: _result(compiled, workload), lambda: took
+    )
 
 
 def compilation(source: ModelSource, path_name: str, workload_file: Path) -> PreparedCall:
@@ -68,28 +77,50 @@ def compilation(source: ModelSource, path_name: str, workload_file: Path) -> Pre
     """
     path = _available(path_name)
     workload = _workload(path, source, workload_file)
-    resources, compiled = Resources(workload), list[Compiled]()
+    resources, requests = Resources(workload), _requests(path)
+    last = list[tuple[Compiled, Compilation]]()
     reference_peaks(workload, resources)  # by which buffers are sized
 
     def prepare() -> None:
-        compiled.clear()
+        last.clear()
+        requests.clear()
         if "jax" in path.packages:
             import jax
 
             jax.clear_caches()
 
-    def result() -> dict[str, np.ndarray]:
-        (program,) = compiled
-        program.clear()
-        program.run()
-        return _result(program, workload)
-
-    def seconds() -> float:
-        return (compiled[0].trace_s or 0.0) + compiled[0].compile_s
-
     return PreparedCall(
-        prepare, lambda: compiled.append(path.prepare(workload, {}, resources)), result, seconds
+        prepare,
+        lambda: last.append(_compiled(path, workload, resources, requests)),
+        lambda: _result(last[0][0], workload),
+        lambda: last[0][1],
     )
+
+
+def _requests(path: AcceleratedPath) -> list[str]:
+    """Return a list that grows with what JAX asks its compiler for; empty of other engines."""
+    requests = list[str]()
+    if "jax" in path.packages:
+        import jax
+
+        def note(event: str, *_: object, **__: object) -> None:
+            requests.extend([event] if event == _COMPILED else [])
+
+        jax.monitoring.register_event_duration_secs_listener(note)
+    return requests
+
+
+def _compiled(
+    path: AcceleratedPath, workload: Workload, resources: Resources, requests: Sequence[str]
+) -> tuple[Compiled, Compilation]:
+    """Compile the program of a workload, and run it once; return also what that took."""
+    compiled = path.prepare(workload, {}, resources)
+    compiled.clear()
+    begin_s = time.perf_counter()
+    compiled.run()
+    first_run_s = time.perf_counter() - begin_s
+    programs = len(requests) or None
+    return compiled, Compilation(compiled.trace_s, compiled.compile_s, first_run_s, programs)
 
 
 def _available(path_name: str) -> AcceleratedPath:

@@ -4,9 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from mjbench.host import machine
+from mjbench.measuring.calls import Compilation
 from mjbench.paired.memory_blocks import GROWTH_NSTEP
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.pair_work import PairWork, SingleQuadWork, check_growth
+from mjbench.paired.process_pairs import ProcessPair
 from mjbench.paired.protocol import LaunchedPair
 from mjbench.paired.records import TargetRow
 from mjbench.paired.time_limit import TimeLimit
@@ -14,6 +16,7 @@ from mjbench.paired.timed_function import (
     CodeOrigin,
     FunctionFacts,
     FunctionSource,
+    compilation_of,
     import_function,
     prepare_function,
     try_function,
@@ -158,6 +161,13 @@ class _FunctionWork(PairWork):
         """See `PairWork.equip`."""
         for process, target in zip(processes, self._targets, strict=True):
             process.ask(import_function, target.source, calls_it=self.calls_ahead)
+
+    def compilations(self, pair: ProcessPair) -> list[Compilation]:
+        """See `PairWork.compilations`."""
+        if self._targets[0].run is None:
+            return []
+        answers = [process.call(compilation_of) for process in pair.processes]
+        return [each for each in answers if each is not None]
 
     def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
         return process.call(prepare_function, allowed, self._plan.count, self._plan.metric)

@@ -13,6 +13,7 @@ from mjbench.errors import Failure, InputError, MachineError, UnavailableError
 from mjbench.measuring import anytime
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.call_results import ResultsCheck, compare
+from mjbench.paired.compilation_figures import CompilationFigures
 from mjbench.paired.function_pair import (
     CallPlan,
     FunctionTarget,
@@ -21,7 +22,7 @@ from mjbench.paired.function_pair import (
     observe,
 )
 from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, judge
-from mjbench.paired.outcomes import ResultsOutcome, Verdict
+from mjbench.paired.outcomes import Metric, ResultsOutcome, Verdict
 from mjbench.paired.pair_rule import Launched, LaunchRule, Sufficiency
 from mjbench.paired.records import (
     MAX_E_VALUE,
@@ -254,6 +255,21 @@ class _Decision:
     ) -> Launched:
         return rule.run_pair(RevisionPair(self._pool, targets, calls, limit))
 
+    def _compiling(self, observed: _Observed) -> list[CompilationFigures]:
+        """Return what compiling took on both sides; nothing where they compile nothing."""
+        both = []
+        for i, facts in enumerate((observed.baseline, observed.candidate)):
+            if facts.compilation is None:
+                return []
+            launched = [each.compilations[i] for each in self._launches if each.compilations]
+            steady_run_s = (
+                [launch.block_s[i] for launch in self._launches]
+                if self._plan.sizes.metric == Metric.TIME
+                else []
+            )
+            both.append(CompilationFigures.of([facts.compilation, *launched], steady_run_s))
+        return both
+
     def _record(self, ending: Failure, verdict: Verdict | None = None) -> VerdictRecord:
         """Return the verdict as a run file stores it; `verdict` is that without any launch."""
         baseline, candidate = self._targets
@@ -277,6 +293,7 @@ class _Decision:
             row = replace(row, nbatch=run.nbatch, nstep=run.nstep, starts=run.starts)
         if self._observed is not None:
             row = _with_results(row, self._observed)
+            row = replace(row, compiling=self._compiling(self._observed))
         if self._launches:
             row = _with_judgement(row, judge_launches(self._launches, self._plan))
         if row.verdict is not None and row.control is not None and not row.control.covers:

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 
 from mjbench.errors import InputError
+from mjbench.measuring.calls import Compilation
 from mjbench.paired import cores, memory_blocks, operations, preparation
 from mjbench.paired.call_results import Leaf, compare
 from mjbench.paired.memory_blocks import GROWTH_NSTEP
@@ -67,6 +68,10 @@ class PairWork(ABC):
           i: 0 for the baseline, 1 for the candidate.
           allowed: cores to run on from now on; empty for no change.
         """
+
+    def compilations(self, pair: ProcessPair) -> Sequence[Compilation]:
+        """Return what compiling took in both processes of a launch; empty without any."""
+        return ()
 
     def layout_counts(self, all_blocks_s: float) -> tuple[int, int]:
         """Return how often a launch lays memory out, at least, and while the next launch starts.

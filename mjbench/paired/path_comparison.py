@@ -6,7 +6,7 @@ early. Accelerated paths, which compile first, are measured after the race.
 
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from mjbench import paths
@@ -118,10 +118,10 @@ def compare_model(
     on_progress: Progress = progress.ignore,
     on_phase: Callable[[str], None] = lambda text: None,
     clock: Callable[[], float] = time.monotonic,
-) -> Iterator[ModelComparison]:
+) -> Generator[ModelComparison, None, None]:
     """Compare the paths of a plan; yield what is known after each launch, and at the end.
 
-    Ctrl-C ends it: what is known then comes last.
+    Ctrl-C, which may be thrown into it, ends it: what is known then comes last.
 
     Args:
       pool: starts the processes of launches.

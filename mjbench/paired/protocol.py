@@ -102,7 +102,7 @@ class LaunchedPair(Targets[LaunchRow]):
         threaded = self._work.nthread > 1
         calibrated = self._calibrator.count() if threaded else None
         with self._pairs.launch(None if threaded else cores.freest_core()) as pair:
-            launch = self._measure(pair)
+            launch = replace(self._measure(pair), compilations=self._work.compilations(pair))
         self._has_timed = True
         return replace(launch, cores=calibrated)
 

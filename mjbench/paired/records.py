@@ -19,7 +19,9 @@ from mjbench.bounds import (
     TwoOf,
 )
 from mjbench.measuring import stats
+from mjbench.measuring.calls import Compilation
 from mjbench.measuring.ratio import Ratio
+from mjbench.paired.compilation_figures import CompilationFigures
 from mjbench.paired.outcomes import Cause, Metric, ResultsOutcome, Verdict
 from mjbench.releases.placement import AS_SHIPPED, PlacementPair
 from mjbench.simulation.starts import Starts
@@ -145,6 +147,7 @@ class VerdictRow:
       control: None where nothing of the kind was measured.
       calls_s: seconds of a call of a function; None for models.
       packages: of both environments, where the user named packages; else none.
+      compiling: of baseline and candidate; empty for what is not compiled first.
     """
 
     model: str
@@ -180,6 +183,7 @@ class VerdictRow:
     control: ControlRow | None = None
     calls_s: Pair[PositiveFloat] | None = None
     packages: Sequence[PackageVersions] = ()
+    compiling: Sequence[CompilationFigures] = ()
 
 
 @dataclass(frozen=True)
@@ -195,6 +199,7 @@ class LaunchRow:
       ns: (quads, 4) nanoseconds of each block, in the order they ran.
       layouts: how many quads each layout of memory has, in the order they ran.
       nsection: sections of a run, which the quads of a layout take in turn; a block is one section.
+      compilations: of both sides' processes; empty for work that is not compiled first.
     """
 
     core: int | None
@@ -204,6 +209,7 @@ class LaunchRow:
     placements: PlacementPair = AS_SHIPPED
     layouts: Sequence[PositiveInt] = ()
     nsection: PositiveInt = 1
+    compilations: Sequence[Compilation] = ()
 
     def __post_init__(self) -> None:
         """Check the sizes.
@@ -215,6 +221,13 @@ class LaunchRow:
             raise ValueError("ns has four times for each order")
         if not set(self.orders) <= {"ABBA", "BAAB"}:
             raise ValueError("an order is ABBA or BAAB")
+
+    @property
+    def block_s(self) -> tuple[float, float]:
+        """Median seconds of a block of the baseline, and of the candidate."""
+        both = stats.blocks_by_target(self.orders, np.asarray(self.ns, dtype=float))
+        baseline, candidate = (1e-9 * float(np.median(blocks)) for blocks in both)
+        return baseline, candidate
 
     @cached_property
     def log_ratio(self) -> float:

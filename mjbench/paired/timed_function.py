@@ -18,6 +18,7 @@ from typing import Any
 
 from mjbench.errors import InputError, MachineError, UnavailableError, describe
 from mjbench.measuring import calls
+from mjbench.measuring.calls import Compilation
 from mjbench.paired import memory_blocks
 from mjbench.paired.call_results import Leaf, leaves
 from mjbench.paired.loop_sections import LoopSection
@@ -86,6 +87,7 @@ class FunctionFacts:
       cores: that a call kept busy, on average.
       misplaced: a module that is not the revision's, and its file; empty without one.
       versions: of what is the same on both sides of a fair comparison, by name.
+      compilation: of what it runs; None where nothing is compiled first.
     """
 
     results: Sequence[Sequence[Leaf]]
@@ -95,6 +97,7 @@ class FunctionFacts:
     cores: float
     misplaced: str
     versions: Mapping[str, str]
+    compilation: Compilation | None = None
 
 
 class _Recorder:
@@ -315,7 +318,14 @@ def try_function(worker: Worker, origin: CodeOrigin) -> FunctionFacts:
         cores,
         misplaced(_module_files(), origin, environment),
         _versions(),
+        _compilation(function),
     )
+
+
+def _compilation(function: calls.Function) -> Compilation | None:
+    if isinstance(function, calls.PreparedCall) and function.compilation is not None:
+        return function.compilation()
+    return None
 
 
 def _results(function: calls.Function, count: int) -> tuple[list[list[Leaf]], str]:
@@ -347,9 +357,17 @@ def _seconds(function: calls.Function, count: int) -> float:
 def _called_once(function: calls.PreparedCall) -> LoopSection:
     """Return a block that gives the nanoseconds that count of one call, which is done here."""
     function()
-    assert function.seconds is not None, "of paths that compile"
-    ns = round(1e9 * function.seconds())
+    compilation = _compilation(function)
+    assert compilation is not None, "of paths that compile"
+    ns = round(1e9 * compilation.seconds)
     return LoopSection(calls.nothing, reading=lambda: ns)
+
+
+@activity("asking for times of compiling")
+def compilation_of(worker: Worker) -> Compilation | None:
+    """Return what compiling took in this process, for a function that was prepared."""
+    assert worker.function is not None, "it was imported"
+    return _compilation(worker.function.fresh())
 
 
 @activity("preparing the benchmark")

@@ -236,7 +236,6 @@ class MjxProgram:
         self._control = self._control_on_device(self._workload.control)
 
     def _fields_on_device(self, fields: Mapping[str, np.ndarray]) -> "dict[str, jax.Array]":
-        """Return the fields that MJX has, in its shapes and types."""
         import jax
 
         return {
@@ -283,7 +282,6 @@ class MjxProgram:
         return jax.jit(jax.vmap(rollout, in_axes=(0, 0, None)), donate_argnums=0)
 
     def _cast_to_step_types(self) -> Callable[[Any], Any]:
-        """Return a function that casts Data to the types of a step, which differ in float64."""
         import jax
 
         after = jax.eval_shape(lambda data: self._step(data, data.ctrl), self._empty)
@@ -325,7 +323,6 @@ class MjxProgram:
         self._input = self._block_until_ready(self._copy_of_start())
 
     def run(self) -> None:
-        """Run the timed program; each run needs a `clear` before it."""
         start, self._input = self._input, None
         self._output = self._block_until_ready(self._timed(start, self._control, self._nstep))
 

@@ -190,7 +190,6 @@ def activity(
 
 
 def _by_line(python: Sequence[Frame]) -> Activity | None:
-    """Return what the innermost line of Python calls; None where that is nothing known."""
     if not python:
         return None
     frame = python[-1]
@@ -348,7 +347,6 @@ def package_of(file: str) -> str:
 
 
 def is_own(frame: Frame) -> bool:
-    """Return whether a frame is a line of the user's own code."""
     is_source = frame.is_python and not frame.file.startswith("<")
     return is_source and not package_of(frame.file) and "/program/hook/" not in frame.file
 
@@ -363,7 +361,6 @@ def imports(frame: Frame) -> bool:
 
 
 def is_of_thread_pool(stack: Sequence[Frame]) -> bool:
-    """Return whether a worker of a `ThreadPool` of `multiprocessing` runs a stack."""
     names = [standard_name(frame.file) for frame in stack]
     is_worker = any(
         name == _POOL and frame.function == _WORKER

@@ -104,7 +104,6 @@ class CallTime:
 
     @property
     def is_step(self) -> bool:
-        """Whether it steps, or ends a step."""
         return self.all_steps > 0 or self.callee == call_clock.EAGER_MJX
 
 

@@ -116,7 +116,6 @@ def _rerun(
 def _seconds_per_step(
     reruns: Sequence[Rerun], run: Run, advance: Advance
 ) -> dict[Rerun, list[float]]:
-    """Return the seconds of a step in each round, by rerun; fewer rounds where one failed."""
     seconds: dict[Rerun, list[float]] = {rerun: [] for rerun in reruns}
     for number in range(ROUNDS):
         # every other round goes backward: a drift of the machine favours none

@@ -71,7 +71,6 @@ class ThreadTimes:
     _last: dict[tuple[int, int], _Look] = field(default_factory=dict)
 
     def look(self, pids: Iterable[int], folder: Path = Path("/proc")) -> None:
-        """Look at all threads of processes."""
         for pid in pids:
             with contextlib.suppress(OSError):
                 for task in (folder / str(pid) / "task").iterdir():
@@ -176,7 +175,6 @@ def _merged(threads: Sequence[ThreadSamples]) -> list[ThreadSamples]:
 
 
 def _waiting_share(thread: ThreadSamples) -> float:
-    """Return the share of samples in which a thread waits for something but the GIL."""
     if not thread.stacks:
         return 0.0
     waiting = sum(

@@ -94,12 +94,7 @@ class _Signals:
 
 
 def check(program: Program) -> None:
-    """Refuse a program that is not there, before anything is started.
-
-    Raises:
-      InputError: there is no such file.
-      UnavailableError: the profiler is not installed.
-    """
+    """Refuse a program that is not there, before anything is started."""
     first = program.arguments[0]
     if first == "-m":
         if len(program.arguments) == 1:
@@ -122,10 +117,6 @@ def run(
     Args:
       seconds: after its first step, for which it runs before it is ended as by Ctrl-C; None to let
         it run.
-      most_s: seconds after which it is ended in any case.
-
-    Raises:
-      MachineError: the program could not be started.
     """
     with scratch.folder() as folder:
         return _run(program, folder, seconds, sampling, most_s)
@@ -246,9 +237,6 @@ def time_steps(
 
     Args:
       change: that the step clock applies: `step_clock.NO_ENGINE_CLOCK` or `NO_COLLECTION`.
-
-    Raises:
-      MachineError: the program could not be started, did not step, or the change did not apply.
     """
     with scratch.folder() as folder:
         process = _start(program, folder, change, source, quiet=True)

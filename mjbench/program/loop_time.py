@@ -51,7 +51,6 @@ class LineTime:
         total_s: float,
         package: str = "",
     ) -> "LineTime":
-        """Return a line with the seconds of what it does, as shares of a total."""
         shares = shares_of(parts, total_s)
         return cls(place, sum(shares.values()), shares, package)
 
@@ -119,7 +118,6 @@ class LoopTime:
         return [position for call in self.calls if call.is_step for position in call.lines]
 
     def error(self, share: float) -> float:
-        """Return the standard error of a share, as that of a binomial proportion."""
         return math.sqrt(max(0.0, share * (1 - share)) / max(1, self.samples))
 
     def is_timed(self, activity: Activity) -> bool:

@@ -118,7 +118,6 @@ def measure(models: Sequence[RecordedModel], stages: Mapping[str, float]) -> Phy
 def measure_model(
     recorded: RecordedModel, stages: Mapping[str, float], channel: Channel
 ) -> PhysicsCost:
-    """Measure what costs; runs in a child."""
     model, states = recorded.load(), recorded.states
     step_s = step_parts.step_s(model, StartsInTurn(model, states))
     sensors = step_parts.sensor_costs(model, StartsInTurn(model, states), step_s)
@@ -231,7 +230,6 @@ def _type_name(model: mujoco.MjModel, geom: int) -> str:
 
 
 def _geom_name(model: mujoco.MjModel, geom: int) -> str:
-    """Return the type and the name of a geom; its body's where it has none."""
     kind, name = _type_name(model, geom), model.geom(geom).name
     if name:
         return f"{kind} “{name}”"

@@ -161,7 +161,6 @@ class Profiling:
             self.holding = _Holding(pid, beside)
 
     def holders(self) -> Holders | None:
-        """Return who held the GIL; None where that is not known."""
         return None if self.holding is None else self.holding.holders()
 
     @property
@@ -212,7 +211,6 @@ class Profiling:
         return self.paused / self.looks if self.looks else None
 
     def samples(self, end_s: float) -> tuple[Sequence[ThreadSamples], str]:
-        """Return the samples until `end_s`; or why there are none."""
         seen = [*self.earlier, *self._read(end_s)]
         return seen, "" if seen else self.problem or self.sampler.problem()
 

@@ -160,7 +160,6 @@ def _savings(
 
 
 def questions_of_lines(loops: Sequence[LoopTime], findings: Sequence[Finding]) -> list[Question]:
-    """Return what to measure for lines that samples show."""
     lines = [line for loop in loops for line in loop.lines if _avoidable(line) >= LEAST_GAIN]
     return [
         Question(remedy.trial)
@@ -205,7 +204,6 @@ def _of_building(loop: LoopTime) -> Remedy:
 
 
 def _functions(loop: LoopTime) -> Iterator[list[LineTime]]:
-    """Yield the lines of each function, those with most to save first."""
     by_function: dict[tuple[str, str], list[LineTime]] = defaultdict(list)
     for line in loop.lines:
         by_function[line.place.file, line.place.function].append(line)

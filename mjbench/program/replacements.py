@@ -26,9 +26,10 @@ from mjbench.simulation.engine_clock import engine_clock
 BUDGET_S, LIMIT_S = 0.5, 30.0
 # Rounds: the interval of a median needs six at least. Seconds of a block, and calls of one at most.
 LEAST_ROUNDS, MOST_ROUNDS, BLOCK_S, MOST_CALLS = 15, 200, 0.002, 1000
-# Processes for a pair that uses threads: how fast threads wake differs from process to process. The
-# pair of `rollout_each_step` in `benchmarks.own_programs` gave ratios of 0.07 to 0.71.
-LAUNCHES_OF_THREADS = 5
+# Processes for a pair that uses threads: how fast threads wake differs from process to process, and
+# they settle within a block. The pair of `rollout_each_step` in `benchmarks.own_programs` gave
+# ratios of 0.66 to 0.87 in eight processes with blocks of 2 ms, and of 0.62 to 0.74 with 20 ms.
+LAUNCHES_OF_THREADS, BLOCK_OF_THREADS_S = 5, 0.02
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,6 @@ class MeasuredRatios:
 
 
 def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> MeasuredRatios:
-    """Return the ratio of each question that could be measured."""
     model = loadable(models)
     if model is None:
         return MeasuredRatios({})
@@ -156,7 +156,8 @@ def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -
     # other processes on the same core lengthen the wall time alone
     clock = time.perf_counter if question.trial in trials.BY_WALL_TIME else time.thread_time
     one_s = min(timing.block_s(contender(present, 1), clock) for _ in range(3))
-    calls = max(1, min(MOST_CALLS, round(BLOCK_S / max(one_s, 1e-9))))
+    block_s = BLOCK_OF_THREADS_S if question.trial in trials.ON_THREADS else BLOCK_S
+    calls = max(1, min(MOST_CALLS, round(block_s / max(one_s, 1e-9))))
     contenders = [contender(present, calls), contender(suggested, calls)]
     rounds = list(timing.rounds(contenders, BUDGET_S, LEAST_ROUNDS, MOST_ROUNDS, clock=clock))
     faster = stats.speedup([first for first, _ in rounds], [second for _, second in rounds])
@@ -175,7 +176,6 @@ def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -
 
 
 def _created_share(way: Way, data: mujoco.MjData, clock: timing.Clock) -> float:
-    """Return the share of the time of a way in which it creates its object."""
     if way.create is None:
         return 1.0
     begin_s = clock()

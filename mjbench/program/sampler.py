@@ -54,7 +54,6 @@ class Sampler:
         return 0.0
 
     def stop(self) -> None:
-        """Let the profiler write its file, and end."""
         with contextlib.suppress(ProcessLookupError):
             self.process.send_signal(signal.SIGINT)
         self._wait()
@@ -74,7 +73,6 @@ class Sampler:
             self.process.wait()
 
     def problem(self) -> str:
-        """Return why there are no samples, in one line."""
         text = self.log.read_text(encoding="utf-8", errors="replace")
         if not any(word in text.lower() for word in _REFUSED):
             return TOO_SHORT
@@ -97,7 +95,6 @@ def program() -> str:
 
 
 def can_read_libraries() -> bool:
-    """Return whether the profiler can read the stacks of libraries on this platform."""
     return sys.platform == "linux" and os.uname().machine in ("x86_64", "armv7l")
 
 
@@ -115,9 +112,6 @@ def start(
       has_native: whether stacks of libraries are read, too, where this platform can; each sample
         then stops the program for a moment.
       of_holders: whether only the thread that holds the GIL is sampled.
-
-    Raises:
-      UnavailableError: the profiler is not installed.
     """
     name = "holders" if of_holders else "sampler"
     file, log = folder / f"{name}.json", folder / f"{name}.log"

@@ -82,7 +82,6 @@ _LABEL = re.compile(r"(process|thread) \(?\d+")
 
 
 def read(file: Path) -> list[ThreadSamples]:
-    """Return the samples of each thread; InputError for a file that cannot be read as such."""
     try:
         stored = msgspec.json.decode(file.read_bytes(), type=_File)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError) as error:

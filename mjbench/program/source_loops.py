@@ -40,7 +40,6 @@ class SourceLoop:
 
 
 def outermost_loop(file: str, line: int) -> SourceLoop | None:
-    """Return the outermost loop of a function or module that runs a line; None without one."""
     holding = [loop for loop in _loops(file) if loop.first <= line <= loop.last]
     return min(holding, key=lambda loop: (loop.first, -loop.last)) if holding else None
 
@@ -63,7 +62,6 @@ def loop_within_step(
 
 @cache
 def lines_reading(file: str, names: tuple[str, ...]) -> tuple[tuple[int, str], ...]:
-    """Return the lines of a file that read attributes, each with the attribute's name."""
     return tuple(
         (node.lineno, node.attr)
         for node in ast.walk(_tree(file))
@@ -73,7 +71,6 @@ def lines_reading(file: str, names: tuple[str, ...]) -> tuple[tuple[int, str], .
 
 @cache
 def source_line(file: str, line: int) -> str:
-    """Return a line of a file, without the spaces around it; nothing where there is none."""
     lines = _text(file).splitlines()
     return lines[line - 1].strip() if 0 < line <= len(lines) else ""
 
@@ -87,7 +84,6 @@ def _loops(file: str) -> tuple[SourceLoop, ...]:
 
 
 def _outermost(scope: ast.AST) -> list[ast.stmt | ast.expr]:
-    """Return the outermost loops of a scope and of the functions in it."""
     loops: list[ast.stmt | ast.expr] = []
     for node in ast.iter_child_nodes(scope):
         if isinstance(node, _LOOPS):

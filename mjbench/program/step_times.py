@@ -130,7 +130,6 @@ def read_all(folder: Path) -> list[StepTimes]:
 
 
 def read_headers(folder: Path) -> dict[int, Header]:
-    """Return what stands before the records of each process in a folder."""
     headers = {}
     for file in folder.glob("*.steps"):
         with file.open("rb") as stream:
@@ -230,7 +229,6 @@ def _intervals_ns(header: Header, records: np.ndarray, burst: np.ndarray) -> np.
 
 
 def _stages(timer_s: Sequence[float], timers: Mapping[str, int], step_s: float) -> dict[str, float]:
-    """Return the share of a step by stage; nothing where the timers cannot be of MuJoCo's timer."""
     seconds = {name: timer_s[i] for name, i in timers.items() if i < len(timer_s)}
     longest_s = max(seconds.values(), default=0.0)
     if not LEAST_TIMER_SHARE * step_s < longest_s < MOST_TIMER_SHARE * step_s:
@@ -239,6 +237,5 @@ def _stages(timer_s: Sequence[float], timers: Mapping[str, int], step_s: float) 
 
 
 def read_engine(folder: Path) -> Engine:
-    """Return what is known of the engine; of one that was not imported, nothing."""
     file = folder / "engine.json"
     return msgspec.json.decode(file.read_bytes(), type=Engine) if file.is_file() else Engine()

@@ -24,7 +24,6 @@ AUTHOR = "MuJoCo releases <releases@mjbench.invalid>"
 
 
 def default_path() -> Path:
-    """Return where a checkout keeps the history."""
     return Path(__file__).resolve().parents[2] / "benchmarks" / "releases.bundle"
 
 
@@ -51,9 +50,6 @@ def write(bundle: Path, releases: Sequence[Release]) -> None:
     """Write the history of `releases`, in their order.
 
     A reader sees either the file that was there before or the whole new one.
-
-    Raises:
-      MachineError: git is missing or fails, or the file cannot be written.
     """
     with scratch.folder() as folder:
         repository = folder / "history.git"
@@ -154,7 +150,6 @@ def _data(text: str) -> str:
 
 @contextlib.contextmanager
 def _cloned(bundle: Path) -> Iterator[Path]:
-    """Yield a bare clone of a bundle; it is removed when the block ends."""
     if not bundle.is_file():
         raise InputError(f"no history at {bundle}; `mjbench releases update` creates it")
     with scratch.folder() as folder:

@@ -50,9 +50,6 @@ def list_releases(history: Path) -> Catalogue:
 
     A release that is installed but neither in the history nor on the index, such as a local
     build, comes last.
-
-    Raises:
-      MachineError: git is missing, or cannot read the history.
     """
     recorded = {r.version: r for r in (bundle.read(history) if history.exists() else ())}
     indexed, problem = {}, ""
@@ -95,7 +92,6 @@ class ReleaseRange:
 
     @property
     def notes(self) -> list[str]:
-        """What the releases lack, a line each."""
         problem = self.index_problem
         return [f"only releases that are installed here take part: {problem}"] if problem else []
 
@@ -103,12 +99,8 @@ class ReleaseRange:
 def releases_between(baseline: ReleaseSpec, candidate: ReleaseSpec, history: Path) -> ReleaseRange:
     """Return the releases from one to another.
 
-    Args:
-      history: see `list_releases`.
-
     Raises:
       InputError: the candidate is not newer than the baseline.
-      MachineError: git is missing, or cannot read the history.
     """
     old, new = (Version(release.version) for release in (baseline, candidate))
     if old > new or baseline.key == candidate.key:

@@ -140,19 +140,20 @@ def segments(log_ratios: Sequence[float], deviations: Sequence[float]) -> list[S
         raise ValueError("need a positive deviation of each log ratio")
     weights = sigma**-2
     sums = _sums(values, weights)
-    totals, last_segments = np.zeros(1), []
+    totals = np.zeros(len(values) + 1)
+    last_segments: list[tuple[int, bool]] = []  # where it begins, and whether it slopes
     for end in range(1, len(values) + 1):
         level, sloped = _costs(sums, end)
-        through = totals + np.minimum(level, sloped)
+        through = totals[:end] + np.minimum(level, sloped)
         begin = int(np.argmin(through))
-        is_sloped = bool(sloped[begin] < level[begin])
-        last_segments.append(_fit(values, weights, begin, end, is_sloped))
-        totals = np.append(totals, through[begin])
+        last_segments.append((begin, bool(sloped[begin] < level[begin])))
+        totals[end] = through[begin]
     result: list[Segment] = []
     end = len(values)
     while end:
-        result.append(last_segments[end - 1])
-        end = result[-1].begin
+        begin, is_sloped = last_segments[end - 1]
+        result.append(_fit(values, weights, begin, end, is_sloped))
+        end = begin
     return result[::-1]
 
 

@@ -83,8 +83,6 @@ def _replacements(places_and_bytes: Iterable[tuple[int, int]]) -> np.ndarray:
 
 
 class _Reader:
-    """Finds what names an address in a library."""
-
     def __init__(self, content: bytes, elf: Any):
         self._content, self._elf = content, elf
         header = elf.header
@@ -206,7 +204,6 @@ class _Reader:
 
     @functools.cached_property
     def _dynamic(self) -> dict[str, int]:
-        """The value of each tag of the dynamic section."""
         return {str(tag.entry.d_tag): int(tag.entry.d_val) for tag in self._dynamic_tags()}
 
     def _dynamic_tags(self) -> Iterator[Any]:
@@ -276,9 +273,6 @@ def unaligned_twins(
     """Yield the bytes to replace so that no instruction needs an address aligned to 32 bytes.
 
     A library that is moved by 16 or 48 bytes loses the alignment of its data to 32 bytes.
-
-    Args:
-      sections: that hold code: where each begins and ends in the file.
 
     Returns:
       Pairs: a place in the file, and the byte that comes there.

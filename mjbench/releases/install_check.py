@@ -64,9 +64,6 @@ def imported_problem(expected: str | None = None) -> str | None:
     and mixes the two. Checked are the versions of the package, of the C library and of the
     installed distributions; that nothing else was found on the path; that every loaded module
     comes from MuJoCo's folder; and that every file of the release is there with its size.
-
-    Args:
-      expected: the version; by default the one that the installer recorded.
     """
     import mujoco
 
@@ -146,7 +143,6 @@ def _stray_module(package: Path) -> str | None:
 def _changed_file(
     distributions: Iterable[metadata.Distribution], compare_hashes: bool
 ) -> str | None:
-    """Return which of MuJoCo's files is not as it was installed; None if all are."""
     for distribution in distributions:
         # Read directly: `distribution.files` of newer Pythons leaves out missing files.
         record = distribution.read_text("RECORD") or ""

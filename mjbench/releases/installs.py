@@ -55,8 +55,6 @@ class ReleaseSpec:
       wheels: the local wheels to install; empty for a version of the index.
       own_wheels: of the user's code, or of packages that the user named; installed beside the
         release with what they need.
-      requirements: of packages that the user named, likewise.
-      has_packages: whether the user named packages beside MuJoCo.
     """
 
     name: str
@@ -86,12 +84,10 @@ class ReleaseSpec:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """All local wheels: of the release, and of what stands beside it."""
         return (*self.wheels, *self.own_wheels)
 
     @property
     def beside(self) -> tuple[str, ...]:
-        """What is installed beside the release, as pip takes it."""
         return (*map(str, self.own_wheels), *self.requirements)
 
     @property
@@ -151,7 +147,6 @@ def parse_release(text: str) -> ReleaseSpec:
 
 
 def _with_packages(text: str) -> ReleaseSpec:
-    """Return this environment's release, or the one among named packages, with those beside it."""
     named = packages.parse(text)
     release = parse_release(named.release or INSTALLED)
     has_packages = bool(named.wheels or named.requirements)
@@ -185,7 +180,6 @@ def _version(text: str) -> str | None:
 
 
 def cache_folder() -> Path:
-    """Return the folder of all installs: $MJBENCH_CACHE, or one in the user's cache folder."""
     try:
         folder = os.environ.get("MJBENCH_CACHE") or platformdirs.user_cache_path("mjbench")
         return Path(folder).expanduser().absolute()
@@ -202,7 +196,6 @@ def install_names() -> list[str]:
 
 
 def package_versions(release: ReleaseSpec) -> dict[str, str]:
-    """Return the version of each package in a release's install, by name; none before it."""
     folder = None if release.name == INSTALLED else cache_folder() / release.key
     return packages.versions(folder)
 
@@ -217,7 +210,6 @@ class InstallSize:
 
 
 def install_sizes(now: Callable[[], float] = time.time) -> list[InstallSize]:
-    """Return what each install in the cache folder takes up; `now` returns seconds of the epoch."""
     sizes = []
     for name in install_names():
         folder = cache_folder() / name
@@ -234,10 +226,6 @@ def use(release: ReleaseSpec) -> Iterator[Path | None]:
 
     The release is installed first if it is missing, and its files are checked. For `installed` the
     folder is None, and a changed file is logged: whoever built it may have meant to change it.
-
-    Raises:
-      InputError: the index has no such release for this Python.
-      MachineError: it cannot be installed, or a file of its install has been damaged.
     """
     if release.name == INSTALLED:
         changed = install_check.changed_file()
@@ -301,7 +289,6 @@ def _is_complete(folder: Path) -> bool:
 
 
 def _check_files(folder: Path) -> None:
-    """Refuse an install with a changed file; folder and name are the same."""
     problem = install_check.damaged_file(folder)
     if problem:
         raise MachineError(

@@ -31,7 +31,6 @@ class KnownCause:
 
 
 def default_path() -> Path:
-    """Return where a checkout keeps the table."""
     return bundle.default_path().with_name("causes.toml")
 
 
@@ -50,7 +49,6 @@ def load(file: Path) -> list[KnownCause]:
 
 
 def explaining(release: str, series: str, causes: Sequence[KnownCause]) -> list[KnownCause]:
-    """Return the causes of a change."""
     return [
         cause for cause in causes if cause.release == release and re.fullmatch(cause.series, series)
     ]

@@ -62,11 +62,7 @@ class MovableImage:
         The inserted bytes are a hole in the file, which takes up no space and reads as zeros.
 
         Args:
-          source: as installed.
           shift: bytes to move by, as a `Placement` holds them.
-
-        Raises:
-          OSError: the one cannot be read, or the other not written.
         """
         content = np.fromfile(source, np.uint8)
         if shift:
@@ -116,10 +112,6 @@ class MovableInstall:
 
         Returns:
           The folder of the package that the process must import.
-
-        Raises:
-          ImmovableError: a library was changed since it was read.
-          OSError: it cannot be written.
         """
         self.create(folder, placement)
         site = self.site.resolve()
@@ -133,7 +125,6 @@ class MovableInstall:
         return folder / _PACKAGE
 
     def create(self, folder: Path, placement: Placement) -> None:
-        """Create the package and its metadata in a new folder, libraries moved."""
         package = folder / _PACKAGE
         package.mkdir(parents=True)
         sizes = {}
@@ -164,7 +155,6 @@ def moves(name: str) -> bool:
 
 
 def is_recorded(site: Path) -> bool:
-    """Return whether an installer recorded the files of MuJoCo in a folder."""
     folders = list(_metadata_folders(site))
     return bool(folders) and all((folder / _RECORD).is_file() for folder in folders)
 
@@ -174,7 +164,6 @@ def digest(content: bytes) -> str:
 
 
 def _metadata_folders(site: Path) -> Iterator[Path]:
-    """Yield the folders in which an installer recorded the distributions of MuJoCo."""
     for name in DISTRIBUTIONS:
         yield from site.glob(f"{name.replace('-', '_')}-*.dist-info")
 

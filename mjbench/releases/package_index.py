@@ -48,7 +48,6 @@ def releases() -> list[Release]:
 
 
 def files() -> dict[str, list[str]]:
-    """Return the names of all files of pip's index, by version; MachineError without it."""
     return _files(_uploads())
 
 
@@ -118,7 +117,6 @@ def _request(url: str) -> urllib.request.Request:
 
 
 def _index_url() -> str:
-    """Return the address of mujoco's JSON description on the index that pip installs from."""
     # pip lists its settings in rising precedence: the last index-url is the one it uses.
     settings = _run_python("-m", "pip", "--disable-pip-version-check", "config", "list")
     configured = re.findall(r"^[\w:.]*\.index-url='([^']+)'", settings, flags=re.MULTILINE)

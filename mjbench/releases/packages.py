@@ -27,7 +27,6 @@ class NamedPackages:
     Attributes:
       release: of MuJoCo, a version or a wheel; empty where none is named.
       requirements: of other packages, as pip takes them.
-      wheels: of other packages.
     """
 
     release: str
@@ -84,7 +83,6 @@ def _requirement(part: str) -> Requirement:
 
 
 def _version(requirement: Requirement) -> str:
-    """Return the version that a requirement pins."""
     pinned = [each.version for each in requirement.specifier if each.operator == _PINNED]
     if len(pinned) != 1:
         raise InputError(f"{requirement}: give one version, such as mujoco==3.5.0")
@@ -97,7 +95,6 @@ def names_of(beside: Sequence[str]) -> frozenset[str]:
 
 
 def _name(part: str) -> str:
-    """Return the name of one package; empty where a text is none."""
     wheel = wheels.wheel_of(Path(part)) if part.endswith(".whl") else None
     try:
         return wheel.project if wheel else canonicalize_name(Requirement(part).name)

@@ -50,7 +50,6 @@ def install(version: str, wheels: Sequence[Path], target: Path, beside: Sequence
 
     Args:
       wheels: local wheels of the release; empty for the version of the index.
-      target: the folder, which pip creates.
       beside: requirements and wheels, to be installed with what they need; one of them may name
         another NumPy.
 
@@ -77,7 +76,6 @@ def install(version: str, wheels: Sequence[Path], target: Path, beside: Sequence
 
 
 def this_numpy() -> str:
-    """Return the requirement of this environment's NumPy version."""
     return f"numpy=={metadata.version('numpy')}"
 
 
@@ -163,7 +161,6 @@ def _error(version: str, local: bool, reason: str) -> InputError | MachineError:
 
 
 def _available(files_of: Mapping[str, Sequence[str]]) -> list[Version]:
-    """Return the versions of which the index has a wheel for this Python, sorted."""
     return sorted(
         Version(version)
         for version, files in files_of.items()
@@ -172,7 +169,6 @@ def _available(files_of: Mapping[str, Sequence[str]]) -> list[Version]:
 
 
 def _nearest(version: str, available: Sequence[Version]) -> str:
-    """Return the final versions nearest to one that does not exist, as the end of a sentence."""
     final = [v for v in available if not v.is_prerelease and version_key(str(v)) >= OLDEST]
     if not final:
         return ""

@@ -26,7 +26,6 @@ class Release:
 
     @property
     def tag(self) -> str:
-        """Return its tag in the history, such as `v3.5.0`."""
         return f"v{self.version}"
 
 

@@ -109,7 +109,6 @@ def as_shipped(launches: Sequence[LaunchRatio]) -> LogEstimate | None:
 
 
 def _estimate(log_ratios: Sequence[float], residues: Sequence[int] | None) -> LogEstimate | None:
-    """Return the mean of launches, with equal weight on each residue; None with too few."""
     count = len(set(residues)) if residues else 1
     if len(log_ratios) <= count:
         return None
@@ -182,7 +181,6 @@ class RatioRecord:
 
     @property
     def series(self) -> str:
-        """Which records are of the same thing, in other releases."""
         return self.model
 
 

@@ -20,16 +20,7 @@ from mjbench.releases.revisions import Revision
 
 
 def built(revision: Revision, source: Path, tree: str) -> ReleaseSpec:
-    """Return the MuJoCo of this environment with a revision beside it; nothing is installed yet.
-
-    Args:
-      source: folder of the revision's files.
-      tree: their hash.
-
-    Raises:
-      BuildError: the revision cannot be built.
-      MachineError: the cache folder cannot be written.
-    """
+    """Return the MuJoCo of this environment with a revision beside it; nothing is installed yet."""
     version = installs.parse_release(installs.INSTALLED).version
     wheel = _wheel(revision, source, tree)
     # not the name alone: a branch may be called `installed`
@@ -37,7 +28,6 @@ def built(revision: Revision, source: Path, tree: str) -> ReleaseSpec:
 
 
 def _wheel(revision: Revision, source: Path, tree: str) -> Path:
-    """Return the wheel of a revision; build it unless it is there."""
     name = f"wheel-{tree}-{sys.implementation.cache_tag}-{platform.machine()}"
     folder = installs.cache_folder() / name
     with installs.locked(name):

@@ -44,7 +44,6 @@ class Revision:
 
     @property
     def is_worktree(self) -> bool:
-        """Whether it is what lies in the checkout now."""
         return not self.commit
 
     def __str__(self) -> str:
@@ -85,7 +84,6 @@ class Repository:
         return Revision(short_commit(commit) if name == commit else name, commit)
 
     def lacking(self, baseline: Revision, candidate: Revision) -> int:
-        """Return how many commits of the baseline are not in the candidate's history."""
         newer = candidate.commit or "HEAD"
         old = baseline.commit or "HEAD"
         return int(self._run("rev-list", "--count", f"{newer}..{old}"))
@@ -117,7 +115,6 @@ class Repository:
         return commits
 
     def text(self, revision: Revision, file: Path) -> bytes | None:
-        """Return a file as a revision has it; None where it has none."""
         if revision.is_worktree:
             return (self.top / file).read_bytes() if (self.top / file).is_file() else None
         name = f"{revision.commit}:{file.as_posix()}"
@@ -130,12 +127,6 @@ class Repository:
         """Write the files of a revision into a new folder; return a hash of all of them.
 
         Submodules that the checkout has are written, too. Without any, it is the hash of the tree.
-
-        Args:
-          work: a new folder for what git needs meanwhile.
-
-        Raises:
-          MachineError: git cannot read the revision, or the folder cannot be written.
         """
         with writing(folder):
             folder.mkdir(parents=True)

@@ -70,7 +70,6 @@ def dependencies(tree: Path) -> str:
 
 
 def lock_files(tree: Path) -> dict[str, bytes]:
-    """Return the files that pin what a source tree is developed with, by name."""
     files = (file for pattern in _LOCKS for file in tree.glob(pattern))
     return {file.name: file.read_bytes() for file in files if file.is_file()}
 
@@ -80,7 +79,6 @@ def is_installable(tree: Path) -> bool:
 
 
 def _pyproject(tree: Path) -> Mapping[str, Any]:
-    """Return the settings of a project; empty without any."""
     file = tree / "pyproject.toml"
     try:
         return tomllib.loads(file.read_text(encoding="utf-8"))
@@ -91,7 +89,6 @@ def _pyproject(tree: Path) -> Mapping[str, Any]:
 
 
 def _table(settings: Mapping[str, Any], *names: str) -> Mapping[str, Any]:
-    """Return a table of settings by its names; empty where there is none."""
     for name in names:
         inner = settings.get(name)
         settings = inner if isinstance(inner, dict) else {}

@@ -25,7 +25,6 @@ class MeasuredRelease:
 
     @property
     def step_work(self) -> Work | None:
-        """What a step did; None where that is not known, and of an operation."""
         return self.record.work if isinstance(self.record, StepRatioRecord) else None
 
 
@@ -50,17 +49,14 @@ class SpeedSeries:
 
 
 def in_order(versions: Iterable[str]) -> list[str]:
-    """Return versions in their order, a pre-release before what it became."""
     return sorted(versions, key=order)
 
 
 def in_order_of_release(records: Iterable[RatioRecord]) -> list[RatioRecord]:
-    """Return records in the order of their releases; those of one release keep theirs."""
     return sorted(records, key=lambda record: order(record.release))
 
 
 def order(version: str) -> tuple[Version, str]:
-    """Return a key by which the versions of releases sort."""
     try:
         return Version(version), version
     except InvalidVersion:  # a wheel of one's own may have any
@@ -113,7 +109,6 @@ def _series(name: str, measured: Sequence[MeasuredRelease]) -> SpeedSeries:
 
 
 def change(before: MeasuredRelease, after: MeasuredRelease) -> LogEstimate:
-    """Return the time in one release over that in another, with its standard error."""
     old, new = before.ratio, after.ratio
     deviation = math.hypot(old.deviation, new.deviation)
     return LogEstimate(new.log_ratio - old.log_ratio, deviation)

@@ -39,7 +39,6 @@ class Wheel:
 
     @property
     def fits(self) -> bool:
-        """Whether this Python can install it."""
         return not self.tags.isdisjoint(_accepted_tags())
 
 
@@ -89,7 +88,6 @@ def is_folder(text: str) -> bool:
 
 
 def _in_folder(folder: Path) -> Wheel:
-    """Return the one wheel of mujoco in a folder that this Python can install."""
     wheels = [wheel for wheel in map(wheel_of, _files(folder, _PATTERN)) if wheel is not None]
     if not wheels:
         raise InputError(f"{folder} holds no wheel of mujoco ({_PATTERN})")
@@ -102,11 +100,7 @@ def _in_folder(folder: Path) -> Wheel:
 
 
 def named(text: str) -> Wheel:
-    """Return the wheel that a file name stands for, of whatever project.
-
-    Raises:
-      InputError: there is no such wheel, it is broken, or this Python cannot install it.
-    """
+    """Return the wheel that a file name stands for, of whatever project."""
     wheel = _wheel(text)
     if not wheel.fits:
         raise _other_python(text)
@@ -147,7 +141,6 @@ def wheel_of(file: Path) -> Wheel | None:
 
 
 def _check_content(wheel: Path) -> None:
-    """Refuse a file that is no wheel inside."""
     try:
         with zipfile.ZipFile(wheel) as archive:
             names = archive.namelist()

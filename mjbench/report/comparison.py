@@ -87,7 +87,10 @@ def model_section(sizes: Sequence[ModelResults]) -> Section:
     conclusions = [each for size in sizes for each in _conclusions(size, len(sizes) > 1)]
     about = [line for each in timed for line in notes(each)]
     about += [line for each in sizes for line in detail_lines(each.model)]
+    about += [line for each in timed for line in _what_would_decide(each)]
     compiled = [r for each in timed for r in each.results if r.compile_s is not None]
+    if compiled:
+        about.append("tracing and compiling are of one process of each path")
     headings = [heading(each.model) for each in sizes]
     return Section(
         heading=headings[0] if len(sizes) == 1 else sizes[0].model.model,
@@ -148,6 +151,8 @@ def _conclusions(model_results: ModelResults, names_size: bool) -> Iterator[Conc
             if is_former
             else Conclusion(f"{sized}{text}", Tone.CAUTION, subject)
         )
+    if record.status == Status.INTERRUPTED and not any(r.is_timed for r in model_results.results):
+        yield Conclusion("interrupted before a path was timed", Tone.UNSURE, record.model)
     if record.status not in (Status.OK, Status.INTERRUPTED):
         detail = record.detail.removeprefix(f"{record.model}: ")
         status = "" if record.status == Status.INPUT else f"{record.status}: "
@@ -402,16 +407,23 @@ def _race_notes(model_results: ModelResults) -> list[str]:
     race = model_results.race
     if race is not None and race.status not in (Status.OK, Status.INTERRUPTED):
         lines.append(f"The race ended early: {race.status}: {race.detail}")
-    if race is not None and race.is_cut_short and race.status == Status.OK:
-        lines.append(_why_cut_short(len(race.launches)))
     return lines
 
 
-def _why_cut_short(count: int) -> str:
+def _what_would_decide(model_results: ModelResults) -> Iterator[str]:
+    race = model_results.race
+    statuses = {race.status if race else None, model_results.model.status}
+    if race is None or not race.is_cut_short or statuses != {Status.OK}:
+        return
+    count = len(race.launches)
     if count >= MAX_LAUNCHES:
-        return f"The race ended undecided after {count} launches, its most."
+        yield (
+            f"The race ended undecided after {count} launches, its most. End other programs before"
+            " you repeat it (`mjbench doctor`)."
+        )
+        return
     launches = count_of(count, "launch") if count == 1 else f"{count} launches"
-    return f"The budget ended the race after {launches}: a longer --budget makes it more certain."
+    yield f"The budget ended the race after {launches}: a longer --budget makes it more certain."
 
 
 def _buffer_lines(results: Sequence[PathResult]) -> list[str]:

@@ -149,7 +149,8 @@ def change_sections(rows: Sequence[ExplainRecord]) -> Iterator[Section]:
     conclusions += [
         Conclusion(f"{_heading(row)}: not counted ({row.status})", Tone.BAD) for row in failed
     ]
-    changes = [(row, largest_differences(row.functions, _MOST_DRAWN)) for row in differ]
+    largest_first = sorted(differ, key=lambda row: -abs((row.instruction_ratio or 1.0) - 1))
+    changes = [(row, largest_differences(row.functions, _MOST_DRAWN)) for row in largest_first]
     yield Section(
         "Instructions, release by release",
         conclusions,

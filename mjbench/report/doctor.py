@@ -61,14 +61,16 @@ def noise_section(noise: NoiseRow, conditions: Sequence[Condition] = ()) -> Sect
     if noise.decidable is None or noise.deviation is None:
         return Section("Noise", [Conclusion(f"Not measured: {noise.detail}", Tone.BAD)])
     size = plain(100 * noise.decidable, 2)
+    can = "can" if noise.trusted else "cannot"
     text = (
-        f"A verdict of a minute decides changes of {size} % and more of a small model, with"
-        f" --min-effect {size}% (the cart-pole beside itself: {noise.launches} launches, which"
-        f" differ by {plain(100 * noise.deviation, 2)} %)."
+        f"This machine {can} be trusted with 1 % now: a verdict of a minute decides changes of"
+        f" {size} % and more of a small model (the cart-pole beside itself: {noise.launches}"
+        f" launches, which differ by {plain(100 * noise.deviation, 2)} %)."
     )
-    conclusions = [Conclusion(text)]
+    conclusions = [Conclusion(text, Tone.GOOD if noise.trusted else Tone.BAD)]
     if not noise.trusted:
-        conclusions.append(Conclusion("This machine cannot be trusted with 1 % now.", Tone.BAD))
+        text = f"End other programs, give a longer --budget, or accept --min-effect {size}%."
+        conclusions.append(Conclusion(text))
     if bad:
         text = f"Bad for measuring: {', '.join(bad)}. What to do stands above, below each."
         conclusions.append(Conclusion(text, Tone.BAD))

@@ -98,6 +98,8 @@ def specification(history: SpeedHistory, series: SpeedSeries) -> Spec:
         "title": {"text": series.name, "anchor": "start"},
         "background": "white",
         "spacing": 10,
+        # the legend's texts fit in a wider font than the one that lays them out, too
+        "padding": {"left": 5, "top": 5, "right": 30, "bottom": 5},
         "vconcat": panels,
         "resolve": {"scale": {"color": "independent"}},
         "config": {"axis": {"grid": True, "gridOpacity": 0.5, "titleFontWeight": "normal"}},

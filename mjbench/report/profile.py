@@ -13,6 +13,7 @@ from mjbench.units import duration, plain
 
 # From this share of a step on, what is left is explained.
 _NOTABLE_OTHER = 0.05
+_NEXT = "`mjbench tune` looks for faster settings, `mjbench compare` for a faster way to step"
 _UNRESOLVED = "below what was resolved"
 
 
@@ -36,12 +37,13 @@ def sections(rows: Sequence[ProfileRow]) -> Iterator[Section]:
             notes=[
                 *_other_lines(steps),
                 *(_frame_line(frame, steps.loop_ns) for frame in row.frames or ()),
+                _NEXT,
             ],
         )
 
 
 def conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
-    """Yield how long a step takes, and what the timer of MuJoCo's Python package takes of it."""
+    """Yield how long a step takes, where, and what the timer of MuJoCo's Python package takes."""
     parts = (
         f"all of it the engine; Python's part is {_UNRESOLVED}"
         if steps.is_all_engine
@@ -49,6 +51,11 @@ def conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
         f" Python {duration(steps.python_ns)}"
     )
     yield Conclusion(f"{model}: a step of a Python loop takes {duration(steps.loop_ns)}: {parts}")
+    stages = {stage: share for stage, share in steps.stages.items() if stage != OTHER}
+    if any(stages.values()):
+        longest = max(stages, key=lambda stage: stages[stage])
+        share = formats.short_percent(stages[longest])
+        yield Conclusion(f"{model}: the longest stage is {longest}, {share} of the engine's time")
     if steps.clock_ns and steps.clock_ns >= package_timer.MIN_GAIN * steps.loop_ns:
         yield Conclusion(
             f"{model}: {package_timer.NAME} takes"

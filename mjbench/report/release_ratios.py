@@ -46,6 +46,7 @@ def section(records: Sequence[RatioRecord]) -> Section:
             f"time: of a step or an operation, against MuJoCo {', '.join(references)} (± standard"
             " error), with placement averaged out where the code can be moved; work: against the"
             " same release",
+            "`mjbench history` says in which release speed changed, and why",
         ],
     )
 

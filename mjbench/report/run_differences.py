@@ -241,7 +241,7 @@ def differences_section(rows: Sequence[RunDifference]) -> Section:
 
 
 def _conclusion(rows: Sequence[RunDifference]) -> Conclusion:
-    counts = Counter(row.verdict for row in rows)
+    counts = Counter(row.verdict for row in rows if row.status == Status.OK)
     tone = Tone.BAD if counts[Verdict.SLOWER] else Tone.UNSURE
     if counts.keys() <= {Verdict.SAME, Verdict.FASTER, None} and len(counts) > 1:
         tone = Tone.GOOD
@@ -252,7 +252,17 @@ def _conclusion(rows: Sequence[RunDifference]) -> Conclusion:
         Verdict.INCONCLUSIVE: "undecided",
         None: "without a verdict",
     }
-    parts = ", ".join(f"{counts[each]} {name}" for each, name in named.items() if counts[each])
+    numbers = [(counts[each], name) for each, name in named.items()]
+    numbers.append((len(rows) - counts.total(), "not comparable"))
+    parts = ", ".join(f"{number} {name}" for number, name in numbers if number)
+    slower = [
+        (row.ratio.estimate, row) for row in rows if row.ratio and row.verdict == Verdict.SLOWER
+    ]
+    if slower:
+        ratio, row = max(slower, key=lambda each: each[0])
+        path = str(Variant(row.path, row.options))
+        name = ", ".join(filter(None, (row.machine, row.model, path)))
+        parts += f"; the slowest is {name}, by {formats.short_percent(ratio - 1)}"
     return Conclusion(f"Of {count_of(len(rows), 'row')}: {parts}", tone)
 
 

@@ -61,7 +61,8 @@ def _conclusion(rows: Sequence[SelfcheckRow], confidence: float) -> Conclusion:
     sentence = f"{wrong} of {count} verdicts on known truths are wrong"
     expected = (1 - confidence) * count
     if wrong > expected:
-        return Conclusion(f"{sentence}, more than chance: do not trust them here", Tone.BAD)
+        advice = "do not trust them here; `mjbench doctor` says what spoils them"
+        return Conclusion(f"{sentence}, more than chance: {advice}", Tone.BAD)
     # of fewer, none may be wrong by luck
     trust = ": trust `versions` and `ab` on this machine" if expected >= 1 else ""
     return Conclusion(f"{sentence}{trust}", Tone.GOOD)

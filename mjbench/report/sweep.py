@@ -49,8 +49,10 @@ def summary_section(summary: Summary, outcomes: Mapping[Cell, CellOutcome]) -> S
         count = len(summary.missing)
         names = ", ".join(cell.name for cell in summary.missing[:_MOST_MISSING])
         rest = f" and {count - _MOST_MISSING} more" if count > _MOST_MISSING else ""
-        missing.append(f"Missing: {names}{rest}")
-    return Section("Nodes", failures(outcomes), tables=[_nodes_table(summary)], notes=missing)
+        missing.append(f"Missing: {names}{rest}; the same command measures what is missing")
+    numbers = f"{count_of(len(outcomes), 'result')} stored, {len(summary.missing)} missing"
+    conclusions = [Conclusion(numbers), *failures(outcomes)]
+    return Section("Nodes", conclusions, tables=[_nodes_table(summary)], notes=missing)
 
 
 def failures(outcomes: Mapping[Cell, CellOutcome]) -> list[Conclusion]:

@@ -74,7 +74,6 @@ class CaptureHeader:
     changed_inputs: tuple[str, ...] = ()
 
     def array(self) -> np.ndarray:
-        """Return the header as an array of one text, JSON."""
         return np.array(json.dumps(asdict(self)))
 
     @classmethod
@@ -109,7 +108,6 @@ class CaptureHeader:
 
 
 def model_name(model: mujoco.MjModel) -> str:
-    """Return the name of a model, which its first name is; empty where it has none."""
     return printable(bytes(model.names).split(b"\0", 1)[0].decode(errors="replace"))
 
 

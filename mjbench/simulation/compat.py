@@ -337,7 +337,6 @@ def flag_enabled(model: mujoco.MjModel, name: str) -> bool | None:
 
 
 def disable_flag(model: mujoco.MjModel, name: str) -> None:
-    """Disable a flag of `<option><flag>`, called as in MJCF, where this release has it."""
     if (disables := getattr(mujoco.mjtDisableBit, f"mjDSBL_{name.upper()}", None)) is not None:
         model.opt.disableflags |= int(disables)
     if (enables := getattr(mujoco.mjtEnableBit, f"mjENBL_{name.upper()}", None)) is not None:
@@ -345,7 +344,6 @@ def disable_flag(model: mujoco.MjModel, name: str) -> None:
 
 
 def has_geom_distance() -> bool:
-    """Return whether the engine computes the distance of two geoms."""
     return hasattr(mujoco, "mj_geomDistance")
 
 

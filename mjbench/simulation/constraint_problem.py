@@ -118,7 +118,6 @@ class ConstraintProblem:
         return self.solve_at(self._state, contacts)
 
     def solve_touching_at(self, state: np.ndarray) -> tuple[Contacts, Solution]:
-        """Return the contacts that C finds at another state, and its solution."""
         self._restart(self._model, state)
         mujoco.mj_forward(self._model, self._data)
         return self._own_contacts(), self._solution()

@@ -88,7 +88,6 @@ class _EngineTimer:
         self._before: int | None = None
 
     def set(self, calls: Sequence[_Switch]) -> None:
-        """Turn the timer off or on as the last call asks for; without calls, on."""
         off = bool(calls) and not calls[-1].on
         if off == self.is_off:
             return

@@ -76,12 +76,10 @@ def read(model: mujoco.MjModel) -> GeomPairs:
 
 
 def are_planes(model: mujoco.MjModel) -> np.ndarray:
-    """Return (ngeom,) bool: which geoms are planes."""
     return np.asarray(model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE))
 
 
 def need_convex_collider(model: mujoco.MjModel, pairs: GeomPairs) -> bool:
-    """Return whether some pair is left to the iterative convex collider."""
     kinds = mujoco.mjtGeom
     own = {
         frozenset((int(getattr(kinds, f"mjGEOM_{a}")), int(getattr(kinds, f"mjGEOM_{b}"))))

@@ -48,9 +48,6 @@ class GivenControls:
 
         Where there is a sequence for each of the file's `nrow` states, a simulation takes that of
         its state; otherwise as `of_simulations`.
-
-        Args:
-          rows: (nbatch,) rows of the file.
         """
         if len(self.sequences) == nrow:
             return self._of(rows, ncontrol)
@@ -62,7 +59,6 @@ class GivenControls:
 
 
 def read(file: Path, model: mujoco.MjModel) -> GivenControls:
-    """Return the controls of a file; InputError if it cannot be read, or does not fit."""
     name = shown(file.name)
     values = array_files.floats(_read_array(file, name), name)
     if values.ndim not in (2, 3):

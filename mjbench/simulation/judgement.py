@@ -61,7 +61,6 @@ class Measure:
 
     @property
     def is_within(self) -> bool:
-        """Whether it agrees."""
         return self.limit is None or (self.value is not None and self.value <= self.limit)
 
     def __str__(self) -> str:
@@ -226,7 +225,6 @@ _LARGEST_FINITE = 1e300
 
 
 def worst(answers: Iterable[EngineAnswer]) -> EngineAnswer:
-    """Return the worst of some answers; `yes` where there are none."""
     return max(answers, key=_SEVERITY.index, default=EngineAnswer.YES)
 
 

@@ -63,9 +63,6 @@ def set_attribute(options: Any, name: str, text: str) -> None:
     """Set a field of an MjOption to the value of an attribute of MJCF's `<option>`.
 
     An enum's value is a keyword there, such as `CG`, and no number; flags are no attributes.
-
-    Raises:
-      InputError: no such attribute in this release, or it cannot have this value.
     """
     if name in _FLAGS:
         raise InputError(f"option {name}: in MJCF, flags are attributes of <flag>")
@@ -82,9 +79,6 @@ def set_flag(options: Any, name: str, text: str) -> None:
       name: of the attribute, such as `island`. Its bit is in `disableflags` in some releases and in
         `enableflags` in others (`multiccd`), or in none.
       text: `enable` or `disable`.
-
-    Raises:
-      InputError: no such flag in this release, or it cannot have this value.
     """
     if text not in ("enable", "disable"):
         raise InputError(f"flag {name}: {one_line(repr(text), 40)} is not enable or disable")
@@ -132,7 +126,6 @@ def _number(field: str, text: str) -> float:
 
 
 def _values(enum: tuple[str, str]) -> dict[str, int]:
-    """Return the values that an enum has in this release, by name without prefix."""
     kind, prefix = getattr(mujoco, enum[0]), enum[1]
     names = [name for name in dir(kind) if name.startswith(prefix)]
     values = {name.removeprefix(prefix): int(getattr(kind, name)) for name in names}

@@ -79,10 +79,6 @@ def resolve(name: str) -> ModelSource:
     """Return the source that `name` stands for.
 
     A symbolic link stays as it is: MuJoCo looks for meshes beside the link, not beside its target.
-
-    Raises:
-      UnknownModelError: the name has none of the forms of a model's name.
-      InputError: there is no such model, or its file cannot be read.
     """
     if carried := _carried(name):
         return ModelSource(name, carried)

@@ -102,9 +102,6 @@ def differences(
     """Return (n,) the largest difference of qpos, qvel and act, row by row.
 
     It is relative to the largest entry of its field in that row, where that exceeds 1.
-
-    Args:
-      states: (n, nstate), as `reference`.
     """
     got, want = (
         {field: rows[:, columns[field]] for field in COMPARED if field in columns}

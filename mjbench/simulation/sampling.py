@@ -50,7 +50,6 @@ class SampleRequest:
 
     @property
     def total_nstep(self) -> int:
-        """Steps of each simulation, those that do not count included."""
         return self.lead_in + self.nstep
 
 
@@ -99,9 +98,6 @@ def draw(model: mujoco.MjModel, request: SampleRequest) -> Sample:
 
     A spread is accepted if at least a quarter of the simulations do not diverge. Where none is,
     starts are keyframe 0.
-
-    Raises:
-      InputError: every simulation diverges, sizes are impossible, or a file is unfit.
     """
     workload.check_sizes(request.nbatch, request.nstep, request.hold)
     given = _Given.read(model, request.starts)

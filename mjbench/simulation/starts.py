@@ -70,11 +70,6 @@ DEFAULT_STARTS, KEYFRAME_STARTS = StartPlan(), StartPlan(settle_s=0.0)
 def start_plan(
     settle_s: float | None, states_file: Path | None, actions_file: Path | None = None
 ) -> StartPlan:
-    """Return the plan that the options --settle, --states and --actions ask for.
-
-    Raises:
-      InputError: both --settle and --states are given, or there is no such file of arrays.
-    """
     if states_file is not None:
         if settle_s is not None:
             raise InputError("give --settle or --states, not both")

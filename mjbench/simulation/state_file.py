@@ -116,7 +116,6 @@ def write(
 
 
 def read(file: Path, model: mujoco.MjModel) -> RecordedStates:
-    """Return the states of a file; InputError if it cannot be read, or does not fit."""
     name = shown(file.name)
     columns = compat.state_columns(model)
     wanted = [*columns, capture_header.ARRAY, capture_header.SEGMENT_ARRAY]
@@ -194,9 +193,6 @@ def draw(
     Rows are drawn at random, each once where there are enough. Where the file has no warm-starts,
     each row is stepped once, so that its warm-start is real. Controls are those that follow the row
     in the file, unless others are given; random ones where there are none.
-
-    Raises:
-      InputError: sizes are below 1, nstep is not a multiple of hold, or too few controls follow.
     """
     workload.check_sizes(nbatch, nstep, hold)
     rng = np.random.default_rng([seed, 0])

@@ -63,7 +63,6 @@ class Work:
     flex_vertices: float | None = None
 
     def as_dict(self) -> dict[str, float]:
-        """Return the counters and sizes that are known, by name."""
         return {name: value for name, value in asdict(self).items() if value is not None}
 
 
@@ -317,7 +316,6 @@ def flat_hfields(model: mujoco.MjModel) -> int:
 
 
 def _can_fall(model: mujoco.MjModel) -> bool:
-    """Return whether gravity acts on a free body."""
     is_free = np.asarray(model.jnt_type) == int(mujoco.mjtJoint.mjJNT_FREE)
     no_gravity = int(model.opt.disableflags) & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     return bool(is_free.any() and np.any(model.opt.gravity) and not no_gravity)

@@ -195,9 +195,6 @@ def make(
 
     Args:
       spread: scales the perturbations and the noise; at 0 every simulation is the keyframe.
-
-    Raises:
-      InputError: sizes below 1, or nstep not a multiple of hold.
     """
     check_sizes(nbatch, nstep, hold)
     starts, controls = np.random.default_rng([seed, 0]), np.random.default_rng([seed, 1])
@@ -217,7 +214,6 @@ def draw_order(nbatch: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def check_sizes(nbatch: int, nstep: int, hold: int) -> None:
-    """Refuse sizes below 1, and an nstep that is not a multiple of hold."""
     for name, value in (("nbatch", nbatch), ("nstep", nstep), ("hold", hold)):
         if value < 1:
             raise InputError(f"{name} must be at least 1, got {value}")
@@ -242,9 +238,6 @@ def states(model: mujoco.MjModel, fields: Mapping[str, np.ndarray]) -> np.ndarra
     """Return rows of this release's mjSTATE_INTEGRATION, the inverse of `fields`.
 
     Fields that this release does not have are ignored; missing ones get the model's defaults.
-
-    Raises:
-      InputError: a field's size is not the model's.
     """
     columns = compat.state_columns(model)
     default = np.empty(compat.state_size(model))
@@ -280,7 +273,6 @@ class PortableWorkload:
     lead_in: int = 0
 
     def only(self, rows: np.ndarray, final_state: np.ndarray) -> "PortableWorkload":
-        """Return the workload of some simulations, of those that must reach `final_state`."""
         fields = {name: values[rows] for name, values in self.fields.items()}
         return PortableWorkload(
             fields, self.control[rows], self.hold, final_state[rows], lead_in=self.lead_in
@@ -332,7 +324,6 @@ def reset_to_start(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 def _starts(
     model: mujoco.MjModel, nbatch: int, rng: np.random.Generator, spread: float
 ) -> np.ndarray:
-    """Return (nbatch, nstate) random start states."""
     states = np.empty((nbatch, compat.state_size(model)))
     data = mujoco.MjData(model)
     for row in states:

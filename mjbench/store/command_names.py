@@ -11,6 +11,7 @@ EARLIER: Mapping[str, Sequence[str]] = {
     "overhead": ("profile", "--habits"),
     "placement": ("doctor", "--placement"),
     "report": ("show", "--format", "html"),  # a later --format counts
+    "results export": ("show", "--format", "csv"),
     "selfcheck": ("doctor", "--verdicts"),
     "site": ("results", "site"),
 }

@@ -41,7 +41,6 @@ def _json_attributes(kind: Any) -> Mapping[str, str]:
 
 
 def json_form(value: Any) -> Any:
-    """Return the JSON form of a dataclass, or of a container of them, as JSON-ready values."""
     return runs.to_json(_form(value))
 
 
@@ -95,7 +94,6 @@ def _default(own: Field[Any]) -> Any:
 
 
 def _type(hint: Any) -> Any:
-    """Return the type of the JSON form of values of a type."""
     if isinstance(hint, type) and is_dataclass(hint):
         return json_type(hint)
     origin, arguments = get_origin(hint), get_args(hint)

@@ -109,7 +109,6 @@ def _identity(machine: Machine) -> MachineIdentity:
 
 
 def _hosts_of_labels(machines: Sequence[Machine]) -> dict[MachineIdentity, set[MachineIdentity]]:
-    """Return the labelled machines that each host, had it no label, may be."""
     labelled: dict[MachineIdentity, set[MachineIdentity]] = defaultdict(set)
     for machine in machines:
         if machine.label and machine.host:

@@ -52,9 +52,6 @@ class RunFile:
 
         A reader sees either the file that was there before or the whole new one. Where that file
         holds more, it stays beside the new one, with `.bak` after its name.
-
-        Raises:
-          MachineError: it cannot be written, or another process writes it.
         """
         path = path.resolve()
         with (
@@ -115,7 +112,6 @@ def lock(file: IO[Any]) -> None:
 
 
 def line_of(record: Record) -> str:
-    """Return a record as a run file has it, with its line break."""
     value = as_stored({"type": record.record_type, **to_json(record)})
     return json.dumps(value, allow_nan=False) + "\n"
 

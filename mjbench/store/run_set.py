@@ -135,11 +135,7 @@ class RunSetFile:
 
     @classmethod
     def create(cls, path: Path) -> "RunSetFile":
-        """Create a file with no section; its folder must be there.
-
-        Raises:
-          MachineError: there is a file of this name, or it cannot be written.
-        """
+        """Create a file with no section; its folder must be there."""
         with writing(path):
             file = _open(path, os.O_CREAT | os.O_EXCL)
             try:
@@ -165,11 +161,7 @@ class RunSetFile:
         return cls(path, file)
 
     def append(self, section: RunSection) -> None:
-        """Write one section at once, so that a reader sees all of it or none.
-
-        Raises:
-          MachineError: the disk is full, or the file is gone; earlier sections stay.
-        """
+        """Write one section at once, so that a reader sees all of it or none."""
         header = SectionHeader(len(section.lines), section.sha256, printable(section.cell))
         with writing(self.path, EARLIER_IS_THERE):
             _write(self._file, b"".join((_line(header), *section.lines)))
@@ -236,10 +228,6 @@ def merge(inputs: Sequence[Path], output: Path, record_types: Mapping[str, type]
     """Append the runs of run files and sets to a set, which is created where there is none.
 
     All inputs are read before anything is written; the output may be one of them.
-
-    Raises:
-      InputError: an input is neither a run file nor a set, or the output is a file but no set.
-      MachineError: the output cannot be written, or another process writes it.
     """
     contents = [read(path, record_types) for path in inputs]
     given = [section for content in contents for section in content.sections]

@@ -152,11 +152,7 @@ def load(path: Path, record_types: Mapping[str, type]) -> Run:
 
 
 def read_lines(path: Path) -> list[bytes]:
-    """Return the lines of a file with their line breaks, which the last one may lack.
-
-    Raises:
-      InputError: it is not a file, or cannot be read.
-    """
+    """Return the lines of a file with their line breaks, which the last one may lack."""
     try:
         if not (path.is_file() or path.is_fifo() or not path.exists()):
             raise InputError(f"{path}: not a file")
@@ -183,9 +179,6 @@ def parse(
       lines: the run's header first.
       first_number: number of the first line in the file.
       may_be_torn: whether to leave out a last line that is not JSON, and not to refuse it.
-
-    Raises:
-      InputError: no run, one of another format, or a record that does not fit its type.
     """
     values, is_torn = _values(path, lines, first_number, may_be_torn)
     where = path if first_number == 1 else f"{path}, line {first_number}"
@@ -260,11 +253,7 @@ def _typed(path: Path, number: int, value: Any, types: Mapping[str, type]) -> An
 
 
 def latest(folder: Path) -> Path:
-    """Return the newest run file of a folder; what is empty or no file at all is passed over.
-
-    Raises:
-      InputError: there is none.
-    """
+    """Return the newest run file of a folder; what is empty or no file at all is passed over."""
     written: list[tuple[float, Path]] = []
     for path in folder.glob("*.jsonl"):
         with contextlib.suppress(OSError):  # a link to nothing, or no permission

@@ -69,7 +69,6 @@ class NodeState:
 def calibrate(
     sleep: Callable[[float], None] = time.sleep, clock: Callable[[], float] = time.perf_counter
 ) -> NodeState:
-    """Look at this machine for about a second."""
     others = neighbours.measuring_now()
     usable = machine.usable_cores()
     calibration = Calibration(usable)

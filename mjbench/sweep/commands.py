@@ -27,9 +27,7 @@ class Command:
 
     Attributes:
       options: that the plan can set, by their names without dashes, such as `time-limit`.
-      needs_quiet: whether anything else on the machine would spoil the result.
       together: what cells must have in common to be measured by one command line.
-      most: more are not measured at once.
       least: as many are measured at once where there are as many, also if nodes are idle.
     """
 
@@ -47,7 +45,6 @@ def _version_argument(cell: Cell, version: str) -> str:
 
 
 def _versions(cells: Sequence[Cell]) -> CommandLine:
-    """Compare two releases on several models, by one path and metric."""
     first = cells[0]
     assert first.metric is not None
     options = [

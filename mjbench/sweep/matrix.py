@@ -30,7 +30,6 @@ class Matrix:
         return count // max(1, len(self.plan.machines))
 
     def command_line(self, cells: Sequence[Cell]) -> CommandLine:
-        """Return the command line for cells that one command measures."""
         kind = cells[0].kind
         line = COMMANDS[kind].line(cells)
         arguments = [*line.arguments, *self.plan.options[kind]]
@@ -39,7 +38,6 @@ class Matrix:
         return CommandLine(tuple(arguments), line.operands)
 
     def models_of(self, cells: Sequence[Cell]) -> list[CarriedModel]:
-        """Return the models that must travel with cells."""
         names = dict.fromkeys(cell.model for cell in cells)
         return [self.carried[name] for name in names if name in self.carried]
 

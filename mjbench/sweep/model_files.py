@@ -43,12 +43,10 @@ def content_digest(source: ModelSource) -> str:
 
 
 def is_shipped(source: ModelSource) -> bool:
-    """Return whether a model comes with mjbench, and so is on every node."""
     return source.path.parent == models.shipped_folder()
 
 
 def carry(source: ModelSource, limit_s: float = TIME_LIMIT_S) -> CarriedModel:
-    """Return a model with all that it refers to."""
     # without `..`, as the files that it refers to are listed
     source = ModelSource(source.name, Path(os.path.normpath(source.path.absolute())))
     paths = isolate.call(list_files, source, limit_s=limit_s)

@@ -190,7 +190,6 @@ def _without_result(cells: Sequence[Cell], code: int, detail: str) -> Iterator[C
 def environment(
     own: Mapping[str, str], label: str = "", carried_index: Path | None = None
 ) -> dict[str, str]:
-    """Return the environment of a command, from that of this process; see `measure`."""
     variables = {name: value for name, value in own.items() if not name.startswith(_FOREIGN_PREFIX)}
     root = str(Path(__file__).resolve().parents[2])
     variables["PYTHONPATH"] = os.pathsep.join(filter(None, [root, own.get("PYTHONPATH", "")]))

@@ -75,12 +75,6 @@ def known_versions() -> frozenset[str]:
 def load(
     path: Path, check: CheckCommand, known: Callable[[], Collection[str]] = known_versions
 ) -> Plan:
-    """Read a plan.
-
-    Raises:
-      InputError: something is wrong with it; one line, with its place in the file.
-      MachineError: the package index is needed to know a release, and cannot be reached.
-    """
     file = PlanFile(path)
     file.check_keys(_known_keys())
     kinds = [kind for kind in CellKind if kind in file.values] or [CellKind.VERSIONS]

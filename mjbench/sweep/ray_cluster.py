@@ -85,7 +85,6 @@ class RayCluster:
         self.left_out: tuple[LeftOut, ...] = ()
 
     def __enter__(self) -> "RayCluster":
-        """Start Ray here, or connect to a cluster, and ask its nodes what they are."""
         with contextlib.ExitStack() as closing:
             closing.enter_context(ray_session.session(self._address))
             closing.callback(self._cancel_all)

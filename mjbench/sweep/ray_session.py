@@ -30,11 +30,7 @@ _LONGEST_FOLDER, _SHORT_FOLDER = 40, "/tmp/ray"
 
 @contextlib.contextmanager
 def session(address: str) -> Iterator[None]:
-    """Start Ray here, or connect to a cluster, for as long as the block runs.
-
-    Raises:
-      MachineError: Ray is missing, does not start, or is not there.
-    """
+    """Start Ray here, or connect to a cluster, for as long as the block runs."""
     extras.require("mjbench sweep", "ray", ["ray"])
     if "://" in address:
         raise InputError(

@@ -79,7 +79,6 @@ class CellResult:
 
 
 def outcome(run: Run) -> CellOutcome:
-    """Return how the cell ended that a run measured."""
     ended = [record for record in run.records if isinstance(record, _Ended)]
     if not ended:
         return CellOutcome(Status.FAILED, "there is no result")
@@ -100,7 +99,6 @@ class Collector:
         self._complete: dict[Cell, CellResult] = {}
 
     def add(self, lines: Sequence[bytes]) -> list[CellResult]:
-        """Return the cells that further lines complete."""
         for line in lines:
             self._lines.append(line)
             if len(self._lines) == 1 or not self.missing or self._is_comparison():

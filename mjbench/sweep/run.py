@@ -62,10 +62,6 @@ class Sweep:
         Args:
           on_result: called with each result, to be stored at once, the node that it comes from,
             and the number of cells that have one, earlier ones included.
-
-        Raises:
-          InputError: no node has a label that the plan names.
-          MachineError: there is no node that can measure.
         """
         self._matrix, self._cluster = matrix, cluster
         self._on_result, self._program = on_result, program

@@ -100,12 +100,7 @@ class EngineMeasurements:
         self._environment = accelerated_path(engine).environment()
 
     def baseline(self, plan: TrialPlan) -> BatchFacts:
-        """Draw trials and run C; launches use them from then on.
-
-        Raises:
-          InputError: the model cannot be loaded, diverges, or is not for this engine.
-          MachineError: its process crashed or hung.
-        """
+        """Draw trials and run C; launches use them from then on."""
         return isolate.call(
             run_baseline,
             self._case,
@@ -128,10 +123,6 @@ class EngineMeasurements:
 
         Args:
           stop_after_s: seconds after which no other is begun; None for no limit.
-
-        Raises:
-          UnavailableError: the model is not for this engine.
-          MachineError: the present settings crash, hang or diverge.
         """
         programs: list[TunedProgram] = []
 
@@ -204,9 +195,6 @@ def run_launch(request: LaunchRequest, channel: Channel) -> None:
     """Try settings; runs in a child.
 
     Sends the `TunedProgram` of the present settings, then an `Attempt` for each setting.
-
-    Raises:
-      UnavailableError: the engine does not take the model.
     """
     begin = time.perf_counter()
     model = models.load(request.case.source)
@@ -242,8 +230,6 @@ class _Compiled:
 
 @dataclass(frozen=True)
 class _Case:
-    """An engine with the model that it steps."""
-
     request: LaunchRequest
     model: mujoco.MjModel
     baseline: EngineBaseline
@@ -313,7 +299,6 @@ def _batch(model: mujoco.MjModel, trials: Trials, nbatch: int, ncontrol: int) ->
 def _runs(
     compiled: Compiled, block: Workload, trials: Trials, channel: Channel, limit_s: float
 ) -> Trajectories:
-    """Return an engine's runs of the trials, as many at a time as its batch has."""
     model, nrun = block.model, trials.nrun
     qpos = np.empty((nrun, trials.ncontrol, model.nq))
     qvel = np.empty((nrun, trials.ncontrol, model.nv))

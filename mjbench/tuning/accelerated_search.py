@@ -151,7 +151,6 @@ def combinations(helpful: Sequence[Attempt]) -> list[Settings]:
 
 
 def is_faster(one: Recommendation, other: Recommendation) -> bool:
-    """Return whether settings are certainly faster than others in the same processes."""
     pairs = zip(one.samples, other.samples, strict=True)
     logs = [log_ratio(mine) - log_ratio(theirs) for mine, theirs in pairs]
     return float(np.mean(logs)) + stats.mean_half_width(logs, CONFIDENCE) < 0

@@ -270,7 +270,6 @@ class CSearch(Search[CMeasurements]):
     def _without_errors(
         self, attempts: Sequence[Attempt], front: Sequence[Attempt]
     ) -> list[Attempt]:
-        """Return the attempts that need no error; withdraw others of a front."""
         for each in front:
             if self._needs_error(each):
                 reason = f"no reference from new starts: {self._record.no_reference}"

@@ -137,7 +137,6 @@ def keyword(model: mujoco.MjModel, name: str) -> str:
 
 
 def _is_accepted(model: mujoco.MjModel, name: str, choice: str) -> bool:
-    """Return whether this release has an option's value, and steps this model with it."""
     enum, prefix = model_options.ENUMS[name]
     value = getattr(getattr(mujoco, enum), prefix + choice.upper(), None)
     if value is None:
@@ -189,7 +188,6 @@ def is_damped_euler(observed: ObservedModel) -> bool:
 
 
 def unused_features(observed: ObservedModel) -> list[Setting]:
-    """Return one setting that disables every feature that the model does not have."""
     model = observed.model
     absent = {
         flag: plural

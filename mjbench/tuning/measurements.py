@@ -192,7 +192,6 @@ class SettingRule(StopRule[SettingLaunch]):
         self._ndone = 0
 
     def next_targets(self) -> Sequence[int]:
-        """See `StopRule.next_targets`."""
         now_s = self._clock()
         is_late = now_s + self._launch_s > self._end_s
         self._begin_s = now_s
@@ -235,7 +234,6 @@ def look(
 def run_present(
     source: ModelSource, plan: TrialPlan, files: SearchFiles, channel: Channel
 ) -> PresentRuns:
-    """Run the present settings; write them, and the model, to files."""
     channel.doing(f"running {source.name} with its present settings")
     model = variants.compiled(source, ())
     baseline = reference.present_runs(model, plan)

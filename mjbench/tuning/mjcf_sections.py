@@ -97,7 +97,6 @@ class Document:
         return _first_newline(self.visible)
 
     def tag(self, element: Element) -> StartTag:
-        """Return where the parts of an element's start tag lie."""
         tag = _TAG.match(self.visible, element.start)
         assert tag is not None  # expat has read it
         last, quote, values = tag.end(1), '"', {}
@@ -129,11 +128,6 @@ class Document:
 
 
 def parse(text: bytes) -> Document:
-    """Return where the sections of a file are.
-
-    Raises:
-      InputError: it is no well-formed XML, or refers to entities outside it.
-    """
     if models.is_utf16(text):
         raise InputError(models.UTF16)
     if b"\0" in text[:64]:
@@ -165,8 +159,6 @@ def _first_newline(text: bytes) -> str:
 
 @dataclass
 class _Open:
-    """An element whose end is still to come."""
-
     name: str
     attributes: dict[str, str]
     start: int

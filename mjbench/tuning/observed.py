@@ -83,9 +83,6 @@ def observe(
 
     Args:
       computing_s: seconds that simulations may take, apart from settling.
-
-    Raises:
-      InputError: the model cannot be loaded, every simulation diverges, or a file is unfit.
     """
     return observe_model(models.load(source), is_mjcf(source.path), seed, plan, hold, computing_s)
 
@@ -188,7 +185,6 @@ class _Run:
                 self._read_step()
 
     def pose(self, count: int, seed: int) -> None:
-        """Look at the contacts of random poses."""
         model, data = self._model, self._data
         workload.reset_to_start(model, data)
         rng = np.random.default_rng([seed, 4])

@@ -164,7 +164,6 @@ class Baseline:
         return self._of(np.unique(np.linspace(0, last, min(nrun, last + 1)).astype(int)))
 
     def _of(self, runs: np.ndarray) -> "Baseline":
-        """Return some runs, by index or mask."""
         return replace(
             self,
             trials=self.trials.only(runs),
@@ -175,20 +174,11 @@ class Baseline:
 
 
 def baseline(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
-    """Return the runs with present settings, the reference, and the horizon.
-
-    Raises:
-      InputError: the model diverges, or a file of states or controls does not fit it.
-    """
+    """Return the runs with present settings, the reference, and the horizon."""
     return with_reference(model, present_runs(model, plan), plan.horizon_ncontrol)
 
 
 def present_runs(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
-    """Return the runs with present settings, without a reference.
-
-    Raises:
-      InputError: the model diverges, or a file of states or controls does not fit it.
-    """
     trials, came_from = draw(model, plan)
     present = trajectories.run(model, trials)
     twin = trajectories.run(model, perturbed(model, trials))
@@ -220,11 +210,6 @@ def present_runs(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
 def with_reference(
     model: mujoco.MjModel, runs: Baseline, horizon_ncontrol: int | None = None
 ) -> Baseline:
-    """Return runs with the reference, and the horizon over which errors are compared.
-
-    Raises:
-      InputError: the reference diverges.
-    """
     reference = trajectories.run(converged(model, REFINEMENT), runs.trials)
     solver = trajectories.run(converged(model), runs.trials)
     healthy = _healthy("as the reference", reference, solver)

@@ -127,7 +127,6 @@ class Search(abc.ABC, Generic[Measurements]):
         self._record = replace(self._record, **changes)
 
     def _note(self, attempt: Attempt) -> None:
-        """Keep what is known of settings, in place of what was known before."""
         name = label(attempt.settings)
         others = [each for each in self._record.attempts if label(each.settings) != name]
         self._set(attempts=[*others, attempt])
@@ -140,7 +139,6 @@ class Search(abc.ABC, Generic[Measurements]):
         samples: Sequence[LaunchRow],
         is_allowed: bool = True,
     ) -> None:
-        """Recommend settings that both looks confirm."""
         both = [each.error for each in (first, second) if each.error is not None]
         effects = [each.accuracy.effect for each in (first, second) if each.accuracy]
         accuracy = second.accuracy

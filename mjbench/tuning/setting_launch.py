@@ -110,11 +110,6 @@ class _Launch:
     model: mujoco.MjModel
 
     def attempt(self, settings: Settings) -> Attempt:
-        """Return how settings do.
-
-        Raises:
-          InputError: MuJoCo refuses them, runs diverge, or the loop reaches other states.
-        """
         changed, loop = self._changed(settings), loop_change(settings)
         attempt = Attempt(settings, Status.OK)
         if self.request.nrun != 0:

@@ -47,7 +47,6 @@ class Trials:
         return replace(self, initial_state=self.initial_state[runs], control=self.control[runs])
 
     def first(self, ncontrol: int) -> "Trials":
-        """Return trials that end after their first controls."""
         return replace(self, control=self.control[:, :ncontrol])
 
 
@@ -125,11 +124,7 @@ def points(ncontrol: int) -> list[int]:
 
 
 def run(model: mujoco.MjModel, trials: Trials, nthread: int | None = None) -> Trajectories:
-    """Return the runs of a model, on as many threads as there are cores unless a number is given.
-
-    Raises:
-      InputError: its states have other sizes, or its timestep does not divide a control's time.
-    """
+    """Return the runs of a model, on as many threads as there are cores by default."""
     if compat.state_size(model) != trials.initial_state.shape[1]:
         raise InputError("the setting changes the size of the model's state")
     nstep = steps_per_control(model, trials.control_s)
@@ -150,11 +145,6 @@ def run(model: mujoco.MjModel, trials: Trials, nthread: int | None = None) -> Tr
 
 
 def steps_per_control(model: mujoco.MjModel, control_s: float) -> int:
-    """Return how many steps a control lasts.
-
-    Raises:
-      InputError: it is not a whole number.
-    """
     steps = control_s / float(model.opt.timestep)
     if round(steps) < 1 or abs(steps - round(steps)) > _WHOLE * steps:
         raise InputError(
@@ -167,7 +157,6 @@ def steps_per_control(model: mujoco.MjModel, control_s: float) -> int:
 def _run(
     model: mujoco.MjModel, trials: Trials, nstep: int, rows: np.ndarray, out: Trajectories
 ) -> None:
-    """Step some runs, and write their states to `out`."""
     data, sensing = mujoco.MjData(model), mujoco.MjData(model)
     is_bad = compat.divergence_warnings()
     at = points(trials.ncontrol)

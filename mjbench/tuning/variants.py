@@ -35,12 +35,7 @@ def check_source(source: ModelSource) -> None:
 def copy_in_child(
     source: ModelSource, edits: Sequence[Edit] | None, target: Path, limit_s: float
 ) -> None:
-    """Do what `write` does, in a child process; without edits, what `check_target` does.
-
-    Raises:
-      InputError: as `write`.
-      MachineError: the file cannot be written, or the process crashed or hung.
-    """
+    """Do what `write` does, in a child process; without edits, what `check_target` does."""
     isolate.call(_copy, source, edits, target.absolute(), limit_s=limit_s)
 
 

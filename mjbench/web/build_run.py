@@ -72,12 +72,7 @@ class BuildRun:
         return self._processes[0]
 
     def load(self) -> None:
-        """Start the process, and compile the model in it.
-
-        Raises:
-          UnavailableError: the build cannot have the threads that the variant asks for.
-          MachineError: the engine is another release.
-        """
+        """Start the process, and compile the model in it."""
         self._loaded = self._load(self._reference.files)
 
     def check(self) -> RoundingCheck:
@@ -124,7 +119,6 @@ class BuildRun:
         )
 
     def _load(self, files: tuple[str, ...]) -> tuple[Instantiated, float]:
-        """Compile a model in a new process, and return how many milliseconds that took."""
         build, engine = Build(self.variant.path), self._engine
         folder = self._folder / f"process{len(self._processes)}"
         with writing(folder):
@@ -210,7 +204,6 @@ def _is_steady(blocks: list[int]) -> bool:
 
 
 def _read(file: Path, shape: tuple[int, ...]) -> np.ndarray:
-    """Return an array that the Node program wrote."""
     try:
         values = np.fromfile(file)
     except OSError as error:

@@ -80,10 +80,6 @@ def prepare(
     """Load a model, draw its workload, and see what C does with it.
 
     The files of the result last as long as the pool.
-
-    Raises:
-      InputError: the model cannot be loaded, or every simulation of it diverges.
-      ChildError: the process crashed, hung or failed.
     """
     process = pool.start(release, f"C of MuJoCo {release.version} ({source.name})")
     try:
@@ -165,10 +161,6 @@ def timed_paths(
 
     Args:
       core: that they run on; None for any.
-
-    Raises:
-      InputError: a path cannot run.
-      ChildError: a process crashed, hung or failed.
     """
     processes: list[WorkerProcess] = []
     try:

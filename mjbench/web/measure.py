@@ -102,7 +102,6 @@ class _Measurement:
         )
 
     def run(self, folder: Path, closing: contextlib.ExitStack) -> None:
-        """Check all builds, and time those that agree."""
         plan = self._plan
         reference = c_reference.prepare(self._pool, plan.release, self._source, plan.sizes)
         self._reference = reference

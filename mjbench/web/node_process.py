@@ -133,7 +133,6 @@ class NodeProcess:
         self._call(type(None), "prepare", "preparing a run", **asdict(steps))
 
     def time_block(self) -> int:
-        """Have one block run; return its nanoseconds."""
         ns = self._call(int, "block", "running a block")
         if ns <= 0:
             detail = f"reports that a block took {ns} ns"
@@ -190,12 +189,7 @@ def _oldest_node() -> int:
 
 
 def find_node(command: str = COMMAND, limit_s: float = _VERSION_LIMIT_S) -> NodeProgram:
-    """Return the Node of a command, which may be a path.
-
-    Raises:
-      InputError: there is no such program, and it is not `node`.
-      MachineError: Node is missing, too old, or does not work.
-    """
+    """Return the Node of a command, which may be a path."""
     file = shutil.which(command)
     if file is None:
         if command == COMMAND:

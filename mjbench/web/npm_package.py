@@ -51,7 +51,6 @@ class NpmPackage:
     version: str
 
     def script(self, build: Build) -> Path:
-        """Return the ES module of a build; its WebAssembly lies beside it."""
         return self.folder / _FOLDERS[build] / "mujoco.js"
 
 
@@ -70,7 +69,6 @@ def install_command(version: str) -> str:
 
 
 def installed_versions() -> list[str]:
-    """Return the releases in the cache folder, the oldest first."""
     names = [file.parents[3].name for file in cache_folder().glob(f"*/{_MANIFEST.as_posix()}")]
     return sorted((name for name in names if installs.is_release(name)), key=version_key)
 
@@ -81,10 +79,6 @@ def find(version: str | None = None, folder: Path | None = None) -> NpmPackage:
     Args:
       version: of the release; None for the pinned one, or for whichever `folder` has.
       folder: into which npm installed it, or the package itself; None for the cache folder.
-
-    Raises:
-      InputError: the folder has another release, or no such package.
-      MachineError: the package is not installed, or not whole; the message has the command.
     """
     if folder is not None:
         package = _in_folder(folder)

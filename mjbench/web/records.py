@@ -89,12 +89,10 @@ class WebPath(WebPathRecord):
 
     @property
     def steps_per_s(self) -> float | None:
-        """Steps per second; None where it was not timed."""
         return 1e9 / self.step_ns if self.step_ns else None
 
     @property
     def rounds(self) -> int:
-        """Blocks that were timed."""
         return len(self.block_ns)
 
     @property
@@ -150,7 +148,6 @@ class WebRecord:
 
     @cached_property
     def path_results(self) -> Sequence[WebPath]:
-        """The paths, each with its speed."""
         return [
             WebPath(**vars(path), step_ns=self._step_ns(path), ratio=self._ratio(path))
             for path in self.paths
@@ -165,6 +162,5 @@ class WebRecord:
         return stats.speedup_in_common(path.block_ns, c_ns) if path.block_ns and c_ns else None
 
     def statuses(self) -> Iterator[Status]:
-        """Yield how the measurement ended, and how each path did."""
         yield self.status
         yield from (path.status for path in self.paths)

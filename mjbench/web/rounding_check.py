@@ -101,7 +101,6 @@ class RoundingCheck:
 
     @property
     def final(self) -> PointDifference:
-        """How far the whole run is from C."""
         return self.points[-1]
 
 

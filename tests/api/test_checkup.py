@@ -20,6 +20,7 @@ from mjbench.errors import InputError, MachineError
 from mjbench.simulation import models
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
+from mjbench.tuning.c_search import LEAST_LAUNCHES
 from mjbench.tuning.records import TuneRecord
 
 CARTPOLE = models.resolve("cartpole")
@@ -73,7 +74,8 @@ def test_a_minute_is_shared_and_no_part_begins_after_it(monkeypatch: pytest.Monk
         CheckupPart.SETTINGS,
         CheckupPart.TOGETHER,
     ]
-    assert planted.tuning_s == [60 - 4 - 14 - 5 - 4]
+    launch_s = 14 / (len(raced(GAINS).launches) + 1)
+    assert planted.tuning_s == [60 - 4 - 14 - 5 - 4 - LEAST_LAUNCHES * launch_s]
     assert planted.together_s == [5.0]
 
 

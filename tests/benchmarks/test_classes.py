@@ -18,7 +18,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,20 +28,21 @@ from commands import ROOT
 
 import benchmarks
 from benchmarks import instructions, mjx, reference, stored
-from mjbench.comparison import accelerated_run
-from mjbench.comparison.accelerated_run import AcceleratedRequest
-from mjbench.comparison.records import MeasurementRecord
+from benchmarks.settings import Cached
+from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.errors import MachineError
-from mjbench.host import isolate
 from mjbench.paired.moved_check import Averaging
-from mjbench.paths.accelerated import load_workload
 from mjbench.releases import installs
 from mjbench.simulation import models
+from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 
 PREFIXES = ("time_", "timeraw_", "track_", "peakmem_")
-# Models that are counted, and compared with the reference release: with contacts and without.
-FEW_MODELS = ("cartpole", "cube_table")
+# Models that are counted, and those that are compared with the reference release.
+FEW_MODELS = {
+    instructions.Instructions: ["cartpole"],
+    reference.Reference: ["cartpole", "cube_table"],
+}
 # Units of what may be 0: counts of a model without contact, and a drift of nothing. A ratio, a time
 # or a number of instructions that is 0 was never measured.
 ZERO_IS_POSSIBLE = {"contacts/step", "constraints/step", "iterations/step", "SI"}
@@ -114,8 +115,8 @@ class Case:
     @property
     def is_heavy(self) -> bool:
         """Whether it takes long, and another case shows as well that the benchmark works."""
-        if self.kind in (instructions.Instructions, reference.Reference):
-            return self.model not in FEW_MODELS
+        if self.kind in FEW_MODELS:
+            return self.model not in FEW_MODELS[self.kind]
         return self.model in stored.HEAVY
 
     @property
@@ -228,18 +229,6 @@ def _interpret(code: str) -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def measure_nothing(
-    request: AcceleratedRequest, on_record: Callable[[MeasurementRecord], None]
-) -> isolate.Ended:
-    """Stand in for `accelerated_run.run`, which tests/comparison/test_accelerated_run.py tests."""
-    workload, resources = load_workload(models.load(request.source), request.workload_file)
-    resources.close()
-    record = MeasurementRecord.of(request.source.name, request.variant)
-    sizes = {"nbatch": workload.nbatch, "nstep": workload.nstep}
-    on_record(replace(record, **sizes, agrees=True, compile_s=2.0, samples_s=[0.5]))
-    return isolate.Ended(Status.OK)
-
-
 def test_what_is_tracked_is_a_number_that_was_measured(
     exact: Case,
     monkeypatch: pytest.MonkeyPatch,
@@ -251,10 +240,11 @@ def test_what_is_tracked_is_a_number_that_was_measured(
     # any number will do, not a precise one
     monkeypatch.setattr("benchmarks.instructions.NBATCH", 1)
     monkeypatch.setattr("benchmarks.instructions.stored.nstep_of", lambda name: stored.HEAVY_NSTEP)
-    monkeypatch.setattr(accelerated_run, "run", measure_nothing)
+    times = mjx.MjxTimes(compile_s=2.0, block_s=[0.5])
+    monkeypatch.setattr(mjx, "_measured", lambda *case: Cached(Status.OK, value=times))
     monkeypatch.setattr("benchmarks.reference.LAUNCHES", 2)
-    for kind in (instructions.Instructions, reference.Reference):
-        monkeypatch.setattr(kind, "params", [*FEW_MODELS])
+    for kind, few in FEW_MODELS.items():
+        monkeypatch.setattr(kind, "params", few)
     monkeypatch.setattr("benchmarks.mjx.NBATCH", 2)
     monkeypatch.setattr("benchmarks.mjx.NSTEP", 2)
     monkeypatch.setattr("benchmarks.mjx.ROUNDS", 3)
@@ -269,6 +259,26 @@ def test_what_is_tracked_is_a_number_that_was_measured(
         return
     assert math.isfinite(value)
     assert value > 0 or (value == 0 and exact.function.unit in ZERO_IS_POSSIBLE)
+
+
+def test_every_model_is_counted_in_one_of_two_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    processes: list[list[str]] = []
+
+    def count(
+        counter: InstructionCounter, release: installs.ReleaseSpec, sources: Sequence[ModelSource]
+    ) -> Iterator[ModelCount]:
+        processes.append([source.name for source in sources])
+        for source in sources:
+            yield ModelCount(model=source.name, release=release.version, instructions_per_step=9.0)
+
+    monkeypatch.setattr(InstructionCounter, "count", count)
+    for module in ("benchmarks.instructions", "mjbench.counts.instructions"):
+        monkeypatch.setattr(f"{module}.unavailable", lambda: None)
+    monkeypatch.setattr("benchmarks.instructions.stored.nstep_of", lambda name: stored.HEAVY_NSTEP)
+    cache = instructions.Instructions().setup_cache()
+    assert {cache[name].get() for name in models.shipped()} == {9.0}
+    assert sorted(itertools.chain(*processes)) == sorted(models.shipped())
+    assert len(processes) == 2
 
 
 def test_times_are_of_one_thing_and_grouped_by_what_is_compared() -> None:

@@ -1,6 +1,5 @@
 """What the check of metrics plants, and what it calls wrong."""
 
-import json
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -9,8 +8,18 @@ import pytest
 from commands import ROOT
 from verdict_records import SLOWER
 
-from benchmarks.metric_checks import PAIRED, Case, baseline, is_wrong, planted, unchanged
+from benchmarks.metric_checks import (
+    PAIRED,
+    Case,
+    Result,
+    baseline,
+    is_wrong,
+    planted,
+    unchanged,
+)
+from benchmarks.studies import tally_file
 from mjbench.paired.outcomes import Metric, Verdict
+from mjbench.paired.targets import Target
 from mjbench.simulation import models
 from mjbench.simulation.model_digest import model_digest
 from mjbench.status import Status
@@ -18,17 +27,22 @@ from mjbench.status import Status
 
 def test_each_fault_is_of_some_metrics_and_all_others_look_for_it(tmp_path: Path) -> None:
     cases = list(planted(tmp_path, PAIRED))
-    assert {case.metric for case in cases if case.name == "a longer file"} == set(PAIRED)
+    files_read = {*PAIRED} - {Metric.COMPILE}
+    assert {case.metric for case in cases if case.name == "a longer file"} == files_read
+    traced = {case.metric for case in cases if case.name == "slower tracing"}
+    assert traced == {Metric.COMPILE, Metric.TIME}
     finders = {(case.name, case.metric) for case in cases if case.is_slower}
     assert finders == {
         ("a longer file", Metric.LOAD),
         ("a heavier step", Metric.TIME),
         ("a heavier step", Metric.P99),
+        ("slower tracing", Metric.COMPILE),
     }
 
 
 def test_a_longer_file_holds_the_same_model(tmp_path: Path) -> None:
     case = next(planted(tmp_path, PAIRED))
+    assert isinstance(case.candidate, Target)
     assert case.candidate.model.path.stat().st_size > 100_000
     digests = {model_digest(models.load(each.model)) for each in (baseline(), case.candidate)}
     assert len(digests) == 1
@@ -60,15 +74,16 @@ def test_what_was_missed_falsely_named_or_not_measured_is_wrong(
 
 
 def test_committed_comparisons_are_right_and_as_many_as_the_page_has() -> None:
-    results = json.loads((ROOT / "results/metrics.json").read_text())
-    verdicts = [(r["case"], r["verdict"]["metric"], r["verdict"]["verdict"]) for r in results]
-    assert {metric for _, metric, _ in verdicts} == set(PAIRED)
+    results = tally_file.load(ROOT / "results/metrics.json", list[Result], "metrics")
+    measured = {result.looked_for for result in results}
+    assert {*PAIRED} - measured <= {Metric.COMPILE}, "which needs a machine without other work"
     undecided = Counter[str]()
-    for metric in PAIRED:
-        itself = [v for case, of, v in verdicts if of == metric and case.startswith("itself")]
+    for metric in measured:
+        of_metric = [result for result in results if result.looked_for == metric]
+        itself = [r.verdict.verdict for r in of_metric if r.case.startswith("itself")]
         assert len(itself) == 20
-        assert set(itself) <= {"same", "inconclusive"}
-        undecided[metric] = itself.count("inconclusive")
-        (longer,) = [v for case, of, v in verdicts if of == metric and case == "a longer file"]
-        assert longer == ("slower" if metric == "load" else "same")
+        assert set(itself) <= {Verdict.SAME, Verdict.INCONCLUSIVE}
+        undecided[metric] = itself.count(Verdict.INCONCLUSIVE)
+        for result in of_metric:
+            assert not result.is_slower or result.verdict.verdict == Verdict.SLOWER
     assert +undecided == {"load": 14, "p99": 9, "rollout": 1}

@@ -1,63 +1,67 @@
-"""What the benchmarks of MJX make of the record of their child."""
+"""What the benchmarks of MJX measure in their child; a stub stands for the path."""
 
-import dataclasses
+from types import SimpleNamespace
+from typing import Any
 
-import pytest
+import numpy as np
 
-from benchmarks import mjx
-from mjbench.comparison.plan import Variant
-from mjbench.comparison.records import MeasurementRecord
-from mjbench.errors import MachineError
-from mjbench.host.isolate import Ended
+from benchmarks import mjx, stored
+from benchmarks.settings import Cached
+from mjbench.paths.base import States
+from mjbench.simulation import work
 from mjbench.status import Status
 
-OK = Ended(Status.OK)
-COMPILED = dataclasses.replace(
-    MeasurementRecord.of("cartpole", Variant("mjx", {})),
-    nbatch=1,
-    nstep=1,
-    device="cpu",
-    trace_s=1.0,
-    compile_s=2.0,
-)
-AGREES = dataclasses.replace(COMPILED, agrees=True)
-TIMED = dataclasses.replace(AGREES, samples_s=[0.5, 0.25])
+NBATCH, NSTEP = 3, 4
+
+
+class StubPath:
+    """Stands for MJX: it ends where C does, or `error` away from it."""
+
+    def __init__(self, error: float = 0.0, reason: str = ""):
+        self.error, self.reason, self.runs = error, reason, 0
+
+    def unsuited(self, *_: object) -> str:
+        return self.reason
+
+    def prepare(self, simulations: Any, *_: object) -> Any:
+        ends = work.observe(simulations).final_state + self.error
+        return SimpleNamespace(
+            run=self.run,
+            clear=lambda: None,
+            final_states=lambda: States(ends),
+            trace_s=1.0,
+            compile_s=2.0,
+        )
+
+    def run(self) -> None:
+        self.runs += 1
+
+
+def measured(path: Any) -> Cached[mjx.MjxTimes]:
+    channel: Any = None
+    return mjx.compile_and_time(path, "cartpole", NBATCH, NSTEP, channel)
 
 
 def test_times_are_those_of_the_compiler_and_of_every_block() -> None:
-    assert mjx.times_from(TIMED, OK) == mjx.MjxTimes(compile_s=3.0, block_s=[0.5, 0.25])
+    path = StubPath()
+    times = measured(path).get()
+    assert times.compile_s == 3.0
+    assert (len(times.block_s), path.runs) == (mjx.BLOCKS, mjx.BLOCKS + 1)
 
 
 def test_a_model_that_mjx_does_not_step_is_not_applicable() -> None:
-    record = dataclasses.replace(COMPILED, status=Status.UNAVAILABLE, detail="no such joint")
-    with pytest.raises(NotImplementedError, match="no such joint"):
-        mjx.times_from(record, OK)
+    assert measured(StubPath(reason="no such joint")) == Cached(Status.UNAVAILABLE, "no such joint")
 
 
 def test_an_mjx_that_fails_before_it_is_compiled_is_not_applicable() -> None:
-    with pytest.raises(NotImplementedError, match="jax has no attribute"):
-        mjx.times_from(None, Ended(Status.FAILED, "jax has no attribute"))
+    path = StubPath()
+    path.prepare = lambda *_: [][0]  # type: ignore[method-assign]
+    assert measured(path) == Cached(Status.UNAVAILABLE, "IndexError: list index out of range")
 
 
-@pytest.mark.parametrize(
-    ("record", "ended"),
-    [
-        (None, Ended(Status.CRASHED, "why")),
-        (None, Ended(Status.TIMEOUT, "why")),
-        (COMPILED, Ended(Status.FAILED, "why")),
-        (TIMED, Ended(Status.CRASHED, "why")),
-        (dataclasses.replace(COMPILED, status=Status.DISAGREES, detail="why"), OK),
-        (dataclasses.replace(TIMED, status=Status.DISAGREES, detail="why"), OK),
-    ],
-)
-def test_an_mjx_that_crashes_or_disagrees_is_an_error(
-    record: MeasurementRecord | None, ended: Ended
-) -> None:
-    with pytest.raises(MachineError, match="why"):
-        mjx.times_from(record, ended)
-
-
-def test_a_child_that_sends_nothing_or_times_nothing_is_an_error() -> None:
-    for record in (None, COMPILED, AGREES):
-        with pytest.raises(MachineError, match="without a result"):
-            mjx.times_from(record, OK)
+def test_a_run_that_ends_elsewhere_than_c_s_has_no_time() -> None:
+    simulations = stored.stored_workload("cartpole", NBATCH, NSTEP)
+    largest = np.abs(work.observe(simulations).final_state).max()
+    result = measured(StubPath(error=largest))
+    assert (result.status, result.value) == (Status.FAILED, None)
+    assert result.detail == "qpos is not that of C after 4 steps"

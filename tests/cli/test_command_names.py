@@ -55,7 +55,7 @@ def test_what_follows_a_separator_is_no_mode() -> None:
 
 @pytest.mark.parametrize("name", EARLIER)
 def test_an_earlier_name_is_a_command_and_is_named_as_it_is_now(name: str) -> None:
-    done = CliRunner().invoke(cli, [name, "--help"], prog_name="mjbench")
+    done = CliRunner().invoke(cli, [*name.split(), "--help"], prog_name="mjbench")
     assert done.exit_code == 0, done.output
     now = " ".join(EARLIER[name][: 2 if f"{EARLIER[name][0]} {EARLIER[name][1]}" in MODES else 1])
     assert done.output.startswith(f"Usage: mjbench {now} ")
@@ -70,6 +70,7 @@ def test_earlier_names_take_their_arguments(tmp_path: Path) -> None:
     assert page.stdout == mjbench("show", run, "--markdown").stdout
     table = mjbench("report", "--format", "csv", run)
     assert table.stdout.startswith("model,")
+    assert mjbench("results", "export", run).stdout == table.stdout
 
 
 def test_a_command_that_became_an_example_names_it() -> None:

@@ -92,6 +92,19 @@ def test_an_interrupt_leaves_what_was_measured(tmp_path: Path, is_raised: bool) 
         run.exit()
 
 
+def test_an_interrupt_while_results_are_printed_names_where_they_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(run: Run) -> list[Section]:
+        raise KeyboardInterrupt
+
+    measurement = Measurement("overhead", {}, [], lambda *_: iter([Item([row("a")])]))
+    with pytest.raises(SystemExit, match="130"):
+        measure_and_print(measurement, OutputOptions(tmp_path, None, False), summary=interrupted)
+    assert capsys.readouterr().err == "mjbench: interrupted; what was measured is saved\n"
+    assert stored(tmp_path) == ["a"]
+
+
 def test_records_of_a_continued_run_are_shown_and_not_stored_twice(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -128,7 +128,8 @@ def test_junit_tells_failures_errors_and_open_verdicts_apart(comparison: RunSet)
 
 def test_the_command_writes_every_format(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    for name in set(exports.FORMATS) - {"otava"}:  # the run does not say when it began
+    # the run does not say when it began, and Parquet is no text
+    for name in set(exports.FORMATS) - {"otava", "parquet"}:
         words = ["report", str(COMPARISON), "--format", name]
         result = CliRunner().invoke(cli, words)
         assert result.exit_code == 0, result.output
@@ -137,6 +138,15 @@ def test_the_command_writes_every_format(tmp_path: Path, monkeypatch: pytest.Mon
     assert "needs a file" in result.output
     two = ["report", str(COMPARISON), str(COMPARISON), "--format", "csv"]
     assert "takes one RUN" in CliRunner().invoke(cli, two).output
+
+
+def test_a_full_disk_behind_parquet_is_one_line() -> None:
+    pytest.importorskip("polars")
+    words = ["show", str(COMPARISON), "--format", "parquet", "-o", "/dev/full"]
+    done = CliRunner().invoke(cli, words)
+    assert done.exit_code == 3
+    line = done.stderr.splitlines()[-1]
+    assert line == "mjbench: cannot write /dev/full: No space left on device"
 
 
 def test_parquet_is_read_back(tmp_path: Path) -> None:

@@ -298,8 +298,31 @@ def test_a_conclusion_has_the_tone_of_the_worst_machine(
 def test_runs_of_one_machine_are_reported_as_before(tmp_path: Path) -> None:
     files = [*verdict_runs(tmp_path, a=SLOWER), *verdict_runs(tmp_path, a=of_model(SAME, "n"))]
     content = report(*files)
-    assert [section.heading for section in all_sections(content)] == ["Verdicts", "Verdicts"]
+    headings = [section.heading for section in all_sections(content)]
+    assert [heading.partition(" (")[0] for heading in headings] == ["Verdicts", "Verdicts"]
     assert texts(content)[0].startswith("m, 1.0.0 → 2.0.0: slower by 3 %")
+
+
+def test_sections_of_several_runs_that_would_be_called_the_same_are_told_apart(
+    tmp_path: Path,
+) -> None:
+    (named,) = reports.read([run_file(tmp_path, labelled("a"), SAME)])
+    first, second = (replace(named, file=Path(f"{name}.jsonl")) for name in "xy")
+
+    def headings(*named_runs: NamedRun) -> list[str]:
+        return [section.heading for section in reports.build(named_runs).sections]
+
+    assert headings(first) == ["Verdicts"]
+    assert headings(first, second) == ["Verdicts (x)", "Verdicts (y)"]
+    assert headings(first, first) == ["Verdicts (x) (1)", "Verdicts (x) (2)"]
+
+
+def test_counts_of_several_runs_are_one_section_of_a_history() -> None:
+    names = ("ratios", "counts", "counts-2", "counts-pile-1")
+    files = [ROOT / f"results/history/reference-{name}.jsonl" for name in names]
+    headings = [section.heading for section in reports.build(reports.read(files)).sections]
+    assert headings.count("Instructions, release by release") == 1
+    assert not any("Instructions, release by release (" in heading for heading in headings)
 
 
 def test_a_run_that_is_in_two_files_is_reported_once(tmp_path: Path) -> None:
@@ -341,11 +364,13 @@ def test_a_set_of_many_runs_leaves_sections_out_and_says_so(
     ]
     failed = run_file(tmp_path, labelled("b"), of_model(FAILED, "p"), command="versions")
     content = report(*files, failed)
-    assert [section.heading for section in all_sections(content)] == [
+    headings = [section.heading for section in all_sections(content)]
+    assert [heading.partition(" (")[0] for heading in headings] == [
         "Across machines",
         *["a: Verdicts"] * 3,
         "b: Verdicts",
     ]
+    assert len(set(headings)) == len(headings)
     assert content.sections[-1].conclusions[0].text.endswith("signal 11")
     assert texts(content)[0].startswith("Left out: 3 of 7 sections of single runs.")
     # all comparisons are in the first tables

@@ -26,7 +26,7 @@ from mjbench.report.kinds import RECORD_TYPES
 from mjbench.report.speed_history import SpeedHistory
 from mjbench.store import runs
 
-RUN = ROOT / "results/runs/reference-mujoco-4.0.0.jsonl"
+RUN = ROOT / "results/runs/reference-story-run.jsonl"  # a small one
 
 
 @pytest.fixture(autouse=True)

@@ -7,9 +7,8 @@ import functools
 import io
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -17,6 +16,7 @@ from commands import ROOT, mjbench
 from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
+from set_files import MACHINE
 from verdict_records import SLOWER
 
 from mjbench.measuring.ratio import Ratio
@@ -29,6 +29,7 @@ from mjbench.report.content import DataTable
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 from mjbench.store import run_set
+from mjbench.store.runs import SCHEMA, Run, RunHeader
 
 RUNS = ROOT / "results/runs"
 WIDTHS = (60, 80, 100, 200)
@@ -97,20 +98,36 @@ def rows(lines: list[str], nheading: int) -> list[Row]:
     return [dict(zip(titles, row, strict=True)) for row in read]
 
 
-def shown(file: Path, width: int, folder: Path) -> tuple[str, Any]:
-    """Return what is printed of a run at a width, and its JSON document."""
-    words = ("show", str(file), "--json", str(folder / "out.json"))
-    done = mjbench(*words, env={"COLUMNS": str(width)})
+def shown(name: str, width: int) -> str:
+    """Return what is printed of a committed run at a width."""
+    done = mjbench("show", str(RUNS / f"{name}.jsonl"), env={"COLUMNS": str(width)})
     assert done.returncode == 0, done.stderr
-    return done.stdout, json.loads((folder / "out.json").read_text())
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def results_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Any]:
+    """Return what reads the results of a committed run from its JSON document, once."""
+
+    @functools.cache
+    def read(name: str) -> Any:
+        file = tmp_path_factory.mktemp("documents") / "out.json"
+        done = mjbench("show", str(RUNS / f"{name}.jsonl"), "--json", str(file))
+        assert done.returncode == 0, done.stderr
+        return json.loads(file.read_text())["results"]
+
+    return read
 
 
 @pytest.mark.parametrize("width", WIDTHS)
-def test_a_comparison_reads_back_as_its_document(width: int, tmp_path: Path) -> None:
-    text, document = shown(RUNS / "reference-mujoco-4.0.0.jsonl", width, tmp_path)
+def test_a_comparison_reads_back_as_its_document(
+    width: int, results_of: Callable[[str], Any]
+) -> None:
+    name = "reference-mujoco-4.0.0"
+    text, results = shown(name, width), results_of(name)
     printed = [row for table in tables(text, "path") for row in table]
-    assert len(printed) == len(document["results"]) == 140
-    for row, result in zip(printed, document["results"], strict=True):
+    assert len(printed) == len(results) == 140
+    for row, result in zip(printed, results, strict=True):
         options = [f"{name}={value}" for name, value in result["options"].items()]
         assert row["path"] == " ".join([result["path"], *options])
         speedup = result["speedup"]
@@ -131,10 +148,9 @@ def test_a_comparison_reads_back_as_its_document(width: int, tmp_path: Path) -> 
     ],
 )
 def test_trials_read_back_as_their_document(
-    name: str, share: str, key: str, width: int, tmp_path: Path
+    name: str, share: str, key: str, width: int, results_of: Callable[[str], Any]
 ) -> None:
-    text, document = shown(RUNS / f"reference-{name}.jsonl", width, tmp_path)
-    results = document["results"]
+    text, results = shown(f"reference-{name}", width), results_of(f"reference-{name}")
     (table,) = tables(text, "model")
     assert [row["model"] for row in table] == [r["model"] for r in results]
     assert [row["trials"] for row in table] == [str(r["trials"]) for r in results]
@@ -149,9 +165,28 @@ def committed_tables() -> list[tuple[str, DataTable]]:
         for run in run_set.read(file, RECORD_TYPES).runs:
             sections = kinds.kind_of(run).sections(run)
             tables += [(file.name, table) for section in sections for table in section.tables]
-    tables += [("bisect", table) for table in bisect.sections([SEARCH])[0].tables]
+    search = Run(RunHeader(SCHEMA, "bisect", MACHINE, {}), (SEARCH,))
+    tables += [("bisect", table) for table in bisect.sections(search)[0].tables]
     tables += [("packages", table) for table in verdicts.section(OTHER_VERDICTS, 0.99).tables]
-    return [(name, table) for name, table in tables if table.rows]
+    return [(name, with_deciding_rows(table)) for name, table in tables if table.rows]
+
+
+def with_deciding_rows(table: DataTable) -> DataTable:
+    """Return a table with the rows that decide how wide its columns are.
+
+    They hold the longest text of a column, or the longest word.
+    """
+
+    def longest_word(text: str) -> int:
+        return max(map(cell_len, text.split()), default=0)
+
+    cells = list(zip(*table.texts, strict=True))
+    deciding = {
+        max(range(len(table.rows)), key=lambda row: length(column[row]))
+        for column in cells
+        for length in (cell_len, longest_word)
+    }
+    return replace(table, rows=[table.rows[row] for row in sorted(deciding)])
 
 
 @pytest.mark.parametrize("width", WIDTHS)

@@ -3,7 +3,7 @@
 import os
 import pickle
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any, cast
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from mjbench.errors import MachineError
-from mjbench.measuring.calls import PreparedCall
+from mjbench.measuring.calls import Compilation, PreparedCall
 from mjbench.paired import compiled_steps
 from mjbench.paths.accelerated import accelerated_path
 from mjbench.paths.base import States
@@ -29,6 +29,7 @@ class Program:
         self.log: list[str] = []
         self.ends = States(simulations.initial_state.copy())
         self.overflows = False
+        self.trace_s, self.compile_s = 0.5, 1.0
 
     def clear(self) -> None:
         self.log.append("clear")
@@ -47,6 +48,7 @@ class Program:
 
 
 SOURCE = models.resolve("cartpole")
+_CACHE = "JAX_COMPILATION_CACHE_DIR"
 
 
 @pytest.fixture
@@ -63,15 +65,19 @@ def program(simulations: Workload) -> Program:
 def step(
     simulations: Workload, program: Program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> PreparedCall:
-    path = SimpleNamespace(
-        packages=(),
-        unavailable=lambda: None,
-        environment=dict,
-        unsuited=lambda *_: None,
-        prepare=lambda *_: program,
-    )
+    path = stub_path(lambda *_: program)
     monkeypatch.setattr(compiled_steps, "accelerated_path", lambda name: path)
     return compiled_steps.compiled_step(SOURCE, "mjx", stored(simulations, tmp_path), tmp_path)
+
+
+def stub_path(prepare: Callable[..., Program], **others: object) -> SimpleNamespace:
+    usual: dict[str, object] = {
+        "packages": (),
+        "unavailable": lambda: None,
+        "environment": dict,
+        "unsuited": lambda *_: None,
+    }
+    return SimpleNamespace(prepare=prepare, **(usual | others))
 
 
 def stored(simulations: Workload, folder: Path) -> Path:
@@ -88,22 +94,21 @@ def test_compiling_anew_is_timed_without_what_a_process_has_kept(
 
     def prepare(*_: object) -> Program:
         log.append("compile")
+        (listener,) = listeners
+        for event in ("/jax/other", compiled_steps._COMPILED, compiled_steps._COMPILED):
+            listener(event, 0.1, name="step")
         programs.append(Program(simulations))
         return programs[-1]
 
-    path = SimpleNamespace(
-        packages=("jax",),
-        unavailable=lambda: None,
-        environment=lambda: {"JAX_COMPILATION_CACHE_DIR": None},
-        unsuited=lambda *_: None,
-        prepare=prepare,
-    )
-    jax = SimpleNamespace(clear_caches=lambda: log.append("clear"))
+    path = stub_path(prepare, packages=("jax",), environment=lambda: {_CACHE: None})
+    listeners: list[Callable[..., None]] = []
+    monitoring = SimpleNamespace(register_event_duration_secs_listener=listeners.append)
+    jax = SimpleNamespace(clear_caches=lambda: log.append("clear"), monitoring=monitoring)
     monkeypatch.setattr(compiled_steps, "accelerated_path", lambda name: path)
     monkeypatch.setitem(sys.modules, "jax", cast(ModuleType, jax))
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "/elsewhere")
+    monkeypatch.setenv(_CACHE, "/elsewhere")
     call = compiled_steps.compilation(SOURCE, "mjx", stored(simulations, tmp_path))
-    assert "JAX_COMPILATION_CACHE_DIR" not in os.environ
+    assert _CACHE not in os.environ
     assert log == []
     for _ in range(2):
         call.prepare()
@@ -111,7 +116,11 @@ def test_compiling_anew_is_timed_without_what_a_process_has_kept(
     assert log == ["clear", "compile"] * 2
     result: Any = call.result()
     assert result["qpos"].shape == (3, 2)
-    assert [program.log for program in programs] == [[], ["clear", "run"]]
+    assert [program.log for program in programs] == [["clear", "run"]] * 2
+    assert call.compilation is not None
+    took = call.compilation()
+    assert took.first_run_s > 0
+    assert took == Compilation(0.5, 1.0, took.first_run_s, programs=2)
 
 
 def test_warp_keeps_its_kernels_where_processes_of_an_environment_look(
@@ -125,10 +134,32 @@ def test_warp_keeps_its_kernels_where_processes_of_an_environment_look(
 
 
 def test_the_run_alone_is_timed(program: Program, step: PreparedCall) -> None:
+    program.log.clear()  # of the first run
     step.timed()
     assert program.log == ["run"]
     step.prepare()
     assert program.log == ["run", "clear"]
+
+
+@pytest.mark.parametrize("is_new", [True, False])
+def test_a_program_is_of_the_cache_where_compiling_adds_nothing_to_it(
+    is_new: bool, simulations: Workload, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    cache = tmp_path / "cache"
+    cache.mkdir()
+
+    def prepare(*_: object) -> Program:
+        if is_new:
+            (cache / "program").touch()
+        return Program(simulations)
+
+    path = stub_path(prepare)
+    monkeypatch.setattr(compiled_steps, "accelerated_path", lambda name: path)
+    call = compiled_steps.compiled_step(SOURCE, "mjx", stored(simulations, tmp_path), cache)
+    assert call.compilation is not None
+    took = call.compilation()
+    assert (took.is_cached, took.programs) == (not is_new, None)
+    assert took.seconds == 1.5
 
 
 def test_the_result_is_that_of_one_step_in_single_precision(step: PreparedCall) -> None:

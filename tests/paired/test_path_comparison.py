@@ -1,7 +1,7 @@
 """What becomes of a model's paths when one of them, or a child, fails, and whose row pays."""
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 import pytest
@@ -22,7 +22,7 @@ from mjbench.status import Status
 
 def comparisons(
     pool: WorkerPool, file: str, *variants: Variant, limit_s: float = 60.0
-) -> Iterator[ModelComparison]:
+) -> Generator[ModelComparison, None, None]:
     """Compare paths on a model in one launch; yield what is known, as it comes."""
     plan = ComparisonPlan(
         variants=(Variant("python_loop", {}), *variants),
@@ -159,6 +159,18 @@ def test_what_was_measured_before_an_interruption_comes_last(
     rows = results(last).values()
     assert {row.is_timed for row in rows} == {at_launch > 0}
     assert {row.status for row in rows} == {Status.OK if at_launch else Status.INTERRUPTED}
+
+
+@pytest.mark.usefixtures("inline")
+def test_an_interruption_of_who_shows_results_leaves_them(
+    pool: WorkerPool, contact_file: str
+) -> None:
+    comparison = comparisons(pool, contact_file, Variant("python_loop_hold", {}))
+    assert next(comparison).race is not None
+    last = comparison.throw(KeyboardInterrupt())
+    assert last.is_interrupted
+    assert {row.is_timed for row in results(last).values()} == {True}
+    assert list(comparison) == []
 
 
 @pytest.mark.usefixtures("inline")

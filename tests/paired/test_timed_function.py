@@ -10,6 +10,7 @@ from typing import cast
 import pytest
 
 from mjbench.errors import InputError, MachineError, UnavailableError
+from mjbench.measuring.calls import Compilation
 from mjbench.paired import timed_function
 from mjbench.paired.metrics import GROWTH_UNIT_BYTES
 from mjbench.paired.outcomes import Metric
@@ -127,7 +128,7 @@ def test_what_prepares_a_call_is_not_timed(imported: Imported) -> None:
     worker.function = imported(PREPARED)
     facts = timed_function.try_function(worker, ORIGIN)
     log = sys.modules["own_bench"].log
-    assert (facts.calls, len(facts.results)) == (1, 1)
+    assert (facts.calls, len(facts.results), facts.compilation) == (1, 1, None)
     assert log == ["prepare", "timed", "result"]
     log.clear()
     try:
@@ -142,7 +143,11 @@ def test_what_prepares_a_call_is_not_timed(imported: Imported) -> None:
     assert log == ["timed"]
 
 
-COMPILING = f"{PREPARED}\nstep = PreparedCall(step.prepare, step.timed, result, lambda: 1.5)\n"
+COMPILING = f"""{PREPARED}
+from mjbench.measuring.calls import Compilation
+took = Compilation(trace_s=0.5, compile_s=1.0, first_run_s=0.2)
+step = PreparedCall(step.prepare, step.timed, result, lambda: took)
+"""
 
 
 def test_what_compiles_is_called_once_and_blocks_only_give_its_time(imported: Imported) -> None:
@@ -159,6 +164,8 @@ def test_what_compiles_is_called_once_and_blocks_only_give_its_time(imported: Im
     section.run()
     section.run()
     assert section.reading() == 1_500_000_000
+    took = Compilation(trace_s=0.5, compile_s=1.0, first_run_s=0.2)
+    assert timed_function.compilation_of(worker) == took
     assert sys.modules["own_bench"].log == ["prepare", "timed", "result"]
 
 

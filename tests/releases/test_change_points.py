@@ -1,15 +1,17 @@
 """Change points, excursions and drifts of series that are given, and of simulated histories."""
 
+import functools
 import math
 
 import numpy as np
 import pytest
 
 from benchmarks.studies import history_simulation, simulated_histories
-from benchmarks.studies.simulated_histories import PLANS, RELEASES, Plan
+from benchmarks.studies.simulated_histories import PLANS, RELEASES, Plan, Score
 from mjbench.releases import change_points, release_ratios
 
 SIGMA = 0.002
+HISTORIES = 300
 
 
 def changes(values: list[float]) -> change_points.Changes:
@@ -78,9 +80,14 @@ def test_each_log_ratio_needs_a_positive_deviation(deviations: list[float]) -> N
         change_points.changes([0.0, 0.0], deviations)
 
 
+@functools.cache
+def score_of(plan: Plan) -> Score:
+    return simulated_histories.score(plan, HISTORIES)
+
+
 @pytest.mark.parametrize("plan", PLANS, ids=lambda plan: plan.name)
 def test_in_simulated_histories_change_points_are_detected_and_few_are_wrong(plan: Plan) -> None:
-    score = simulated_histories.score(plan, 400)
+    score = score_of(plan)
     if plan.changes:
         assert score.false_discoveries <= change_points.FALSE_DISCOVERY_RATE
     else:
@@ -107,7 +114,7 @@ def test_a_change_that_may_be_a_release_earlier_or_later_is_not_listed(
 
 
 def test_where_nothing_happens_next_to_nothing_is_listed() -> None:
-    assert simulated_histories.score(PLANS[0], 400).wrong <= 1
+    assert score_of(PLANS[0]).wrong <= 1
 
 
 def test_the_deviation_that_placement_adds_is_that_of_the_no_change_pairs() -> None:

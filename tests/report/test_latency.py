@@ -28,6 +28,8 @@ def test_what_slow_steps_share_has_a_remedy() -> None:
     (section,) = report.sections([latency.row("m", late, None)])
     assert section.notes[0].startswith("Slow steps, paced: 4000 µs of late start")
     assert section.notes[1].startswith("µs of late start: other programs took the core")
+    (unknown,) = report.sections([latency.row("m", replace(late, features={}), None)])
+    assert unknown.notes[-1] == "`mjbench doctor` says what delays programs on this machine"
 
 
 def test_latency_is_drawn_as_far_as_there_are_steps() -> None:

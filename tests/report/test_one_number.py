@@ -111,7 +111,7 @@ def of_csv(file: Path) -> list[Gain]:
 def of_parquet(file: Path) -> list[Gain]:
     frames = pytest.importorskip("polars")
     table = file.with_suffix(".parquet")
-    exports.write_parquet(set_read(file), table)
+    table.write_bytes(exports.as_parquet(set_read(file)))
     return of_rows(frames.read_parquet(table).to_dicts())
 
 

@@ -20,7 +20,7 @@ def test_a_loops_waste_begins_where_the_bare_loop_ends() -> None:
     (figure,) = section.figures
     assert figure.data.rows[0] == ("engine", 0.0, 1200.0, "step")
     assert figure.data.rows[2] == ("+ data.site('tip').xpos", 1800.0, 2700.0, "habit")
-    assert "`bind once` does the same for less" in section.conclusions[1].text
+    assert "`bind once` does the same for less" in section.conclusions[0].text
     (svg,) = drawn(section)
     assert "engine" in svg
     assert len(section.tables[0].rows) == 2

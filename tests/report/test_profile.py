@@ -52,5 +52,8 @@ def test_a_profile_has_a_bar_for_each_stage_that_takes_time() -> None:
     assert [row[0] for row in figure.data.rows] == ["collision", "velocity"]
     assert figure.alternative == "Bars of 2 stages; the longest is collision, 60.0 %."
     assert "engine 1.5 µs (75 %)" in section.conclusions[0].text
-    assert "timer of MuJoCo's Python package takes 20 %" in section.conclusions[1].text
+    assert (
+        "the longest stage is collision, 60 % of the engine's time" in section.conclusions[1].text
+    )
+    assert "timer of MuJoCo's Python package takes 20 %" in section.conclusions[2].text
     assert "collision" in drawn(section)[0]

@@ -5,6 +5,7 @@ from sweep_examples import verdict_cell
 from mjbench.report import sweep
 from mjbench.status import Status
 from mjbench.sweep.results import CellOutcome
+from mjbench.sweep.run import Summary
 
 
 def test_of_many_failed_cells_the_first_are_named_and_the_others_counted() -> None:
@@ -14,3 +15,12 @@ def test_of_many_failed_cells_the_first_are_named_and_the_others_counted() -> No
     assert lines[0].endswith(": failed, why")
     assert "m049" in lines[49]
     assert lines[50:] == ["10 further results failed."]
+
+
+def test_a_sweep_ends_with_how_many_results_there_are_and_how_to_get_the_others() -> None:
+    outcomes = {verdict_cell("a"): CellOutcome(Status.OK)}
+    summary = Summary(outcomes, (), (), (verdict_cell("b"),))
+    section = sweep.summary_section(summary, outcomes)
+    assert section.conclusions[0].text == "1 result stored, 1 missing"
+    (note,) = section.notes
+    assert note.endswith("; the same command measures what is missing")

@@ -1,10 +1,12 @@
 """The reference converges, and the horizon ends where errors or rounding have grown."""
 
 import functools
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
+from tuning_models import BRIEF
 
 from mjbench.errors import InputError
 from mjbench.simulation import models
@@ -21,7 +23,8 @@ PENDULUM = """<mujoco><option timestep="{timestep}" integrator="{integrator}"/><
 def pendulum_facts(timestep, integrator):
     xml = PENDULUM.format(timestep=timestep, integrator=integrator)
     model = mujoco.MjModel.from_xml_string(xml)
-    return reference.baseline(model, TrialPlan(0, StartPlan())).facts
+    ncontrol = round(0.5 / (reference.HOLD * timestep))
+    return reference.baseline(model, replace(BRIEF, ncontrol=ncontrol)).facts
 
 
 def model_of(tmp_path, xml):
@@ -46,7 +49,7 @@ def test_a_higher_order_has_a_smaller_error_and_rounding_is_smaller_still():
 def test_a_model_that_moves_without_error_has_none(tmp_path):
     slide = """<mujoco><option gravity="0 0 0"/><worldbody><body><joint type="slide"/>
     <geom size="1"/></body></worldbody><keyframe><key qvel="1"/></keyframe></mujoco>"""
-    facts = reference.baseline(model_of(tmp_path, slide), TrialPlan(0, StartPlan())).facts
+    facts = reference.baseline(model_of(tmp_path, slide), BRIEF).facts
     assert facts.error.share < 1e-12
     assert facts.motion_m == pytest.approx(facts.run_s, rel=0.1)
     assert facts.physics.energy_drift_j < 1e-9
@@ -67,7 +70,7 @@ def test_a_model_that_diverges_is_refused(tmp_path):
     <geom size="0.1" pos="1 0 0"/></body></worldbody><keyframe><key qpos="1"/></keyframe>
     </mujoco>"""
     with pytest.raises(InputError, match="diverge"):
-        reference.baseline(model_of(tmp_path, unstable), TrialPlan(0, StartPlan()))
+        reference.baseline(model_of(tmp_path, unstable), BRIEF)
 
 
 def grown(rate, first, count=60):
@@ -95,7 +98,7 @@ def test_runs_that_part_at_once_cannot_be_compared():
 
 def test_errors_of_a_model_that_is_off_at_once_are_not_compared(tmp_path):
     coarse = PENDULUM.format(timestep=0.3, integrator="Euler")
-    facts = reference.baseline(model_of(tmp_path, coarse), TrialPlan(0, StartPlan())).facts
+    facts = reference.baseline(model_of(tmp_path, coarse), BRIEF).facts
     assert not facts.is_comparable
     assert facts.horizon_ncontrol <= LEAST_NCONTROL
 
@@ -114,14 +117,14 @@ def test_starts_come_from_several_settling_runs():
 
 def test_a_second_look_has_the_length_and_the_horizon_of_the_first():
     model = models.load(models.resolve("cartpole"))
-    plan = TrialPlan(1, StartPlan(), ncontrol=12, horizon_ncontrol=5)
+    plan = replace(BRIEF, seed=1, ncontrol=12, horizon_ncontrol=5)
     facts = reference.baseline(model, plan).facts
     assert (facts.ncontrol, facts.horizon_ncontrol, facts.is_comparable) == (12, 5, True)
 
 
 def test_settings_are_compared_while_rounding_stays_small():
     model = models.load(models.resolve("cartpole"))
-    runs = reference.present_runs(model, TrialPlan(0, StartPlan(), ncontrol=12))
+    runs = reference.present_runs(model, replace(BRIEF, ncontrol=12))
     assert runs.same_ncontrol == 12
     assert runs.reference is runs.facts.error is None
     assert runs.facts.rounding.share < reference.SAME_SHARE / reference.ROUNDING_FACTOR
@@ -130,7 +133,7 @@ def test_settings_are_compared_while_rounding_stays_small():
 def test_trials_depend_on_the_seed_alone():
     model = models.load(models.resolve("cartpole"))
     first, again, other = (
-        reference.draw(model, TrialPlan(seed, StartPlan(), ncontrol=6))[0] for seed in (0, 0, 1)
+        reference.draw(model, replace(BRIEF, seed=seed, ncontrol=6))[0] for seed in (0, 0, 1)
     )
     np.testing.assert_array_equal(first.initial_state, again.initial_state)
     assert first.ncontrol == 6
@@ -139,7 +142,7 @@ def test_trials_depend_on_the_seed_alone():
 
 def test_perturbed_starts_differ_in_the_last_place():
     model = models.load(models.resolve("humanoid"))
-    trials, _ = reference.draw(model, TrialPlan(0, StartPlan(), ncontrol=4))
+    trials, _ = reference.draw(model, replace(BRIEF, ncontrol=4))
     other = reference.perturbed(model, trials)
     difference = np.abs(other.initial_state - trials.initial_state)
     assert 0 < difference.max() < 1e-14

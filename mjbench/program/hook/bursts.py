@@ -23,7 +23,6 @@ class Burst:
         self.begin_process()
 
     def begin_process(self) -> None:
-        """Begin anew, in a process that was forked."""
         # slots, with what they had counted before
         self._unwritten: dict[int, tuple[list[int], int, int, int]] = {}
         self._cached: tuple[str, Any, int, int] | None = None
@@ -104,7 +103,6 @@ class CallBursts:
 
     @property
     def begins(self) -> bool:
-        """Whether the next call is the first of a burst."""
         return not self._burst_calls
 
     def begin(self) -> None:
@@ -113,7 +111,6 @@ class CallBursts:
             self._begin_ns = self._now_ns()
 
     def add(self, callee: str, frame: FrameType, begin_ns: int, end_ns: int) -> None:
-        """Count a call that was timed; the last of a burst ends it."""
         self._burst.add(callee, frame, begin_ns, end_ns, 0)
         self._burst_calls += 1
         if self._burst_calls >= BURST_CALLS or end_ns - self._begin_ns > _LONGEST_NS:

@@ -155,7 +155,6 @@ class CallClock:
         SLOT.pack_into(self._map, slot[0] * SLOT.size, *slot[1:])
 
     def write_memory(self, first_bytes: int, latest_bytes: int) -> None:
-        """Write the memory of the process, at the first look and at the latest."""
         MEMORY.pack_into(self._map, 0, first_bytes, latest_bytes)
 
     def slot(

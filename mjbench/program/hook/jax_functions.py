@@ -62,7 +62,6 @@ class JaxFunctions:
         self._compiled_ns: dict[int, int] = {}  # by thread
 
     def install(self, module: ModuleType) -> None:
-        """Replace functions of the module `jax`, which was just imported, and of NumPy."""
         import numpy
         from jax import monitoring
 
@@ -163,7 +162,6 @@ class JaxFunctions:
             bursts.add(callee, frame, min(begin_ns, end_ns), end_ns)
 
     def end(self) -> None:
-        """Write what the last burst left; called when the process ends by itself."""
         self.bursts.end()
 
     def _calibrate(self) -> None:
@@ -208,7 +206,6 @@ class CompiledFunction:
         self._function, self._clock = function, clock
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        """Call the function."""
         bursts = self._clock.bursts
         if bursts.to_pass:  # as in `count`, without another call
             bursts.to_pass -= 1

@@ -92,5 +92,4 @@ class OtherFunctions:
         self._bursts.begin()
 
     def end(self) -> None:
-        """Write what the last burst left; called when the process ends by itself."""
         self._bursts.end()

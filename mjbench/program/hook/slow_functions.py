@@ -57,7 +57,6 @@ class SlowFunctions:
         self._callback_code: Any = self  # of what times a callback; at first, of nothing
 
     def install(self, module: ModuleType) -> None:
-        """Replace methods and callbacks in the module `mujoco`, which was just imported."""
         for class_name, method, callee in _METHODS:
             self._replace(getattr(module, class_name, None), method, callee)
         for class_name, method in _CONSTRUCTORS:

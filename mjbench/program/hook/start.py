@@ -33,7 +33,6 @@ _HIGH_DESCRIPTOR = 500
 
 
 def start(folder: str, change: str = "") -> None:
-    """Start the clocks."""
     calls = CallClock(folder)
     watch = Watch(folder, calls)
     steps, slow, of_jax = (

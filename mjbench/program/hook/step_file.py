@@ -45,7 +45,6 @@ class StepFile:
         self.open()
 
     def open(self) -> None:
-        """Begin the file of this process; a forked process begins its own."""
         path = os.path.join(self._folder, f"{os.getpid()}.steps")
         self._map = map_file(path, FIRST_RECORD + CAPACITY * RECORD.size)
         self._next = itertools.count().__next__
@@ -76,7 +75,6 @@ class StepFile:
         HEADER.pack_into(self._map, 0, *values)
 
     def add_timers(self, seconds: Sequence[float]) -> None:
-        """Add seconds by the engine's timers to their sums."""
         for i, value in enumerate(seconds[:MAX_TIMERS]):
             self._timers[i] += value
         TIMERS.pack_into(self._map, HEADER.size, *self._timers)

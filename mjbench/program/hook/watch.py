@@ -24,7 +24,6 @@ class SpreadStates:
     """States of a model at equal distances, from the first offered to the last."""
 
     def __init__(self, path: str) -> None:
-        """Begin without any; they are written to a file."""
         self._path, self._states = path, list[bytes]()
         self._offered, self._every = 0, 1
 
@@ -91,7 +90,6 @@ class Watch:
         self._active.pop(data, None)
 
     def note_turns(self, simulations: int, frame: FrameType, now_ns: int) -> None:
-        """Note that a burst of steps was of several simulations in turn."""
         self._calls.add(IN_TURN, frame, now_ns, now_ns, all_steps=simulations)
 
     def look(self, model: Any, data: Any, frame: FrameType | None, now_ns: int) -> None:
@@ -152,7 +150,6 @@ class Watch:
             kinds[kind].keep(state.tobytes())
 
     def _write_model(self, model: Any) -> dict[str, SpreadStates] | None:
-        """Write a model and the size of its states; return its states, of which there are none."""
         module = sys.modules["mujoco"]
         if module.mj_sizeModel(model) > MAX_MODEL_BYTES:
             return None

@@ -88,6 +88,16 @@ def test_settings_that_were_given_up_are_contradicted_and_undecided_ones_unknown
     assert trial(BEGUN, short, run(tuned())).unknown == [undecided.first]
 
 
+def test_a_gain_that_the_longer_run_leaves_open_is_unknown_unless_it_is_less_than_was_said() -> (
+    None
+):
+    short = run(tuned(free(1.3, JACOBIAN)))
+    undecided = trial(BEGUN, short, run(tuned(attempts=[attempt(1.25, JACOBIAN, reach=0.4)])))
+    assert (undecided.contradicted, undecided.unknown) == ([], [undecided.first])
+    less = trial(BEGUN, short, run(tuned(attempts=[attempt(1.02, JACOBIAN, reach=0.05)])))
+    assert (len(less.contradicted), less.unknown) == (1, [])
+
+
 def test_settings_that_change_more_in_the_longer_run_are_contradicted() -> None:
     short = run(tuned(free(1.3, JACOBIAN)))
     judged = trial(BEGUN, short, run(tuned(free(1.3, JACOBIAN, effect=Effect.APPROXIMATE))))
