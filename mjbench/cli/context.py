@@ -101,8 +101,8 @@ class RunContext:
         Ctrl-C while results are printed or written leaves them in the run file, and says so.
         """
         with self._closing:
-            if self._session is None:
-                return
+            if self._session is None or (error is not None and not self._session.records):
+                return  # nothing was measured
             if self._session.file is not None and error is None:
                 self.out.print(f"\nRun file: {self._session.file}", soft_wrap=True)
             for note in self._disturbances(self._session):
@@ -110,7 +110,7 @@ class RunContext:
                     self.out.print(note, soft_wrap=True)
                 else:
                     report_line(note)
-            if isinstance(error, KeyboardInterrupt) and self._session.records:
+            if isinstance(error, KeyboardInterrupt):
                 self.interrupt(is_saved=True)
                 sys.exit(ExitCode.INTERRUPTED)
 

@@ -228,13 +228,13 @@ def cli() -> None:
     Examples:
       mjbench robot.xml                        what can I do?
       mjbench run --seconds 30 train.py        what to change?
-      mjbench compare robot.xml --scaling      how many threads?
-      mjbench compare robot.xml --paths mjx,c  does MJX pay off?
-      mjbench versions 3.17.0 4.0.0 robot.xml  is 4.0.0 slower?
-      mjbench ab HEAD WORKTREE bench.py::step  am I slower now?
-      mjbench tune robot.xml                   faster settings?
+      mjbench compare robot.xml --scaling      thread count?
+      mjbench compare robot.xml --paths mjx,c  is MJX faster?
+      mjbench versions 3.17.0 4.0.0 robot.xml  4.0.0 slower?
+      mjbench ab HEAD WORKTREE bench.py::step  am I slower?
+      mjbench tune robot.xml                   which settings?
       mjbench doctor                           can I trust it?
-      mjbench show --html report.html          a page of the last
+      mjbench show --html report.html          results as HTML
 
     A TARGET is a MODEL, a program or an environment. A MODEL is a path to .xml, .urdf or .mjb, one
     of the shipped models, or PACKAGE:NAME for a model inside an installed package, such as

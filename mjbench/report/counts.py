@@ -182,26 +182,27 @@ def _main_functions(row: ExplainRecord) -> str:
 
 def _figure(row: ExplainRecord, changes: Sequence[NetDifference]) -> Figure:
     total = row.instructions_per_step.old or 1.0
+    whole = "the operation" if row.operation else "a step"
     data = DataTable.of(
         "Functions that changed most",
         changes,
         (Column("function"), lambda change: " and ".join(change.names)),
-        (Column("instructions per step", formats.count), lambda change: change.difference),
-        (Column("% of a step", formats.digits(3)), lambda change: 100 * change.difference / total),
+        (Column("instructions", formats.count), lambda change: change.difference),
+        (Column("%", formats.digits(3)), lambda change: 100 * change.difference / total),
     )
     largest = changes[0]
     bars = {
-        "x": charts.quantity("% of a step", "% of the instructions of a step", zero=True),
+        "x": charts.quantity("%", f"% of the instructions of {whole}", zero=True),
         "y": charts.names(data),
         "color": {
-            "condition": {"test": "datum['% of a step'] > 0", "value": charts.ORANGE},
+            "condition": {"test": "datum['%'] > 0", "value": charts.ORANGE},
             "value": charts.BLUE,
         },
     }
     return charts.figure(
         f"{_heading(row)}: functions that account for most of the change",
         f"Bars of {len(changes)} functions; the largest change is that of"
-        f" {' and '.join(largest.names)}, {100 * largest.difference / total:+.1f} % of a step.",
+        f" {' and '.join(largest.names)}, {100 * largest.difference / total:+.1f} % of {whole}.",
         data,
         [charts.rule_at(0.0), charts.layer("bar", bars, height=12)],
     )

@@ -24,13 +24,17 @@ def _section(table: OverheadRow) -> Section:
     assert table.bare_ns is not None and table.engine_ns is not None and table.costs is not None
     python_ns = table.bare_ns - table.engine_ns
     conclusions = []
-    if table.costs and table.costs[0].low > 0:
-        cost = table.costs[0]
+    cost = next((cost for cost in table.costs if cost.low > 0), None)
+    if cost is None:
+        text = "no habit certainly costs anything: give a longer --budget, or end other programs"
+        conclusions.append(Conclusion(f"{table.model}: {text}", Tone.UNSURE))
+    else:
+        certain = "" if cost is table.costs[0] else ", of those that are certain,"
         remedy = f"; `{cost.cheaper}` does the same for less" if cost.cheaper else ""
         conclusions.append(
             Conclusion(
-                f"{table.model}: the most expensive habit is {cost.source}: {cost.ns:,.0f} ns a"
-                f" step, {100 * cost.share:.0f} % of it{remedy}",
+                f"{table.model}: the most expensive habit{certain} is {cost.source}:"
+                f" {cost.ns:,.0f} ns a step, {100 * cost.share:.0f} % of it{remedy}",
                 Tone.UNSURE,
             )
         )

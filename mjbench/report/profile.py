@@ -51,7 +51,8 @@ def conclusions(model: str, steps: ProfiledSteps) -> Iterator[Conclusion]:
         f" Python {duration(steps.python_ns)}"
     )
     yield Conclusion(f"{model}: a step of a Python loop takes {duration(steps.loop_ns)}: {parts}")
-    stages = {stage: share for stage, share in steps.stages.items() if stage != OTHER}
+    not_stages = (OTHER, package_timer.NAME)
+    stages = {stage: share for stage, share in steps.stages.items() if stage not in not_stages}
     if any(stages.values()):
         longest = max(stages, key=lambda stage: stages[stage])
         share = formats.short_percent(stages[longest])

@@ -1,5 +1,7 @@
 """What the habits of a loop come to."""
 
+from dataclasses import replace
+
 from drawn_charts import drawn
 
 from mjbench.loop.overhead import HabitCost, OverheadRow
@@ -21,6 +23,13 @@ def test_a_loops_waste_begins_where_the_bare_loop_ends() -> None:
     assert figure.data.rows[0] == ("engine", 0.0, 1200.0, "step")
     assert figure.data.rows[2] == ("+ data.site('tip').xpos", 1800.0, 2700.0, "habit")
     assert "`bind once` does the same for less" in section.conclusions[0].text
+    unsure, sure = replace(COSTS[0], low=-9.0), COSTS[1]
+    for costs, sentence in (
+        ((unsure, sure), "m: the most expensive habit, of those that are certain, is np.copy"),
+        ((unsure,), "m: no habit certainly costs anything: give a longer --budget"),
+    ):
+        (noisy,) = overhead.sections([replace(table, costs=costs)])
+        assert noisy.conclusions[0].text.startswith(sentence)
     (svg,) = drawn(section)
     assert "engine" in svg
     assert len(section.tables[0].rows) == 2
