@@ -18,7 +18,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from benchmarks.studies import tally_file
@@ -264,6 +264,14 @@ class ProgramTally:
     rounds: int
     programs: Sequence[ProgramResult]
 
+    def beside(self, stored: "ProgramTally") -> "ProgramTally":
+        """Return a stored tally with these programs in place of its own of the same names."""
+        new = {each.name: each for each in self.programs}
+        programs = [new.pop(each.name, each) for each in stored.programs]
+        return replace(
+            stored, load=max(stored.load, self.load), programs=[*programs, *new.values()]
+        )
+
     def lines(self) -> Iterator[str]:
         """Yield what the page of the method has."""
         wrong = [f"`{each.name}`" for each in self.programs if not each.is_right]
@@ -311,8 +319,6 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5, help="runs with and without the change")
     parser.add_argument("--write", action="store_true", help=f"write {TALLY.name} and the page")
     arguments = parser.parse_args()
-    if arguments.write and arguments.programs:
-        parser.error("--write is of all programs")
     here = machine.describe()
     chosen = [p for p in PROGRAMS if p.name in (arguments.programs or [p.name])]
     results = []
@@ -329,6 +335,8 @@ def main() -> None:
     )
     print("\n".join(tally.lines()))
     if arguments.write:
+        if arguments.programs:  # others keep what they have
+            tally = tally.beside(tally_file.continued(TALLY, tally, "programs"))
         TALLY.write_text(tally_file.dumps(tally), encoding="utf-8")
         PART.write(tally.lines())
     failed = not all(each.is_right and each.is_near for each in results)

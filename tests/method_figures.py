@@ -25,7 +25,7 @@ from mjbench.host import machine
 from mjbench.limits import TIME_LIMIT_S
 from mjbench.loop import latency, overhead
 from mjbench.measuring import calls, stats
-from mjbench.paired import metrics, outcomes, race_record
+from mjbench.paired import metrics, outcomes, race_launches, race_record
 from mjbench.program import loop_time, remedy, sampler
 from mjbench.program.hook import pacing, step_clock
 from mjbench.releases import change_points, placement, release_ratios
@@ -68,6 +68,7 @@ def errors() -> Iterator[str]:
 def timing() -> Iterator[str]:
     margin = percent(race_record.MARGIN)
     yield f"faster than the fastest by {margin}"
+    yield f"or two where those take more than {race_launches.LONG_NS / 1e9:.0f} s"
     yield f"All intervals are at {percent(race_record.CONFIDENCE)}"
     yield f"the time for one model, {plan.BUDGET_S:.0f} s by default"
     yield f"`--quick` is {plan.QUICK_BUDGET_S:.0f} s"

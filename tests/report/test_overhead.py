@@ -25,7 +25,10 @@ def test_a_loops_waste_begins_where_the_bare_loop_ends() -> None:
     assert "`bind once` does the same for less" in section.conclusions[0].text
     unsure, sure = replace(COSTS[0], low=-9.0), COSTS[1]
     for costs, sentence in (
-        ((unsure, sure), "m: the most expensive habit, of those that are certain, is np.copy"),
+        (
+            (unsure, sure),
+            "m: of the habits that certainly cost time, the most expensive is np.copy",
+        ),
         ((unsure,), "m: no habit certainly costs anything: give a longer --budget"),
     ):
         (noisy,) = overhead.sections([replace(table, costs=costs)])
