@@ -61,7 +61,7 @@ def test_noise_decides_the_exit_code(
     result = CliRunner().invoke(cli, ["doctor"])
     assert result.exit_code == code, result.output
     assert ("cannot decide changes of 1 %" in result.output) == bool(code)
-    assert ("accept --min-effect" in result.output) == bool(code)
+    assert ("or --min-effect 3.9%" in result.output) == bool(code)
     assert "takes 30 % of a cart-pole's step" in result.output
 
 
