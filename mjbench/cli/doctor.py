@@ -28,7 +28,8 @@ def doctor(budget_s: float, json_file: str | None) -> None:
 
     It looks at the processor, its clock, the load, the host, Python, valgrind and rendering, and
     then compares the cart-pole with itself. Exit code 1: something is bad, or changes of 1 %
-    cannot be decided within a minute.
+    cannot be decided within a minute. --verdicts and --placement take its place, and
+    much longer.
 
     \b
     Example:

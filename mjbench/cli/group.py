@@ -231,7 +231,7 @@ def cli() -> None:
       mjbench compare robot.xml --scaling      thread count?
       mjbench compare robot.xml --paths mjx,c  is MJX faster?
       mjbench versions 3.17.0 4.0.0 robot.xml  4.0.0 slower?
-      mjbench ab HEAD WORKTREE bench.py::step  am I slower?
+      mjbench ab HEAD WORKTREE bench:step      am I slower?
       mjbench tune robot.xml                   which settings?
       mjbench doctor                           can I trust it?
       mjbench show --html report.html          results as HTML

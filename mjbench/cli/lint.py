@@ -45,7 +45,7 @@ def _title(rule: "Rule") -> str:
     "--select",
     metavar="CODE,…",
     default="",
-    help="Check only rules with these codes, or codes that begin so.  [default: as in"
+    help="Check only rules with these codes or prefixes of codes.  [default: as in"
     " pyproject.toml, else all]",
 )
 @click.option("--ignore", metavar="CODE,…", default="", help="Leave out rules, likewise.")

@@ -93,8 +93,8 @@ class _ProgramCommand(click.Command):
 @click.option(
     "--confirm",
     is_flag=True,
-    help="Measure what the changes save that mjbench can make itself: run the program 8 times with"
-    " and 8 times without each.",
+    help="Measure the savings from changes that mjbench can make itself: run the program 8 times"
+    " with and 8 times without each.",
 )
 @OUTPUT
 def run(

@@ -67,7 +67,7 @@ def show(
 ) -> None:
     """Show run files and run sets again; without a RUN, the newest in results/runs.
 
-    Runs of several machines begin with what they show side by side.
+    Runs from several machines start with a comparison of the machines.
 
     --html is one file, which needs no network and nothing beside it. Its charts need
     vl-convert-python and Jinja2: the extra `report`.

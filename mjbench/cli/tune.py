@@ -59,13 +59,14 @@ NBATCH = 64
     "--skip",
     type=Names(),
     metavar="NAME,…",
-    help="Settings to leave alone, such as excludes,timestep",
+    help="Settings to leave alone, by their names in the table of settings, such as"
+    " excludes,timestep",
 )
 @click.option(
     "--max-error",
     type=Share(below=10.0),
-    help="Largest error to recommend, in percent of the motion; nine runs in ten stay below it"
-    "  [default: the error that your present settings have]",
+    help="Largest error to recommend, in percent of how far the model moves, in nine runs of ten:"
+    " 1% of a motion of 1 m is 1 cm  [default: the error that your present settings have]",
 )
 @budget(300, "About how long to search, for each model.")
 @click.option(

@@ -56,8 +56,8 @@ if TYPE_CHECKING:
 @click.option(
     "--family",
     type=COUNT,
-    help="Number of comparisons that are decided together, where other commands do some of them: a"
-    " change needs more evidence  [default: those of this command]",
+    help="Correct for N comparisons in all, where other commands make some of them: a change then"
+    " needs more evidence  [default: those of this command]",
 )
 @with_options(FAIL_ON, VERDICT_PLAN, STORING)
 def versions(

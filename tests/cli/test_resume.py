@@ -146,7 +146,9 @@ def test_verdicts_that_were_interrupted_or_failed_are_measured_again(
     assert "cartpole" in done.stdout
     measured, done = run_versions(monkeypatch, [], "--resume", str(file))
     assert (measured, done.exit_code) == ([], 0)
-    assert len(file.read_text().splitlines()) == 3
+    # the host may have taken processor time meanwhile, which is a record, too
+    types = [json.loads(line)["type"] for line in file.read_text().splitlines()]
+    assert [each for each in types if each != "disturbance"] == ["run", "verdict", "verdict"]
 
 
 def test_a_changed_model_is_noticed_also_beside_one_of_the_same_name(
