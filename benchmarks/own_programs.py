@@ -5,8 +5,8 @@
 runs each program of programs/own under `mjbench run`, and compares what it says first with what is
 known to be right. Where that saves time, the same program with the change runs beside it, in turns,
 without mjbench; the last column is the time of its loop over that of the original's, as the median
-of the rounds. With more than five points between the two, or than their uncertainties explain, or
-another first advice than expected, the command fails.
+of the rounds. With more than five points between the two, or than the interval shown of the first,
+or another first advice than expected, the command fails.
 """
 
 import argparse
@@ -208,7 +208,7 @@ class ProgramResult:
         result.
       reach: half the width of the interval of the predicted time, which `mjbench run` shows.
       measured_reach: likewise of the measured time, twice its standard error.
-      is_near: whether the two are within 0.05, or within both reaches, added as independent errors.
+      is_near: whether the two are within 0.05, or within the first reach.
     """
 
     name: str
@@ -228,7 +228,7 @@ class ProgramResult:
         share = measured(program, count, rounds)
         after = None if share is None else share.median
         reaches = 2 * said.error, 0.0 if share is None else 2 * share.error
-        reach = max(_MOST_DIFFERENCE, math.hypot(*reaches))
+        reach = max(_MOST_DIFFERENCE, reaches[0])
         is_near = (
             said.predicted is None or after is None or _agree(program, said.predicted, reach, after)
         )
@@ -237,9 +237,8 @@ class ProgramResult:
 
     @property
     def is_wide(self) -> bool:
-        """Whether either time has an interval wider than it should be."""
-        widest = max(self.reach, self.measured_reach)
-        return self.measured is not None and widest > _MOST_DIFFERENCE
+        """Whether the predicted time has an interval wider than it should be."""
+        return self.measured is not None and self.reach > _MOST_DIFFERENCE
 
     @property
     def row(self) -> str:
@@ -285,7 +284,7 @@ class ProgramTally:
             "The right change, and the right line where there is one, is named first for"
             f" {count - len(wrong)} of {count} programs{_named(' (not ', wrong, ')')}. Of"
             f" {len(predicted)} predictions, {len(predicted) - len(far)} are within"
-            f" {_MOST_DIFFERENCE} of what was measured, or within the intervals that {wide} of"
+            f" {_MOST_DIFFERENCE} of what was measured, or hold it in the interval that {wide} of"
             f" them show{_named(' (not ', far, ')')}; of {len(bounds)} bounds, {sum(bounds)} hold."
             " Programs without times have wrong results."
         )
