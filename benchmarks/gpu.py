@@ -16,21 +16,18 @@ import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from benchmarks import mjx, stored
 from benchmarks.studies import tally_command, tally_file
 from mjbench import paths
 from mjbench.errors import InputError, MachineError, MjbenchError
 from mjbench.host import isolate
-from mjbench.measuring import timing
 from mjbench.paths import warp_buffers
-from mjbench.paths.accelerated import accelerated_path
+from mjbench.paths.accelerated import Compiled, accelerated_path
 from mjbench.simulation import models, work
 from mjbench.simulation.workload import Workload, fields
 from mjbench.status import ExitCode
@@ -174,15 +171,12 @@ def compare_warp_with_handwritten(name: str, nbatch: int, channel: isolate.Chann
     """Return the path's throughput over the other's; runs in a child process."""
     workload = stored.stored_workload(name, nbatch, NSTEP)
     prepared = accelerated_path("warp").prepare(workload, {}, paths.Resources(workload))
-    contenders = [
-        timing.Contender(prepared.run, before=prepared.clear),
-        timing.Contender(_handwritten_warp(workload, prepared.buffer_sizes)),
-    ]
-    timed = list(timing.rounds(contenders, 0.0, 1 + ROUNDS, 1 + ROUNDS))[1:]
-    return float(np.median([by_hand_s / path_s for path_s, by_hand_s in timed]))
+    assert isinstance(prepared, Compiled)
+    by_hand = _handwritten_warp(workload, prepared.buffer_sizes)
+    return mjx.throughput_over(prepared, by_hand, ROUNDS)
 
 
-def _handwritten_warp(workload: Workload, sizes: Any) -> Callable[[], None]:
+def _handwritten_warp(workload: Workload, sizes: Mapping[str, int]) -> Callable[[], None]:
     """Return a program that steps as mjwarp-testspeed does: it waits for each step."""
     import mujoco_warp
     import warp as wp

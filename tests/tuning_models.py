@@ -1,10 +1,4 @@
-"""Small models that tests of tuning share, and a brief plan to try them."""
-
-from mjbench.simulation.starts import StartPlan
-from mjbench.tuning.reference import TrialPlan
-
-# Its starts come from two settling runs, not from sixteen.
-BRIEF = TrialPlan(0, StartPlan(), reference_s=1.0)
+"""Small models that tests of tuning share."""
 
 # Overlapping geoms: parent and child, a welded body, geoms of other contypes, an excluded pair.
 GEOMETRY = """

@@ -236,12 +236,12 @@ def _kind_lines(kind: TargetKind, trials: Sequence[CheckupTrial]) -> Iterator[st
     best = sum(each.is_first_best for each in trials)
     in_time = sum(each.is_in_time for each in trials)
     yield (
-        f"- **{kind}s**: the first advice is the best of the longer commands for {best} of"
+        f"- **{kind}s**: the first advice has 0.95 of the best gain or more for {best} of"
         f" {len(trials)}; {in_time} took at most {MOST_S:.0f} s."
     )
     for each in trials:
         yield from (f"  - `{each.name}` is contradicted: {text}" for text in each.contradicted)
-        yield from (f"  - `{each.name}` has an unknown gain: {text}" for text in each.unknown)
+        yield from (f"  - `{each.name}` has an unconfirmed gain: {text}" for text in each.unknown)
 
 
 def _cell(text: str) -> str:

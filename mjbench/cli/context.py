@@ -111,7 +111,7 @@ class RunContext:
                 else:
                     report_line(note)
             if isinstance(error, KeyboardInterrupt):
-                self.interrupt(is_saved=True)
+                self.interrupt(is_saved=self._write_error is None)
                 sys.exit(ExitCode.INTERRUPTED)
 
     def _disturbances(self, session: "Session") -> Sequence[str]:

@@ -34,7 +34,7 @@ _CACHES_ALL = {
     "jax_persistent_cache_min_entry_size_bytes": -1,
 }
 # JAX reports it for each program that it asks its compiler for, found in the cache or not.
-_COMPILED = "/jax/core/compile/backend_compile_duration"
+_COMPILE_EVENT = "/jax/core/compile/backend_compile_duration"
 # What single steps are compared by.
 _COMPARED = ("qpos", "qvel")
 
@@ -104,7 +104,7 @@ def _requests(path: AcceleratedPath) -> list[str]:
         import jax
 
         def note(event: str, *_: object, **__: object) -> None:
-            requests.extend([event] if event == _COMPILED else [])
+            requests.extend([event] if event == _COMPILE_EVENT else [])
 
         jax.monitoring.register_event_duration_secs_listener(note)
     return requests

@@ -10,7 +10,7 @@ from mjbench.paired.outcomes import Metric
 from mjbench.paired.pair_work import PairWork, SingleQuadWork, check_growth
 from mjbench.paired.process_pairs import ProcessPair
 from mjbench.paired.protocol import LaunchedPair
-from mjbench.paired.records import TargetRow
+from mjbench.paired.records import Pair, TargetRow
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.timed_function import (
     CodeOrigin,
@@ -162,12 +162,12 @@ class _FunctionWork(PairWork):
         for process, target in zip(processes, self._targets, strict=True):
             process.ask(import_function, target.source, calls_it=self.calls_ahead)
 
-    def compilations(self, pair: ProcessPair) -> list[Compilation]:
+    def compilations(self, pair: ProcessPair) -> Pair[Compilation] | None:
         """See `PairWork.compilations`."""
         if self._targets[0].run is None:
-            return []
-        answers = [process.call(compilation_of) for process in pair.processes]
-        return [each for each in answers if each is not None]
+            return None
+        baseline, candidate = (process.call(compilation_of) for process in pair.processes)
+        return Pair(baseline, candidate) if baseline and candidate else None
 
     def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
         return process.call(prepare_function, allowed, self._plan.count, self._plan.metric)

@@ -255,20 +255,18 @@ class _Decision:
     ) -> Launched:
         return rule.run_pair(RevisionPair(self._pool, targets, calls, limit))
 
-    def _compiling(self, observed: _Observed) -> list[CompilationFigures]:
-        """Return what compiling took on both sides; nothing where they compile nothing."""
-        both = []
-        for i, facts in enumerate((observed.baseline, observed.candidate)):
-            if facts.compilation is None:
-                return []
-            launched = [each.compilations[i] for each in self._launches if each.compilations]
-            steady_run_s = (
-                [launch.block_s[i] for launch in self._launches]
-                if self._plan.sizes.metric == Metric.TIME
-                else []
-            )
-            both.append(CompilationFigures.of([facts.compilation, *launched], steady_run_s))
-        return both
+    def _compiling(self, observed: _Observed) -> Pair[CompilationFigures] | None:
+        """Return what compiling took on both sides; None where they compile nothing."""
+        first = observed.baseline.compilation, observed.candidate.compilation
+        if first[0] is None or first[1] is None:
+            return None
+        launched = [each.compilations for each in self._launches if each.compilations]
+        is_timed = self._plan.sizes.metric == Metric.TIME
+        runs_s = [launch.block_s for launch in self._launches] if is_timed else []
+        return Pair(
+            CompilationFigures.of([first[0], *(e.old for e in launched)], [s.old for s in runs_s]),
+            CompilationFigures.of([first[1], *(e.new for e in launched)], [s.new for s in runs_s]),
+        )
 
     def _record(self, ending: Failure, verdict: Verdict | None = None) -> VerdictRecord:
         """Return the verdict as a run file stores it; `verdict` is that without any launch."""

@@ -12,6 +12,7 @@ from mjbench.paired.call_results import Leaf, compare
 from mjbench.paired.memory_blocks import GROWTH_NSTEP
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.process_pairs import ProcessPair
+from mjbench.paired.records import Pair
 from mjbench.paired.run_sizes import RUN_S, Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import (
@@ -69,9 +70,9 @@ class PairWork(ABC):
           allowed: cores to run on from now on; empty for no change.
         """
 
-    def compilations(self, pair: ProcessPair) -> Sequence[Compilation]:
-        """Return what compiling took in both processes of a launch; empty without any."""
-        return ()
+    def compilations(self, pair: ProcessPair) -> Pair[Compilation] | None:
+        """Return what compiling took in both processes of a launch; None without any."""
+        return None
 
     def layout_counts(self, all_blocks_s: float) -> tuple[int, int]:
         """Return how often a launch lays memory out, at least, and while the next launch starts.

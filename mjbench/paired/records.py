@@ -147,7 +147,7 @@ class VerdictRow:
       control: None where nothing of the kind was measured.
       calls_s: seconds of a call of a function; None for models.
       packages: of both environments, where the user named packages; else none.
-      compiling: of baseline and candidate; empty for what is not compiled first.
+      compiling: of both sides; None for what is not compiled first.
     """
 
     model: str
@@ -183,7 +183,7 @@ class VerdictRow:
     control: ControlRow | None = None
     calls_s: Pair[PositiveFloat] | None = None
     packages: Sequence[PackageVersions] = ()
-    compiling: Sequence[CompilationFigures] = ()
+    compiling: Pair[CompilationFigures] | None = None
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ class LaunchRow:
       ns: (quads, 4) nanoseconds of each block, in the order they ran.
       layouts: how many quads each layout of memory has, in the order they ran.
       nsection: sections of a run, which the quads of a layout take in turn; a block is one section.
-      compilations: of both sides' processes; empty for work that is not compiled first.
+      compilations: of both sides' processes; None for work that is not compiled first.
     """
 
     core: int | None
@@ -209,7 +209,7 @@ class LaunchRow:
     placements: PlacementPair = AS_SHIPPED
     layouts: Sequence[PositiveInt] = ()
     nsection: PositiveInt = 1
-    compilations: Sequence[Compilation] = ()
+    compilations: Pair[Compilation] | None = None
 
     def __post_init__(self) -> None:
         """Check the sizes.
@@ -223,11 +223,10 @@ class LaunchRow:
             raise ValueError("an order is ABBA or BAAB")
 
     @property
-    def block_s(self) -> tuple[float, float]:
+    def block_s(self) -> Pair[float]:
         """Median seconds of a block of the baseline, and of the candidate."""
         both = stats.blocks_by_target(self.orders, np.asarray(self.ns, dtype=float))
-        baseline, candidate = (1e-9 * float(np.median(blocks)) for blocks in both)
-        return baseline, candidate
+        return Pair(*(1e-9 * float(np.median(blocks)) for blocks in both))
 
     @cached_property
     def log_ratio(self) -> float:

@@ -18,15 +18,15 @@ from mjbench.releases.installs import wheel_digest
 from mjbench.report import formats, verdicts
 from mjbench.report.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.status import Status
-from mjbench.store.runs import Run
+from mjbench.store.runs import Record
 from mjbench.units import count_of
 
 
-def sections(run: Run) -> list[Section]:
+def sections(records: Sequence[Record]) -> list[Section]:
     """Return what searches come to, or what is known of one that did not end."""
-    ended = run.of_type(BisectRecord)
-    if not ended and any(isinstance(record, BisectMeasured) for record in run.records):
-        return [_unfinished(run)]
+    ended = [record for record in records if isinstance(record, BisectRecord)]
+    if not ended and any(isinstance(record, BisectMeasured) for record in records):
+        return [_unfinished(records)]
     return [
         Section(
             f"Which {record.kind} changed {record.target}?",
@@ -38,12 +38,12 @@ def sections(run: Run) -> list[Section]:
     ]
 
 
-def _unfinished(run: Run) -> Section:
-    trials = run.of_type(BisectTrial)
-    comparisons = [record.verdict for record in run.of_type(BisectComparison)]
-    arguments = run.header.arguments
-    kind = VersionKind.COMMIT if "revisions" in arguments else VersionKind.RELEASE
-    target = arguments.get("function" if kind == VersionKind.COMMIT else "model")
+def _unfinished(records: Sequence[Record]) -> Section:
+    trials = [record for record in records if isinstance(record, BisectTrial)]
+    comparisons = [record.verdict for record in records if isinstance(record, BisectComparison)]
+    is_of_commits = any(comparison.sides[0].revision for comparison in comparisons)
+    kind = VersionKind.COMMIT if is_of_commits else VersionKind.RELEASE
+    target = comparisons[0].row().model if comparisons else "it"  # the ends are compared first
     return Section(
         f"Which {kind} changed {target}?",
         conclusions=[

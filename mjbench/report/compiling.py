@@ -15,7 +15,8 @@ def tables(rows: Sequence[VerdictRow]) -> list[DataTable]:
     sides = [
         (row.model, label, figures)
         for row in rows
-        for label, figures in zip((row.old, row.new), row.compiling, strict=False)
+        if (both := row.compiling) is not None
+        for label, figures in ((row.old, both.old), (row.new, both.new))
     ]
     if not sides:
         return []

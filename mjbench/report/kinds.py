@@ -180,7 +180,7 @@ BISECT = Kind(
     (BisectRecord, BisectTrial, BisectComparison),
     _BISECTIONS,
     lambda run: _BISECTIONS(machine=run.header.machine, results=run.of_type(BisectRecord)),
-    bisect.sections,
+    lambda run: bisect.sections(run.records),
     lambda run: run.of_type(BisectRecord),
 )
 HISTORY = Kind(

@@ -73,8 +73,7 @@ class RunHeader:
     """The first line of a run file.
 
     Attributes:
-      arguments: they must be the same for `resume`; those of runs that did not end name what was
-        measured.
+      arguments: they must be the same for `resume`.
       command_line: the words after `mjbench`; empty in older files.
       began: in UTC, as ISO 8601; empty in older files.
     """

@@ -19,6 +19,7 @@ from verdict_records import SAME, SLOWER, launch
 from mjbench.cli import cli
 from mjbench.counts import instructions
 from mjbench.counts.instructions import InstructionCounter, ModelCount
+from mjbench.host.machine import ProcessorTime
 from mjbench.paired import verdict
 from mjbench.paired.targets import Target
 from mjbench.releases import catalogue
@@ -135,6 +136,8 @@ def run_versions(
 def test_verdicts_that_were_interrupted_or_failed_are_measured_again(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
+    # a host that takes processor time is a record, too
+    monkeypatch.setattr(ProcessorTime, "stolen_since", lambda *_: 0.0)
     monkeypatch.chdir(tmp_path)
     measured, done = run_versions(monkeypatch, [Status.OK, Status.INTERRUPTED])
     assert (measured, done.exit_code) == (["cartpole", "linkage"], 130)
@@ -146,9 +149,7 @@ def test_verdicts_that_were_interrupted_or_failed_are_measured_again(
     assert "cartpole" in done.stdout
     measured, done = run_versions(monkeypatch, [], "--resume", str(file))
     assert (measured, done.exit_code) == ([], 0)
-    # the host may have taken processor time meanwhile, which is a record, too
-    types = [json.loads(line)["type"] for line in file.read_text().splitlines()]
-    assert [each for each in types if each != "disturbance"] == ["run", "verdict", "verdict"]
+    assert len(file.read_text().splitlines()) == 3
 
 
 def test_a_changed_model_is_noticed_also_beside_one_of_the_same_name(

@@ -2,14 +2,11 @@
 
 import copy
 import dataclasses
-import functools
-from collections.abc import Iterator
 
 import mujoco
 import pytest
-from pretender import MODEL, Pretender, Pretender32, make_workload
+from pretender import Pretender, Pretender32, make_workload
 
-from mjbench.comparison import accelerated_check
 from mjbench.comparison.accelerated_check import (
     CheckedRun,
     Programs,
@@ -27,14 +24,6 @@ from mjbench.simulation.workload import Workload
 from mjbench.store.runs import to_json
 
 
-@pytest.fixture(scope="module", autouse=True)
-def few_states() -> Iterator[None]:
-    """Judge the constraint problem in fewer states: in each of them, C solves it many times."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(accelerated_check, "JUDGED_STATES", 24)
-        yield
-
-
 def compiled_run(workload: Workload, wrong: str = "") -> Compiled:
     return Pretender(wrong).compile(workload, {}, Peaks(0, 0))
 
@@ -49,12 +38,6 @@ def checked_run(workload: Workload, path: Pretender) -> CheckedRun:
     )
     programs = Programs(program(workload), smooth, converged, is_deterministic=True)
     return check_run(workload, programs, path.precision)
-
-
-@functools.cache
-def right_run(model: str) -> CheckedRun:
-    """Return what is checked of 8 simulations by an engine without a fault."""
-    return checked_run(make_workload(model, nbatch=8), Pretender())
 
 
 def judged(workload: Workload, wrong: str = "") -> EngineJudgement:
@@ -143,7 +126,7 @@ def test_every_simulation_of_a_large_batch_takes_a_step_that_is_judged(
 def test_timed_blocks_that_do_nothing_are_reported_in_contact_on_a_gpu_too(wrong: str) -> None:
     workload = make_workload("humanoid", nbatch=8)
     compiled = dataclasses.replace(compiled_run(workload, wrong), is_deterministic=False)
-    problem = timed_end_problem(workload, compiled, right_run("humanoid"))
+    problem = timed_end_problem(workload, compiled, checked_run(workload, Pretender()))
     assert bool(problem) == bool(wrong)
 
 
@@ -152,9 +135,9 @@ def test_timed_blocks_that_do_nothing_are_reported_in_contact_on_a_gpu_too(wrong
 def test_a_timed_block_that_ends_elsewhere_than_the_checked_run_is_reported(
     wrong: str, problem: str, exact: bool
 ) -> None:
-    workload = make_workload(nbatch=8)
+    workload = make_workload()
     compiled = dataclasses.replace(compiled_run(workload, wrong), is_deterministic=exact)
-    reported = timed_end_problem(workload, compiled, right_run(MODEL))
+    reported = timed_end_problem(workload, compiled, checked_run(workload, Pretender()))
     assert reported.startswith(problem)
     assert bool(reported) == bool(problem)
 
@@ -166,7 +149,7 @@ def test_a_block_that_replays_an_earlier_one_is_reported_once_simulations_are_re
 ) -> None:
     workload = make_workload(model, nbatch=8)
     compiled = compiled_run(workload, wrong)
-    checked = right_run(model)
+    checked = checked_run(workload, Pretender())
     assert timed_end_problem(workload, compiled, checked) == ""
     problem = reordered_end_problem(workload, compiled, checked)
     assert problem.startswith("once the simulations are reordered, ") == bool(wrong), problem

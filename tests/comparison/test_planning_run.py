@@ -20,8 +20,8 @@ def test_mppi_swings_up_the_cartpole_through_rollout_and_batch_with_the_same_sta
         Variant("batch_rollout", {"threads": 2, "data": "shared"}),
     )
     source = models.resolve("cartpole")
-    settings = PlannerSettings(Algorithm.MPPI, samples=12, knots=25)
-    rows = planning_run.run(PlanningRequest(source, variants, settings, hold=20, duration_s=2.5))
+    settings = PlannerSettings(Algorithm.MPPI, samples=32, knots=25)
+    rows = planning_run.run(PlanningRequest(source, variants, settings, hold=20, duration_s=3.0))
     assert [row.status for row in rows if row.status != Status.UNAVAILABLE] == [Status.OK] * len(
         [row for row in rows if row.status != Status.UNAVAILABLE]
     )

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from commands import ROOT, mjbench, mjbench_process
 
-from mjbench.counts import counted_program, instructions
+from mjbench.counts import instructions
 from mjbench.counts.counted_program import OperationRequest
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.host import child
@@ -206,17 +206,12 @@ def _instructions_retired(nstep: int, out: Path) -> int:
 def _instructions_in_engine(nsteps: Sequence[int], folder: Path) -> list[int]:
     """Return the instructions of `mj_step` for each number of steps, from the same start state."""
     code, environment = _program(*nsteps)
-    # uninstrumented, an import of MuJoCo takes a fraction of the time
-    start = "from mjbench.counts.counted_program import Instrumentation; Instrumentation().start()"
-    can_switch = counted_program.can_switch_instrumentation()
     subprocess.run(
         [
             *("valgrind", "--tool=callgrind", f"--callgrind-out-file={folder}/out"),
-            f"--instr-atstart={'no' if can_switch else 'yes'}",
-            *("--toggle-collect=mj_step", "--dump-before=mj_version"),
-            *(sys.executable, "-c", f"{start}\n{code}"),
+            *("--toggle-collect=mj_step", "--dump-before=mj_version", sys.executable, "-c", code),
         ],
-        env=environment | {"PYTHONPATH": str(ROOT)},
+        env=environment,
         capture_output=True,
         check=True,
     )

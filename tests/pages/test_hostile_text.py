@@ -127,11 +127,8 @@ def test_markdown_has_no_markup_of_theirs(files: list[Path]) -> None:
         assert_no_markup(page, ["<details>", "</details>", "<summary>", "</summary>"])
 
 
-def test_pages_of_a_site_have_no_markup_of_theirs(
-    files: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pages_of_a_site_have_no_markup_of_theirs(files: list[Path], tmp_path: Path) -> None:
     pytest.importorskip("vl_convert")
-    monkeypatch.setattr(site.html, "render", lambda report: "")  # see the test of reports
     folder = tmp_path / "inner" / "source"
     project = Project(tmp_path, reports.read(files), histories_of(files))
     site.write_source(project, folder)

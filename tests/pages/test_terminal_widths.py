@@ -16,7 +16,6 @@ from commands import ROOT, mjbench
 from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
-from set_files import MACHINE
 from verdict_records import SLOWER
 
 from mjbench.measuring.ratio import Ratio
@@ -29,7 +28,6 @@ from mjbench.report.content import DataTable
 from mjbench.report.kinds import RECORD_TYPES
 from mjbench.status import Status
 from mjbench.store import run_set
-from mjbench.store.runs import SCHEMA, Run, RunHeader
 
 RUNS = ROOT / "results/runs"
 WIDTHS = (60, 80, 100, 200)
@@ -165,28 +163,9 @@ def committed_tables() -> list[tuple[str, DataTable]]:
         for run in run_set.read(file, RECORD_TYPES).runs:
             sections = kinds.kind_of(run).sections(run)
             tables += [(file.name, table) for section in sections for table in section.tables]
-    search = Run(RunHeader(SCHEMA, "bisect", MACHINE, {}), (SEARCH,))
-    tables += [("bisect", table) for table in bisect.sections(search)[0].tables]
+    tables += [("bisect", table) for table in bisect.sections([SEARCH])[0].tables]
     tables += [("packages", table) for table in verdicts.section(OTHER_VERDICTS, 0.99).tables]
-    return [(name, with_deciding_rows(table)) for name, table in tables if table.rows]
-
-
-def with_deciding_rows(table: DataTable) -> DataTable:
-    """Return a table with the rows that decide how wide its columns are.
-
-    They hold the longest text of a column, or the longest word.
-    """
-
-    def longest_word(text: str) -> int:
-        return max(map(cell_len, text.split()), default=0)
-
-    cells = list(zip(*table.texts, strict=True))
-    deciding = {
-        max(range(len(table.rows)), key=lambda row: length(column[row]))
-        for column in cells
-        for length in (cell_len, longest_word)
-    }
-    return replace(table, rows=[table.rows[row] for row in sorted(deciding)])
+    return [(name, table) for name, table in tables if table.rows]
 
 
 @pytest.mark.parametrize("width", WIDTHS)

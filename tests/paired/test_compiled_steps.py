@@ -95,7 +95,7 @@ def test_compiling_anew_is_timed_without_what_a_process_has_kept(
     def prepare(*_: object) -> Program:
         log.append("compile")
         (listener,) = listeners
-        for event in ("/jax/other", compiled_steps._COMPILED, compiled_steps._COMPILED):
+        for event in ("/jax/other", compiled_steps._COMPILE_EVENT, compiled_steps._COMPILE_EVENT):
             listener(event, 0.1, name="step")
         programs.append(Program(simulations))
         return programs[-1]

@@ -11,7 +11,7 @@ from benchmarks.studies.simulated_histories import PLANS, RELEASES, Plan, Score
 from mjbench.releases import change_points, release_ratios
 
 SIGMA = 0.002
-HISTORIES = 300
+HISTORIES = 400
 
 
 def changes(values: list[float]) -> change_points.Changes:

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-from set_files import MACHINE
 from verdict_records import SAME, SLOWER
 
 from mjbench.paired.bisect_records import (
@@ -15,7 +14,6 @@ from mjbench.paired.bisect_records import (
 )
 from mjbench.report import bisect
 from mjbench.status import Status
-from mjbench.store.runs import SCHEMA, Record, Run, RunHeader
 
 SEVEN = VersionRow(7, "7" * 40, "Copy states")
 SIX = VersionRow(6, "6" * 40, "Break the build")
@@ -32,13 +30,8 @@ RECORD = BisectRecord(
 )
 
 
-def run(*records: Record) -> Run:
-    arguments = {"revisions": [], "function": "bench.py::step"}
-    return Run(RunHeader(SCHEMA, "bisect", MACHINE, arguments), records)
-
-
 def sentences(record: BisectRecord) -> list[str]:
-    (section,) = bisect.sections(run(record))
+    (section,) = bisect.sections([record])
     return [conclusion.text for conclusion in section.conclusions]
 
 
@@ -67,15 +60,15 @@ def test_a_search_that_failed_says_why() -> None:
 
 def test_a_search_that_did_not_end_says_what_is_known_and_how_it_goes_on() -> None:
     comparison = BisectComparison(0, 64, SLOWER)
-    (section,) = bisect.sections(run(comparison, *RECORD.trials))
-    assert section.heading == "Which commit changed bench.py::step?"
+    (section,) = bisect.sections([comparison, *RECORD.trials])
+    assert section.heading == f"Which release changed {SLOWER.row().model}?"
     assert "repeat the command with --resume" in section.conclusions[0].text
     assert "slower by 3 %" in section.conclusions[1].text
     assert len(section.tables[0].rows) == 2
 
 
 def test_commits_are_listed_in_their_order() -> None:
-    (section,) = bisect.sections(run(RECORD))
+    (section,) = bisect.sections([RECORD])
     assert [row[1] for row in section.tables[0].rows] == ["6666666666", "7777777777"]
 
 
@@ -83,7 +76,7 @@ def test_a_release_stands_with_its_causes_and_with_what_tells_more() -> None:
     verdict = replace(SLOWER, old="3.3.0", new="3.3.1").row()
     release = BisectChange(VersionRow(2, "3.3.1"), verdict, known_causes=["a timer"])
     record = replace(RECORD, kind=VersionKind.RELEASE, target="cartpole", changes=[release])
-    (section,) = bisect.sections(run(record))
+    (section,) = bisect.sections([record])
     assert section.heading == "Which release changed cartpole?"
     change, cause, command, *_ = (conclusion.text for conclusion in section.conclusions)
     assert change.startswith("3.3.1: slower by 3 % (interval")

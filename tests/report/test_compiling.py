@@ -8,7 +8,7 @@ from verdict_records import SAME
 from mjbench.measuring.calls import Compilation
 from mjbench.pages import terminal
 from mjbench.paired.compilation_figures import CompilationFigures
-from mjbench.paired.records import VerdictRow
+from mjbench.paired.records import Pair, VerdictRow
 from mjbench.report import compiling, verdicts
 
 FRESH = Compilation(trace_s=2.0, compile_s=8.0, first_run_s=0.1, programs=31)
@@ -16,8 +16,8 @@ CACHED = replace(FRESH, compile_s=0.4, is_cached=True)
 
 
 def row_of(baseline: Sequence[Compilation], candidate: Sequence[Compilation]) -> VerdictRow:
-    figures = [CompilationFigures.of(each, [0.01] * 8) for each in (baseline, candidate)]
-    return replace(SAME, compiling=figures).row()
+    figures = (CompilationFigures.of(each, [0.01] * 8) for each in (baseline, candidate))
+    return replace(SAME, compiling=Pair(*figures)).row()
 
 
 def test_each_side_has_its_times_beside_steady_runs() -> None:

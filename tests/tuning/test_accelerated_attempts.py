@@ -1,24 +1,24 @@
 """Settings of an engine that compiles, tried in children: errors from C, failures, MJX itself."""
 
 import os
-from dataclasses import replace
 
 import pytest
 from commands import PYTHONPATH
 from pretender import available
-from tuning_models import BRIEF
 
 from mjbench.errors import MachineError, UnavailableError
 from mjbench.host import isolate
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation import models
+from mjbench.simulation.starts import StartPlan
 from mjbench.simulation.work import Peaks
 from mjbench.status import Status
 from mjbench.tuning import knob_values, reference
 from mjbench.tuning.accelerated_attempts import EngineMeasurements
+from mjbench.tuning.reference import TrialPlan
 from mjbench.tuning.settings import Setting, label, option
 
-PLAN = replace(BRIEF, ncontrol=4, horizon_ncontrol=4)
+PLAN = TrialPlan(0, StartPlan(), ncontrol=4, horizon_ncontrol=4)
 # C under another name; it crashes, rejects or overflows with some settings.
 ENGINES = """
 import os

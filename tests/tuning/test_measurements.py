@@ -8,7 +8,6 @@ import isolated_tasks
 import mujoco
 import pytest
 from commands import PYTHONPATH
-from tuning_models import BRIEF
 
 from mjbench.errors import InputError
 from mjbench.paired.worker_pool import WorkerPool
@@ -18,6 +17,7 @@ from mjbench.status import Status
 from mjbench.tuning import measurements, reference, setting_launch, trajectories
 from mjbench.tuning.measurements import CMeasurements, SettingRule
 from mjbench.tuning.records import Attempt, Effect
+from mjbench.tuning.reference import TrialPlan
 from mjbench.tuning.setting_launch import SettingLaunchRequest
 from mjbench.tuning.settings import Edit, LoopChange, Part, Setting, option
 
@@ -27,7 +27,7 @@ def cartpole():
     """Return measurements of the cart-pole, in short runs."""
     with WorkerPool() as pool:
         of_cartpole = CMeasurements(pool, models.resolve("cartpole"), StartPlan())
-        runs = of_cartpole.present(dataclasses.replace(BRIEF, ncontrol=8))
+        runs = of_cartpole.present(TrialPlan(0, StartPlan(), ncontrol=8))
         assert runs.present.error is None
         assert sum(runs.stages.values()) == pytest.approx(1.0)
         facts = of_cartpole.reference()
@@ -77,7 +77,7 @@ def test_the_loop_has_settings_of_its_own(cartpole):
 
 def test_a_loop_that_reaches_other_states_is_refused():
     model = models.load(models.resolve("cartpole"))
-    baseline = reference.present_runs(model, dataclasses.replace(BRIEF, ncontrol=4))
+    baseline = reference.present_runs(model, TrialPlan(0, StartPlan(), ncontrol=4))
     pool = LoopChange(engine_threads=1)
     setting_launch.check_loop(model, pool, baseline.trials, baseline.present)
     other = trajectories.run(reference.converged(model, 2), baseline.trials)
@@ -122,7 +122,7 @@ def test_settings_that_diverge_are_one_line(tmp_path, inline):
     )
     with WorkerPool() as pool:
         of_stiff = CMeasurements(pool, models.ModelSource("stiff", stiff), StartPlan())
-        of_stiff.present(dataclasses.replace(BRIEF, ncontrol=50))
+        of_stiff.present(TrialPlan(0, StartPlan(), ncontrol=50))
         done = tried(of_stiff, option("timestep", "0.008"))
     assert done.status == Status.INPUT
     assert "diverges in" in done.detail
@@ -153,7 +153,7 @@ def doubled_timestep(opt):
 
 def test_a_solver_that_converges_too_is_equivalent_and_one_that_does_not_is_not():
     model = models.load(models.resolve("cube_table"))
-    baseline = reference.present_runs(model, dataclasses.replace(BRIEF, ncontrol=12))
+    baseline = reference.present_runs(model, TrialPlan(0, StartPlan(), ncontrol=12))
     effects = [judged_after(model, baseline, c).effect for c in (conjugate_gradient, one_iteration)]
     assert effects == [Effect.EQUIVALENT, Effect.APPROXIMATE]
 
@@ -170,7 +170,7 @@ def stack(iterations):
 
 def test_the_error_of_a_solver_that_does_not_converge_makes_nothing_equivalent():
     model = stack(iterations=5)
-    baseline = reference.present_runs(model, dataclasses.replace(BRIEF, ncontrol=4))
+    baseline = reference.present_runs(model, TrialPlan(0, StartPlan(), ncontrol=4))
     assert not baseline.facts.is_converged
     for change in (other_cone, doubled_timestep):
         assert judged_after(model, baseline, change).effect == Effect.APPROXIMATE
@@ -192,7 +192,7 @@ def test_a_ray_that_loses_its_target_is_a_change(tmp_path, inline):
     )
     with WorkerPool() as pool:
         of_rays = CMeasurements(pool, models.ModelSource("rays", file), StartPlan())
-        of_rays.present(dataclasses.replace(BRIEF, ncontrol=4))
+        of_rays.present(TrialPlan(0, StartPlan(), ncontrol=4))
         attempt = tried(of_rays, discarded)
     assert attempt.accuracy.changed_sensors == 1
     assert attempt.accuracy.effect == Effect.APPROXIMATE

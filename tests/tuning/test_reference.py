@@ -1,12 +1,10 @@
 """The reference converges, and the horizon ends where errors or rounding have grown."""
 
 import functools
-from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
-from tuning_models import BRIEF
 
 from mjbench.errors import InputError
 from mjbench.simulation import models
@@ -23,8 +21,7 @@ PENDULUM = """<mujoco><option timestep="{timestep}" integrator="{integrator}"/><
 def pendulum_facts(timestep, integrator):
     xml = PENDULUM.format(timestep=timestep, integrator=integrator)
     model = mujoco.MjModel.from_xml_string(xml)
-    ncontrol = round(0.5 / (reference.HOLD * timestep))
-    return reference.baseline(model, replace(BRIEF, ncontrol=ncontrol)).facts
+    return reference.baseline(model, TrialPlan(0, StartPlan())).facts
 
 
 def model_of(tmp_path, xml):
@@ -49,7 +46,7 @@ def test_a_higher_order_has_a_smaller_error_and_rounding_is_smaller_still():
 def test_a_model_that_moves_without_error_has_none(tmp_path):
     slide = """<mujoco><option gravity="0 0 0"/><worldbody><body><joint type="slide"/>
     <geom size="1"/></body></worldbody><keyframe><key qvel="1"/></keyframe></mujoco>"""
-    facts = reference.baseline(model_of(tmp_path, slide), BRIEF).facts
+    facts = reference.baseline(model_of(tmp_path, slide), TrialPlan(0, StartPlan())).facts
     assert facts.error.share < 1e-12
     assert facts.motion_m == pytest.approx(facts.run_s, rel=0.1)
     assert facts.physics.energy_drift_j < 1e-9
@@ -70,7 +67,7 @@ def test_a_model_that_diverges_is_refused(tmp_path):
     <geom size="0.1" pos="1 0 0"/></body></worldbody><keyframe><key qpos="1"/></keyframe>
     </mujoco>"""
     with pytest.raises(InputError, match="diverge"):
-        reference.baseline(model_of(tmp_path, unstable), BRIEF)
+        reference.baseline(model_of(tmp_path, unstable), TrialPlan(0, StartPlan()))
 
 
 def grown(rate, first, count=60):
@@ -98,7 +95,7 @@ def test_runs_that_part_at_once_cannot_be_compared():
 
 def test_errors_of_a_model_that_is_off_at_once_are_not_compared(tmp_path):
     coarse = PENDULUM.format(timestep=0.3, integrator="Euler")
-    facts = reference.baseline(model_of(tmp_path, coarse), BRIEF).facts
+    facts = reference.baseline(model_of(tmp_path, coarse), TrialPlan(0, StartPlan())).facts
     assert not facts.is_comparable
     assert facts.horizon_ncontrol <= LEAST_NCONTROL
 
@@ -117,14 +114,14 @@ def test_starts_come_from_several_settling_runs():
 
 def test_a_second_look_has_the_length_and_the_horizon_of_the_first():
     model = models.load(models.resolve("cartpole"))
-    plan = replace(BRIEF, seed=1, ncontrol=12, horizon_ncontrol=5)
+    plan = TrialPlan(1, StartPlan(), ncontrol=12, horizon_ncontrol=5)
     facts = reference.baseline(model, plan).facts
     assert (facts.ncontrol, facts.horizon_ncontrol, facts.is_comparable) == (12, 5, True)
 
 
 def test_settings_are_compared_while_rounding_stays_small():
     model = models.load(models.resolve("cartpole"))
-    runs = reference.present_runs(model, replace(BRIEF, ncontrol=12))
+    runs = reference.present_runs(model, TrialPlan(0, StartPlan(), ncontrol=12))
     assert runs.same_ncontrol == 12
     assert runs.reference is runs.facts.error is None
     assert runs.facts.rounding.share < reference.SAME_SHARE / reference.ROUNDING_FACTOR
@@ -133,7 +130,7 @@ def test_settings_are_compared_while_rounding_stays_small():
 def test_trials_depend_on_the_seed_alone():
     model = models.load(models.resolve("cartpole"))
     first, again, other = (
-        reference.draw(model, replace(BRIEF, seed=seed, ncontrol=6))[0] for seed in (0, 0, 1)
+        reference.draw(model, TrialPlan(seed, StartPlan(), ncontrol=6))[0] for seed in (0, 0, 1)
     )
     np.testing.assert_array_equal(first.initial_state, again.initial_state)
     assert first.ncontrol == 6
@@ -142,7 +139,7 @@ def test_trials_depend_on_the_seed_alone():
 
 def test_perturbed_starts_differ_in_the_last_place():
     model = models.load(models.resolve("humanoid"))
-    trials, _ = reference.draw(model, replace(BRIEF, ncontrol=4))
+    trials, _ = reference.draw(model, TrialPlan(0, StartPlan(), ncontrol=4))
     other = reference.perturbed(model, trials)
     difference = np.abs(other.initial_state - trials.initial_state)
     assert 0 < difference.max() < 1e-14

@@ -166,7 +166,7 @@ def test_the_page_counts_what_is_right_by_kind() -> None:
         tally = tally.with_trial(each)
     text = "\n".join(tally.with_trial(slow).lines())
     assert (
-        "**models**: the first advice is the best of the longer commands for 1 of 2; 1 took" in text
+        "**models**: the first advice has 0.95 of the best gain or more for 1 of 2; 1 took" in text
     )
     assert "`arm` is contradicted: cone: 1.00" in text
     assert "| `train.py` | – | no file |" in text
