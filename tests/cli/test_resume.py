@@ -31,6 +31,12 @@ from mjbench.status import Status
 COMPARE = ("compare", "cartpole", "linkage", "--paths", "rollout", "--threads", "2")
 
 
+@pytest.fixture(autouse=True)
+def quiet_host(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take no processor time from the runs: that would be a record of theirs, too."""
+    monkeypatch.setattr(ProcessorTime, "stolen_since", lambda *_: 0.0)
+
+
 def invoke(*words: str) -> "click.testing.Result":
     return CliRunner().invoke(cli, list(words))
 
@@ -136,8 +142,6 @@ def run_versions(
 def test_verdicts_that_were_interrupted_or_failed_are_measured_again(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    # a host that takes processor time is a record, too
-    monkeypatch.setattr(ProcessorTime, "stolen_since", lambda *_: 0.0)
     monkeypatch.chdir(tmp_path)
     measured, done = run_versions(monkeypatch, [Status.OK, Status.INTERRUPTED])
     assert (measured, done.exit_code) == (["cartpole", "linkage"], 130)
