@@ -5,6 +5,7 @@ control is measured beside the verdict: the baseline against itself, in as many 
 verdict needs at least. Where the baseline differs from itself, nothing is decided.
 """
 
+import statistics
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -294,6 +295,8 @@ class _Decision:
             row = replace(row, compiling=self._compiling(self._observed))
         if self._launches:
             row = _with_judgement(row, judge_launches(self._launches, self._plan))
+            if row.metric == Metric.TIME:
+                row = replace(row, slowing=statistics.median(s.slowing for s in self._launches))
         if row.verdict is not None and row.control is not None and not row.control.covers:
             detail = row.detail or "the baseline differs from itself"
             row = replace(row, verdict=Verdict.INCONCLUSIVE, detail=detail)

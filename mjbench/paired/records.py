@@ -146,6 +146,8 @@ class VerdictRow:
       results_detail: where it first differs, or why it was not compared; empty otherwise.
       control: None where nothing of the kind was measured.
       calls_s: seconds of a call of a function; None for models.
+      slowing: the time of a block at the end of a launch over that at its beginning, the median over
+        launches; None for models.
       packages: of both environments, where the user named packages; else none.
       compiling: of both sides; None for what is not compiled first.
     """
@@ -182,6 +184,7 @@ class VerdictRow:
     results_detail: str = ""
     control: ControlRow | None = None
     calls_s: Pair[PositiveFloat] | None = None
+    slowing: PositiveFloat | None = None
     packages: Sequence[PackageVersions] = ()
     compiling: Pair[CompilationFigures] | None = None
 
@@ -227,6 +230,13 @@ class LaunchRow:
         """Median seconds of a block of the baseline, and of the candidate."""
         both = stats.blocks_by_target(self.orders, np.asarray(self.ns, dtype=float))
         return Pair(*(1e-9 * float(np.median(blocks)) for blocks in both))
+
+    @property
+    def slowing(self) -> float:
+        """Time of the last quarter of the blocks over that of the first; medians."""
+        ns = np.ravel(self.ns)
+        count = -(-len(ns) // 4)
+        return float(np.median(ns[-count:]) / np.median(ns[:count]))
 
     @cached_property
     def log_ratio(self) -> float:

@@ -55,6 +55,7 @@ class Invented:
     Attributes:
       observed: of each side, one after the other; the last one again and again.
       log_ratio: of launches of both sides.
+      slowing: how much longer the last quarter of a launch takes.
       control: of the baseline with itself.
       launch_s: seconds that a launch takes.
       control_s: that one of the control takes, where it takes less.
@@ -63,6 +64,7 @@ class Invented:
 
     observed: dict[str, list[Observed]]
     log_ratio: float = 0.0
+    slowing: float = 1.0
     control: float = 0.0
     launch_s: float = 0.5
     control_s: float = math.inf
@@ -102,7 +104,8 @@ def decided(monkeypatch: pytest.MonkeyPatch) -> Decided:
                 clock[0] += self._launch_s
                 ratio = np.exp(rng.gauss(self._mean, 0.002))
                 ns = [1_000_000, int(1_000_000 * ratio), int(1_000_000 * ratio), 1_000_000]
-                return LaunchRow(0, None, ["ABBA"], [ns])
+                later = [round(invented.slowing * block) for block in ns]
+                return LaunchRow(0, None, ["ABBA"] * 4, [ns, ns, ns, later])
 
         monkeypatch.setattr(function_verdict, "observe", observe)
         monkeypatch.setattr(function_verdict, "RevisionPair", InventedPair)
@@ -130,6 +133,13 @@ def test_launches_decide(decided: Decided, log_ratio: float, verdict: Verdict) -
     assert (record.old, record.new) == ("main", "HEAD")
     assert record.ratio is not None
     assert record.ratio.covers(np.exp(log_ratio))
+
+
+def test_calls_that_take_longer_and_longer_are_recorded(decided: Decided) -> None:
+    assert decided(Invented(sides(FACTS, FACTS))).slowing == pytest.approx(1.0)
+    record = decided(Invented(sides(FACTS, FACTS), slowing=3.0))
+    assert record.slowing == pytest.approx(3.0, rel=0.02)
+    assert record.verdict == Verdict.SAME
 
 
 def test_the_control_stands_beside_the_verdict(decided: Decided) -> None:

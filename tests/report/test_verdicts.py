@@ -209,3 +209,11 @@ def test_the_control_and_the_commits_are_noted(ratio: Ratio, covers: bool, text:
     assert commits == f"main is {'a' * 40}, WORKTREE is not committed"
     assert call == "a call takes about 2 µs in main"
     assert control.endswith(text)
+
+
+@pytest.mark.parametrize(("slowing", "text"), [(4.6, "4.60 times as long"), (0.5, "0.50 times as long")])
+def test_a_function_that_keeps_state_is_noted(slowing: float, text: str) -> None:
+    _, note = verdicts.notes(of_revisions(slowing=slowing))
+    assert text in note
+    assert note.endswith("so the ratio depends on how often it is called")
+    assert len(verdicts.notes(of_revisions(slowing=1.1))) == 1
