@@ -146,8 +146,8 @@ class VerdictRow:
       results_detail: where it first differs, or why it was not compared; empty otherwise.
       control: None where nothing of the kind was measured.
       calls_s: seconds of a call of a function; None for models.
-      slowing: the time of a block at the end of a launch over that at its beginning, the median over
-        launches; None for models.
+      slowing: the time of a block at the end of a launch over that at its beginning, the median;
+        None for models.
       packages: of both environments, where the user named packages; else none.
       compiling: of both sides; None for what is not compiled first.
     """

@@ -211,7 +211,9 @@ def test_the_control_and_the_commits_are_noted(ratio: Ratio, covers: bool, text:
     assert control.endswith(text)
 
 
-@pytest.mark.parametrize(("slowing", "text"), [(4.6, "4.60 times as long"), (0.5, "0.50 times as long")])
+@pytest.mark.parametrize(
+    ("slowing", "text"), [(4.6, "4.60 times as long"), (0.5, "0.50 times as long")]
+)
 def test_a_function_that_keeps_state_is_noted(slowing: float, text: str) -> None:
     _, note = verdicts.notes(of_revisions(slowing=slowing))
     assert text in note
