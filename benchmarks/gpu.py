@@ -16,7 +16,7 @@ import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -211,35 +211,38 @@ def mjx_over_by_hand() -> OverByHand:
     return OverByHand("mjx", MJX_MODEL, mjx.NBATCH, ratio)
 
 
+def measurements(
+    names: Sequence[str], nbatch: str, path_names: str, folder: Path
+) -> Iterator[tuple[str, Callable[[], Any]]]:
+    """Yield what to measure, each after the name of the field of the tally that it goes to."""
+    sizes = [int(size) for size in nbatch.split(",")]
+    for name in names:
+        yield "failures", functools.partial(compare, name, nbatch, path_names, folder)
+        for size in sizes:
+            yield "testspeed", functools.partial(testspeed, name, size)
+        yield "over_by_hand", functools.partial(warp_over_by_hand, name, max(sizes))
+    yield "over_by_hand", mjx_over_by_hand
+
+
 def run(names: Sequence[str], nbatch: str, path_names: str, output: Path) -> GpuTally:
     """Measure, and write the tally after each figure."""
     tally = GpuTally(gpus())
-    sizes = [int(size) for size in nbatch.split(",")]
     output.mkdir(parents=True, exist_ok=True)
-
-    def add(field: str, measure: Callable[[], Any]) -> None:
-        nonlocal tally
+    for field, measure in measurements(names, nbatch, path_names, output / "runs"):
         try:
             value = measure()
-        except (
-            MjbenchError,
-            NotImplementedError,
-        ) as error:  # benchmarks raise it for what is missing
+        except (MjbenchError, NotImplementedError) as error:  # the latter for what is missing
             field, value = "failures", str(error)
-        if value is None:
-            return
-        tally = dataclasses.replace(tally, **{field: (*getattr(tally, field), value)})
-        (output / "gpu.json").write_text(tally_file.dumps(tally), encoding="utf-8")
-
-    for name in names:
-        add("failures", functools.partial(compare, name, nbatch, path_names, output / "runs"))
-        for size in sizes:
-            add("testspeed", functools.partial(testspeed, name, size))
-        add("over_by_hand", functools.partial(warp_over_by_hand, name, max(sizes)))
-    add("over_by_hand", mjx_over_by_hand)
+        if value is not None:
+            tally = dataclasses.replace(tally, **{field: (*getattr(tally, field), value)})
+            _write(tally, output)
     tally = dataclasses.replace(tally, after=gpus())
-    (output / "gpu.json").write_text(tally_file.dumps(tally), encoding="utf-8")
+    _write(tally, output)
     return tally
+
+
+def _write(tally: GpuTally, output: Path) -> None:
+    (output / "gpu.json").write_text(tally_file.dumps(tally), encoding="utf-8")
 
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:
