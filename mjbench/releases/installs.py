@@ -242,16 +242,27 @@ def use(release: ReleaseSpec) -> Iterator[Path | None]:
                     os.utime(folder / MARKER)  # when it was used last (see `install_sizes`)
                 yield folder
                 return
-        install(release)
+        _install(release, folder)
 
 
 def install(release: ReleaseSpec) -> Path:
-    """Install a release unless it is there; return its folder."""
-    folder = cache_folder() / release.key
+    """Install a release unless it is there; return its folder.
+
+    Raises:
+      InputError: it is `installed`.
+      MachineError: it cannot be installed.
+    """
+    with use(release) as folder:
+        if folder is None:
+            raise InputError(f"{INSTALLED} is the MuJoCo of this environment: name a version")
+        return folder
+
+
+def _install(release: ReleaseSpec, folder: Path) -> None:
+    """Install a release, unless another process did meanwhile."""
     with locked(release.key):
         if _is_complete(folder):
-            _check_files(folder)
-            return folder
+            return
         partial = folder.with_name(f".{release.key}.partial")
         try:
             for remains in (partial, folder):  # of an install that was killed
@@ -264,7 +275,6 @@ def install(release: ReleaseSpec) -> Path:
             raise MachineError(f"cannot install into {cache_folder()}: {error.strerror}") from error
         finally:
             shutil.rmtree(partial, ignore_errors=True)
-    return folder
 
 
 def remove(name: str) -> None:

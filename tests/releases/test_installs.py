@@ -239,6 +239,21 @@ def _hold(cache: str, pipe: Any) -> None:
         pipe.recv()  # nothing comes: this process is killed
 
 
+def test_an_install_in_use_needs_no_second_one(pip: list[str]) -> None:
+    release = installs.parse_release("3.5.0")
+    with installs.use(release) as folder:
+        assert (
+            installs.install(release) == folder
+        )  # with the lock held alone, it would wait forever
+    assert pip == ["3.5.0"]
+
+
+def test_the_environments_own_release_is_not_installed_again(pip: list[str]) -> None:
+    with pytest.raises(InputError, match="the MuJoCo of this environment"):
+        installs.install(installs.parse_release("installed"))
+    assert pip == []
+
+
 def test_a_killed_user_of_an_install_does_not_keep_it_locked(pip: list[str], cache: Path) -> None:
     release = installs.parse_release("3.5.0")
     installs.install(release)
