@@ -244,7 +244,7 @@ def test_an_install_in_use_needs_no_second_one(pip: list[str]) -> None:
     with installs.use(release) as folder:
         assert (
             installs.install(release) == folder
-        )  # with the lock held alone, it would wait forever
+        )  # does not wait for the other
     assert pip == ["3.5.0"]
 
 
