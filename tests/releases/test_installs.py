@@ -242,9 +242,7 @@ def _hold(cache: str, pipe: Any) -> None:
 def test_an_install_in_use_needs_no_second_one(pip: list[str]) -> None:
     release = installs.parse_release("3.5.0")
     with installs.use(release) as folder:
-        assert (
-            installs.install(release) == folder
-        )  # does not wait for the other
+        assert installs.install(release) == folder  # does not wait for the other
     assert pip == ["3.5.0"]
 
 
