@@ -69,17 +69,17 @@ def test_unchanged_models_are_compared_as_often_as_asked_for_by_each_metric() ->
 def test_what_was_missed_falsely_named_or_not_measured_is_wrong(
     is_slower: bool, verdict: Verdict | None, status: Status, wrong: bool
 ) -> None:
-    case = Case("any", Metric.LOAD, baseline(), is_slower)
+    case = Case("any", Metric.LOAD, Metric.LOAD, baseline(), is_slower)
     assert is_wrong(case, replace(SLOWER, verdict=verdict, status=status)) == wrong
 
 
 def test_committed_comparisons_are_right_and_as_many_as_the_page_has() -> None:
     results = tally_file.load(ROOT / "results/metrics.json", list[Result], "metrics")
-    measured = {result.looked_for for result in results}
+    measured = {result.checks for result in results}
     assert {*PAIRED} - measured <= {Metric.COMPILE}, "which needs a machine without other work"
     undecided = Counter[str]()
     for metric in measured:
-        of_metric = [result for result in results if result.looked_for == metric]
+        of_metric = [result for result in results if result.checks == metric]
         itself = [r.verdict.verdict for r in of_metric if r.case.startswith("itself")]
         assert len(itself) == 20
         assert set(itself) <= {Verdict.SAME, Verdict.INCONCLUSIVE}
