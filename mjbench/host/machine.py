@@ -32,15 +32,8 @@ if TYPE_CHECKING:
 _CGROUP = Path("/sys/fs/cgroup")
 # Packages that a result depends on.
 _PACKAGES = (
-    "mujoco",
-    "mujoco-core",
-    "mujoco-mjx",
-    "mujoco-warp",
-    "numpy",
-    "scipy",
-    "jax",
-    "jaxlib",
-    "warp-lang",
+    *("mujoco", "mujoco-core", "mujoco-mjx", "mujoco-warp"),
+    *("numpy", "scipy", "jax", "jaxlib", "warp-lang"),
 )
 # Environment variables that change how fast or what the engine computes.
 _FLAGS = (
@@ -101,8 +94,7 @@ def cgroup_quota(cgroup: Path = _CGROUP) -> float | None:
 def available_memory_bytes(cgroup: Path = _CGROUP) -> int:
     """Return the memory that can be used without swapping, limited by the control group's.
 
-    Where psutil is missing, as in the environments of old releases, only the control group's limit
-    is known; without one, memory counts as unlimited.
+    Without psutil, and without such a limit, memory counts as unlimited.
     """
     available = sys.maxsize
     try:
@@ -126,7 +118,6 @@ def check_memory(bytes_needed: float, work: str, remedy: str) -> None:
 
 
 def _cgroup_remaining_bytes(cgroup: Path) -> int | None:
-    """Return how much memory the control group has left; None if it has no limit (version 2)."""
     try:
         limit = int((cgroup / "memory.max").read_text())
         used = int((cgroup / "memory.current").read_text())
@@ -139,10 +130,9 @@ def _cgroup_remaining_bytes(cgroup: Path) -> int | None:
 
 
 def data_bytes(model: "mujoco.MjModel") -> int:
-    """Return about how much memory one MjData of `model` takes after stepping, in bytes.
+    """Return about how much memory one MjData of `model` takes after stepping.
 
-    The arena, MjData's memory for contacts and constraints, takes memory only where it was
-    written. It is counted as twice what one step from the model's defaults uses.
+    The arena takes memory only where it was written; it counts as twice what one step uses.
     """
     import mujoco
 
@@ -153,10 +143,9 @@ def data_bytes(model: "mujoco.MjModel") -> int:
 
 
 def peak_memory_bytes() -> int:
-    """Return the most memory that this process has had, in bytes.
+    """Return the most memory that this process has had.
 
-    Under Linux it is that of the program: `ru_maxrss` would be of what the process ran before, too
-    (execve(2)).
+    Linux has `ru_maxrss` of what the process ran before, too (execve(2)).
     """
     if sys.platform == "win32":
         raise NotImplementedError("nothing is measured on Windows")
@@ -170,10 +159,9 @@ def peak_memory_bytes() -> int:
 
 
 def resident_bytes() -> int | None:
-    """Return the memory of this process, in bytes; None where the system does not say.
+    """Return the memory of this process; None where the system does not say.
 
-    Linux counts the pages themselves for smaps_rollup. What statm says may be some pages of each
-    core off (proc_pid_statm(5)).
+    What statm says may be some pages of each core off (proc_pid_statm(5)).
     """
     counted = _own_bytes("/proc/self/smaps_rollup", "Rss")
     if counted is not None:
@@ -183,7 +171,6 @@ def resident_bytes() -> int | None:
 
 
 def _own_bytes(file: str, key: str) -> int | None:
-    """Return a number of kilobytes in a file of /proc as bytes; None where it is not there."""
     for line in read_text(file).splitlines():
         if line.startswith(f"{key}:"):
             return int(line.split()[1]) * 1024
@@ -192,12 +179,10 @@ def _own_bytes(file: str, key: str) -> int | None:
 
 @dataclass(frozen=True)
 class ProcessorTime:
-    """How long the cores of this machine have run, since it was started.
+    """How long the cores of this machine have run, all together, since it was started.
 
     Attributes:
-      busy_s: in all processes and on all cores together.
-      stolen_s: time for which a process was ready while the host gave the core to others; 0 where
-        the system does not say.
+      stolen_s: for which a process was ready while the host gave the core to others, if known.
     """
 
     busy_s: float
@@ -299,7 +284,6 @@ class Calibration:
         self._work(self._datas[0])
 
     def together(self) -> None:
-        """Do every thread's work at once."""
         others = [threading.Thread(target=self._work, args=(data,)) for data in self._datas[1:]]
         for thread in others:
             thread.start()
@@ -337,7 +321,6 @@ def host_hash() -> str:
 
 
 def _network_address() -> str:
-    """Return the hardware address of a network card; empty where Python finds none."""
     address = uuid.getnode()
     # where it finds none, it draws a number with this bit set
     return "" if address >> 40 & 1 else f"{address:012x}"
@@ -355,7 +338,6 @@ def _cpuinfo(key: str) -> str:
 
 
 def _sysctl(name: str) -> str:
-    """Return a value that the kernel of macOS knows; empty elsewhere."""
     if sys.platform != "darwin":
         return ""
     command = ["/usr/sbin/sysctl", "-n", name]

@@ -77,7 +77,6 @@ class Disturbance:
 
 
 def describe(others: Sequence[Neighbour]) -> str:
-    """Return the names of other processes that measure, for a message."""
     return ", ".join(
         f"mjbench {other.command}, process {other.pid}" if other.pid else "an unidentified process"
         for other in others
@@ -109,7 +108,6 @@ class Presence:
     """This process among those that measure; a context manager, which leaves at its end."""
 
     def __init__(self, command: str, folder: Path | None = None):
-        """Prepare to take part; `folder` is shared by all that measure, None for this machine's."""
         self._me = Neighbour(os.getpid(), command)
         self._folder = folder or shared_folder()
         self._file: Path | None = None
@@ -158,7 +156,6 @@ class Presence:
         return [neighbour for line in lines if (neighbour := _parse(line))]
 
     def _announce(self, others: Sequence[tuple[Path, Neighbour]]) -> None:
-        """Create this process's file, and append a line to those of the others."""
         line = json.dumps(asdict(self._me)) + "\n"
         file = self._folder / f"{self._me.pid}-{time.monotonic_ns()}.json"
         _create_file(file)
@@ -199,7 +196,7 @@ def _parse(line: str) -> Neighbour | None:
 
 
 def _create_shared_folder(folder: Path) -> None:
-    """Create the shared folder, in which every user may create files, but remove only their own."""
+    """Create a folder in which every user may create files, and remove only their own."""
     with contextlib.suppress(FileExistsError):
         folder.mkdir(parents=True)
         folder.chmod(0o1777)
@@ -218,7 +215,6 @@ def _create_file(path: Path) -> None:
 
 @contextlib.contextmanager
 def _entry_lock(path: Path, sleep: Callable[[float], None]) -> Iterator[None]:
-    """Hold the lock that lets one process at a time begin."""
     _create_file(path)
     with _opened(path, os.O_RDONLY) as descriptor:
         for _ in range(round(_ENTRY_LIMIT_S / _ENTRY_POLL_S)):
