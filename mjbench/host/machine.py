@@ -29,7 +29,7 @@ from mjbench.host import platforms
 if TYPE_CHECKING:
     import mujoco
 
-_CGROUP = Path("/sys/fs/cgroup")
+_CGROUP, _CPUINFO = Path("/sys/fs/cgroup"), "/proc/cpuinfo"
 # Packages that a result depends on.
 _PACKAGES = (
     *("mujoco", "mujoco-core", "mujoco-mjx", "mujoco-warp"),
@@ -73,20 +73,13 @@ def usable_cores(cgroup: Path = _CGROUP) -> int:
 def cgroup_quota(cgroup: Path = _CGROUP) -> float | None:
     """Return the CPU quota of the control group in cores, or None if there is none.
 
-    Reads `cpu.max` (version 2) or `cpu.cfs_quota_us` and `cpu.cfs_period_us` (version 1); psutil
-    knows neither.
+    It is in other files of version 2 and version 1 of control groups; psutil knows neither.
     """
+    older = (read_text(cgroup / f"cpu/cpu.cfs_{name}_us") for name in ("quota", "period"))
     try:
-        quota, period = (cgroup / "cpu.max").read_text().split()[:2]
-    except (OSError, ValueError):
-        try:
-            quota = (cgroup / "cpu/cpu.cfs_quota_us").read_text().strip()
-            period = (cgroup / "cpu/cpu.cfs_period_us").read_text().strip()
-        except OSError:
-            return None
-    try:
+        quota, period = read_text(cgroup / "cpu.max").split()[:2] or older
         cores = int(quota) / int(period)
-    except (ValueError, ZeroDivisionError):  # "max": no limit
+    except (ValueError, ZeroDivisionError):  # "max" or nothing: no limit
         return None
     return cores if cores > 0 else None
 
@@ -171,10 +164,8 @@ def resident_bytes() -> int | None:
 
 
 def _own_bytes(file: str, key: str) -> int | None:
-    for line in read_text(file).splitlines():
-        if line.startswith(f"{key}:"):
-            return int(line.split()[1]) * 1024
-    return None
+    kilobytes = _entry(file, key).split()
+    return int(kilobytes[0]) * 1024 if kilobytes else None
 
 
 @dataclass(frozen=True)
@@ -244,7 +235,7 @@ def describe() -> Machine:
     import psutil
 
     return Machine(
-        cpu=_cpuinfo("model name")
+        cpu=_entry(_CPUINFO, "model name")
         or _sysctl("machdep.cpu.brand_string")
         or platform.processor()
         or platform.machine(),
@@ -327,13 +318,16 @@ def _network_address() -> str:
 
 
 def is_virtual() -> bool:
-    return "hypervisor" in _cpuinfo("flags").split() or _sysctl("kern.hv_vmm_present") == "1"
+    flags = _entry(_CPUINFO, "flags").split()
+    return "hypervisor" in flags or _sysctl("kern.hv_vmm_present") == "1"
 
 
-def _cpuinfo(key: str) -> str:
-    for line in read_text("/proc/cpuinfo").splitlines():
-        if line.startswith(key):
-            return line.partition(":")[2].strip()
+def _entry(file: str, key: str) -> str:
+    """Return what a file of /proc has behind a key, on the first line with it; empty without."""
+    for line in read_text(file).splitlines():
+        name, _, value = line.partition(":")
+        if name.strip() == key:
+            return value.strip()
     return ""
 
 

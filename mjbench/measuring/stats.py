@@ -46,7 +46,7 @@ def _exponential(median: float, low: float | None, high: float | None) -> Estima
 
 
 def median_speedup(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> float:
-    """Return the median of `speedup_in_common` alone."""
+    """Return the median of `speedup_in_common` alone, which needs no SciPy."""
     count = min(len(baseline_s), len(candidate_s))
     return float(np.exp(np.median(_log_ratios(baseline_s[:count], candidate_s[:count]))))
 

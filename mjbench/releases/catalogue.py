@@ -42,7 +42,7 @@ class Catalogue:
 
 
 def list_releases(history: Path) -> Catalogue:
-    """Return every release on the index and in the history; last one that is only installed here."""
+    """Return every release on the index, in the history, or, at the end, only installed here."""
     recorded = {r.version: r for r in (bundle.read(history) if history.exists() else ())}
     indexed, problem = {}, ""
     try:

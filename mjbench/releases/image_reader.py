@@ -50,7 +50,7 @@ _INTEGER_TWINS = {0x6F: 0x6F, 0x7F: 0x7F, 0xE7: 0x7F}
 
 
 def read(content: bytes) -> MovableImage:
-    """Return what has to change in a library when it is moved; ImmovableError if not all is known."""
+    """Return what has to change in a library when it is moved; ImmovableError if it cannot be."""
     try:
         from elftools.elf.elffile import ELFFile
     except ImportError as error:

@@ -5,6 +5,7 @@ and MuJoCo itself.
 """
 
 import csv
+import sys
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from importlib import metadata
@@ -99,8 +100,7 @@ def names_in(text: str) -> frozenset[str]:
 
 def versions(folder: Path | None) -> dict[str, str]:
     """Return the version of each package in a folder, or in the environment of this process."""
-    where = {} if folder is None else {"path": [str(folder)]}
-    installed = metadata.distributions(**where)
+    installed = metadata.distributions(path=sys.path if folder is None else [str(folder)])
     named = ((each.metadata["Name"], each.version) for each in installed)
     return {canonicalize_name(name): version for name, version in named if name}
 

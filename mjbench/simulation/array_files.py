@@ -25,6 +25,10 @@ class ArrayFile:
     names: Sequence[str]
     unnamed: np.ndarray | None = None
 
+    @property
+    def listing(self) -> str:
+        return shown(", ".join(self.names[:8])) if self.names else "nothing"
+
 
 def read(file: Path, what: str, fields: Collection[str]) -> ArrayFile:
     """Return the arrays of a file that are named like fields; InputError if it cannot be read."""

@@ -100,7 +100,6 @@ def model_name(model: mujoco.MjModel) -> str:
 
 
 def _header(values: dict[str, Any]) -> CaptureHeader:
-    """Return a header from JSON, with every value of the type that it should have."""
     layout = values["layout"]
     return CaptureHeader(
         format=int(values["format"]),

@@ -90,12 +90,14 @@ def rollout_threads() -> bool:
     return hasattr(rollout, "Rollout")
 
 
+# Each of the following says why something is not available here; None where it is.
+
+
 def _newer(version: str) -> str:
     return f"MuJoCo {version} or newer (pip install --upgrade mujoco)"
 
 
 def rollout_unavailable() -> str | None:
-    """Return why `mujoco.rollout` cannot run a full physics state here, or None if it can."""
     try:
         import inspect
 
@@ -108,17 +110,14 @@ def rollout_unavailable() -> str | None:
 
 
 def rollout_threads_unavailable() -> str | None:
-    """Return why `mujoco.rollout` has no threads here, or None if it has."""
     return None if rollout_threads() else f"needs a mujoco.rollout with threads: {_newer('3.2.7')}"
 
 
 def spec_unavailable() -> str | None:
-    """Return why a model cannot be built in Python here, or None if it can."""
     return None if hasattr(mujoco, "MjSpec") else f"needs MjSpec: {_newer('3.2.0')}"
 
 
 def threadpool_unavailable() -> str | None:
-    """Return why a simulation cannot have a thread pool of its own here, or None if it can."""
     if not hasattr(mujoco, "mju_threadpool"):
         return f"needs mju_threadpool: {_newer('3.10.0')}"
     return None
@@ -135,7 +134,6 @@ def timer(name: str) -> int | None:
 
 
 def batch_unavailable() -> str | None:
-    """Return why `mujoco.batch` cannot be used here, or None if it can."""
     try:
         from mujoco import batch  # noqa: F401
     except ImportError:
@@ -320,7 +318,6 @@ def has_geom_distance() -> bool:
 
 
 def flag_names(model: mujoco.MjModel) -> list[str]:
-    """Return the names of the flags that are set in `opt.disableflags` and `opt.enableflags`."""
     flags = (
         (mujoco.mjtDisableBit, "mjDSBL_", int(model.opt.disableflags)),
         (mujoco.mjtEnableBit, "mjENBL_", int(model.opt.enableflags)),

@@ -76,8 +76,7 @@ def _read_array(file: Path, name: str) -> np.ndarray:
     named = (content.arrays[name] for name in _NAMES if name in content.arrays)
     array = content.unnamed if content.unnamed is not None else next(named, None)
     if array is None:
-        has = shown(", ".join(content.names[:8])) if content.names else "nothing"
-        raise InputError(f"{name} has neither ctrl nor actions; it has {has}")
+        raise InputError(f"{name} has neither ctrl nor actions; it has {content.listing}")
     if capture_header.ARRAY in content.names:
         raise InputError(
             f"{name} holds captured states: give it to --states, which replays its controls"

@@ -94,12 +94,9 @@ def draw(model: mujoco.MjModel, request: SampleRequest) -> Sample:
     if most_nstep is not None:
         most_nstep = max(request.hold, most_nstep - request.lead_in)
         request = replace(request, nstep=min(request.nstep, most_nstep))
-    best: Sample | None = None
-    for candidate in _candidates(model, request, given):
-        best = candidate
-        if candidate.workload.nbatch >= _LEAST_HEALTHY * request.nbatch:
+    for best in _candidates(model, request, given):  # one at least
+        if best.workload.nbatch >= _LEAST_HEALTHY * request.nbatch:
             break
-    assert best is not None, "starts at keyframe 0 and those of a file are always drawn"
     if best.workload.nbatch == 0:
         raise InputError(
             f"every simulation diverges ({best.observation.diagnosis()});"
@@ -182,16 +179,12 @@ def _settled(
     settled_s = nstep * float(model.opt.timestep)
     origin = Starts(settled_s, asked_s, limit, controls_file=_name(controls))
     nbatch, hold, seed = request.nbatch, request.hold, request.seed
-    ncontrol = request.total_nstep // hold
     for spread in SPREADS:
         settled = starts.settled(model, nbatch, nstep, hold, seed, spread, request.perturbs)
-        if settled is None:
-            continue
-        states, asleep = settled
-        rng = np.random.default_rng([seed, 1])
-        control = workload.random_controls(model, nbatch, ncontrol, hold, rng, spread)
-        drawn = _controlled(Workload(model, states, control, hold, seed), controls)
-        yield _sample(drawn, request.lead_in, spread, origin, asleep)
+        if settled is not None:
+            states, asleep = settled
+            drawn = workload.starting(model, states, request.total_nstep, hold, seed, spread)
+            yield _sample(_controlled(drawn, controls), request.lead_in, spread, origin, asleep)
 
 
 def _controlled(drawn: Workload, controls: GivenControls | None) -> Workload:

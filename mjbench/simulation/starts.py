@@ -20,6 +20,7 @@ from mjbench.simulation.workload import (
     START_VELOCITY_SD,
     random_controls,
     reset_to_start,
+    stepped,
     whole_holds,
 )
 
@@ -210,24 +211,18 @@ def settled(
     run = _settling_run(model, after, hold, seed, spread)
     if run is None:
         return None
-    states, is_asleep = run
-    rng, data = np.random.default_rng([seed, 0]), mujoco.MjData(model)
-    for row in states:
-        compat.restart(model, data, row)
-        if perturbs:
-            data.qvel[:] += spread * START_VELOCITY_SD * rng.standard_normal(model.nv)
-        mujoco.mj_step(model, data)
-        compat.get_state(model, data, row)
-    return states, float(is_asleep.mean()) if is_asleep.size else None
+    states, asleep = run
+    if perturbs:
+        noise = np.random.default_rng([seed, 0]).standard_normal((nbatch, model.nv))
+        qvel = compat.state_columns(model)["qvel"]
+        states[:, qvel] += spread * START_VELOCITY_SD * noise
+    return stepped(model, states), asleep
 
 
 def _settling_run(
     model: mujoco.MjModel, after: np.ndarray, hold: int, seed: int, spread: float
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return (nbatch, nstate) states after ascending numbers of steps; None where the run diverges.
-
-    Also returned is (nbatch, ntree) which trees sleep; ntree is 0 where sleeping is not enabled.
-    """
+) -> tuple[np.ndarray, float | None] | None:
+    """Return what `settled` does, as it is after ascending numbers of steps."""
     data = mujoco.MjData(model)
     nstep = whole_holds(int(after[-1]), hold) + hold
     rng = np.random.default_rng([seed, 2])
@@ -246,4 +241,4 @@ def _settling_run(
     diverged = compat.warning_counts(data)[compat.divergence_warnings()].any()
     if diverged or not np.isfinite(states).all():
         return None
-    return states, np.array(is_asleep)
+    return states, float(np.mean(is_asleep)) if compat.has_sleep(model) else None

@@ -122,8 +122,7 @@ def read(file: Path, model: mujoco.MjModel) -> RecordedStates:
         header.check(model, name)
     segment = arrays.pop(capture_header.SEGMENT_ARRAY, None)
     if "qpos" not in arrays:
-        has = shown(", ".join(content.names[:8])) if content.names else "nothing"
-        raise InputError(f"{name} has no qpos, which start states need; it has {has}")
+        raise InputError(f"{name} has no qpos, which start states need; it has {content.listing}")
     fields = {field: _rows(name, field, values, columns[field]) for field, values in arrays.items()}
     nrow = len(fields["qpos"])
     for field, rows in fields.items():
@@ -206,6 +205,5 @@ def draw(
         steps = recorded.first + np.arange(0, nstep, hold)
         control = recorded.fields["ctrl"][chosen[:, None] + steps]
     else:
-        noise = np.random.default_rng([seed, 1])
-        control = workload.random_controls(model, nbatch, nstep // hold, hold, noise, spread)
+        return workload.starting(model, starts, nstep, hold, seed, spread)
     return Workload(model, starts, np.ascontiguousarray(control), hold, seed)

@@ -241,10 +241,7 @@ def describe(model: mujoco.MjModel) -> ModelFacts:
     data = start_data(model)
     mujoco.mj_forward(model, data)
     return ModelFacts(
-        nq=int(model.nq),
-        nv=int(model.nv),
-        nu=int(model.nu),
-        na=int(model.na),
+        **{name: int(getattr(model, name)) for name in ("nq", "nv", "nu", "na")},
         contacts=int(data.ncon),
         constraints=int(data.nefc),
         timestep=float(model.opt.timestep),

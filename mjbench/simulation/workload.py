@@ -183,14 +183,17 @@ def make(
     perturbations and the noise of the controls; at 0 every simulation is the keyframe.
     """
     check_sizes(nbatch, nstep, hold)
-    starts, controls = np.random.default_rng([seed, 0]), np.random.default_rng([seed, 1])
-    return Workload(
-        model=model,
-        initial_state=_starts(model, nbatch, starts, spread),
-        control=random_controls(model, nbatch, nstep // hold, hold, controls, spread),
-        hold=hold,
-        seed=seed,
-    )
+    states = _starts(model, nbatch, np.random.default_rng([seed, 0]), spread)
+    return starting(model, states, nstep, hold, seed, spread)
+
+
+def starting(
+    model: mujoco.MjModel, states: np.ndarray, nstep: int, hold: int, seed: int, spread: float
+) -> Workload:
+    """Return a workload from (nbatch, nstate) states, with random controls."""
+    rng = np.random.default_rng([seed, 1])
+    control = random_controls(model, len(states), nstep // hold, hold, rng, spread)
+    return Workload(model, states, control, hold, seed)
 
 
 def draw_order(nbatch: int, rng: np.random.Generator) -> np.ndarray:
