@@ -90,7 +90,7 @@ def rollout_threads() -> bool:
     return hasattr(rollout, "Rollout")
 
 
-# Each of the following says why something is not available here; None where it is.
+# Functions called `…_unavailable` say why something cannot be done here; None where it can.
 
 
 def _newer(version: str) -> str:
