@@ -57,10 +57,7 @@ class ChildProcess(ABC):
         """
 
     def end(self) -> int:
-        """Kill the child with everything that it started; return its exit code.
-
-        Further calls return the exit code again.
-        """
+        """Kill the child with everything that it started; return its exit code, now and later."""
         if not self._has_ended:
             if self.wait(0.0) is None:  # otherwise its id may be another process's by now
                 offspring = _descendants(self.pid)
@@ -120,7 +117,6 @@ class AdoptedChild(ChildProcess):
     """A process that a child of this one forked, orphaned, and thereby gave to this one (Linux)."""
 
     def __init__(self, pid: int, mark: str):
-        """Take over a process that is a child of this one by now, and leads a session."""
         super().__init__(mark)
         self.pid = pid
         self._exit_code: int | None = None
@@ -281,9 +277,7 @@ def adoption() -> Iterator[None]:
 def die_with_parent(parent: int | None = None) -> None:
     """Have this process end with its parent; on Linux, with the thread that started it.
 
-    Args:
-      parent: process id of the parent; where it has already ended, this process ends now. None
-        leaves that unknown.
+    Where the parent with this process id has already ended, this process ends now.
     """
     if sys.platform == "linux":
         import ctypes
@@ -296,7 +290,6 @@ def die_with_parent(parent: int | None = None) -> None:
 
 
 def describe_exit(code: int) -> str:
-    """Describe how a process ended: by an exit code, or minus the signal that killed it."""
     if code >= 0:
         return f"the process ended with exit code {code}"
     try:
@@ -307,10 +300,7 @@ def describe_exit(code: int) -> str:
 
 
 def memory_bytes(pid: int) -> int:
-    """Return how much memory a process occupies now, in bytes; 0 if it has ended.
-
-    It is also 0 where psutil is missing, which is only in the environments of old releases.
-    """
+    """Return how much memory a process occupies now; 0 if it has ended, or psutil is missing."""
     try:
         import psutil
     except ImportError:
@@ -334,7 +324,6 @@ def last_line(log: Path) -> str:
 
 
 def text(path: Path) -> str:
-    """Return a file's content; empty if it cannot be read."""
     try:
         return path.read_text(encoding="utf-8", errors="replace")
     except OSError:

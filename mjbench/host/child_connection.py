@@ -46,7 +46,6 @@ class ChildError(MachineError):
     """A child crashed, hung, failed or sent garbage; the message names it, if it has a name.
 
     Attributes:
-      ending: `crashed`, `timeout`, or `failed`.
       cause: how, without its name, what it was doing and what it printed.
     """
 
@@ -59,10 +58,7 @@ class ChildConnection:
     """This process's end of the connection to a child."""
 
     def __init__(self, connection: Connection, process: Process, output_file: Path, name: str = ""):
-        """Take over a connection, which `pair` made, of a child that prints to a file.
-
-        Error messages begin with its name, if it has one.
-        """
+        """Take over our end of a `pair`; error messages begin with the child's name, if any."""
         self.connection, self.process, self._name = connection, process, name
         self._output_file = output_file
         # what is ready when the child has sent something or ended; of a child that is still being
@@ -76,11 +72,9 @@ class ChildConnection:
         max_bytes: int = MAX_MESSAGE_BYTES,
         watch: Callable[[], None] | None = None,
     ) -> bytes:
-        """Return the next message.
+        """Return the next message; the child is killed where none begins within `limit_s`.
 
         Args:
-          limit_s: the child is killed where it sends nothing for so long; within a message, the
-            limit that `pair` was given holds.
           activity: what it is doing, such as `stepping the model`.
           watch: called every now and then; what it raises is passed on.
         """
@@ -155,10 +149,7 @@ class ChildConnection:
 
 
 def _exit_handles(process: Process) -> list[Connection]:
-    """Return what is ready when a process ends, as `wait` takes it; nothing where there is none.
-
-    A Connection owns its descriptor; nothing is read from it.
-    """
+    """Return what is ready when a process ends, for `wait`: nothing is read from it."""
     if sys.platform == "linux" and process.wait(0.0) is None:  # its id is still its own
         with contextlib.suppress(OSError):
             return [Connection(os.pidfd_open(process.pid), writable=False)]
@@ -185,12 +176,7 @@ def start(
 
 
 def pair(limit_s: float) -> tuple[Connection, socket.socket]:
-    """Return this process's end of a new connection, and the child's.
-
-    Args:
-      limit_s: the longest silence within a message; how long the first byte may take is up to
-        `ChildConnection.receive`.
-    """
+    """Return both ends of a connection with this longest silence within a message, ours first."""
     ours, theirs = sockets(socket.SOCK_STREAM)
     ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, timeval(limit_s))
     return Connection(ours.detach()), theirs

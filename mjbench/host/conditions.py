@@ -103,12 +103,8 @@ def cores() -> Condition:
 
 
 def governor(folder: Path = _CPU) -> Condition | None:
-    """Return how the processor's clock is chosen; None where that is not known."""
-    names = {
-        name
-        for file in folder.glob("cpu[0-9]*/cpufreq/scaling_governor")
-        if (name := machine.read_text(file))
-    }
+    files = folder.glob("cpu[0-9]*/cpufreq/scaling_governor")
+    names = {name for name in map(machine.read_text, files) if name}
     if not names:
         return None
     detail = ", ".join(sorted(names))
@@ -123,7 +119,6 @@ def governor(folder: Path = _CPU) -> Condition | None:
 
 
 def turbo(folder: Path = _CPU) -> Condition | None:
-    """Return whether the clock rises while few cores work; None where that is not known."""
     no_turbo = machine.read_text(folder / "intel_pstate/no_turbo")
     boost = machine.read_text(folder / "cpufreq/boost")
     if not no_turbo and not boost:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar, TypeVarTuple
+from typing import Any, TypeVar, TypeVarTuple
 
 from mjbench.errors import REFUSALS, MachineError, failure_of
 from mjbench.host import child, child_connection, scratch
@@ -33,14 +33,11 @@ _CHILD = "import sys; from mjbench.host.isolate import child_main; child_main(*s
 
 @dataclass(frozen=True)
 class Ended:
-    """How a child ended.
+    """How a child ended, in one line for people, and what the function returned.
 
     Attributes:
-      status: `ok`, `input`, `unavailable`, `failed`, `crashed` or `timeout`.
-      detail: one line for people; empty when ok.
       position: of what the child worked on, among several, when it crashed, failed or hung; None
         where that is unknown.
-      answer: what the function returned.
     """
 
     status: Status
@@ -49,13 +46,7 @@ class Ended:
     answer: Any = None
 
     def check(self) -> None:
-        """Raise the error that this end stands for; return when the child ended well.
-
-        Raises:
-          InputError: the input was bad.
-          UnavailableError: this machine or this model cannot do it.
-          MachineError: the child failed, crashed or hung.
-        """
+        """Raise what this end stands for: InputError, UnavailableError, or MachineError."""
         if self.status != Status.OK:
             raise REFUSALS.get(self.status, MachineError)(self.detail)
 
@@ -89,14 +80,10 @@ class Channel:
         self.send(_SilenceAllowed(seconds))
 
     def doing(self, text: str, position: int | None = None) -> None:
-        """Record what is being done now, for the parent to read if this process dies.
+        """Record what is done now, for the parent to read if this process dies: "killed while …".
 
         It goes to a file rather than to the parent, which would wake up beside a timed block. A
         full disk costs this record, not the work.
-
-        Args:
-          text: for people, such as `loading humanoid`; it completes "killed while …".
-          position: of what is worked on, where there are several.
         """
         with contextlib.suppress(OSError):
             self._activity_file.write_text(json.dumps([text, position]), encoding="utf-8")
@@ -113,17 +100,15 @@ def run(
 ) -> Ended:
     """Call a function of a module in a child.
 
+    The child and all that it started are gone at the end, also when an exception (Ctrl-C) passes
+    through.
+
     Args:
       arguments: before its last one, the channel; anything that pickles.
-      on_message: called with each message as it arrives.
       limit_s: the child is killed after this long without a message.
       import_from: a further folder that the child may import from.
       environment: further environment variables of the child; None removes one.
-      memory_bytes: the child is killed when it takes more memory than this.
-
-    Returns:
-      How the child ended. The child and all that it started are gone by then, also when an
-      exception (Ctrl-C) passes through.
+      memory_bytes: the child is killed when it takes more.
     """
     with scratch.folder() as folder:
         connection = child_connection.start(
@@ -142,11 +127,6 @@ def run(
         return end if end.status in (Status.OK, *REFUSALS) else _located(end, folder)
 
 
-def _refuse(ended: Ended) -> NoReturn:
-    ended.check()
-    raise AssertionError("it did not end well")
-
-
 def call(
     function: Callable[[*_Arguments, Channel], _Answer],
     *arguments: *_Arguments,
@@ -154,25 +134,17 @@ def call(
     import_from: str | None = None,
     environment: Mapping[str, str | None] | None = None,
     memory_bytes: int | None = None,
-    otherwise: Callable[[Ended], _Answer] = _refuse,
+    otherwise: Callable[[Ended], _Answer] | None = None,
 ) -> _Answer:
-    """Return what a function returns in a child; arguments are as of `run`.
+    """Return what a function returns in a child (see `run`), or `otherwise` if it did not end well.
 
-    Args:
-      otherwise: what to return where the child did not end well; raises as `Ended.check` does,
-        unless given.
+    Without `otherwise`, that raises as `Ended.check` does.
     """
-    ended = run(
-        function,
-        arguments,
-        lambda message: None,
-        limit_s,
-        import_from,
-        environment,
-        memory_bytes,
-    )
-    if ended.status != Status.OK:
+    further = (import_from, environment, memory_bytes)
+    ended = run(function, arguments, lambda message: None, limit_s, *further)
+    if ended.status != Status.OK and otherwise is not None:
         return otherwise(ended)
+    ended.check()
     answer: _Answer = ended.answer
     return answer
 
@@ -209,7 +181,6 @@ def _converse(
 
 
 def _located(end: Ended, folder: Path) -> Ended:
-    """Return `end` with what the child was doing, and the last line it wrote to stderr."""
     try:
         text, position = json.loads(child.text(folder / _ACTIVITY))
     except (ValueError, TypeError):  # none yet, or the child died while it wrote

@@ -29,18 +29,11 @@ from mjbench.host import platforms
 if TYPE_CHECKING:
     import mujoco
 
-_CGROUP = Path("/sys/fs/cgroup")
+_CGROUP, _CPUINFO = Path("/sys/fs/cgroup"), "/proc/cpuinfo"
 # Packages that a result depends on.
 _PACKAGES = (
-    "mujoco",
-    "mujoco-core",
-    "mujoco-mjx",
-    "mujoco-warp",
-    "numpy",
-    "scipy",
-    "jax",
-    "jaxlib",
-    "warp-lang",
+    *("mujoco", "mujoco-core", "mujoco-mjx", "mujoco-warp"),
+    *("numpy", "scipy", "jax", "jaxlib", "warp-lang"),
 )
 # Environment variables that change how fast or what the engine computes.
 _FLAGS = (
@@ -80,20 +73,13 @@ def usable_cores(cgroup: Path = _CGROUP) -> int:
 def cgroup_quota(cgroup: Path = _CGROUP) -> float | None:
     """Return the CPU quota of the control group in cores, or None if there is none.
 
-    Reads `cpu.max` (version 2) or `cpu.cfs_quota_us` and `cpu.cfs_period_us` (version 1); psutil
-    knows neither.
+    It is in other files of version 2 and version 1 of control groups; psutil knows neither.
     """
+    older = (read_text(cgroup / f"cpu/cpu.cfs_{name}_us") for name in ("quota", "period"))
     try:
-        quota, period = (cgroup / "cpu.max").read_text().split()[:2]
-    except (OSError, ValueError):
-        try:
-            quota = (cgroup / "cpu/cpu.cfs_quota_us").read_text().strip()
-            period = (cgroup / "cpu/cpu.cfs_period_us").read_text().strip()
-        except OSError:
-            return None
-    try:
+        quota, period = read_text(cgroup / "cpu.max").split()[:2] or older
         cores = int(quota) / int(period)
-    except (ValueError, ZeroDivisionError):  # "max": no limit
+    except (ValueError, ZeroDivisionError):  # "max" or nothing: no limit
         return None
     return cores if cores > 0 else None
 
@@ -101,8 +87,7 @@ def cgroup_quota(cgroup: Path = _CGROUP) -> float | None:
 def available_memory_bytes(cgroup: Path = _CGROUP) -> int:
     """Return the memory that can be used without swapping, limited by the control group's.
 
-    Where psutil is missing, as in the environments of old releases, only the control group's limit
-    is known; without one, memory counts as unlimited.
+    Without psutil, and without such a limit, memory counts as unlimited.
     """
     available = sys.maxsize
     try:
@@ -126,7 +111,6 @@ def check_memory(bytes_needed: float, work: str, remedy: str) -> None:
 
 
 def _cgroup_remaining_bytes(cgroup: Path) -> int | None:
-    """Return how much memory the control group has left; None if it has no limit (version 2)."""
     try:
         limit = int((cgroup / "memory.max").read_text())
         used = int((cgroup / "memory.current").read_text())
@@ -139,10 +123,9 @@ def _cgroup_remaining_bytes(cgroup: Path) -> int | None:
 
 
 def data_bytes(model: "mujoco.MjModel") -> int:
-    """Return about how much memory one MjData of `model` takes after stepping, in bytes.
+    """Return about how much memory one MjData of `model` takes after stepping.
 
-    The arena, MjData's memory for contacts and constraints, takes memory only where it was
-    written. It is counted as twice what one step from the model's defaults uses.
+    The arena takes memory only where it was written; it counts as twice what one step uses.
     """
     import mujoco
 
@@ -153,10 +136,9 @@ def data_bytes(model: "mujoco.MjModel") -> int:
 
 
 def peak_memory_bytes() -> int:
-    """Return the most memory that this process has had, in bytes.
+    """Return the most memory that this process has had.
 
-    Under Linux it is that of the program: `ru_maxrss` would be of what the process ran before, too
-    (execve(2)).
+    Linux has `ru_maxrss` of what the process ran before, too (execve(2)).
     """
     if sys.platform == "win32":
         raise NotImplementedError("nothing is measured on Windows")
@@ -170,10 +152,9 @@ def peak_memory_bytes() -> int:
 
 
 def resident_bytes() -> int | None:
-    """Return the memory of this process, in bytes; None where the system does not say.
+    """Return the memory of this process; None where the system does not say.
 
-    Linux counts the pages themselves for smaps_rollup. What statm says may be some pages of each
-    core off (proc_pid_statm(5)).
+    What statm says may be some pages of each core off (proc_pid_statm(5)).
     """
     counted = _own_bytes("/proc/self/smaps_rollup", "Rss")
     if counted is not None:
@@ -183,21 +164,16 @@ def resident_bytes() -> int | None:
 
 
 def _own_bytes(file: str, key: str) -> int | None:
-    """Return a number of kilobytes in a file of /proc as bytes; None where it is not there."""
-    for line in read_text(file).splitlines():
-        if line.startswith(f"{key}:"):
-            return int(line.split()[1]) * 1024
-    return None
+    kilobytes = _entry(file, key).split()
+    return int(kilobytes[0]) * 1024 if kilobytes else None
 
 
 @dataclass(frozen=True)
 class ProcessorTime:
-    """How long the cores of this machine have run, since it was started.
+    """How long the cores of this machine have run, all together, since it was started.
 
     Attributes:
-      busy_s: in all processes and on all cores together.
-      stolen_s: time for which a process was ready while the host gave the core to others; 0 where
-        the system does not say.
+      stolen_s: for which a process was ready while the host gave the core to others, if known.
     """
 
     busy_s: float
@@ -259,7 +235,7 @@ def describe() -> Machine:
     import psutil
 
     return Machine(
-        cpu=_cpuinfo("model name")
+        cpu=_entry(_CPUINFO, "model name")
         or _sysctl("machdep.cpu.brand_string")
         or platform.processor()
         or platform.machine(),
@@ -299,7 +275,6 @@ class Calibration:
         self._work(self._datas[0])
 
     def together(self) -> None:
-        """Do every thread's work at once."""
         others = [threading.Thread(target=self._work, args=(data,)) for data in self._datas[1:]]
         for thread in others:
             thread.start()
@@ -337,25 +312,26 @@ def host_hash() -> str:
 
 
 def _network_address() -> str:
-    """Return the hardware address of a network card; empty where Python finds none."""
     address = uuid.getnode()
     # where it finds none, it draws a number with this bit set
     return "" if address >> 40 & 1 else f"{address:012x}"
 
 
 def is_virtual() -> bool:
-    return "hypervisor" in _cpuinfo("flags").split() or _sysctl("kern.hv_vmm_present") == "1"
+    flags = _entry(_CPUINFO, "flags").split()
+    return "hypervisor" in flags or _sysctl("kern.hv_vmm_present") == "1"
 
 
-def _cpuinfo(key: str) -> str:
-    for line in read_text("/proc/cpuinfo").splitlines():
-        if line.startswith(key):
-            return line.partition(":")[2].strip()
+def _entry(file: str, key: str) -> str:
+    """Return what a file of /proc has behind a key, on the first line with it; empty without."""
+    for line in read_text(file).splitlines():
+        name, _, value = line.partition(":")
+        if name.strip() == key:
+            return value.strip()
     return ""
 
 
 def _sysctl(name: str) -> str:
-    """Return a value that the kernel of macOS knows; empty elsewhere."""
     if sys.platform != "darwin":
         return ""
     command = ["/usr/sbin/sysctl", "-n", name]

@@ -16,7 +16,7 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -77,7 +77,6 @@ class Disturbance:
 
 
 def describe(others: Sequence[Neighbour]) -> str:
-    """Return the names of other processes that measure, for a message."""
     return ", ".join(
         f"mjbench {other.command}, process {other.pid}" if other.pid else "an unidentified process"
         for other in others
@@ -98,9 +97,8 @@ def measuring_now(folder: Path | None = None) -> list[Neighbour]:
         return []
     folder = folder or shared_folder()
     try:
-        _create_shared_folder(folder)
-        with _entry_lock(folder / _ENTRY_LOCK, time.sleep):
-            return [neighbour for _, neighbour in _others(folder)]
+        with _entry_lock(folder, time.sleep):
+            return [*_others(folder).values()]
     except OSError:
         return []
 
@@ -109,7 +107,6 @@ class Presence:
     """This process among those that measure; a context manager, which leaves at its end."""
 
     def __init__(self, command: str, folder: Path | None = None):
-        """Prepare to take part; `folder` is shared by all that measure, None for this machine's."""
         self._me = Neighbour(os.getpid(), command)
         self._folder = folder or shared_folder()
         self._file: Path | None = None
@@ -135,14 +132,13 @@ class Presence:
         has_waited = False
         try:
             while True:
-                _create_shared_folder(self._folder)
-                with _entry_lock(self._folder / _ENTRY_LOCK, sleep):
-                    others = list(_others(self._folder))
+                with _entry_lock(self._folder, sleep):
+                    others = _others(self._folder)
                     if not (wait and others):
                         self._announce(others)
-                        return [neighbour for _, neighbour in others]
+                        return [*others.values()]
                 if not has_waited:
-                    on_wait([neighbour for _, neighbour in others])
+                    on_wait([*others.values()])
                 has_waited = True
                 sleep(_POLL_S)
         except OSError:
@@ -157,8 +153,7 @@ class Presence:
             return []
         return [neighbour for line in lines if (neighbour := _parse(line))]
 
-    def _announce(self, others: Sequence[tuple[Path, Neighbour]]) -> None:
-        """Create this process's file, and append a line to those of the others."""
+    def _announce(self, others: Iterable[Path]) -> None:
         line = json.dumps(asdict(self._me)) + "\n"
         file = self._folder / f"{self._me.pid}-{time.monotonic_ns()}.json"
         _create_file(file)
@@ -166,12 +161,13 @@ class Presence:
         platforms.lock_file(descriptor, shared=False, wait=False)
         os.write(descriptor, line.encode())
         self._file = file
-        for other, _ in others:
+        for other in others:
             with contextlib.suppress(OSError), _opened(other, os.O_WRONLY | os.O_APPEND) as opened:
                 os.write(opened, line.encode())
 
 
-def _others(folder: Path) -> Iterator[tuple[Path, Neighbour]]:
+def _others(folder: Path) -> dict[Path, Neighbour]:
+    others = {}
     for path in sorted(folder.iterdir()):
         if not _NAME.fullmatch(path.name):
             continue
@@ -182,7 +178,8 @@ def _others(folder: Path) -> Iterator[tuple[Path, Neighbour]]:
                     path.unlink(missing_ok=True)  # its lock is free: its process is gone
             except BlockingIOError:
                 first, *_ = [*_lines(path), ""]
-                yield path, _parse(first) or Neighbour(0, "")
+                others[path] = _parse(first) or Neighbour(0, "")
+    return others
 
 
 def _lines(path: Path) -> list[str]:
@@ -199,7 +196,7 @@ def _parse(line: str) -> Neighbour | None:
 
 
 def _create_shared_folder(folder: Path) -> None:
-    """Create the shared folder, in which every user may create files, but remove only their own."""
+    """Create a folder in which every user may create files, and remove only their own."""
     with contextlib.suppress(FileExistsError):
         folder.mkdir(parents=True)
         folder.chmod(0o1777)
@@ -217,8 +214,10 @@ def _create_file(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def _entry_lock(path: Path, sleep: Callable[[float], None]) -> Iterator[None]:
-    """Hold the lock that lets one process at a time begin."""
+def _entry_lock(folder: Path, sleep: Callable[[float], None]) -> Iterator[None]:
+    """Let one process at a time begin in the shared folder, which is created if it is missing."""
+    _create_shared_folder(folder)
+    path = folder / _ENTRY_LOCK
     _create_file(path)
     with _opened(path, os.O_RDONLY) as descriptor:
         for _ in range(round(_ENTRY_LIMIT_S / _ENTRY_POLL_S)):

@@ -25,7 +25,6 @@ _NO_RANDOM_ADDRESSES, _UNCHANGED = 0x0040000, 0xFFFFFFFF
 
 
 def check_command(command: str) -> None:
-    """Refuse a command that does not run on this operating system."""
     if sys.platform == "win32" and command not in RUN_ON_WINDOWS:
         raise MachineError(
             f"`mjbench {command}` does not run on Windows; use WSL2. Commands that run on Windows:"
@@ -41,7 +40,6 @@ def affinity() -> set[int]:
 
 
 def set_affinity(pid: int, cores: Iterable[int]) -> None:
-    """Keep a process on some cores, where the system can."""
     if sys.platform == "linux":
         os.sched_setaffinity(pid, cores)
 
@@ -101,7 +99,6 @@ def fixed_addresses() -> Iterator[None]:
 
 @functools.cache
 def _personality() -> Callable[[int], int] | None:
-    """Return the C function that sets and returns how Linux runs programs; elsewhere None."""
     if sys.platform != "linux":
         return None
     import ctypes
@@ -121,20 +118,17 @@ def end_with_parent() -> None:
 
     A process in which other code keeps Python's threads from running ends when that code does.
     """
-    if sys.platform != "win32":
-        import threading
-
-        threading.Thread(target=_exit_after, args=(os.getppid(),), daemon=True).start()
-
-
-def _exit_after(parent: int) -> None:
-    """Wait until `parent` is no longer the parent of this process, then exit."""
+    if sys.platform == "win32":
+        return
+    import threading
     import time
 
-    # the parent of an orphan is process 1
-    while os.getppid() == parent != 1:
-        time.sleep(_PARENT_CHECK_S)
-    os._exit(1)
+    def exit_after(parent: int) -> None:
+        while os.getppid() == parent != 1:  # which is the parent of an orphan
+            time.sleep(_PARENT_CHECK_S)
+        os._exit(1)
+
+    threading.Thread(target=exit_after, args=(os.getppid(),), daemon=True).start()
 
 
 def lock_file(descriptor: int, *, shared: bool, wait: bool) -> None:

@@ -18,10 +18,7 @@ _PREFIX = "mjbench-"
 
 @contextlib.contextmanager
 def folder() -> Iterator[Path]:
-    """Yield a temporary folder; it is removed when the block ends.
-
-    Folders of processes that were killed, and could not remove their own, are removed first.
-    """
+    """Yield a temporary folder, after those of processes that were killed are removed."""
     prefix = f"{_PREFIX}{_pid_namespace()}-"
     try:
         for other in Path(tempfile.gettempdir()).glob(f"{prefix}*-*"):

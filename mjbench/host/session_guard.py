@@ -26,10 +26,8 @@ _ROOT = str(Path(__file__).resolve().parents[2])
 def start() -> Callable[[], None]:
     """Have a process kill the session that this process leads when this process ends.
 
-    Where this process leads no session, there is no guard: others may be in its session.
-
-    Returns:
-      What dismisses the guard.
+    Where this process leads no session, there is no guard: others may be in its session. What is
+    returned dismisses the guard.
     """
     if sys.platform != "linux" or os.getsid(0) != os.getpid():
         return lambda: None

@@ -19,13 +19,11 @@ _SYSTEM = Path("/sys/devices/system")
 
 @dataclass(frozen=True)
 class Topology:
-    """The cores that a process may use.
+    """The cores that a process may use, as far as known.
 
     Attributes:
-      hardware_threads: threads that can run at once.
-      cores: None where unknown.
-      node_sizes: hardware threads of each NUMA node, the largest first; empty where unknown.
-      quota_cores: CPU quota of the control group; None without one.
+      node_sizes: hardware threads of each NUMA node, the largest first.
+      quota_cores: CPU quota of the control group.
     """
 
     hardware_threads: int
@@ -68,7 +66,6 @@ def read(usable: AbstractSet[int] | None = None, system: Path = _SYSTEM) -> Topo
 
 
 def siblings(thread: int, system: Path = _SYSTEM) -> frozenset[int]:
-    """Return the hardware threads of the core of one; none where the kernel does not say."""
     return _numbers(system / f"cpu/cpu{thread}/topology/thread_siblings_list")
 
 

@@ -40,12 +40,7 @@ class Interval:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What launches show about their mean.
-
-    Attributes:
-      e_positive: e-value against "the mean is at most 0" (see `Fit.e_values`).
-      e_negative: e-value against "the mean is at least 0".
-    """
+    """What launches show about their mean: its interval, and `Fit.e_values`."""
 
     interval: Interval
     e_positive: float
@@ -68,6 +63,11 @@ class Fit:
     freedom: np.ndarray
     squares: np.ndarray
     left_out: np.ndarray
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """Standard error of the mean; only with degrees of freedom."""
+        return np.asarray(np.sqrt(self.leverage * self.squares / self.freedom))
 
     def half_width(self, confidence: float) -> np.ndarray:
         """Return half the width of the interval; infinity with too few launches."""
@@ -169,8 +169,7 @@ def most_disturbed(count: int) -> int:
     """Return how many of `count` launches can be disturbed, rather than one of two equal modes.
 
     Of launches in two equal modes, no more than that many are in the smaller one with a
-    probability of at most SECOND_MODE (the critical value of the two-sided sign test). More than
-    `MOST_LAUNCHES` count as that many.
+    probability of at most SECOND_MODE (the critical value of the two-sided sign test).
     """
     total, count = 0, min(count, MOST_LAUNCHES)
     for number in range(count):
@@ -183,45 +182,30 @@ def most_disturbed(count: int) -> int:
 def mean_and_deviation(
     samples: Sequence[float], residues: Sequence[int] | None = None
 ) -> tuple[float, float]:
-    """Return the mean of launches, with equal weight on each residue, and its standard error.
-
-    Disturbed launches are left out (see `fit`).
-
-    Args:
-      samples: one of each launch; at least two of some residue.
-      residues: see `anytime_interval`.
-
-    Raises:
-      ValueError: too few samples, or residues of other launches.
-    """
+    """Return the mean of launches (see `fit`) and its standard error; ValueError with too few."""
     fitted = fit(_cells(samples, residues))
-    freedom = int(fitted.freedom[0])
-    if freedom <= 0:
+    if fitted.freedom[0] <= 0:
         raise ValueError("need more samples than residues")
-    variance = float(fitted.leverage[0]) * float(fitted.squares[0]) / freedom
-    return float(fitted.mean[0]), math.sqrt(variance)
+    return float(fitted.mean[0]), float(fitted.deviation[0])
 
 
 def student_interval(samples: Sequence[float], confidence: float) -> tuple[float, float]:
     """Return the mean of launches, and half the width of Student's interval; infinity for one.
 
-    It holds for a number of launches that does not depend on what they say. Disturbed launches are
-    left out (see `fit`).
+    It holds for a number of launches that does not depend on what they say.
     """
     from scipy.special import stdtrit
 
     fitted = fit(_cells(samples, None))
-    freedom = int(fitted.freedom[0])
+    mean, freedom = float(fitted.mean[0]), int(fitted.freedom[0])
     if freedom <= 0:
-        return float(fitted.mean[0]), math.inf
-    deviation = math.sqrt(float(fitted.leverage[0]) * float(fitted.squares[0]) / freedom)
-    return float(fitted.mean[0]), float(stdtrit(freedom, (1 + confidence) / 2)) * deviation
+        return mean, math.inf
+    return mean, float(stdtrit(freedom, (1 + confidence) / 2) * fitted.deviation[0])
 
 
 def evidence(
     samples: Sequence[float], confidence: float, residues: Sequence[int] | None = None
 ) -> Evidence:
-    """Return what launches show: `anytime_interval`, and `Fit.e_values`."""
     fitted = fit(_cells(samples, residues))
     positive, negative = fitted.e_values()
     interval = _interval(fitted, confidence, len(samples))
@@ -242,8 +226,6 @@ def anytime_interval(
     testing, Annals of Statistics 52, 2024; for linear models: Lindon, Ham, Tingley and Bojinov,
     Anytime-valid linear models, arXiv 2210.08589).
 
-    Disturbed launches are left out (see `fit`).
-
     Args:
       residues: residue of each launch's placement; None if libraries stay where they are.
 
@@ -259,14 +241,7 @@ def interval_beside(
     """Return the interval of a few launches, whose deviation many others help to estimate.
 
     The few have a mean of their own. Their deviation is taken to be that of the others, so that
-    three launches have an interval, too.
-
-    Args:
-      others: one of each launch with a placement.
-      residues: residue of each placement of `others`.
-
-    Raises:
-      ValueError: no samples, a confidence not between 0 and 1, or residues of other launches.
+    three launches have an interval, too. `residues` are of the placements of the others.
     """
     own = fit(_cells(samples, None))
     if others:
@@ -283,9 +258,6 @@ def e_benjamini_hochberg(e_values: Sequence[float], level: float) -> tuple[bool,
     Ramdas, False discovery rate control with e-values, Journal of the Royal Statistical Society B
     84, 2022). It is the procedure of Benjamini and Hochberg on 1 / e, which also holds for e-values
     that are read when a rule of one's own says stop, because comparisons are independent.
-
-    Raises:
-      ValueError: the level is not between 0 and 1.
     """
     if not 0 < level < 1:
         raise ValueError(f"need a level in (0, 1), got {level}")

@@ -29,11 +29,7 @@ _ENOUGH = 0.75
 
 @dataclass(frozen=True)
 class VersionRatio:
-    """A log ratio of a version over the baseline.
-
-    Attributes:
-      version: its number, from 1; the baseline is 0.
-    """
+    """A log ratio of a version, numbered from 1, over the baseline."""
 
     version: int
     log_ratio: float
@@ -41,10 +37,9 @@ class VersionRatio:
 
 @dataclass(frozen=True)
 class ChangePosterior:
-    """What is known about the first slower version.
+    """What is known about the first slower one of `count` versions.
 
     Attributes:
-      count: of versions; the last one is slower for certain.
       change: log ratio of the slower versions over the others.
       deviation: of a log ratio.
     """
@@ -81,10 +76,7 @@ class ChangePosterior:
     def next_version(self, unable: Collection[int] = (), ready: Collection[int] = ()) -> int | None:
         """Return the version whose log ratio tells most; None where none tells anything.
 
-        Args:
-          unable: versions that cannot be measured.
-          ready: versions that cost less to measure; one of them is preferred if it tells about as
-            much.
+        One that is `ready`, and so costs less to measure, is preferred if it tells about as much.
         """
         probabilities = self.probabilities
         # that the version before is fast, and this one slow, is most open near the median
@@ -103,7 +95,6 @@ class ChangePosterior:
         return max(telling or gains, key=lambda version: gains[version])
 
     def _expected_entropy(self, version: int, probabilities: np.ndarray) -> float:
-        """Return the entropy of the probabilities that is expected once a version is measured."""
         slow, fast = probabilities[:version], probabilities[version:]
         share = float(slow.sum())
         low, high = sorted((0.0, self.change))
@@ -138,6 +129,5 @@ def _log_product(values: np.ndarray) -> np.ndarray:
 
 
 def _entropy(weights: np.ndarray) -> float:
-    """Return the entropy of weights that are made to sum to 1; 0 of none."""
     total = float(weights.sum())
     return 0.0 if total <= 0 else -float(_log_product(weights / total).sum())

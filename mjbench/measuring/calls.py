@@ -59,7 +59,6 @@ class PreparedCall:
     compilation: Callable[[], Compilation] | None = None
 
     def __call__(self) -> object:
-        """Do all three."""
         self.prepare()
         self.timed()
         return self.result()
@@ -75,10 +74,9 @@ def repeat(function: Function, calls: int) -> None:
 
 
 def calls_per_block(block_s: Callable[[int], float]) -> int:
-    """Return how many calls of a function last as long as a block.
+    """Return how many calls of a function last as long as a block, by the shortest of some times.
 
-    A pause of the process must not pass for a call that takes long, so the shortest of some times
-    counts.
+    A pause of the process must not pass for a call that takes long.
     """
     calls = 1
     while calls < MOST_CALLS:

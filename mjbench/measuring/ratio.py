@@ -16,7 +16,6 @@ class Ratio:
 
     @classmethod
     def of_log(cls, estimate: float, half_width: float) -> "Ratio":
-        """Return a ratio from its natural logarithm, and half the width of that one's interval."""
         if not math.isfinite(half_width):
             return cls(math.exp(estimate), None, None)
         ends = math.exp(estimate - half_width), math.exp(estimate + half_width)
@@ -32,5 +31,4 @@ class Ratio:
         return (self.low is None or self.low <= value) and (self.high is None or value <= self.high)
 
     def is_above(self, value: float) -> bool:
-        """Return whether the whole interval is above a value; never without a lower end."""
         return self.low is not None and self.low > value

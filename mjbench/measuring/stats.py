@@ -26,7 +26,6 @@ class Estimate:
 
 
 def median_of(samples: Sequence[float] | np.ndarray) -> Estimate:
-    """Return the median of independent samples, of which there is one at least."""
     values = np.asarray(samples, dtype=float)
     return Estimate(float(np.median(values)), *median_interval(values))
 
@@ -38,16 +37,16 @@ def speedup(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> Estima
       ValueError: the two differ in length, or are empty.
     """
     log_ratios = _log_ratios(baseline_s, candidate_s)
-    low, high = median_interval(log_ratios)
-    return Estimate(
-        float(np.exp(np.median(log_ratios))),
-        None if low is None else float(np.exp(low)),
-        None if high is None else float(np.exp(high)),
-    )
+    return _exponential(float(np.median(log_ratios)), *median_interval(log_ratios))
+
+
+def _exponential(median: float, low: float | None, high: float | None) -> Estimate:
+    ends = (None if end is None else float(np.exp(end)) for end in (low, high))
+    return Estimate(float(np.exp(median)), *ends)
 
 
 def median_speedup(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> float:
-    """Return the median of `speedup_in_common` alone."""
+    """Return the median of `speedup_in_common` alone, which needs no SciPy."""
     count = min(len(baseline_s), len(candidate_s))
     return float(np.exp(np.median(_log_ratios(baseline_s[:count], candidate_s[:count]))))
 
@@ -60,10 +59,7 @@ def _log_ratios(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> np
 
 
 def pair_log_ratios(orders: Sequence[str], times: np.ndarray) -> np.ndarray:
-    """Return (quads, 2) natural logarithms of candidate over baseline time.
-
-    The first column holds the pairs that the baseline began, the second those that the candidate
-    began.
+    """Return (quads, 2) log ratios: of the pairs that the baseline began, and the candidate.
 
     Args:
       orders: `ABBA` or `BAAB` of each quad; A is the baseline.
@@ -98,10 +94,8 @@ def total_log_ratio(orders: Sequence[str], times: np.ndarray, parts: np.ndarray)
     It is the log ratio of the sums over parts, so a part that takes longer weighs more. The log
     ratio of a part is the median of its pairs of both orders, after the effect of the order is
     removed. This effect is estimated from all parts together, because each has few pairs: it is
-    half of the median difference of the two pairs of a quad.
-
-    Args:
-      parts: (quads,) number of the part that each quad timed.
+    half of the median difference of the two pairs of a quad. `parts` has the number of the part
+    that each quad timed.
     """
     pairs = pair_log_ratios(orders, times)
     order_effect = np.median(pairs[:, 0] - pairs[:, 1]) / 2
@@ -123,11 +117,7 @@ def speedup_in_common(baseline_s: Sequence[float], candidate_s: Sequence[float])
 
 @dataclass(frozen=True)
 class TimedBlocks:
-    """Times of blocks of the same work, and the circumstances they were measured in.
-
-    Attributes:
-      identity: circumstances, by name, that must be the same for results to be comparable.
-    """
+    """Times of blocks of the same work, and what must be the same for others to be comparable."""
 
     seconds: Sequence[float]
     identity: Mapping[str, object]
@@ -156,11 +146,10 @@ def unpaired(baseline: TimedBlocks, candidate: TimedBlocks, across: bool = False
     )
     low = high = None
     if baseline_low is not None and candidate_high is not None:
-        low = float(np.exp(baseline_low - candidate_high))
+        low = baseline_low - candidate_high
     if baseline_high is not None and candidate_low is not None:
-        high = float(np.exp(baseline_high - candidate_low))
-    median = float(np.exp(np.median(logs[0]) - np.median(logs[1])))
-    return Estimate(median, low, high)
+        high = baseline_high - candidate_low
+    return _exponential(float(np.median(logs[0]) - np.median(logs[1])), low, high)
 
 
 def mean_half_width(values: Sequence[float], confidence: float = CONFIDENCE) -> float:
@@ -176,7 +165,6 @@ def mean_half_width(values: Sequence[float], confidence: float = CONFIDENCE) -> 
 def median_interval(
     samples: np.ndarray, confidence: float = CONFIDENCE
 ) -> tuple[float | None, float | None]:
-    """Return the interval of the median of independent samples; see `quantile_interval`."""
     return quantile_interval(samples, 0.5, confidence)
 
 

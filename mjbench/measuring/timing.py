@@ -45,10 +45,9 @@ def rounds(
     """Time the contenders in turns; yield the seconds of each round, in the contenders' order.
 
     Args:
-      budget_s: for all rounds; no round begins that would exceed it if it took as long as the
-        longest so far.
-      least: rounds to time even if they exceed the budget.
-      longest_s: what the longest round took that was made before.
+      budget_s: for all rounds but the `least`; no round begins that would exceed it if it took as
+        long as the longest so far.
+      longest_s: what the longest round took that was timed before.
     """
     order, shuffle = list(range(len(contenders))), random.Random(seed).shuffle
     begin = clock()
@@ -80,11 +79,6 @@ def block_times(
     clock: Clock = time.perf_counter,
     before: Callable[[], object] = nothing,
 ) -> list[list[float]]:
-    """Time two blocks against each other in this process; return the seconds of each, in order.
-
-    Args:
-      orders: such as `ABBA`; the result has a list of seconds for each.
-      before: called before each block, untimed.
-    """
+    """Time two blocks against each other; return the seconds of each, in orders such as `ABBA`."""
     contenders = {"A": Contender(baseline, before), "B": Contender(candidate, before)}
     return [[block_s(contenders[letter], clock) for letter in order] for order in orders]

@@ -229,9 +229,9 @@ class Worker:
     @activity("listing the model's files")
     def list_files(self, file: Path) -> tuple[str, ...]:
         """Return which files a model is compiled from: its own, and all that it names."""
-        from mjbench.simulation import model_files
+        from mjbench.simulation import models
 
-        return model_files.of(file)
+        return models.files_of(file)
 
     @activity("reading the workload")
     def equip(self, model_file: Path, workload_file: Path, path: str) -> None:

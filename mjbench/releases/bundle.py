@@ -40,17 +40,13 @@ def read(bundle: Path) -> list[Release]:
 
 
 def hashes(bundle: Path) -> dict[str, str]:
-    """Return the commit hash of every branch and tag of a history, by name."""
     with _cloned(bundle) as repository:
         lines = _git(repository, "for-each-ref", "--format=%(refname:short) %(objectname)")
     return dict(line.split(" ") for line in lines.splitlines())
 
 
 def write(bundle: Path, releases: Sequence[Release]) -> None:
-    """Write the history of `releases`, in their order.
-
-    A reader sees either the file that was there before or the whole new one.
-    """
+    """Write the history of `releases`; a reader sees the file from before, or the whole new one."""
     with scratch.folder() as folder:
         repository = folder / "history.git"
         _build(repository, releases)
@@ -61,14 +57,9 @@ def write(bundle: Path, releases: Sequence[Release]) -> None:
 
 
 def update(bundle: Path, indexed: Sequence[Release]) -> list[Release]:
-    """Append the releases of the index that a history lacks; create the history if it is missing.
+    """Append the releases of the index that a history lacks or begin one; return these releases.
 
-    Returns:
-      The releases that were appended.
-
-    Raises:
-      InputError: one is older than the history's last: inserting it would change the hash of
-        every later release.
+    InputError says that one is older than the history's last.
     """
     recorded = read(bundle) if bundle.exists() else []
     versions = {r.version for r in recorded}
@@ -90,10 +81,7 @@ def verify(bundle: Path, indexed: Sequence[Release] | None = None) -> list[str]:
     """Check a history; return one line for each problem.
 
     The history is built again from its own list of releases, and every hash is compared. The list
-    itself is compared with the index's.
-
-    Args:
-      indexed: the releases of the package index; None when it cannot be asked.
+    itself is compared with that of the package index, if it can be asked.
     """
     releases = read(bundle)
     with scratch.folder() as folder:
@@ -119,8 +107,8 @@ def verify(bundle: Path, indexed: Sequence[Release] | None = None) -> list[str]:
 def _build(repository: Path, releases: Sequence[Release]) -> None:
     """Create a bare git repository with the history of `releases`.
 
-    All commits go to git at once, as a stream for `git fast-import`: each has its author, its
-    message, its parent (`from :MARK`), its one file, and its tag (`reset refs/tags/…`).
+    All commits go to git at once, as a stream for `git fast-import`: each has its parent
+    (`from :MARK`), its one file, and its tag (`reset refs/tags/…`).
     """
     _git(None, "init", "--quiet", "--bare", f"--initial-branch={BRANCH}", str(repository))
     commands = []

@@ -35,22 +35,14 @@ class ReleaseRow:
 
 @dataclass(frozen=True)
 class Catalogue:
-    """The releases known here.
-
-    Attributes:
-      problem: why the package index is not among the sources; empty if it is.
-    """
+    """The releases known here; `problem` says why the package index is not among the sources."""
 
     releases: Sequence[ReleaseRow]
     problem: str
 
 
 def list_releases(history: Path) -> Catalogue:
-    """Return every release on the index, in the history, or installed here.
-
-    A release that is installed but neither in the history nor on the index, such as a local
-    build, comes last.
-    """
+    """Return every release on the index, in the history, or, at the end, only installed here."""
     recorded = {r.version: r for r in (bundle.read(history) if history.exists() else ())}
     indexed, problem = {}, ""
     try:
@@ -80,12 +72,7 @@ def list_releases(history: Path) -> Catalogue:
 
 @dataclass(frozen=True)
 class ReleaseRange:
-    """Releases from one to another.
-
-    Attributes:
-      specs: in the order of their versions: both ends, and the final releases between them.
-      index_problem: why the package index does not answer; empty if it does.
-    """
+    """Releases in the order of their versions: both ends, and the final releases between them."""
 
     specs: Sequence[ReleaseSpec]
     index_problem: str = ""
@@ -97,11 +84,7 @@ class ReleaseRange:
 
 
 def releases_between(baseline: ReleaseSpec, candidate: ReleaseSpec, history: Path) -> ReleaseRange:
-    """Return the releases from one to another.
-
-    Raises:
-      InputError: the candidate is not newer than the baseline.
-    """
+    """Return the releases from one to another; InputError if the candidate is not newer."""
     old, new = (Version(release.version) for release in (baseline, candidate))
     if old > new or baseline.key == candidate.key:
         raise InputError(

@@ -33,12 +33,7 @@ FALSE_DISCOVERY_RATE, SIMULATED_DEVIATION = 0.05, 0.01
 
 @dataclass(frozen=True)
 class Segment:
-    """Neighbouring releases whose log ratios fit a level or a line.
-
-    Attributes:
-      begin: index of the first release.
-      end: index after the last release.
-    """
+    """Neighbouring releases, from `begin` to before `end`, of a level or a slope of log ratios."""
 
     begin: int
     end: int
@@ -54,11 +49,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class ChangePoint:
-    """A change from one release to the next.
-
-    Attributes:
-      index: of the first release after it.
-    """
+    """A change from one release to the next, that at `index`."""
 
     before: int
     index: int
@@ -70,10 +61,8 @@ class ChangePoint:
 class Excursion:
     """A single release that is off, where the next one is not: a regression, or an outlier.
 
-    The newest release has no next one, so it cannot be an excursion yet.
-
-    Attributes:
-      change: of the log ratio, from the mean of the segments around it.
+    The change is from the mean of the segments around it. The newest release has no next one, so it
+    cannot be an excursion yet.
     """
 
     index: int
@@ -82,12 +71,9 @@ class Excursion:
 
 @dataclass(frozen=True)
 class Drift:
-    """Releases over which the log ratio changes slowly.
+    """Releases from `begin` to before `end` over which the log ratio changes slowly.
 
-    Attributes:
-      begin: index of the first release.
-      end: index after the last release.
-      change: of the log ratio in all, without change points in between.
+    The change is of all together, without change points in between.
     """
 
     begin: int
@@ -107,14 +93,7 @@ class Changes:
 def changes(
     log_ratios: Sequence[float], deviations: Sequence[float], min_change: float = MIN_CHANGE
 ) -> Changes:
-    """Return the change points, the excursions and the drifts of a series.
-
-    Args:
-      min_change: the smallest change that is returned, as a log ratio.
-
-    Raises:
-      ValueError: there are not as many of the one as of the other, or a deviation is not positive.
-    """
+    """Return the change points, the excursions and the drifts of at least `min_change`."""
     parts = segments(log_ratios, deviations)
     excursions = [
         excursion
@@ -134,7 +113,7 @@ def changes(
 
 
 def segments(log_ratios: Sequence[float], deviations: Sequence[float]) -> list[Segment]:
-    """Return the segments of a series, in order; see `changes` for arguments and errors."""
+    """Return the segments of a series, in order; ValueError if a deviation is not positive."""
     values, sigma = np.asarray(log_ratios, float), np.asarray(deviations, float)
     if values.shape != sigma.shape or not np.all(sigma > 0):
         raise ValueError("need a positive deviation of each log ratio")
@@ -231,7 +210,6 @@ def _is_located(
 
 
 def _excursion(before: Segment, single: Segment, after: Segment) -> Excursion | None:
-    """Return the excursion that one release is, if the next one is nearer to the one before."""
     change = single.first - (before.last + after.first) / 2
     returns = abs(after.first - before.last) < abs(change) / 2
     if single.end - single.begin == 1 and returns:

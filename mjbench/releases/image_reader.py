@@ -50,11 +50,7 @@ _INTEGER_TWINS = {0x6F: 0x6F, 0x7F: 0x7F, 0xE7: 0x7F}
 
 
 def read(content: bytes) -> MovableImage:
-    """Return what has to change in a library when it is moved.
-
-    Raises:
-      ImmovableError: it is no library for x86-64 Linux, or holds something that is not known here.
-    """
+    """Return what has to change in a library when it is moved; ImmovableError if it cannot be."""
     try:
         from elftools.elf.elffile import ELFFile
     except ImportError as error:
@@ -90,7 +86,6 @@ class _Reader:
         self.headers_end = header.e_phoff + header.e_phnum * header.e_phentsize
 
     def check(self) -> None:
-        """Raise ImmovableError where the file is of another kind or layout than is known here."""
         header = self._elf.header
         if header.e_machine != "EM_X86_64" or header.e_type != "ET_DYN":
             raise ImmovableError("it is not a shared library for x86-64")
@@ -167,7 +162,7 @@ class _Reader:
         return loads
 
     def code(self) -> list[tuple[int, int]]:
-        """Return where code begins and ends in the file: sections, a pair for each."""
+        """Return where each section of code begins and ends in the file."""
         return [
             (section["sh_offset"], section["sh_offset"] + section["sh_size"])
             for section in self._elf.iter_sections()
@@ -185,7 +180,6 @@ class _Reader:
                 yield from self._in_relocations(self._dynamic[tag], self._dynamic[size])
 
     def _in_headers(self) -> Iterator[int]:
-        """Yield places in the header of the file, of its segments and of its sections."""
         header = self._elf.header
         if header.e_shoff:
             yield 40  # e_shoff
@@ -270,16 +264,9 @@ def _some(unknown: Iterable[object]) -> str:
 def unaligned_twins(
     content: bytes, sections: Sequence[tuple[int, int]]
 ) -> Iterator[tuple[int, int]]:
-    """Yield the bytes to replace so that no instruction needs an address aligned to 32 bytes.
+    """Yield places, and bytes to put there so that no instruction needs data aligned to 32 bytes.
 
-    A library that is moved by 16 or 48 bytes loses the alignment of its data to 32 bytes.
-
-    Returns:
-      Pairs: a place in the file, and the byte that comes there.
-
-    Raises:
-      ImmovableError: an instruction needs aligned data and cannot be replaced, bytes are no
-        instruction, or capstone is not installed.
+    A library that is moved by 16 or 48 bytes loses this alignment.
     """
     try:
         import capstone
@@ -300,7 +287,6 @@ def unaligned_twins(
 
 
 def _unaligned(instruction: bytes, place: int) -> Iterator[tuple[int, int]]:
-    """Yield the bytes to replace in a VEX instruction, so that it works at any address."""
     try:
         # a VEX prefix has two bytes (C5) or three (C4); its last one ends with `pp`
         last = 1 if instruction[0] == 0xC5 else 2

@@ -50,10 +50,7 @@ def damaged_file(folder: Path) -> str | None:
 
 
 def changed_file() -> str | None:
-    """Return which file of this environment's MuJoCo is not as it was installed.
-
-    None if all are, or if their installer recorded none.
-    """
+    """Return which file of this environment's MuJoCo is not as it was recorded; None if all are."""
     return _changed_file(_distributions(), compare_hashes=True)
 
 
@@ -61,9 +58,7 @@ def imported_problem(expected: str | None = None) -> str | None:
     """Return why the MuJoCo of this process is not the expected release; None if it is.
 
     A release installed over another, or next to another on the path, imports without an error
-    and mixes the two. Checked are the versions of the package, of the C library and of the
-    installed distributions; that nothing else was found on the path; that every loaded module
-    comes from MuJoCo's folder; and that every file of the release is there with its size.
+    and mixes the two.
     """
     import mujoco
 
@@ -88,19 +83,17 @@ def imported_problem(expected: str | None = None) -> str | None:
 
 
 def engine_problem(expected: str) -> str | None:
-    """Return why the engine of this process is not of the expected version; None if it is.
-
-    It is what can change between two processes of one install, and takes no time.
-    """
+    """Return `imported_problem` for what can change between two processes of one install."""
     wrong = _wrong_engine_versions(expected)
     return f"expected MuJoCo {expected}, but {', '.join(wrong)}" if wrong else None
 
 
 def _wrong_versions(expected: str, distributions: Sequence[metadata.Distribution]) -> list[str]:
     """Return what says that it is another version, such as `the C library is 2.0.0`."""
-    versions = {f"distribution {d.metadata['Name']}": d.version for d in distributions}
     return _wrong_engine_versions(expected) + [
-        f"the {name} is {version}" for name, version in versions.items() if version != expected
+        f"the distribution {each.metadata['Name']} is {each.version}"
+        for each in distributions
+        if each.version != expected
     ]
 
 
@@ -154,12 +147,9 @@ def _changed_file(
 
 
 def _damaged_file(record: str, folder: Path, compare_hashes: bool = True) -> str | None:
-    """Return which file of a RECORD is not as it was installed; None if all are.
+    """Return which file of a RECORD's text is not as it was installed; None if all are.
 
-    Args:
-      record: its text, a line of name, hash and size for each file.
-      folder: that names are relative to.
-      compare_hashes: of MuJoCo's files and shared libraries, beside the sizes of all.
+    Of MuJoCo's files and shared libraries, hashes may be compared beside the sizes.
     """
     try:
         # RECORD and compiled Python have no size; pip puts scripts elsewhere than it says (`..`)
@@ -188,10 +178,7 @@ def _damaged_file(record: str, folder: Path, compare_hashes: bool = True) -> str
 
 
 def _hash(file: Path, like: str) -> str:
-    """Return a file's hash as RECORD writes it, by the algorithm of `like`, such as `sha256=…`.
-
-    Where the algorithm is unknown, that is `like` itself.
-    """
+    """Return a file's hash as RECORD writes it, such as `sha256=…`; `like` if that is unknown."""
     algorithm = like.partition("=")[0]
     if algorithm not in hashlib.algorithms_guaranteed:
         return like

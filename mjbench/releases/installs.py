@@ -16,7 +16,7 @@ import re
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -48,13 +48,11 @@ MARKER = "installed-by-mjbench"
 
 @dataclass(frozen=True)
 class ReleaseSpec:
-    """A release that a user named.
+    """A release that a user named, and what is installed beside it.
 
     Attributes:
-      name: as the user named it: a version, a wheel, a folder of wheels, or `installed`.
-      wheels: the local wheels to install; empty for a version of the index.
-      own_wheels: of the user's code, or of packages that the user named; installed beside the
-        release with what they need.
+      wheels: of the release; empty for a version of the index.
+      own_wheels: of the user's code, or of packages that the user named.
     """
 
     name: str
@@ -107,9 +105,8 @@ def wheel_digest(key: str) -> str:
 
 def is_release(text: str) -> bool:
     """Return whether an argument of the command line names a release rather than a model."""
-    is_named = text in (INSTALLED, NEWEST, PREVIOUS)
-    is_version = _version(text) is not None
-    return is_named or is_version or wheels.names_wheels(text) or packages.are_packages(text)
+    is_known = text in (INSTALLED, NEWEST, PREVIOUS) or _version(text) is not None
+    return is_known or wheels.names_wheels(text) or packages.are_packages(text)
 
 
 def parse_release(text: str) -> ReleaseSpec:
@@ -209,13 +206,13 @@ class InstallSize:
     unused_s: float
 
 
-def install_sizes(now: Callable[[], float] = time.time) -> list[InstallSize]:
+def install_sizes() -> list[InstallSize]:
     sizes = []
     for name in install_names():
         folder = cache_folder() / name
         with contextlib.suppress(OSError):  # it is being removed
             size_bytes = sum(f.stat().st_size for f in folder.rglob("*") if f.is_file())
-            unused_s = now() - (folder / MARKER).stat().st_mtime
+            unused_s = time.time() - (folder / MARKER).stat().st_mtime
             sizes.append(InstallSize(name, size_bytes, unused_s))
     return sizes
 
@@ -246,12 +243,7 @@ def use(release: ReleaseSpec) -> Iterator[Path | None]:
 
 
 def install(release: ReleaseSpec) -> Path:
-    """Install a release unless it is there; return its folder.
-
-    Raises:
-      InputError: it is `installed`.
-      MachineError: it cannot be installed.
-    """
+    """Install a release unless it is there; return its folder. InputError for `installed`."""
     with use(release) as folder:
         if folder is None:
             raise InputError(f"{INSTALLED} is the MuJoCo of this environment: name a version")
@@ -299,8 +291,7 @@ def _is_complete(folder: Path) -> bool:
 
 
 def _check_files(folder: Path) -> None:
-    problem = install_check.damaged_file(folder)
-    if problem:
+    if problem := install_check.damaged_file(folder):
         raise MachineError(
             f"the install {folder.name} is damaged: {problem};"
             f" remove it by `mjbench releases remove {folder.name}` and try again"
@@ -311,11 +302,9 @@ def _check_files(folder: Path) -> None:
 def locked(name: str, shared: bool = False, wait: bool = True) -> Iterator[None]:
     """Hold the lock of an install while the block runs; the kernel frees it if the process dies.
 
-    Processes that use the install share the lock; one that makes or removes it holds it alone.
-
-    This is flock itself, because filelock's FileLock cannot be shared, and its ReadWriteLock waits
-    inside SQLite, where neither Ctrl-C nor SIGTERM ends the wait, and does not support NFS, where
-    cache folders may lie.
+    Processes that use the install share the lock; one that makes or removes it holds it alone. This
+    is flock itself, because filelock's FileLock cannot be shared, and its ReadWriteLock waits where
+    no signal ends the wait, and does not support NFS, where cache folders may lie.
     """
     file = cache_folder() / "locks" / name
     try:

@@ -90,7 +90,7 @@ def _image(content: bytes) -> MovableImage:
 
 
 def _cached(name: str, suffix: str) -> Path | None:
-    """Return a file of the cache; None for a user without a home folder, in which it would be."""
+    """Return a file of the cache, which a user without a home folder has not."""
     try:
         return installs.cache_folder() / "images" / f"{name}-{_FORMAT}.{suffix}"
     except MachineError:

@@ -57,12 +57,9 @@ class MovableImage:
     unaligned: np.ndarray
 
     def write(self, source: Path, target: Path, shift: int) -> int:
-        """Write the library's file, moved, to another one; return its size in bytes.
+        """Write the library's file, moved by some bytes, to another one; return its size in bytes.
 
         The inserted bytes are a hole in the file, which takes up no space and reads as zeros.
-
-        Args:
-          shift: bytes to move by, as a `Placement` holds them.
         """
         content = np.fromfile(source, np.uint8)
         if shift:
@@ -83,11 +80,9 @@ class MovableImage:
 
 @dataclass(frozen=True, eq=False)
 class MovableInstall:
-    """A release whose libraries can be moved.
+    """A release whose libraries can be moved: its folder, and what changes in each, by file name.
 
     Attributes:
-      site: the folder that holds the package and its metadata, as installed.
-      images: what changes in each library that moves, by the name of its file.
       versions: of the files that were read, by name (see `file_version`).
     """
 
@@ -105,13 +100,9 @@ class MovableInstall:
                 (folder / entry.name).symlink_to(entry)
 
     def use(self, folder: Path, others: Path, placement: Placement) -> Path:
-        """Create a moved install in a new folder, and have this process import from it.
+        """Create a moved install, for this process to import; return the folder of its package.
 
-        Args:
-          others: that `link_others` filled.
-
-        Returns:
-          The folder of the package that the process must import.
+        `others` is what `link_others` filled.
         """
         self.create(folder, placement)
         site = self.site.resolve()
@@ -150,7 +141,6 @@ def file_version(file: Path) -> tuple[int, int]:
 
 
 def moves(name: str) -> bool:
-    """Return whether a file of the package is a library that a step runs through."""
     return name.startswith((ENGINE, *_EXTENSIONS)) and ".so" in name
 
 
@@ -169,7 +159,7 @@ def _metadata_folders(site: Path) -> Iterator[Path]:
 
 
 def _link(entry: Path, link: Path) -> None:
-    """Create a link: symbolic for a folder, hard for a file, or a copy where that is impossible."""
+    """Create a link: symbolic for a folder, hard for a file."""
     if entry.is_dir():
         link.symlink_to(entry)
         return

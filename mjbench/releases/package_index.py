@@ -43,7 +43,6 @@ class _Answer:
 
 
 def releases() -> list[Release]:
-    """Return the final releases of pip's index, in upload order; MachineError without it."""
     return _final_releases(_uploads())
 
 
@@ -88,14 +87,11 @@ def _final_releases(uploads_of: Mapping[str, Sequence[Upload]]) -> list[Release]
             for upload in uploads
             if upload.upload_time_iso_8601 is not None and not upload.yanked
         ]
-        if times and _is_final(version) and version_key(version) >= FIRST:
+        parsed = _parsed(version)
+        is_final = parsed is not None and not parsed.is_prerelease
+        if times and is_final and version_key(version) >= FIRST:
             final.append(Release(version, min(times).astimezone(UTC).replace(microsecond=0)))
     return sorted(final, key=lambda r: (r.uploaded, version_key(r.version)))
-
-
-def _is_final(version: str) -> bool:
-    parsed = _parsed(version)
-    return parsed is not None and not parsed.is_prerelease
 
 
 def _parsed(version: str) -> Version | None:

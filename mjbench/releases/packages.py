@@ -5,6 +5,7 @@ and MuJoCo itself.
 """
 
 import csv
+import sys
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from importlib import metadata
@@ -22,12 +23,7 @@ _PINNED = "=="
 
 @dataclass(frozen=True)
 class NamedPackages:
-    """What a user named with commas.
-
-    Attributes:
-      release: of MuJoCo, a version or a wheel; empty where none is named.
-      requirements: of other packages, as pip takes them.
-    """
+    """What a user named with commas: perhaps a version or a wheel of MuJoCo, and other packages."""
 
     release: str
     requirements: tuple[str, ...]
@@ -44,12 +40,7 @@ def are_packages(text: str) -> bool:
 
 
 def parse(text: str) -> NamedPackages:
-    """Return the packages that a text names.
-
-    Raises:
-      InputError: a part of it is neither a requirement nor a wheel that this Python can install, or
-        a package is named twice.
-    """
+    """Return the packages that a text names; InputError for parts that pip cannot install."""
     release, requirements, files = "", list[str](), list[Path]()
     names = list[str]()
     for part in filter(None, map(str.strip, text.split(","))):
@@ -108,19 +99,10 @@ def names_in(text: str) -> frozenset[str]:
 
 
 def versions(folder: Path | None) -> dict[str, str]:
-    """Return the version of each package in an environment, by name.
-
-    Args:
-      folder: that they were installed into; None for the environment of this process.
-    """
-    installed = (
-        metadata.distributions() if folder is None else metadata.distributions(path=[str(folder)])
-    )
-    return {
-        canonicalize_name(each.metadata["Name"]): each.version
-        for each in installed
-        if each.metadata["Name"]
-    }
+    """Return the version of each package in a folder, or in the environment of this process."""
+    installed = metadata.distributions(path=sys.path if folder is None else [str(folder)])
+    named = ((each.metadata["Name"], each.version) for each in installed)
+    return {canonicalize_name(name): version for name, version in named if name}
 
 
 def modules(folder: Path, names: Collection[str]) -> frozenset[str]:

@@ -46,19 +46,18 @@ class BuildError(MachineError):
 
 
 def install(version: str, wheels: Sequence[Path], target: Path, beside: Sequence[str] = ()) -> None:
-    """Install a release and this environment's NumPy version into a folder.
+    """Install a release, from the index or from wheels, and this NumPy into a folder.
 
     Args:
-      wheels: local wheels of the release; empty for the version of the index.
-      beside: requirements and wheels, to be installed with what they need; one of them may name
-        another NumPy.
+      beside: requirements and wheels to install with what they need, perhaps another NumPy.
 
     Raises:
       InputError: the index has no such release for this Python.
       BuildError: what is to be beside the release cannot be installed with it.
       MachineError: pip failed, or the index cannot be reached.
     """
-    numpy = [] if "numpy" in packages.names_of(beside) else [this_numpy()]
+    is_numpy_beside = "numpy" in packages.names_of(beside)
+    numpy = [] if is_numpy_beside else [f"numpy=={metadata.version('numpy')}"]
     names = ", ".join(Path(each).name for each in beside)
     problem = run(
         f"installing MuJoCo {version}{f' with {names}' if names else ''}",
@@ -75,15 +74,8 @@ def install(version: str, wheels: Sequence[Path], target: Path, beside: Sequence
         raise _error(version, bool(wheels), problem)
 
 
-def this_numpy() -> str:
-    return f"numpy=={metadata.version('numpy')}"
-
-
 def build(name: str, source: Path, target: Path) -> None:
-    """Build the wheel of a source tree into a folder; BuildError if it cannot be built.
-
-    `name` is what people call it.
-    """
+    """Build the wheel of a source tree into a folder; BuildError if it cannot be built."""
     arguments = ("--no-deps", f"--wheel-dir={target}", str(source))
     if problem := run(f"building {name}", "wheel", *arguments):
         raise BuildError(problem)
@@ -93,10 +85,7 @@ def run(phase: str, command: str, *arguments: str) -> str:
     """Run a command of pip that takes wheels alone; return why it failed, or nothing.
 
     pip ends with all that it started, such as a compiler. On Linux it also dies with this process,
-    so that it cannot write on while another one installs.
-
-    Args:
-      phase: what this is, logged as it begins, and for debugging with how much pip has written.
+    so that it cannot write on while another one installs. What it does, the `phase`, is logged.
     """
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     _LOG.info(phase)
@@ -123,7 +112,6 @@ def run(phase: str, command: str, *arguments: str) -> str:
 
 
 def _size_bytes(folder: Path) -> int:
-    """Return the size of the files in a folder, in which others come and go."""
     size_bytes = 0
     for parent, _, names in os.walk(folder):  # it passes over folders that have gone
         for name in names:

@@ -15,11 +15,7 @@ OLDEST = (2, 3, 7)
 
 @dataclass(frozen=True)
 class Release:
-    """A release of MuJoCo.
-
-    Attributes:
-      uploaded: when its first file was uploaded, in whole seconds, UTC.
-    """
+    """A release of MuJoCo, and when its first file was uploaded, in whole seconds, UTC."""
 
     version: str
     uploaded: datetime

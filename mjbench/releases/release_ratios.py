@@ -91,8 +91,7 @@ def averaged(launches: Sequence[LaunchRatio]) -> LogEstimate | None:
 def as_shipped(launches: Sequence[LaunchRatio]) -> LogEstimate | None:
     """Return the ratio of the launches that moved nothing; None with fewer than two.
 
-    They are few, and may agree by chance: their deviation is at least that which all launches have
-    of those with the same placement.
+    They are few, and may agree by chance: their deviation is at least that of all placements.
     """
     shipped = [launch.log_ratio for launch in launches if launch.placement is None]
     ratio = _estimate(shipped, None)
@@ -121,9 +120,6 @@ def clipped(log_ratios: Sequence[float], residues: Sequence[int] | None = None) 
 
     The deviation is estimated from the median of absolute differences, without as many of the
     smallest as medians fit by themselves. It is at least MIN_DEVIATION.
-
-    Args:
-      residues: of their placements; None if all have the same.
     """
     groups = residues or [0] * len(log_ratios)
     medians = {
@@ -149,7 +145,7 @@ def are_enough(launches: Sequence[LaunchRatio], seconds: float) -> bool:
 
 
 def completed_share(count: int, seconds: float) -> float:
-    """Return the share of a release's launches that is done, at least; see `are_enough`."""
+    """Return the share of a release's launches that is done, at least."""
     return min(1.0, max(count / MAX_LAUNCHES, seconds / TARGET_S))
 
 

@@ -33,11 +33,7 @@ _SUBMODULE = "160000"
 
 @dataclass(frozen=True)
 class Revision:
-    """A revision that a user named.
-
-    Attributes:
-      commit: its full hash; empty for WORKTREE.
-    """
+    """A revision that a user named, with its full hash; WORKTREE has none."""
 
     name: str
     commit: str = ""
@@ -91,11 +87,7 @@ class Repository:
     def history(self, baseline: Revision, candidate: Revision) -> list[Commit]:
         """Return the commits after a baseline up to a candidate, the oldest first.
 
-        Of a merge, it is the merge itself: only first parents are followed.
-
-        Raises:
-          InputError: the baseline is not among the first parents of the candidate, or one of them
-            is not committed.
+        Only first parents are followed; InputError if the baseline is none of the candidate's.
         """
         if baseline.is_worktree or candidate.is_worktree:
             raise InputError(f"{WORKTREE} has no history: name commits")
@@ -147,9 +139,8 @@ class Repository:
         for number, (path, commit) in enumerate(self._submodules(tree, variables)):
             if not (self.top / path / ".git").exists():
                 continue  # nor does the checkout have its files
-            inner = (
-                revision if revision.is_worktree else Revision(f"{revision.name}:{path}", commit)
-            )
+            own = Revision(f"{revision.name}:{path}", commit)
+            inner = revision if revision.is_worktree else own
             shutil.rmtree(folder / path, ignore_errors=True)
             submodule = Repository(self.top / path)
             trees += [path, submodule.check_out(inner, folder / path, work / str(number))]
@@ -180,7 +171,7 @@ class Repository:
         return (self.top / self._run("rev-parse", "--git-path", name).rstrip("\n")).resolve()
 
     def _hint(self, name: str) -> str:
-        """Return what may be meant instead of an unknown revision, as the end of a sentence."""
+        """Return what may be meant by an unknown revision, as the end of a sentence."""
         format_ = "--format=%(refname:short)"
         names = self._run("for-each-ref", format_, "refs/heads", "refs/tags", "refs/remotes")
         if meant := suggestion(name, [WORKTREE, "HEAD", *names.split()]):
@@ -203,12 +194,7 @@ def _git(
     problem: str = "",
     variables: Mapping[str, str] | None = None,
 ) -> str:
-    """Return what a command of git prints.
-
-    Args:
-      problem: what it means that the command fails; empty where git says it.
-      variables: of the environment, to be added.
-    """
+    """Return what a command of git prints; `problem` is what it means that the command fails."""
     environment = {k: v for k, v in os.environ.items() if k not in _REDIRECTING}
     settings = ("core.fsmonitor=false", "core.hooksPath=/dev/null", "core.splitIndex=false")
     try:

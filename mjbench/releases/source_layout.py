@@ -3,7 +3,7 @@
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -33,25 +33,23 @@ def source_folders(tree: Path) -> list[Path]:
 
 def package_names(tree: Path) -> frozenset[str]:
     """Return the packages of a source tree, each with `__init__.py`, and the modules beside."""
-    return frozenset(_names(tree))
-
-
-def has_module(tree: Path, name: str) -> bool:
-    files = (f"{name}.py", f"{name}/__init__.py")
-    return any((folder / file).is_file() for folder in source_folders(tree) for file in files)
-
-
-def _names(tree: Path) -> Iterator[str]:
+    names = set[str]()
     for folder, subfolders, files in os.walk(tree):
         path = Path(folder)
         level = len(path.relative_to(tree).parts)
         is_package = "__init__.py" in files and level > 0
         if is_package:
-            yield path.name
+            names.add(path.name)
         elif path in (tree, tree / "src"):
-            yield from (name.removesuffix(".py") for name in files if name.endswith(".py"))
+            names |= {name.removesuffix(".py") for name in files if name.endswith(".py")}
         searched = [name for name in subfolders if name[0] != "." and name not in _SKIPPED]
         subfolders[:] = [] if is_package or level >= _DEPTH else searched
+    return frozenset(names)
+
+
+def has_module(tree: Path, name: str) -> bool:
+    files = (f"{name}.py", f"{name}/__init__.py")
+    return any((folder / file).is_file() for folder in source_folders(tree) for file in files)
 
 
 def is_compiled(tree: Path) -> bool:

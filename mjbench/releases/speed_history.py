@@ -30,11 +30,9 @@ class MeasuredRelease:
 
 @dataclass(frozen=True)
 class SpeedSeries:
-    """A model or an operation over the releases.
+    """A model or an operation in one or more releases, in the order of their versions.
 
-    Attributes:
-      measured: the releases in which it was measured, one or more, in the order of their versions.
-      changes: of its speed; indices are those of `measured`.
+    Indices of `changes` are those of `measured`.
     """
 
     name: str
@@ -88,18 +86,11 @@ def histories(records: Iterable[RatioRecord]) -> list[SpeedSeries]:
 
 def _pooled(earlier: RatioRecord, later: RatioRecord) -> RatioRecord:
     """Return a record with the launches of both, or the later one where they cannot be pooled."""
-    is_same = _is_same_work(earlier, later) and (
-        (earlier.build, earlier.reference, earlier.problem)
-        == (later.build, later.reference, later.problem)
+    is_same = all(
+        getattr(earlier, name, None) == getattr(later, name, None)
+        for name in ("build", "reference", "problem", "workload")  # which operations do not have
     )
     return replace(later, launches=[*earlier.launches, *later.launches]) if is_same else later
-
-
-def _is_same_work(earlier: RatioRecord, later: RatioRecord) -> bool:
-    """Return whether both records are of the same start states and controls, if of any."""
-    if isinstance(earlier, StepRatioRecord) and isinstance(later, StepRatioRecord):
-        return earlier.workload == later.workload
-    return True
 
 
 def _series(name: str, measured: Sequence[MeasuredRelease]) -> SpeedSeries:

@@ -26,11 +26,7 @@ _SOURCE_SUFFIX = ".tar.gz"
 
 @dataclass(frozen=True)
 class Wheel:
-    """A wheel, as its file name describes it.
-
-    Attributes:
-      project: such as `mujoco-core`.
-    """
+    """A wheel, as its file name describes it."""
 
     file: Path
     project: str
@@ -58,15 +54,11 @@ def find(text: str) -> list[Wheel]:
     """Return the wheels of the release that an argument names, that of mujoco first.
 
     From 4.0.0 on a release is several wheels, which lie in the same folder.
-
-    Raises:
-      InputError: there is no such wheel, it is broken, or this Python cannot install it.
     """
     wheel = _in_folder(Path(text)) if is_folder(text) else _wheel(text)
     if wheel.project != _PROJECT:
         raise InputError(f"{text} is a wheel of {wheel.project}, expected one of {_PROJECT}")
-    if not wheel.fits:
-        raise _other_python(text)
+    _check_fits(text, wheel)
     others = [
         other
         for other in map(wheel_of, _files(wheel.file.parent, f"{_PROJECT}_*{_SUFFIX}"))
@@ -102,14 +94,14 @@ def _in_folder(folder: Path) -> Wheel:
 def named(text: str) -> Wheel:
     """Return the wheel that a file name stands for, of whatever project."""
     wheel = _wheel(text)
-    if not wheel.fits:
-        raise _other_python(text)
+    _check_fits(text, wheel)
     _check_content(wheel.file)
     return wheel
 
 
-def _other_python(text: str) -> InputError:
-    return InputError(f"{text} is for another Python or platform than this, {_this_python()}")
+def _check_fits(text: str, wheel: Wheel) -> None:
+    if not wheel.fits:
+        raise InputError(f"{text} is for another Python or platform than this, {_this_python()}")
 
 
 def _wheel(text: str) -> Wheel:

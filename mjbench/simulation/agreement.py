@@ -27,10 +27,9 @@ LEAST_SCALE = 1e-3
 
 @dataclass(frozen=True)
 class Difference:
-    """The first entry in which states differ.
+    """The first entry in which states differ, and the step after which it first shows, if known.
 
     Attributes:
-      step: steps after which the difference first shows; None if unknown.
       is_reordered: whether the difference shows only after the simulations were reordered.
     """
 
@@ -43,14 +42,12 @@ class Difference:
     is_reordered: bool = False
 
     def at(self, step: int) -> "Difference":
-        """Return the same difference, with the step after which it first shows."""
         return replace(self, step=step)
 
     def __str__(self) -> str:
         when = "at the end" if self.step is None else f"after step {self.step}"
-        values = f"{self.got!r} instead of {self.expected!r}"
-        if np.isnan(self.got):
-            values = "never written"
+        is_empty = np.isnan(self.got)
+        values = "never written" if is_empty else f"{self.got!r} instead of {self.expected!r}"
         entry = f"{self.field}[{self.index}] of simulation {self.simulation}"
         order = " once the simulations are reordered" if self.is_reordered else ""
         return f"{entry} differs {when}{order}: {values}"
@@ -62,12 +59,9 @@ def first_differing_entry(
     columns: Mapping[str, slice],
     mask: np.ndarray | None = None,
 ) -> Difference | None:
-    """Return the first entry of `values` that differs from `reference` in any bit, or None.
+    """Return the first entry that differs in any bit of two arrays of (nbatch, nstate) states.
 
     First means the lowest simulation, then the first entry of its row.
-
-    Args:
-      values: (nbatch, nstate) float64, as `reference`.
 
     Raises:
       ValueError: the shapes differ.
@@ -80,24 +74,15 @@ def first_differing_entry(
     if not differs.any():
         return None
     simulation, column = (int(i) for i in np.argwhere(differs)[0])
-    field, start = next(
-        (name, place.start) for name, place in columns.items() if column < place.stop
-    )
-    return Difference(
-        field,
-        column - start,
-        simulation,
-        float(values[simulation, column]),
-        float(reference[simulation, column]),
-    )
+    field, place = next(item for item in columns.items() if column < item[1].stop)
+    got, expected = (float(states[simulation, column]) for states in (values, reference))
+    return Difference(field, column - place.start, simulation, got, expected)
 
 
 def first_differing_step(
     values: np.ndarray, reference: np.ndarray, columns: Mapping[str, slice]
 ) -> Difference | None:
-    """Return the first entry of a step's output that differs in any bit, or None.
-
-    First means the earliest step, then the lowest simulation, then the first entry of its row.
+    """Return what `first_differing_entry` does, of the earliest step of (nbatch, nstep, n) outputs.
 
     Raises:
       ValueError: the shapes differ.
@@ -129,10 +114,7 @@ def drift(
     reference: Mapping[str, np.ndarray],
     scales: Mapping[str, float] | None = None,
 ) -> float:
-    """Return the largest difference of any field, relative to the field's scale if there is one.
-
-    A NaN in either of them counts as an infinite difference.
-    """
+    """Return the largest difference of any field, in units of its scale; infinite for a NaN."""
     largest = 0.0
     for field, values in after.items():
         difference = np.abs(values - reference[field])
@@ -168,8 +150,7 @@ def work_changes(
     """Return how the work of two targets differs, a phrase each; empty if it is the same.
 
     Args:
-      baseline: work of a step; None if unknown.
-      drift: largest relative difference one step after the same states; None if unknown.
+      drift: largest relative difference one step after the same states.
       diverged: number of simulations that diverge in the baseline, and in the candidate.
     """
     changes = []
@@ -200,14 +181,10 @@ def _count(value: float) -> str:
 def max_relative_error(
     got: Mapping[str, np.ndarray], want: Mapping[str, np.ndarray], names: Sequence[str]
 ) -> np.ndarray:
-    """Return (n,) the largest difference of any entry of the named fields, row by row.
+    """Return (n,) the largest difference of any entry of (n, size) fields that both have.
 
     A difference is relative to the largest entry of its field in that row, where that exceeds 1.
     NaN and infinity count as the largest float, because JSON has neither.
-
-    Args:
-      got: (n, size) arrays by MjData field, as `want`; those of `want` that `got` lacks are
-        ignored.
     """
     largest = np.zeros(len(next(iter(want.values()))))
     for name in names:

@@ -18,21 +18,20 @@ MOST_BYTES = 1 << 30
 class ArrayFile:
     """The arrays that were read from a file, and the names of all that it has.
 
-    Attributes:
-      unnamed: the array of an .npy file, which has no others.
+    An .npy file has one without a name, and no others.
     """
 
     arrays: Mapping[str, np.ndarray]
     names: Sequence[str]
     unnamed: np.ndarray | None = None
 
+    @property
+    def listing(self) -> str:
+        return shown(", ".join(self.names[:8])) if self.names else "nothing"
+
 
 def read(file: Path, what: str, fields: Collection[str]) -> ArrayFile:
-    """Return the arrays of a file that are named like fields.
-
-    Raises:
-      InputError: the file cannot be read, or the arrays are too large.
-    """
+    """Return the arrays of a file that are named like fields; InputError if it cannot be read."""
     name = shown(file.name)
     try:
         if zipfile.is_zipfile(file):
@@ -53,10 +52,7 @@ def read(file: Path, what: str, fields: Collection[str]) -> ArrayFile:
 
 
 def _check_size(file: Path, fields: Collection[str]) -> None:
-    """Refuse a small .npz file that expands to more than memory can hold.
-
-    A member never gives more than its directory says.
-    """
+    """Refuse a small .npz file that expands to more: no member gives more than its entry says."""
     with zipfile.ZipFile(file) as members:
         expanded = sum(
             member.file_size

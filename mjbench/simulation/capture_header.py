@@ -24,11 +24,7 @@ SEGMENT_ARRAY = "mjbench_segment"
 
 @dataclass(frozen=True)
 class ModelLayout:
-    """What decides which numbers a state of a model, and a control, hold.
-
-    Attributes:
-      joints: types of the joints in their order, such as `free`.
-    """
+    """What decides which numbers a state of a model, and a control, hold."""
 
     nq: int
     nv: int
@@ -38,19 +34,12 @@ class ModelLayout:
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "ModelLayout":
-        return cls(
-            nq=int(model.nq),
-            nv=int(model.nv),
-            nu=int(model.nu),
-            na=int(model.na),
-            joints=tuple(
-                compat.enum_name(mujoco.mjtJoint, value, "mjJNT_") for value in model.jnt_type
-            ),
-        )
+        types = model.jnt_type
+        joints = tuple(compat.enum_name(mujoco.mjtJoint, each, "mjJNT_") for each in types)
+        return cls(int(model.nq), int(model.nv), int(model.nu), int(model.na), joints)
 
     @property
     def sizes(self) -> str:
-        """The sizes, such as `nq 28, nv 27, nu 21, na 0`."""
         return f"nq {self.nq}, nv {self.nv}, nu {self.nu}, na {self.na}"
 
 
@@ -103,7 +92,6 @@ class CaptureHeader:
         raise InputError(f"{captured}: its joints are of other types than this one's")
 
     def is_of(self, model: mujoco.MjModel) -> bool:
-        """Return whether a model is one of those that were captured, as far as digests tell."""
         return model_digest(model) in self.digests
 
 
@@ -112,16 +100,12 @@ def model_name(model: mujoco.MjModel) -> str:
 
 
 def _header(values: dict[str, Any]) -> CaptureHeader:
-    """Return a header from JSON, with every value of the type that it should have."""
     layout = values["layout"]
     return CaptureHeader(
         format=int(values["format"]),
         model=one_line(values["model"], 60),
         layout=ModelLayout(
-            nq=int(layout["nq"]),
-            nv=int(layout["nv"]),
-            nu=int(layout["nu"]),
-            na=int(layout["na"]),
+            **{size: int(layout[size]) for size in ("nq", "nv", "nu", "na")},
             joints=_texts(layout["joints"]),
         ),
         digests=_texts(values["digests"]),

@@ -12,29 +12,17 @@ from typing import Any
 import mujoco
 import numpy as np
 
-# Components of mjSTATE_INTEGRATION by the MjData field that holds them.
-_FIELD_OF_STATE = {
-    "TIME": "time",
-    "QPOS": "qpos",
-    "QVEL": "qvel",
-    "ACT": "act",
-    "HISTORY": "history",
-    "WARMSTART": "qacc_warmstart",
-    "CTRL": "ctrl",
-    "QFRC_APPLIED": "qfrc_applied",
-    "XFRC_APPLIED": "xfrc_applied",
-    "EQ_ACTIVE": "eq_active",
-    "MOCAP_POS": "mocap_pos",
-    "MOCAP_QUAT": "mocap_quat",
-    "USERDATA": "userdata",
-    "PLUGIN": "plugin_state",
-    "PLASTIC": "plastic",
-}
-
-
+# Components of mjSTATE_INTEGRATION that are called otherwise than the MjData field with them.
+_FIELD_OF_STATE = {"WARMSTART": "qacc_warmstart", "PLUGIN": "plugin_state"}
 # Warnings after which a simulation is no longer the one asked for: numbers were huge or not finite,
 # so the engine started it anew, or ignored its controls.
 _DIVERGENCE = ("BADQPOS", "BADQVEL", "BADQACC", "BADCTRL")
+
+
+def members(enum: Any, prefix: str) -> dict[str, int]:
+    """Return the values of an enum of MuJoCo by their names, without the prefix of all."""
+    names = [name for name in dir(enum) if name.startswith(prefix)]
+    return {name.removeprefix(prefix): int(getattr(enum, name)) for name in names}
 
 
 @functools.cache
@@ -71,21 +59,18 @@ def restart(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray) -> No
 
 
 def state_columns(model: mujoco.MjModel, spec: int = INTEGRATION) -> dict[str, slice]:
-    """Return the columns of each MjData field in a state row of `spec`, in row order.
+    """Return the columns of each MjData field that is not empty in a state row of `spec`.
 
-    Keys are MjData field names (`qpos`, `qacc_warmstart`, ...); empty fields are left out. A row
-    holds the components in the order of their bits (mj_getState).
+    A row holds the components in the order of their bits (mj_getState).
     """
-    bits = {}
-    for attribute in dir(mujoco.mjtState):
-        if attribute.startswith("mjSTATE_"):
-            value = int(getattr(mujoco.mjtState, attribute))
-            if value & spec and value & (value - 1) == 0:
-                name = attribute.removeprefix("mjSTATE_")
-                bits[value] = _FIELD_OF_STATE.get(name, name.lower())
+    fields = {
+        bit: _FIELD_OF_STATE.get(name, name.lower())
+        for name, bit in members(mujoco.mjtState, "mjSTATE_").items()
+        if bit & spec and bit.bit_count() == 1
+    }
     columns, start = {}, 0
-    for value, field in sorted(bits.items()):
-        size = state_size(model, value)
+    for bit, field in sorted(fields.items()):
+        size = state_size(model, bit)
         if size:
             columns[field] = slice(start, start + size)
         start += size
@@ -95,8 +80,7 @@ def state_columns(model: mujoco.MjModel, spec: int = INTEGRATION) -> dict[str, s
 def physics_entries(model: mujoco.MjModel) -> np.ndarray:
     """Return (nphysics,) which entries of mjSTATE_INTEGRATION form mjSTATE_FULLPHYSICS."""
     columns = state_columns(model)
-    physics = state_columns(model, FULLPHYSICS)
-    return np.concatenate([np.r_[columns[name]] for name in physics])
+    return np.concatenate([np.r_[columns[name]] for name in state_columns(model, FULLPHYSICS)])
 
 
 def rollout_threads() -> bool:
@@ -106,13 +90,14 @@ def rollout_threads() -> bool:
     return hasattr(rollout, "Rollout")
 
 
+# Functions called `…_unavailable` say why something cannot be done here; None where it can.
+
+
 def _newer(version: str) -> str:
-    """Return which release would do, and how to have it."""
     return f"MuJoCo {version} or newer (pip install --upgrade mujoco)"
 
 
 def rollout_unavailable() -> str | None:
-    """Return why `mujoco.rollout` cannot run a full physics state here, or None if it can."""
     try:
         import inspect
 
@@ -125,17 +110,14 @@ def rollout_unavailable() -> str | None:
 
 
 def rollout_threads_unavailable() -> str | None:
-    """Return why `mujoco.rollout` has no threads here, or None if it has."""
     return None if rollout_threads() else f"needs a mujoco.rollout with threads: {_newer('3.2.7')}"
 
 
 def spec_unavailable() -> str | None:
-    """Return why a model cannot be built in Python here, or None if it can."""
     return None if hasattr(mujoco, "MjSpec") else f"needs MjSpec: {_newer('3.2.0')}"
 
 
 def threadpool_unavailable() -> str | None:
-    """Return why a simulation cannot have a thread pool of its own here, or None if it can."""
     if not hasattr(mujoco, "mju_threadpool"):
         return f"needs mju_threadpool: {_newer('3.10.0')}"
     return None
@@ -152,7 +134,6 @@ def timer(name: str) -> int | None:
 
 
 def batch_unavailable() -> str | None:
-    """Return why `mujoco.batch` cannot be used here, or None if it can."""
     try:
         from mujoco import batch  # noqa: F401
     except ImportError:
@@ -175,8 +156,7 @@ def line_search_iterations(data: mujoco.MjData) -> int:
     """Return the iterations of the longest line search of the last step; 0 without any.
 
     They are the cost evaluations of mjSolverStat, which `ls_iterations` bounds, by and large: there
-    are at least 2, and some releases add up to 2 at the end. Statistics are stored of the first
-    mjNSOLVER iterations of each of the first mjNISLAND islands.
+    are at least 2, and some releases add up to 2 at the end.
     """
     evaluations = np.array(data.solver.neval)
     slots = len(data.solver_niter) if hasattr(data, "solver_niter") else 1
@@ -191,11 +171,7 @@ def warning_counts(data: mujoco.MjData) -> np.ndarray:
 
 def warning_names() -> list[str]:
     """Return the names of mjtWarning in counter order, such as `BADQPOS`."""
-    names = {
-        int(getattr(mujoco.mjtWarning, name)): name.removeprefix("mjWARN_")
-        for name in dir(mujoco.mjtWarning)
-        if name.startswith("mjWARN_")
-    }
+    names = {number: name for name, number in members(mujoco.mjtWarning, "mjWARN_").items()}
     return [names.get(i, str(i)) for i in range(int(mujoco.mjtWarning.mjNWARNING))]
 
 
@@ -314,20 +290,14 @@ def _margins_add() -> bool:
 
 def enum_name(enum: Any, value: int, prefix: str) -> str:
     """Return the name of an enum's value without its prefix, such as `newton` for mjSOL_NEWTON."""
-    for name in dir(enum):
-        if name.startswith(prefix) and int(getattr(enum, name)) == int(value):
-            return name.removeprefix(prefix).lower()
-    return str(int(value))
+    names = {number: name.lower() for name, number in members(enum, prefix).items()}
+    return names.get(int(value), str(int(value)))
 
 
 def flag_enabled(model: mujoco.MjModel, name: str) -> bool | None:
-    """Return whether a flag of `<option><flag>` is enabled; None where this release lacks it.
+    """Return whether a flag of MJCF's `<flag>` is enabled; None where this release lacks it.
 
-    Some flags enabled a feature in older releases and disable it in newer ones; MJCF has one
-    name for both.
-
-    Args:
-      name: as MJCF has it, such as `multiccd`.
+    Some flags enabled a feature in older releases and disable it in newer ones.
     """
     disables = getattr(mujoco.mjtDisableBit, f"mjDSBL_{name.upper()}", None)
     if disables is not None:
@@ -348,15 +318,13 @@ def has_geom_distance() -> bool:
 
 
 def flag_names(model: mujoco.MjModel) -> list[str]:
-    """Return the names of the flags that are set in `opt.disableflags` and `opt.enableflags`."""
     flags = (
         (mujoco.mjtDisableBit, "mjDSBL_", int(model.opt.disableflags)),
         (mujoco.mjtEnableBit, "mjENBL_", int(model.opt.enableflags)),
     )
     return sorted(
-        name
+        f"{prefix}{name}"
         for enum, prefix, bits in flags
-        for name in dir(enum)
-        if name.startswith(prefix) and int(getattr(enum, name)).bit_count() == 1
-        if int(getattr(enum, name)) & bits
+        for name, bit in members(enum, prefix).items()
+        if bit.bit_count() == 1 and bit & bits
     )

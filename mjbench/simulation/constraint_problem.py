@@ -24,12 +24,7 @@ _LEAST_SHARE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """What a solver found.
-
-    Attributes:
-      qacc: (nv,) accelerations.
-      qfrc_constraint: (nv,) forces of constraints.
-    """
+    """What a solver came to: (nv,) accelerations, and forces of constraints."""
 
     qacc: np.ndarray
     qfrc_constraint: np.ndarray
@@ -98,14 +93,13 @@ class ConstraintProblem:
         return self._solution()
 
     def has_examples(self, contacts: Contacts) -> bool:
-        """Return whether C has met all pairs of geoms that touch, in any state so far.
-
-        Contacts of a flex do not say which of its parts touch, so that they have none.
-        """
         return bool(self.are_examples(contacts).all())
 
     def are_examples(self, contacts: Contacts) -> np.ndarray:
-        """Return (ncon,) the same of each contact."""
+        """Return (ncon,) whether C has met the pair of geoms that touch, in any state so far.
+
+        Contacts of a flex do not say which of its parts touch, so that they have none.
+        """
         pairs = contacts.geom.tolist()
         return np.array([tuple(pair) in self._examples for pair in pairs], dtype=bool)
 
@@ -175,7 +169,6 @@ class ConstraintProblem:
         return Solution(np.array(self._data.qacc), np.array(self._data.qfrc_constraint))
 
     def _as_c(self, contacts: Contacts) -> list[mujoco.MjContact]:
-        """Return contacts as C has them: geometry as given, parameters of C's own."""
         rows = []
         for i, pair in enumerate(contacts.geom.tolist()):
             example = self._examples[tuple(pair)]

@@ -33,7 +33,6 @@ class Contacts:
         return np.asarray(self.frame[:, 0])
 
     def counts(self, nbatch: int) -> np.ndarray:
-        """Return (nbatch,) how many contacts each simulation has."""
         return np.bincount(self.simulation, minlength=nbatch)
 
     def select(self, rows: np.ndarray) -> "Contacts":
@@ -67,11 +66,7 @@ class Contacts:
         position: ArrayLike,
         frame: ArrayLike,
     ) -> "Contacts":
-        """Return contacts with the lower geom first.
-
-        Args:
-          frame: as in MjContact: the normal points from geom 0 to geom 1.
-        """
+        """Return contacts with the lower geom first; the normals of `frame` point from geom 0."""
         pairs = np.asarray(geom, dtype=int).reshape(-1, 2)
         frames = np.array(frame, dtype=float).reshape(-1, 3, 3)
         is_swapped = pairs[:, 0] > pairs[:, 1]

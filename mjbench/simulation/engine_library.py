@@ -31,11 +31,7 @@ _PROTOTYPE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
 
 @functools.cache  # a timed block may ask for it
 def loaded() -> ctypes.CDLL:
-    """Return the library whose functions and variables `mujoco` uses.
-
-    Raises:
-      MachineError: it is not loaded from where the package has it.
-    """
+    """Return the library that `mujoco` uses; MachineError where it lies elsewhere than usual."""
     from mujoco import _functions
 
     # The library is not everywhere beside the extension modules, but they find its symbols.
@@ -55,9 +51,6 @@ def install_callback(model: "mujoco.MjModel", name: str) -> None:
     velocities. Each of the FUNCTIONS then computes what no step reads, or what is there already, so
     the step ends in the same state, to the last bit. Threads that step call it as well, and none of
     them waits for Python.
-
-    Args:
-      name: a C function that takes a model and its data.
 
     Raises:
       InputError: this release has no such function, or steps of the model call no callback.

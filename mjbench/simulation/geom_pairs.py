@@ -49,7 +49,7 @@ class GeomPairs:
 
 
 def colliding_geoms(model: mujoco.MjModel) -> np.ndarray:
-    """Return the indices of the geoms that collide, explicit pairs included; in rising order."""
+    """Return the indices of the geoms that collide, explicit pairs included."""
     collides = (np.asarray(model.geom_contype) | np.asarray(model.geom_conaffinity)) != 0
     collides[np.asarray(model.pair_geom1)] = True
     collides[np.asarray(model.pair_geom2)] = True
@@ -57,13 +57,12 @@ def colliding_geoms(model: mujoco.MjModel) -> np.ndarray:
 
 
 def read(model: mujoco.MjModel) -> GeomPairs:
-    """Return the pairs of geoms that the engine's filters let through."""
-    none = np.empty((0, 2), dtype=int)
     geoms = colliding_geoms(model)
-    if len(geoms) > MAX_GEOMS:
-        return GeomPairs(none, none, np.empty(0, dtype=bool), is_too_large=True)
-    if not compat.flag_enabled(model, "contact") or not compat.flag_enabled(model, "constraint"):
-        return GeomPairs(none, none, np.empty(0, dtype=bool))
+    is_too_large = len(geoms) > MAX_GEOMS
+    is_enabled = all(compat.flag_enabled(model, name) for name in ("contact", "constraint"))
+    if is_too_large or not is_enabled:
+        none = np.empty((0, 2), dtype=int)
+        return GeomPairs(none, none, np.empty(0, dtype=bool), is_too_large)
     first, second = (geoms[index] for index in np.triu_indices(len(geoms), k=1))
     body_of = np.asarray(model.geom_bodyid)
     passes = _compatible(model, first, second)
@@ -80,17 +79,13 @@ def are_planes(model: mujoco.MjModel) -> np.ndarray:
 
 
 def need_convex_collider(model: mujoco.MjModel, pairs: GeomPairs) -> bool:
-    kinds = mujoco.mjtGeom
-    own = {
-        frozenset((int(getattr(kinds, f"mjGEOM_{a}")), int(getattr(kinds, f"mjGEOM_{b}"))))
-        for a, b in _OWN_FUNCTION
-    }
-    plane = int(kinds.mjGEOM_PLANE)
+    numbers = compat.members(mujoco.mjtGeom, "mjGEOM_")
+    own = [{numbers[one], numbers[other]} for one, other in _OWN_FUNCTION]
     explicit = np.stack([np.asarray(model.pair_geom1), np.asarray(model.pair_geom2)], axis=1)
     types = np.asarray(model.geom_type)[np.concatenate([pairs.geoms, explicit]).astype(int)]
     return any(
-        plane not in (int(a), int(b)) and frozenset((int(a), int(b))) not in own
-        for a, b in np.unique(types, axis=0)
+        numbers["PLANE"] not in pair and set(pair) not in own
+        for pair in np.unique(types, axis=0).tolist()
     )
 
 

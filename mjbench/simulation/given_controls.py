@@ -29,7 +29,6 @@ class GivenControls:
         return int(self.sequences.shape[1]) * hold
 
     def check(self, nstep: int, hold: int) -> None:
-        """Refuse more steps than there are controls for."""
         most = self.most_nstep(hold)
         if nstep > most:
             count = self.sequences.shape[1]
@@ -41,7 +40,8 @@ class GivenControls:
 
     def of_simulations(self, nbatch: int, ncontrol: int) -> np.ndarray:
         """Return (nbatch, ncontrol, nu): simulation i takes sequence i, from the first on again."""
-        return self._of(np.arange(nbatch), ncontrol)
+        numbers = np.arange(nbatch) % len(self.sequences)
+        return np.ascontiguousarray(self.sequences[numbers, :ncontrol])
 
     def of_states(self, rows: np.ndarray, nrow: int, ncontrol: int) -> np.ndarray:
         """Return (nbatch, ncontrol, nu) controls of simulations that start from rows of a file.
@@ -50,12 +50,8 @@ class GivenControls:
         its state; otherwise as `of_simulations`.
         """
         if len(self.sequences) == nrow:
-            return self._of(rows, ncontrol)
+            return np.ascontiguousarray(self.sequences[rows, :ncontrol])
         return self.of_simulations(len(rows), ncontrol)
-
-    def _of(self, numbers: np.ndarray, ncontrol: int) -> np.ndarray:
-        controls = self.sequences[numbers % len(self.sequences), :ncontrol]
-        return np.ascontiguousarray(controls)
 
 
 def read(file: Path, model: mujoco.MjModel) -> GivenControls:
@@ -80,8 +76,7 @@ def _read_array(file: Path, name: str) -> np.ndarray:
     named = (content.arrays[name] for name in _NAMES if name in content.arrays)
     array = content.unnamed if content.unnamed is not None else next(named, None)
     if array is None:
-        has = shown(", ".join(content.names[:8])) if content.names else "nothing"
-        raise InputError(f"{name} has neither ctrl nor actions; it has {has}")
+        raise InputError(f"{name} has neither ctrl nor actions; it has {content.listing}")
     if capture_header.ARRAY in content.names:
         raise InputError(
             f"{name} holds captured states: give it to --states, which replays its controls"

@@ -21,13 +21,7 @@ STATE_SD = 1e-3
 
 
 def with_every_input(workload: Workload, seed: int) -> Workload:
-    """Return a workload whose start states have a non-trivial value in every input.
-
-    The inputs are those of mjSTATE_INTEGRATION that the model has: applied forces, poses of mocap
-    bodies, active equality constraints, user data, activations, and states of plugins. Time,
-    positions, velocities, warm-starts, controls, delayed signals and plastic deformation keep the
-    values to which the model has come.
-    """
+    """Return a workload whose start states have a non-trivial value in every input."""
     states = set_inputs(workload.model, workload.initial_state, seed)
     return dataclasses.replace(workload, initial_state=states, control=workload.control.copy())
 
@@ -35,28 +29,26 @@ def with_every_input(workload: Workload, seed: int) -> Workload:
 def set_inputs(
     model: mujoco.MjModel, states: np.ndarray, seed: int, fields: Collection[str] | None = None
 ) -> np.ndarray:
-    """Return states with a non-trivial value in every input; see `with_every_input`."""
+    """Return states with a non-trivial value in every input, or in those of some MjData fields."""
     rng, changed = np.random.default_rng([seed, 3]), states.copy()
     columns = compat.state_columns(model)
     for i, row in enumerate(changed):
         for field, place in columns.items():
-            if fields is None or field in fields:
-                row[place] = (
-                    _with_one_changed(row[place], i)
-                    if field == "eq_active"
-                    else _input_value(model, field, row[place], rng)
-                )
+            if field == "eq_active" and (fields is None or field in fields):
+                row[place] = _with_one_changed(row[place], i)
+            elif fields is None or field in fields:
+                noise = rng.standard_normal(row[place].shape)
+                row[place] = _input_value(model, field, row[place], noise)
     return changed
 
 
 def _input_value(
-    model: mujoco.MjModel, field: str, value: np.ndarray, rng: np.random.Generator
+    model: mujoco.MjModel, field: str, value: np.ndarray, noise: np.ndarray
 ) -> np.ndarray:
-    """Return a non-trivial value of a field; fields that have one already are returned as is."""
-    noise = rng.standard_normal(value.shape)
+    """Return a non-trivial value; time, positions, velocities, warm-starts and others have one."""
     match field:
         case "qfrc_applied":
-            return ACCELERATION_SD * np.asarray(model.dof_M0) * noise
+            return np.asarray(ACCELERATION_SD * np.asarray(model.dof_M0) * noise)
         case "xfrc_applied":
             mass = np.repeat(np.asarray(model.body_mass)[:, None], 3, axis=1)
             inertia = np.hstack([mass, np.asarray(model.body_inertia)])

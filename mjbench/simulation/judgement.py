@@ -185,7 +185,6 @@ class EngineJudgement:
         states: int = 0,
         contact_states: int = 0,
     ) -> "EngineJudgement":
-        """Return what parts come to together."""
         answer = worst(part.answer for part in parts)
         deciding = [part for part in parts if part.answer == answer != EngineAnswer.YES]
         return cls(
@@ -205,7 +204,6 @@ class EngineJudgement:
 
     @property
     def summary(self) -> str:
-        """What was judged, and what differs, in one line."""
         states = f"{self.states} states, {self.contact_states} in contact"
         return f"{self.reason or 'all parts agree'} ({states})"
 

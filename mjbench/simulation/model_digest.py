@@ -42,7 +42,7 @@ _DECIMALS = 6
 def model_digest(model: mujoco.MjModel) -> str:
     """Return 16 hexadecimal digits that name what decides the cost of a model's steps.
 
-    The names of elements and of the model's file do not count, nor does what is only drawn.
+    Names do not count, nor does what is only drawn.
     """
     content = hashlib.blake2b(digest_size=8)
     for name in _SIZES:

@@ -29,7 +29,6 @@ class ModelGuard:
         return self.difference(self._model)
 
     def check(self, culprit: str = "") -> None:
-        """Refuse a change of a field by a MachineError, which `culprit` begins."""
         if field := self.change():
             raise MachineError(f"{culprit}changes the model, which all paths share: {field}")
 
@@ -54,7 +53,6 @@ class ModelGuard:
 def _differing_field(
     changed: object, original: object, ignored: Collection[str] = ()
 ) -> str | None:
-    """Return the first attribute that differs; of options and statistics, with its group."""
     for name in dir(original):
         if name.startswith("_") or name in ignored:
             continue

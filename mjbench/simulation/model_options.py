@@ -9,6 +9,7 @@ from typing import Any
 import mujoco
 
 from mjbench.errors import InputError, one_line
+from mjbench.simulation import compat
 from mjbench.simulation.models import MAX_TIMESTEP_S, MIN_TIMESTEP_S
 
 # The engine's mjMAXVAL: it treats larger numbers as a sign of instability.
@@ -43,11 +44,7 @@ FIELDS = ("timestep", *ENUMS, *_COUNTS, *(n for n in _NUMBERS if n != "timestep"
 
 
 def check(field: str, text: str) -> None:
-    """Refuse what `field` cannot be in any release; names of an enum's values are not looked up.
-
-    Raises:
-      InputError: no such field, or it cannot have this value.
-    """
+    """Refuse what `field` cannot be in any release; names of an enum's values are not looked up."""
     if field not in FIELDS:
         raise InputError(f"no option {field!r}; the fields of MjOption are {', '.join(FIELDS)}")
     if field not in ENUMS or _is_number(text):
@@ -55,7 +52,6 @@ def check(field: str, text: str) -> None:
 
 
 def set_option(model: mujoco.MjModel, field: str, text: str) -> None:
-    """Set a field of `model.opt` to a number, or an enum's value by name; else InputError."""
     _set_field(model.opt, field, text)
 
 
@@ -74,11 +70,10 @@ def set_attribute(options: Any, name: str, text: str) -> None:
 def set_flag(options: Any, name: str, text: str) -> None:
     """Set the bit of an MjOption that stands for an attribute of MJCF's `<flag>`.
 
+    Some releases have it in `disableflags`, others in `enableflags` (`multiccd`), or in neither.
+
     Args:
       options: `opt` of an MjModel, or `option` of an MjSpec.
-      name: of the attribute, such as `island`. Its bit is in `disableflags` in some releases and in
-        `enableflags` in others (`multiccd`), or in none.
-      text: `enable` or `disable`.
     """
     if text not in ("enable", "disable"):
         raise InputError(f"flag {name}: {one_line(repr(text), 40)} is not enable or disable")
@@ -126,22 +121,14 @@ def _number(field: str, text: str) -> float:
 
 
 def _values(enum: tuple[str, str]) -> dict[str, int]:
-    kind, prefix = getattr(mujoco, enum[0]), enum[1]
-    names = [name for name in dir(kind) if name.startswith(prefix)]
-    values = {name.removeprefix(prefix): int(getattr(kind, name)) for name in names}
+    values = compat.members(getattr(mujoco, enum[0]), enum[1])
     return dict(sorted(values.items(), key=lambda item: item[1]))
 
 
 def _enum_value(field: str, text: str) -> int:
-    """Return the value of an enum by its number, or by its name in any case."""
     values = _values(ENUMS[field])
-    if _is_number(text):
-        value = int(_number(field, text))
-        known = value in values.values()
-    else:
-        value = values.get(text.upper(), -1)
-        known = value >= 0
-    if not known:
+    value = int(_number(field, text)) if _is_number(text) else values.get(text.upper(), -1)
+    if value not in values.values():
         allowed = ", ".join(f"{name} ({number})" for name, number in values.items())
         raise InputError(f"option {field}: {one_line(repr(text), 40)} is not one of {allowed}")
     return value

@@ -15,7 +15,7 @@ import json
 import os
 import re
 import stat
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -65,7 +65,6 @@ class ModelSource:
 
 
 def shipped_folder() -> Path:
-    """Return the folder of our own models: beside the package, or inside an installed one."""
     package = Path(__file__).resolve().parents[1]
     installed = package / "_models"
     return installed if installed.is_dir() else package.parent / "models"
@@ -76,10 +75,7 @@ def shipped() -> list[str]:
 
 
 def resolve(name: str) -> ModelSource:
-    """Return the source that `name` stands for.
-
-    A symbolic link stays as it is: MuJoCo looks for meshes beside the link, not beside its target.
-    """
+    """Return the source that `name` stands for; of a link, as MuJoCo finds meshes beside it."""
     if carried := _carried(name):
         return ModelSource(name, carried)
     if name in shipped():
@@ -124,7 +120,6 @@ def load(source: ModelSource) -> "mujoco.MjModel":
 
 
 def _advice(file: Path) -> str:
-    """Return how a file that MuJoCo cannot load may become one that it can; empty if unknown."""
     import mujoco
 
     if file.suffix.lower() == _COMPILED:
@@ -152,6 +147,40 @@ def save(model: "mujoco.MjModel", file: Path) -> None:
         raise MachineError(f"cannot write {file}: is the disk full?")
 
 
+def files_of(file: Path) -> tuple[str, ...]:
+    """Return the paths of a model's files: its own first, then those that it names and that exist.
+
+    An .mjb file names none. Releases without MjSpec or `mju_getXMLDependencies` (before 3.2.4) list
+    less.
+
+    Raises:
+      Exception: the model cannot be read; MuJoCo raises several types.
+    """
+    import mujoco
+
+    if file.suffix.lower() == _COMPILED:
+        return (str(file),)
+    # included files, and most assets
+    list_files = getattr(mujoco, "mju_getXMLDependencies", lambda name: ())
+    named = [str(file), *map(str, list_files(str(file))), *_assets(file)]
+    return tuple(dict.fromkeys(path for path in named if Path(path).is_file()))
+
+
+def _assets(file: Path) -> Iterator[str]:
+    """Yield assets, height fields from `meshdir`, as they are read (MuJoCo 3.14.0 and 4.0.0)."""
+    import mujoco
+
+    if not hasattr(mujoco, "MjSpec"):
+        return
+    spec = mujoco.MjSpec.from_file(str(file))
+    folders = {"meshes": spec.meshdir, "hfields": spec.meshdir, "skins": spec.meshdir}
+    for kind, below in {**folders, "textures": spec.texturedir}.items():
+        for asset in getattr(spec, kind, ()):
+            # a texture may have one for each side of a cube
+            names = [getattr(asset, "file", ""), *getattr(asset, "cubefiles", ())]
+            yield from (str(file.parent / below / str(name)) for name in names if name)
+
+
 def write_carried(file: Path, paths: Mapping[str, Path]) -> None:
     """Write the list of carried models: where each one's file is, by its name."""
     text = json.dumps({name: str(path.absolute()) for name, path in paths.items()})
@@ -173,7 +202,6 @@ def _carried(name: str) -> Path | None:
 
 
 def _expanded(name: str) -> Path:
-    """Return a name as a path; `~` stays where there is no home folder for it."""
     try:
         return Path(name).expanduser()
     except (RuntimeError, ValueError):  # no such user, or a NUL
@@ -233,7 +261,6 @@ def _missing_error(name: str, path: Path) -> InputError:
 
 
 def _in_package(package: str, name: str) -> Path:
-    """Return the file of a model inside an installed package, which is not imported."""
     parts = Path(name).parts
     package, *below = package.split(".")
     home, _ = _HOMES.get(package, ("", ""))
@@ -248,7 +275,7 @@ def _in_package(package: str, name: str) -> Path:
         if len(files) == 1:
             return files[0]
         if files:
-            choices = ", ".join(_relative(p, root) for p in files[:8])
+            choices = ", ".join(p.relative_to(root).as_posix() for p in files[:8])
             raise InputError(f"{package}:{shown(name)} is ambiguous, name one of: {choices}")
     names = sorted({p.stem for root in folders for p in _model_files(root / home, _SUFFIXES)})
     listing = f"; it has {', '.join(names[:40])}" if names else "; it ships no model file"
@@ -280,9 +307,8 @@ def _package_folders(package: str) -> list[Path]:
 def _search(folder: Path, tail: Sequence[str]) -> list[Path]:
     """Return the model files below `folder` that a name stands for, nearest to the folder first.
 
-    Args:
-      folder: may hold symbolic links to elsewhere, as some installers create them.
-      tail: the parts of the name, with or without a suffix.
+    The folder may hold symbolic links to elsewhere, as some installers create them. `tail` has the
+    parts of the name, with or without a suffix.
     """
     if not tail:
         return []
@@ -313,7 +339,3 @@ def _is_file(path: Path) -> bool:
         return path.is_file()
     except OSError:  # its name is too long, or a folder above it is closed to us
         return False
-
-
-def _relative(path: Path, root: Path) -> str:
-    return path.relative_to(root).as_posix()

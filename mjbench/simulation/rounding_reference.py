@@ -25,8 +25,7 @@ class ReferenceRun:
     Attributes:
       has_reset: whether an MjData must be reset between simulations.
       states: (nstep + 1, nbatch, nstate) rows of mjSTATE_INTEGRATION, with the start.
-      unconstrained_nstep: steps before the first on which a constraint acted in any simulation;
-        nstep if there was none.
+      unconstrained_nstep: see `Trajectory`.
       shadow: (nstep + 1,) largest difference of the shadow so far (see `differences`).
     """
 
@@ -44,9 +43,6 @@ class ReferenceSteps:
     """Single steps of C from states of a run; in every second one, each input has a value.
 
     Attributes:
-      state: (n, nstate) rows of mjSTATE_INTEGRATION to start from.
-      control: (n, nu).
-      after: (n, nstate) states after the step.
       is_constrained: (n,) bool: whether a constraint acted.
       shadow: (n,) difference of the shadow's step (see `differences`).
     """
@@ -67,7 +63,6 @@ class RoundingReference:
 
 
 def trace(workload: Workload, seed: int) -> RoundingReference:
-    """Return what C does with a workload; `seed` draws the directions of the shadow's moves."""
     model, columns = workload.model, compat.state_columns(workload.model)
     move = _ShadowMove(columns, seed)
     run = trajectory.record_trajectory(workload, workload.nbatch)
@@ -99,10 +94,7 @@ def trace(workload: Workload, seed: int) -> RoundingReference:
 def differences(
     states: np.ndarray, reference: np.ndarray, columns: Mapping[str, slice]
 ) -> np.ndarray:
-    """Return (n,) the largest difference of qpos, qvel and act, row by row.
-
-    It is relative to the largest entry of its field in that row, where that exceeds 1.
-    """
+    """Return (n,) the largest difference of qpos, qvel and act; see `agreement`."""
     got, want = (
         {field: rows[:, columns[field]] for field in COMPARED if field in columns}
         for rows in (states, reference)

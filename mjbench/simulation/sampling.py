@@ -8,7 +8,6 @@ import numpy as np
 
 from mjbench.errors import InputError
 from mjbench.simulation import given_controls, starts, state_file, work, workload
-from mjbench.simulation.capture_header import CaptureHeader
 from mjbench.simulation.given_controls import GivenControls
 from mjbench.simulation.starts import Later, SettleLimit, StartPlan, Starts, Window
 from mjbench.simulation.state_file import RecordedStates
@@ -30,7 +29,6 @@ class SampleRequest:
 
     Attributes:
       nstep: steps of each simulation that count.
-      max_settling_nstep: steps of the settling run at most; None for no bound.
       may_shorten: whether simulations may be shorter, where a file has too few controls.
       lead_in: steps before those that count (see `Workload`), a multiple of hold.
       perturbs: whether velocities along a settling run are perturbed, so that simulations differ
@@ -55,8 +53,6 @@ class SampleRequest:
 
 @dataclass(frozen=True, eq=False)
 class _Given:
-    """What the user's files hold; None where there is none."""
-
     states: RecordedStates | None
     controls: GivenControls | None
 
@@ -77,13 +73,10 @@ class _Given:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """A workload that was drawn.
+    """A workload without the simulations that diverge, and its reference run.
 
     Attributes:
-      workload: without diverged simulations.
-      observation: its reference run; warnings and `healthy` are those of all simulations.
       spread: factor on the noise of starts and controls; below 1 where more would diverge.
-      asleep_in_run: see `Window`.
     """
 
     workload: Workload
@@ -94,23 +87,16 @@ class Sample:
 
 
 def draw(model: mujoco.MjModel, request: SampleRequest) -> Sample:
-    """Return the workload with the widest spread of starts at which few simulations diverge.
-
-    A spread is accepted if at least a quarter of the simulations do not diverge. Where none is,
-    starts are keyframe 0.
-    """
+    """Return the workload with the widest spread of starts at which few simulations diverge."""
     workload.check_sizes(request.nbatch, request.nstep, request.hold)
     given = _Given.read(model, request.starts)
     most_nstep = given.most_nstep(request.nbatch, request.hold) if request.may_shorten else None
     if most_nstep is not None:
         most_nstep = max(request.hold, most_nstep - request.lead_in)
         request = replace(request, nstep=min(request.nstep, most_nstep))
-    best: Sample | None = None
-    for candidate in _candidates(model, request, given):
-        best = candidate
-        if candidate.workload.nbatch >= _LEAST_HEALTHY * request.nbatch:
+    for best in _candidates(model, request, given):  # one at least
+        if best.workload.nbatch >= _LEAST_HEALTHY * request.nbatch:
             break
-    assert best is not None, "starts at keyframe 0 and those of a file are always drawn"
     if best.workload.nbatch == 0:
         raise InputError(
             f"every simulation diverges ({best.observation.diagnosis()});"
@@ -159,15 +145,14 @@ def most_nstep(model: mujoco.MjModel, plan: StartPlan, nbatch: int, hold: int) -
 
 
 def settled_step_s(model: mujoco.MjModel) -> float:
-    """Return about how long one step takes in the model's typical regime, in seconds."""
     settle_s = starts.settle_s(model, StartPlan())
     nstep = starts.settle_nstep(model, settle_s, starts.max_settling_nstep(work.step_s(model)))
     settled = starts.settled(model, 1, nstep)
-    return work.step_s(model, None if settled is None else settled.states[0])
+    return work.step_s(model, None if settled is None else settled[0][0])
 
 
 def _candidates(model: mujoco.MjModel, request: SampleRequest, given: _Given) -> Iterator[Sample]:
-    """Yield workloads, the one that is most like what was asked for first."""
+    """Yield workloads, the one first that is most like what was asked for."""
     controls = given.controls
     if controls is not None:
         controls.check(request.total_nstep, request.hold)
@@ -194,19 +179,15 @@ def _settled(
     settled_s = nstep * float(model.opt.timestep)
     origin = Starts(settled_s, asked_s, limit, controls_file=_name(controls))
     nbatch, hold, seed = request.nbatch, request.hold, request.seed
-    ncontrol = request.total_nstep // hold
     for spread in SPREADS:
         settled = starts.settled(model, nbatch, nstep, hold, seed, spread, request.perturbs)
-        if settled is None:
-            continue
-        rng = np.random.default_rng([seed, 1])
-        control = workload.random_controls(model, nbatch, ncontrol, hold, rng, spread)
-        drawn = _controlled(Workload(model, settled.states, control, hold, seed), controls)
-        yield _sample(drawn, request.lead_in, spread, origin, settled.asleep)
+        if settled is not None:
+            states, asleep = settled
+            drawn = workload.starting(model, states, request.total_nstep, hold, seed, spread)
+            yield _sample(_controlled(drawn, controls), request.lead_in, spread, origin, asleep)
 
 
 def _controlled(drawn: Workload, controls: GivenControls | None) -> Workload:
-    """Return a workload with the user's own controls, where there are any."""
     if controls is None:
         return drawn
     return replace(drawn, control=controls.of_simulations(drawn.nbatch, drawn.ncontrol))
@@ -219,27 +200,21 @@ def _from_file(
     controls: GivenControls | None,
 ) -> Iterator[Sample]:
     header = recorded.header
+    # a warm-start is not held: each step leaves one, and mj_forward changes it in some releases
+    held = [each for each in header.changed_inputs if each != "qacc_warmstart"] if header else []
     origin = Starts(
         0.0,
         0.0,
         file=recorded.name,
         controls_file=_name(controls) or (recorded.name if recorded.replays else None),
         is_other_model=header is not None and not header.is_of(model),
-        held_inputs=_held_inputs(header) if header else (),
+        held_inputs=tuple(held),
     )
     nbatch, nstep, hold, seed = request.nbatch, request.total_nstep, request.hold, request.seed
     # controls of a file are not scaled
     for spread in SPREADS if origin.controls_file is None else SPREADS[:1]:
         drawn = state_file.draw(model, recorded, nbatch, nstep, hold, seed, spread, controls)
         yield _sample(drawn, request.lead_in, spread, origin)
-
-
-def _held_inputs(header: CaptureHeader) -> tuple[str, ...]:
-    """Return what a captured program set between steps, and simulations hold.
-
-    A warm start is not held: each step leaves one. mj_forward changes it in some releases.
-    """
-    return tuple(field for field in header.changed_inputs if field != "qacc_warmstart")
 
 
 def _name(controls: GivenControls | None) -> str | None:
@@ -249,6 +224,5 @@ def _name(controls: GivenControls | None) -> str | None:
 def _sample(
     drawn: Workload, lead_in: int, spread: float, origin: Starts, asleep: float | None = None
 ) -> Sample:
-    """Return a workload without the simulations that diverge."""
     healthy, observation = work.observe_healthy(replace(drawn, lead_in=lead_in))
     return Sample(healthy, observation, spread, origin, asleep)

@@ -20,6 +20,7 @@ from mjbench.simulation.workload import (
     START_VELOCITY_SD,
     random_controls,
     reset_to_start,
+    stepped,
     whole_holds,
 )
 
@@ -51,8 +52,7 @@ class StartPlan:
     """Where start states are to come from, and the controls that follow.
 
     Attributes:
-      settle_s: simulated seconds before the first start; 0 for keyframe 0 itself, None for the
-        model's default (see `settle_s`).
+      settle_s: simulated seconds before the first start; 0 for keyframe 0, None for the default.
     """
 
     settle_s: float | None = None
@@ -80,7 +80,6 @@ def start_plan(
 
 
 def _array_file(option: str, file: Path) -> Path:
-    """Return the absolute path of a file that holds arrays, as far as its first bytes tell."""
     label = f"{option} {shown(str(file))}"
     try:
         if not file.is_file():
@@ -176,7 +175,6 @@ def settling_nstep(model: mujoco.MjModel, plan: StartPlan) -> int:
 
 
 def max_settling_nstep(step_s: float) -> int:
-    """Return how many steps a settling run may have, at least 2, from the seconds of a step."""
     return max(2, int(MAX_SETTLING_S / step_s))
 
 
@@ -184,19 +182,6 @@ def settle_nstep(model: mujoco.MjModel, settle_s: float, max_nstep: int | None =
     """Return the steps for which a model settles: half of its run of `max_nstep` at most."""
     nstep = max(1, round(settle_s / float(model.opt.timestep)))
     return nstep if max_nstep is None else min(nstep, max(1, max_nstep // 2))
-
-
-@dataclass(frozen=True, eq=False)
-class SettledStates:
-    """Start states along a settling run.
-
-    Attributes:
-      states: (nbatch, nstate) rows of mjSTATE_INTEGRATION, in the order of time.
-      asleep: mean share of the model's trees that sleep there; None where sleeping is not enabled.
-    """
-
-    states: np.ndarray
-    asleep: float | None
 
 
 def settled(
@@ -207,7 +192,7 @@ def settled(
     seed: int = 0,
     spread: float = 1.0,
     perturbs: bool = True,
-) -> SettledStates | None:
+) -> tuple[np.ndarray, float | None] | None:
     """Return start states along a run of the model; None where the run diverges.
 
     Velocities of each may be perturbed by normal noise, so that simulations differ also where the
@@ -216,34 +201,28 @@ def settled(
 
     Args:
       settle_nstep: steps before the first; the run is twice as long.
-      spread: scales both; at 0 the controls are the keyframe's.
+      spread: scales noise and controls; at 0 the controls are the keyframe's.
+
+    Returns:
+      (nbatch, nstate) rows of mjSTATE_INTEGRATION, in the order of time; and the mean share of the
+      model's trees that sleep there, None where sleeping is not enabled.
     """
     after = settle_nstep + (np.arange(nbatch) * settle_nstep) // nbatch
     run = _settling_run(model, after, hold, seed, spread)
     if run is None:
         return None
-    states, is_asleep = run
-    rng, data = np.random.default_rng([seed, 0]), mujoco.MjData(model)
-    for row in states:
-        compat.restart(model, data, row)
-        if perturbs:
-            data.qvel[:] += spread * START_VELOCITY_SD * rng.standard_normal(model.nv)
-        mujoco.mj_step(model, data)
-        compat.get_state(model, data, row)
-    asleep = float(is_asleep.mean()) if is_asleep.size else None
-    return SettledStates(states, asleep)
+    states, asleep = run
+    if perturbs:
+        noise = np.random.default_rng([seed, 0]).standard_normal((nbatch, model.nv))
+        qvel = compat.state_columns(model)["qvel"]
+        states[:, qvel] += spread * START_VELOCITY_SD * noise
+    return stepped(model, states), asleep
 
 
 def _settling_run(
     model: mujoco.MjModel, after: np.ndarray, hold: int, seed: int, spread: float
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return states of one run after ascending numbers of steps, and which trees sleep there.
-
-    None stands for a run that diverges.
-
-    Returns:
-      (nbatch, nstate) rows, and (nbatch, ntree) bool; ntree is 0 where sleeping is not enabled.
-    """
+) -> tuple[np.ndarray, float | None] | None:
+    """Return what `settled` does, as it is after ascending numbers of steps."""
     data = mujoco.MjData(model)
     nstep = whole_holds(int(after[-1]), hold) + hold
     rng = np.random.default_rng([seed, 2])
@@ -262,4 +241,4 @@ def _settling_run(
     diverged = compat.warning_counts(data)[compat.divergence_warnings()].any()
     if diverged or not np.isfinite(states).all():
         return None
-    return states, np.array(is_asleep)
+    return states, float(np.mean(is_asleep)) if compat.has_sleep(model) else None

@@ -60,10 +60,7 @@ class RecordedStates:
         return 1 if "qacc_warmstart" in self.fields else 2
 
     def followed(self, nstep: int, hold: int) -> np.ndarray:
-        """Return the rows after which there are controls for `nstep` steps, each held for `hold`.
-
-        All rows, where controls are not replayed.
-        """
+        """Return the rows after which the file has controls for so many steps, or needs none."""
         rows = np.arange(self.nrow)
         if not self.replays:
             return rows
@@ -72,13 +69,10 @@ class RecordedStates:
         return np.asarray(rows[self.segment[rows] == self.segment[rows + count]])
 
     def most_nstep(self, nstart: int, hold: int) -> int | None:
-        """Return how many steps of simulations the file has controls for; None for any number.
+        """Return a multiple of `hold`: steps that the file has controls for; None for any number.
 
         From that many steps on, there would be fewer than `nstart` starts (or than half of all, in
         a short file), or half of its steps would be in segments too short to start from.
-
-        Args:
-          hold: the number is a multiple of it, and at least that.
         """
         if not self.replays:
             return None
@@ -128,8 +122,7 @@ def read(file: Path, model: mujoco.MjModel) -> RecordedStates:
         header.check(model, name)
     segment = arrays.pop(capture_header.SEGMENT_ARRAY, None)
     if "qpos" not in arrays:
-        has = shown(", ".join(content.names[:8])) if content.names else "nothing"
-        raise InputError(f"{name} has no qpos, which start states need; it has {has}")
+        raise InputError(f"{name} has no qpos, which start states need; it has {content.listing}")
     fields = {field: _rows(name, field, values, columns[field]) for field, values in arrays.items()}
     nrow = len(fields["qpos"])
     for field, rows in fields.items():
@@ -141,7 +134,6 @@ def read(file: Path, model: mujoco.MjModel) -> RecordedStates:
 
 
 def _checked_segment(name: str, segment: np.ndarray | None, nrow: int) -> np.ndarray:
-    """Return the number of each row's segment, (nrow,) whole numbers that never decrease."""
     if (
         segment is None
         or segment.shape != (nrow,)
@@ -167,7 +159,6 @@ def _segments_by_time(
 
 
 def _rows(name: str, field: str, values: np.ndarray, place: slice) -> np.ndarray:
-    """Return (nrow, size) numbers of a field."""
     size = place.stop - place.start
     if values.ndim == 0 or len(values) == 0:
         raise InputError(f"{name}: {field} has no rows")
@@ -207,24 +198,12 @@ def draw(
     starts = workload.states(model, {k: rows[chosen] for k, rows in recorded.fields.items()})
     if recorded.first == 2:
         following = recorded.fields["ctrl"][chosen + 1] if replays else None
-        _step_once(model, starts, following)
+        starts = workload.stepped(model, starts, following)
     if given is not None:
         control = given.of_states(chosen, recorded.nrow, nstep // hold)
     elif replays:
         steps = recorded.first + np.arange(0, nstep, hold)
         control = recorded.fields["ctrl"][chosen[:, None] + steps]
     else:
-        noise = np.random.default_rng([seed, 1])
-        control = workload.random_controls(model, nbatch, nstep // hold, hold, noise, spread)
+        return workload.starting(model, starts, nstep, hold, seed, spread)
     return Workload(model, starts, np.ascontiguousarray(control), hold, seed)
-
-
-def _step_once(model: mujoco.MjModel, states: np.ndarray, control: np.ndarray | None) -> None:
-    """Step each of (nbatch, nstate) states once, in place, with (nbatch, nu) controls if given."""
-    data = mujoco.MjData(model)
-    for i, row in enumerate(states):
-        compat.restart(model, data, row)
-        if control is not None:
-            data.ctrl[:] = control[i]
-        mujoco.mj_step(model, data)
-        compat.get_state(model, data, row)

@@ -25,12 +25,9 @@ MAX_SINGLE_STEPS = 256
 
 @dataclass(frozen=True, eq=False)
 class SingleSteps:
-    """Single steps of the reference engine.
+    """Single steps of the reference engine: (n, nstate) states before and after each.
 
     Attributes:
-      state: (n, nstate) rows of mjSTATE_INTEGRATION to start from.
-      control: (n, nu).
-      after: (n, nstate) states after the step.
       constraints: (n,) scalar constraints.
     """
 
@@ -60,10 +57,9 @@ class Trajectory:
 def record_trajectory(
     workload: Workload, nsim: int, change: Callable[[np.ndarray], np.ndarray] | None = None
 ) -> Trajectory:
-    """Run simulations in C and return all their states.
+    """Run at most `nsim` simulations in C, with the first and the last; return all their states.
 
     Args:
-      nsim: simulations, with the first and the last; at most all.
       change: changes states and controls before every step, for a shadow.
     """
     model, data = workload.model, mujoco.MjData(workload.model)
@@ -101,7 +97,6 @@ def single_steps(
 
     Args:
       rounded: round states and controls to float32 first, as an engine in float32 does.
-      inputs_to_set: MjData fields.
     """
     nstep = workload.nstep
     chosen = spread_indices(len(trajectory.states) * nstep, max_count)
@@ -119,7 +114,6 @@ def single_steps(
 
 
 def take_steps(model: mujoco.MjModel, state: np.ndarray, control: np.ndarray) -> SingleSteps:
-    """Take one step in C from each row of `state`, with its row of `control`."""
     data, after = mujoco.MjData(model), np.empty_like(state)
     constraints, contacts = np.zeros(len(state), dtype=int), []
     for i in range(len(state)):

@@ -68,7 +68,7 @@ class Work:
 
 @dataclass(frozen=True)
 class Peaks:
-    """The most of a simulation in any step of the reference run: fixed buffers must hold them."""
+    """The most of any simulation in any step of the reference run: fixed buffers must hold them."""
 
     contacts: int
     constraints: int
@@ -76,17 +76,15 @@ class Peaks:
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """The reference run of a workload.
+    """The reference run of a workload; see `Window` for what is not here.
 
     Attributes:
-      final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION after the last step.
+      final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION.
       warnings: (nbatch, nwarning) how often each simulation raised each mjtWarning.
       healthy: (nbatch,) bool: simulations that raised no warning of a bad state and ended in a
         finite one; the others are called diverged.
       work: mean over the steps of the healthy simulations.
       summed_iterations: solver iterations of a step, summed over constraint islands.
-      solver_limited: share of the steps whose solver stopped at its limit of iterations.
-      asleep: mean share of the model's trees that slept; None where sleeping is not enabled.
     """
 
     final_state: np.ndarray
@@ -173,9 +171,9 @@ def observe(workload: Workload) -> Observation:
 
 
 def observe_healthy(workload: Workload) -> tuple[Workload, Observation]:
-    """Return a workload and its reference run, both without the simulations that diverge.
+    """Return a workload and its reference run without the simulations that diverge.
 
-    The observation's warnings, and which simulations are healthy, are still those of all.
+    The observation's `warnings` and `healthy` are still those of all.
     """
     observation = observe(workload)
     final_state = np.ascontiguousarray(observation.final_state[observation.healthy])
@@ -206,14 +204,7 @@ def step_s(model: mujoco.MjModel, state: np.ndarray | None = None) -> float:
 
 
 def states_after(workload: Workload, nsteps: Sequence[int]) -> np.ndarray:
-    """Return states of a workload, stepped the plain way, after some numbers of steps.
-
-    Args:
-      nsteps: ascending; 0 is the start, `workload.nstep` the end.
-
-    Returns:
-      (len(nsteps), nbatch, nstate) rows of mjSTATE_INTEGRATION.
-    """
+    """Return (npoint, nbatch, nstate) states of a workload after ascending numbers of steps."""
     model, data = workload.model, mujoco.MjData(workload.model)
     states = np.empty((len(nsteps), *workload.initial_state.shape))
     for i, start in enumerate(workload.initial_state):
@@ -246,26 +237,11 @@ def step_outputs(workload: Workload) -> StepOutputs:
     return outputs
 
 
-def one_step(model: mujoco.MjModel, states: np.ndarray) -> dict[str, np.ndarray]:
-    """Return qpos, qvel and act, each (n, size), one step after each of (n, nstate) states."""
-    data = mujoco.MjData(model)
-    after: dict[str, list[np.ndarray]] = {"qpos": [], "qvel": [], "act": []}
-    for row in states:
-        compat.restart(model, data, row)
-        mujoco.mj_step(model, data)
-        for field, values in after.items():
-            values.append(np.array(getattr(data, field)))
-    return {field: np.array(values) for field, values in after.items()}
-
-
 def describe(model: mujoco.MjModel) -> ModelFacts:
     data = start_data(model)
     mujoco.mj_forward(model, data)
     return ModelFacts(
-        nq=int(model.nq),
-        nv=int(model.nv),
-        nu=int(model.nu),
-        na=int(model.na),
+        **{name: int(getattr(model, name)) for name in ("nq", "nv", "nu", "na")},
         contacts=int(data.ncon),
         constraints=int(data.nefc),
         timestep=float(model.opt.timestep),
@@ -324,12 +300,11 @@ def _can_fall(model: mujoco.MjModel) -> bool:
 def _count_steps(
     model: mujoco.MjModel, data: mujoco.MjData, control: np.ndarray, hold: int
 ) -> np.ndarray:
-    """Step one simulation through (ncontrol, nu) controls, each held for `hold` steps.
+    """Step one simulation through its controls; return (nstep, _NCOUNTER) counters.
 
-    Returns:
-      (nstep, _NCOUNTER) contacts, scalar constraints, solver iterations of each step (those of the
-      constraint island with the most, and those of all), whether an island reached the limit of
-      iterations, and the share of trees that slept.
+    They are contacts, scalar constraints, solver iterations (those of the constraint island with
+    the most, and those of all), whether an island reached the limit of iterations, and the share of
+    trees that slept.
     """
     counters, limit = [], int(model.opt.iterations) or np.inf
     for ctrl in control:

@@ -9,11 +9,12 @@ such runs drift apart says little, because contact multiplies any difference of 
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from mjbench.simulation import agreement, workload
-from mjbench.simulation.work import one_step, states_after
+from mjbench.simulation.work import states_after
 from mjbench.simulation.workload import PortableWorkload, Workload
 
 # Simulations that are recorded, at most: the first ones of the workload.
@@ -53,10 +54,7 @@ class RunDrift:
 
 @dataclass(frozen=True)
 class StateDrift:
-    """How far two targets differ.
-
-    A difference is relative to the largest magnitude of its field in the baseline's run, or to
-    `agreement.LEAST_SCALE` if that is more.
+    """How far two targets differ, in units of `agreement.field_scales` of the baseline's run.
 
     Attributes:
       one_step: the largest after one step from the same states, at any point of the run.
@@ -82,12 +80,11 @@ def portable(drawn: Workload) -> PortableWorkload:
 
 
 def follow(own: Workload, probe: Fields) -> Followed:
-    """Return what a target does from the probe of the target that drew the workload."""
     model, nsteps = own.model, points(own.nstep)
     states = states_after(_probed(own), nsteps)
     run = workload.fields(model, states.reshape(-1, states.shape[2]))
-    stepped = one_step(model, workload.states(model, probe))
-    compared = [field for field, rows in stepped.items() if rows.size]
+    stepped = workload.fields(model, workload.stepped(model, workload.states(model, probe)))
+    compared = [field for field in ("qpos", "qvel", "act") if field in stepped]
 
     def by_point(rows: np.ndarray) -> np.ndarray:
         return rows.reshape(len(nsteps), -1, rows.shape[1])
@@ -113,30 +110,23 @@ def drift(
     nprobe = next(iter(baseline.stepped.values())).shape[1]
     keep = np.flatnonzero(is_compared[:nprobe])
     scales = agreement.field_scales(baseline.run)
-    one_step = agreement.drift(_of(candidate.stepped, keep), _of(baseline.stepped, keep), scales)
-    if not start_alike:
-        return StateDrift(one_step)
-    runs = tuple(
-        RunDrift(
-            nstep,
-            agreement.drift(
-                {field: values[i, keep] for field, values in candidate.run.items()},
-                {field: values[i, keep] for field, values in baseline.run.items()},
-                scales,
-            ),
-        )
-        for i, nstep in enumerate(baseline.nsteps)
-        if nstep > 0
-    )
-    return StateDrift(one_step, runs)
+
+    kept = np.s_[:, keep]
+    one_step = agreement.drift(_of(candidate.stepped, kept), _of(baseline.stepped, kept), scales)
+    runs = []
+    for i, nstep in enumerate(baseline.nsteps):
+        if start_alike and nstep > 0:
+            after, reference = _of(candidate.run, (i, keep)), _of(baseline.run, (i, keep))
+            runs.append(RunDrift(nstep, agreement.drift(after, reference, scales)))
+    return StateDrift(one_step, tuple(runs))
 
 
 def _probed(drawn: Workload) -> Workload:
     return drawn.only(np.arange(drawn.nbatch) < NPROBE)
 
 
-def _of(fields: Fields, simulations: np.ndarray) -> Fields:
-    return {field: values[:, simulations] for field, values in fields.items()}
+def _of(fields: Fields, rows: tuple[Any, ...]) -> Fields:
+    return {field: values[rows] for field, values in fields.items()}
 
 
 def _shapes(followed: Followed) -> Mapping[str, tuple[int, ...]]:

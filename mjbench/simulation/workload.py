@@ -114,12 +114,7 @@ class Workload:
         )
 
     def returning(self, returns: Product) -> "Workload":
-        return dataclasses.replace(
-            self,
-            initial_state=self.initial_state.copy(),
-            control=self.control.copy(),
-            returns=returns,
-        )
+        return dataclasses.replace(self.first(self.ncontrol), returns=returns)
 
     def first(self, ncontrol: int) -> "Workload":
         return dataclasses.replace(
@@ -132,10 +127,8 @@ class StepOutputs:
     """What a run returns of every step.
 
     Attributes:
-      state: (nbatch, nstep, nphysics) rows of mjSTATE_FULLPHYSICS after each step; None where a
-        run returns final states alone.
-      sensordata: (nbatch, nstep, nsensordata), as each step leaves it; None where a run does not
-        return it.
+      state: (nbatch, nstep, nphysics) rows of mjSTATE_FULLPHYSICS after each step.
+      sensordata: (nbatch, nstep, nsensordata), as each step leaves it.
     """
 
     state: np.ndarray | None
@@ -146,11 +139,9 @@ class StepOutputs:
         if workload.returns == Product.FINAL:
             return cls(None, None)
         model, shape = workload.model, (workload.nbatch, workload.nstep)
-        nphysics = compat.state_size(model, compat.FULLPHYSICS)
-        state = np.empty((*shape, nphysics))
-        if workload.returns == Product.TRAJECTORY:
-            return cls(state, None)
-        return cls(state, np.empty((*shape, model.nsensordata)))
+        state = np.empty((*shape, compat.state_size(model, compat.FULLPHYSICS)))
+        has_sensors = workload.returns == Product.SENSORS
+        return cls(state, np.empty((*shape, model.nsensordata)) if has_sensors else None)
 
     @property
     def arrays(self) -> list[np.ndarray]:
@@ -163,10 +154,8 @@ class StepOutputs:
 
     def part(self, rows: slice) -> "StepOutputs":
         """Return the arrays of some simulations, which share their memory with these."""
-        state, sensordata = self.state, self.sensordata
-        return StepOutputs(
-            None if state is None else state[rows], None if sensordata is None else sensordata[rows]
-        )
+        arrays = (self.state, self.sensordata)
+        return StepOutputs(*(None if array is None else array[rows] for array in arrays))
 
     def clear(self) -> None:
         for array in self.arrays:
@@ -190,21 +179,21 @@ def make(
 
     Starts are keyframe 0 (the model's defaults if it has none), perturbed in position and velocity
     and then stepped once. So the warm-start is that of the previous state, as in any simulation;
-    the solution itself would be no test, since a cold start finds it too. Controls are smooth noise
-    within the control range. The same arguments give the same workload.
-
-    Args:
-      spread: scales the perturbations and the noise; at 0 every simulation is the keyframe.
+    the solution itself would be no test, since a cold start finds it too. `spread` scales the
+    perturbations and the noise of the controls; at 0 every simulation is the keyframe.
     """
     check_sizes(nbatch, nstep, hold)
-    starts, controls = np.random.default_rng([seed, 0]), np.random.default_rng([seed, 1])
-    return Workload(
-        model=model,
-        initial_state=_starts(model, nbatch, starts, spread),
-        control=random_controls(model, nbatch, nstep // hold, hold, controls, spread),
-        hold=hold,
-        seed=seed,
-    )
+    states = _starts(model, nbatch, np.random.default_rng([seed, 0]), spread)
+    return starting(model, states, nstep, hold, seed, spread)
+
+
+def starting(
+    model: mujoco.MjModel, states: np.ndarray, nstep: int, hold: int, seed: int, spread: float
+) -> Workload:
+    """Return a workload from (nbatch, nstate) states, with random controls."""
+    rng = np.random.default_rng([seed, 1])
+    control = random_controls(model, len(states), nstep // hold, hold, rng, spread)
+    return Workload(model, states, control, hold, seed)
 
 
 def draw_order(nbatch: int, rng: np.random.Generator) -> np.ndarray:
@@ -225,11 +214,7 @@ def check_sizes(nbatch: int, nstep: int, hold: int) -> None:
 
 
 def fields(model: mujoco.MjModel, states: np.ndarray) -> dict[str, np.ndarray]:
-    """Return states split by MjData field, each (nbatch, size): the same in every release.
-
-    Args:
-      states: (nbatch, nstate) rows of mjSTATE_INTEGRATION, whose layout differs between releases.
-    """
+    """Return (nbatch, nstate) states split by MjData field: (nbatch, size), in every release."""
     columns = compat.state_columns(model)
     return {field: np.array(states[:, place]) for field, place in columns.items()}
 
@@ -258,11 +243,9 @@ class PortableWorkload:
 
     Attributes:
       fields: the start states by MjData field, each (nbatch, size).
-      control: (nbatch, ncontrol, nu).
       final_state: (nbatch, nstate) states to reach, as rows of mjSTATE_INTEGRATION in the release
         that runs them; None where nothing is compared.
-      probe: states along some simulations, by MjData field (see `work_check.probe`); None where no
-        steps are compared.
+      probe: states along some simulations (see `work_check.probe`); None where none are compared.
     """
 
     fields: Mapping[str, np.ndarray]
@@ -292,7 +275,6 @@ def whole_holds(nstep: int, hold: int) -> int:
 
 
 def portable(workload: Workload) -> PortableWorkload:
-    """Return a workload in the form that `restore` turns back into one, in any release."""
     start = fields(workload.model, workload.initial_state)
     return PortableWorkload(start, workload.control, workload.hold, lead_in=workload.lead_in)
 
@@ -314,11 +296,24 @@ def start_data(model: mujoco.MjModel) -> mujoco.MjData:
 
 
 def reset_to_start(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Reset `data` to keyframe 0, or to the model's defaults if it has none."""
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, 0)
     else:
         mujoco.mj_resetData(model, data)
+
+
+def stepped(
+    model: mujoco.MjModel, states: np.ndarray, control: np.ndarray | None = None
+) -> np.ndarray:
+    """Return (n, nstate) states one step later, by (n, nu) controls or those of the states."""
+    data, after = mujoco.MjData(model), np.empty_like(states)
+    for i, row in enumerate(states):
+        compat.restart(model, data, row)
+        if control is not None:
+            data.ctrl[:] = control[i]
+        mujoco.mj_step(model, data)
+        compat.get_state(model, data, after[i])
+    return after
 
 
 def _starts(
@@ -344,10 +339,7 @@ def random_controls(
     rng: np.random.Generator,
     spread: float,
 ) -> np.ndarray:
-    """Return (nbatch, ncontrol, nu) random controls around those of the start.
-
-    They are an Ornstein-Uhlenbeck process, clipped to the control range.
-    """
+    """Return (nbatch, ncontrol, nu) controls: an Ornstein-Uhlenbeck process around the start's."""
     if model.nu == 0:
         return np.zeros((nbatch, ncontrol, 0))
     centre = np.array(start_data(model).ctrl)

@@ -20,7 +20,6 @@ def replacing(file: Path) -> Iterator[Path]:
 
 
 def create_beside(file: Path) -> Path:
-    """Return a new, empty file in the folder of another, whose place it can take."""
     descriptor, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
     os.close(descriptor)
     return Path(name)
@@ -28,14 +27,11 @@ def create_beside(file: Path) -> Path:
 
 def put_in_place(partial: Path, file: Path) -> None:
     """Rename a complete file to `file`, with the permissions of the one that it replaces."""
-    partial.chmod(_permissions(file))
-    partial.replace(file)
-
-
-def _permissions(file: Path) -> int:
     try:
-        return stat.S_IMODE(file.stat().st_mode)
+        permissions = stat.S_IMODE(file.stat().st_mode)
     except FileNotFoundError:
         mask = os.umask(0)
         os.umask(mask)
-        return 0o666 & ~mask
+        permissions = 0o666 & ~mask
+    partial.chmod(permissions)
+    partial.replace(file)

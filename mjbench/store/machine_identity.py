@@ -36,12 +36,7 @@ class MachineKind:
 
 @dataclass(frozen=True)
 class MachineIdentity:
-    """One machine among those of some runs.
-
-    Attributes:
-      name: short, and of no other machine among them.
-      host: see `machine.host_hash`; empty where there is a label.
-    """
+    """One machine among those of some runs, with its own name; one with a label has no host."""
 
     name: str
     kind: MachineKind
@@ -63,16 +58,13 @@ class RunSoftware:
         return cls(machine.python, versions, flags)
 
     def items(self) -> tuple[tuple[str, str], ...]:
-        """Return names with values; `Python` is one of them."""
         return (*self.versions, ("Python", self.python), *self.flags)
 
 
 def identify(machines: Sequence[Machine]) -> list[MachineIdentity]:
     """Return the identity of each machine of some runs; equal ones are the same machine.
 
-    Args:
-      machines: all of them, since names depend on which others there are. Machines that share a
-        name get letters in this order.
+    Names depend on which others there are. Machines that share a name get letters in their order.
     """
     unnamed = [_identity(machine) for machine in machines]
     known = list(dict.fromkeys(u for u in unnamed if u.label or u.host))
@@ -154,18 +146,13 @@ def _same_name(names: dict[MachineIdentity, str]) -> list[list[MachineIdentity]]
 
 
 def short_cpu_name(cpu: str) -> str:
-    """Return a processor's name without what does not tell it apart, such as its clock."""
     return " ".join(_NOT_THE_MODEL.sub(" ", cpu).split()) or cpu or "unknown processor"
 
 
 def _letters(number: int) -> str:
     """Return A, B, …, Z, AA, AB, … for 0, 1, 2 and so on."""
-    text = ""
-    number += 1
-    while number:
-        number, digit = divmod(number - 1, 26)
-        text = chr(ord("A") + digit) + text
-    return text
+    before, digit = divmod(number, 26)
+    return (_letters(before - 1) if before else "") + chr(ord("A") + digit)
 
 
 # What tells machines of one name apart, tried in turn.

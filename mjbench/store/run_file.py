@@ -93,7 +93,6 @@ def _open_new(folder: Path, command: str) -> tuple[Path, TextIO]:
 
 
 def _link(path: Path, name: Path) -> None:
-    """Give a file a second name, which may be another file's until now."""
     name.unlink(missing_ok=True)
     try:
         name.hardlink_to(path)
@@ -128,10 +127,7 @@ def _discard(path: Path, file: TextIO) -> None:
 
 
 def check_continues(path: Path, stored: RunHeader, now: RunHeader) -> None:
-    """Refuse to continue a run with another command, other arguments, files, or on another machine.
-
-    The message names the first difference between its header and that of a new run.
-    """
+    """Refuse to continue a run by another command, with other files, or on another machine."""
     for name, contents in _contents(now.files).items():
         if _contents(stored.files).get(name) not in (None, contents):
             raise InputError(
@@ -148,7 +144,7 @@ def check_continues(path: Path, stored: RunHeader, now: RunHeader) -> None:
 
 
 def _identity(header: RunHeader, other: RunHeader) -> dict[str, Any]:
-    """Return what must be the same for records to stand side by side, by a name for people."""
+    """Return what must be the same for records to stand side by side."""
     machine = header.machine
     return {
         "the command": header.command,

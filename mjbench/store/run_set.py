@@ -66,7 +66,6 @@ class RunSection:
 
     @functools.cached_property
     def sha256(self) -> str:
-        """Of the lines, in hexadecimal; sections with equal ones are the same."""
         return hashlib.sha256(b"".join(self.lines)).hexdigest()
 
     def continues(self, other: "RunSection") -> bool:
@@ -173,25 +172,17 @@ class RunSetFile:
 
 
 def read(path: Path, record_types: Mapping[str, type]) -> RunSet:
-    """Read a run set, or a run file as a set of one section.
-
-    Raises:
-      InputError: neither of them, one of another format, a section that is not what was written, or
-        a record that does not fit its type.
-    """
+    """Read a run set, or a run file as a set of one section; InputError for what is neither."""
     lines = read_lines(path)
     if not lines or not _OWN_LINE.match(lines[0]):
         section = _section(path, lines, record_types)
         return RunSet((section,), section.run.is_torn, is_run_file=True)
-    spans, end = _spans(path, lines)
-    sections = [
-        RunSection(
-            printable(span.header.cell),
-            parse(path, lines[span.begin : span.end], record_types, span.begin + 1, False),
-            tuple(lines[span.begin : span.end]),
-        )
-        for span in spans
-    ]
+    headers, end = _headers(path, lines)
+    sections = []
+    for begin, header in headers.items():
+        own = lines[begin : begin + header.lines]
+        run = parse(path, own, record_types, begin + 1, may_be_torn=False)
+        sections.append(RunSection(printable(header.cell), run, tuple(own)))
     return RunSet(tuple(sections), end < len(lines))
 
 
@@ -208,12 +199,11 @@ def load_files(
 
 @dataclass(frozen=True)
 class Merged:
-    """What a merge came to.
+    """The runs of a set after a merge, each once, and what became of the sections of the inputs.
 
     Attributes:
-      runs: of the set afterwards, each once.
-      repeated: sections of the inputs that the set had already.
-      earlier: sections that are an earlier state of a run in the set.
+      repeated: that the set had already.
+      earlier: that are an earlier state of a run in the set.
       torn: inputs whose last section was cut short, and left out.
     """
 
@@ -225,10 +215,7 @@ class Merged:
 
 
 def merge(inputs: Sequence[Path], output: Path, record_types: Mapping[str, type]) -> Merged:
-    """Append the runs of run files and sets to a set, which is created where there is none.
-
-    All inputs are read before anything is written; the output may be one of them.
-    """
+    """Append the runs of run files and sets to a set, which may be one of them, or be new."""
     contents = [read(path, record_types) for path in inputs]
     given = [section for content in contents for section in content.sections]
     # not Path.exists, which fails where a name is too long; create has a message for that
@@ -251,15 +238,6 @@ def merge(inputs: Sequence[Path], output: Path, record_types: Mapping[str, type]
         earlier=len(new) - len(added),
         torn=tuple(path for path, each in zip(inputs, contents, strict=True) if each.is_torn),
     )
-
-
-@dataclass(frozen=True)
-class _Span:
-    """Where a section's lines are in a file: from `begin` to before `end`, counted from 0."""
-
-    header: SectionHeader
-    begin: int
-    end: int
 
 
 def _section(path: Path, lines: Sequence[bytes], record_types: Mapping[str, type]) -> RunSection:
@@ -290,19 +268,19 @@ def _begin_or_repair(path: Path, file: FileIO) -> None:
         file.truncate(0)  # the writer was killed before it had written the first line
         _write(file, first)
         return
-    _, end = _spans(path, lines)
+    _, end = _headers(path, lines)
     if end < len(lines):
         file.truncate(sum(map(len, lines[:end])))
 
 
-def _spans(path: Path, lines: Sequence[bytes]) -> tuple[list[_Span], int]:
-    """Return where the sections of a set are, and how many lines precede an unfinished one."""
+def _headers(path: Path, lines: Sequence[bytes]) -> tuple[dict[int, SectionHeader], int]:
+    """Return the header before each section, which begins at a line; and where whole ones end."""
     if not lines or not _OWN_LINE.match(lines[0]):
         raise InputError(f'{path}: not a run set (its first line must be {{"type": "set", …}})')
     schema = _decoded(path, lines, 0, SetHeader).schema
     if schema != SCHEMA:
         raise InputError(f"{path}: format {schema!r}, this version of mjbench reads {SCHEMA}")
-    spans: list[_Span] = []
+    headers: dict[int, SectionHeader] = {}
     at = 1
     while at < len(lines) and lines[at].endswith(b"\n"):
         header = _decoded(path, lines, at, SectionHeader)
@@ -321,13 +299,11 @@ def _spans(path: Path, lines: Sequence[bytes]) -> tuple[list[_Span], int]:
             )
         if not is_whole:
             break
-        spans.append(_Span(header, begin, end))
-        at = end
-    return spans, at
+        headers[begin], at = header, end
+    return headers, at
 
 
 def _decoded(path: Path, lines: Sequence[bytes], at: int, kind: type[_Header]) -> _Header:
-    """Return a line that must be one of the set's own."""
     try:
         value = msgspec.json.decode(lines[at])
         if not isinstance(value, dict) or value.get("type") != kind.record_type:

@@ -100,11 +100,7 @@ class RunHeader:
 
 @dataclass(frozen=True)
 class Run:
-    """A run file, read back.
-
-    Attributes:
-      is_torn: whether the last line was cut short and left out.
-    """
+    """A run file, read back; `is_torn` if its last line was cut short, and is left out."""
 
     header: RunHeader
     records: tuple[Record, ...]
@@ -144,11 +140,7 @@ def as_stored(value: Any) -> Any:
 
 
 def load(path: Path, record_types: Mapping[str, type]) -> Run:
-    """Read a run file.
-
-    Raises:
-      InputError: not a run file, one of another format, or a record that does not fit its type.
-    """
+    """Read a run file; InputError for what is none, of another format, or of unknown records."""
     return parse(path, read_lines(path), record_types)
 
 
@@ -163,7 +155,6 @@ def read_lines(path: Path) -> list[bytes]:
 
 
 def split_lines(content: bytes) -> list[bytes]:
-    """Return lines with their line breaks, which the last one may lack."""
     return io.BytesIO(content).readlines()
 
 
@@ -174,11 +165,9 @@ def parse(
     first_number: int = 1,
     may_be_torn: bool = True,
 ) -> Run:
-    """Return the run that lines of a file hold.
+    """Return the run that lines of a file hold, the run's header first.
 
     Args:
-      lines: the run's header first.
-      first_number: number of the first line in the file.
       may_be_torn: whether to leave out a last line that is not JSON, and not to refuse it.
     """
     values, is_torn = _values(path, lines, first_number, may_be_torn)
@@ -205,10 +194,7 @@ def parse(
 def _values(
     path: Path, lines: Sequence[bytes], first_number: int, may_be_torn: bool
 ) -> tuple[list[Any], bool]:
-    """Return the JSON value of each line, and whether a last line that was cut short is left out.
-
-    What is not JSON is refused, so NaN as well, which Python's own parser reads.
-    """
+    """Return the JSON value of each line, and whether a last line that is cut short is left out."""
     values: list[Any] = []
     for number, line in enumerate(lines, first_number):
         try:
@@ -254,13 +240,7 @@ def _typed(path: Path, number: int, value: Any, types: Mapping[str, type]) -> An
 
 
 def latest(folder: Path) -> Path:
-    """Return the newest run file of a folder that has a record, else the newest of all.
-
-    What is empty or no file at all is passed over.
-
-    Raises:
-      InputError: there is none.
-    """
+    """Return the newest run file of a folder that has a record, else the newest; or InputError."""
     written: list[tuple[float, Path]] = []
     for path in folder.glob("*.jsonl"):
         with contextlib.suppress(OSError):  # a link to nothing, or no permission

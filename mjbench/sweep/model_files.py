@@ -100,12 +100,10 @@ def list_files(source: ModelSource, channel: Channel) -> list[Path]:
 def _dependencies(file: Path) -> list[Path] | None:
     import mujoco
 
-    from mjbench.simulation import model_files
-
     if not hasattr(mujoco, "mju_getXMLDependencies") or file.suffix.lower() != ".xml":
         return None
     try:
-        names = model_files.of(file)
+        names = models.files_of(file)
     except Exception:  # which exception it is differs by release
         return None
     return [Path(os.path.normpath(name)) for name in names]

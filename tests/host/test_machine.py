@@ -63,7 +63,7 @@ def test_on_macos_the_processor_is_what_its_kernel_names(monkeypatch: pytest.Mon
         return subprocess.CompletedProcess(command, 0, stdout=f"{values[command[-1]]}\n")
 
     monkeypatch.setattr(sys, "platform", "darwin")
-    monkeypatch.setattr(machine, "_cpuinfo", lambda key: "")
+    monkeypatch.setattr(machine, "_entry", lambda file, key: "")
     monkeypatch.setattr(subprocess, "run", sysctl)
     description = machine.describe()
     assert description.cpu == "Apple M4"

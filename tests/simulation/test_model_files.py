@@ -6,7 +6,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from mjbench.simulation import model_files
+from mjbench.simulation import models
 
 TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
@@ -51,7 +51,7 @@ def robot(tmp_path: Path) -> Path:
     not hasattr(mujoco, "mju_getXMLDependencies"), reason="needs a MuJoCo that lists files"
 )
 def test_all_files_of_a_model_are_found_its_own_first(robot: Path) -> None:
-    files = model_files.of(robot)
+    files = models.files_of(robot)
     assert files[0] == str(robot)
     names = {str(Path(file).resolve().relative_to(robot.parent.resolve())) for file in files}
     assert names == {
@@ -65,7 +65,7 @@ def test_all_files_of_a_model_are_found_its_own_first(robot: Path) -> None:
 
 def test_a_copy_of_these_files_elsewhere_compiles(robot: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy"
-    for file in model_files.of(robot):
+    for file in models.files_of(robot):
         target = copy / Path(file).resolve().relative_to(robot.parent.resolve())
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(Path(file).read_bytes())
@@ -75,4 +75,4 @@ def test_a_copy_of_these_files_elsewhere_compiles(robot: Path, tmp_path: Path) -
 def test_a_compiled_model_is_one_file(robot: Path) -> None:
     compiled = robot.with_suffix(".mjb")
     mujoco.mj_saveModel(mujoco.MjModel.from_xml_path(str(robot)), str(compiled), None)
-    assert model_files.of(compiled) == (str(compiled),)
+    assert models.files_of(compiled) == (str(compiled),)
