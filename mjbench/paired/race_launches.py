@@ -10,7 +10,6 @@ from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError
 from mjbench.host.child_connection import ChildError
 from mjbench.paired import cores, launch_seeds
-from mjbench.paired.calibrator import cores_had
 from mjbench.paired.launches import Targets, UnableError
 from mjbench.paired.race_record import RaceLaunch
 from mjbench.paired.worker import Worker
@@ -59,7 +58,7 @@ class RaceLaunches(Targets[RaceLaunch]):
             )
             self._pool.wait_for(process, self._release)
             most_threads = max(nthread(self._variants[i].options) for i in positions)
-            had = cores_had(process, most_threads)
+            had = cores.count(process, most_threads)
             prepared = random.sample(list(positions), len(positions))
             for position in prepared:
                 path, options = self._variants[position].path, self._variants[position].options

@@ -75,8 +75,7 @@ class ReleaseTask(ABC):
     def series(self) -> str:
         """See `RatioRecord.series`."""
 
-    @abstractmethod
-    def prepare(self, pool: WorkerPool) -> None:
+    def prepare(self, pool: WorkerPool) -> None:  # noqa: B027 (most tasks need nothing)
         """Fix what is done, before the first launch.
 
         Raises:
@@ -85,7 +84,7 @@ class ReleaseTask(ABC):
           ChildError: a release crashed, hung or failed.
         """
 
-    def equip(self, processes: Processes) -> None:  # noqa: B027 (most tasks need nothing)
+    def equip(self, processes: Processes) -> None:  # noqa: B027
         """Have both processes of a launch read what they need; raises what `lay_out` does."""
 
     @abstractmethod
@@ -148,16 +147,13 @@ class StepTask(ReleaseTask):
 
     @property
     def series(self) -> str:
-        """See `ReleaseTask.series`."""
         return self.model.name
 
     @property
     def nsection(self) -> int:
-        """See `ReleaseTask.nsection`."""
         return self._work.nsection if self._work else 1
 
     def prepare(self, pool: WorkerPool) -> None:
-        """See `ReleaseTask.prepare`."""
         try:
             self._work = StepWork(pool, self._targets, SIZES, TimeLimit(), ROLES)
         except InputError as error:
@@ -165,11 +161,11 @@ class StepTask(ReleaseTask):
             reference = self._targets[0]
             preparation.prepare(pool, (reference, reference), SIZES, TimeLimit(), ROLES)
             raise UnavailableError(str(error)) from error
-        workload: PortableWorkload = pickle.loads(self._work.workloads[0].read_bytes())
+        file = self._work.prepared.workloads[0]
+        workload: PortableWorkload = pickle.loads(file.read_bytes())
         self._digest = workload.digest()
 
     def equip(self, processes: Processes) -> None:
-        """See `ReleaseTask.equip`."""
         assert self._work is not None, "a task is prepared before it is timed"
         self._work.equip(processes)
         with contextlib.ExitStack() as waiting:  # for both, also where one cannot read it
@@ -177,17 +173,15 @@ class StepTask(ReleaseTask):
                 waiting.callback(process.wait)
 
     def lay_out(self, pair: ProcessPair) -> tuple[int, int]:
-        """See `ReleaseTask.lay_out`."""
         assert self._work is not None, "a task is prepared before it is timed"
         return self._work.lay_out(pair)
 
     def record(self, problem: str, seconds: float) -> StepRatioRecord:
-        """See `ReleaseTask.record`."""
         common = self._common(self.model.name, problem, seconds)
         record = StepRatioRecord(**vars(common), workload=self._digest)
         if self._work is None:
             return record
-        check = self._work.work_check
+        check = self._work.prepared.work_check
         return replace(
             record,
             work=check.candidate,
@@ -203,10 +197,9 @@ class StepTask(ReleaseTask):
         )
 
     def close(self) -> None:
-        """See `ReleaseTask.close`."""
         if self._work is not None:
             self._work.close()
-            self._work.workloads[0].unlink(missing_ok=True)
+            self._work.prepared.workloads[0].unlink(missing_ok=True)
 
 
 class OperationTask(ReleaseTask):
@@ -222,14 +215,9 @@ class OperationTask(ReleaseTask):
 
     @property
     def series(self) -> str:
-        """See `ReleaseTask.series`."""
         return self.operation.name
 
-    def prepare(self, pool: WorkerPool) -> None:
-        """See `ReleaseTask.prepare`: there is nothing to prepare."""
-
     def lay_out(self, pair: ProcessPair) -> tuple[int, int]:
-        """See `ReleaseTask.lay_out`."""
         prepare = functools.partial(self.operation.prepared, self._file)
         allowed = cores.usable(pair.core)
         ready = {
@@ -243,7 +231,6 @@ class OperationTask(ReleaseTask):
         return reference.ns, release.ns
 
     def record(self, problem: str, seconds: float) -> OperationRatioRecord:
-        """See `ReleaseTask.record`."""
         operation = self.operation
         common = self._common(operation.model, problem, seconds)
         record = OperationRatioRecord(
