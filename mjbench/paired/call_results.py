@@ -36,7 +36,6 @@ class LargeArray:
     digest: str
 
     def differs_from(self, other: "LargeArray") -> bool:
-        """Return whether the arrays are certainly others: whole numbers are not rounded."""
         is_exact = np.dtype(self.dtype).kind in "biu" and self.dtype == other.dtype
         return is_exact and self.digest != other.digest
 
@@ -50,7 +49,6 @@ class Leaf:
 
     Attributes:
       place: within the result, such as `[0].qpos`; empty for the whole.
-      value: an array of numbers, or a text that is equal where the parts are.
     """
 
     place: str
@@ -59,11 +57,7 @@ class Leaf:
 
 @dataclass(frozen=True)
 class ResultsCheck:
-    """How the results of two processes compare.
-
-    Attributes:
-      detail: where they first differ, or why they were not compared; empty where they are the same.
-    """
+    """How the results of two processes compare."""
 
     outcome: ResultsOutcome
     detail: str = ""

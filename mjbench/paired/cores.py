@@ -50,7 +50,6 @@ def freest_core(probe_s: float = 0.01) -> int | None:
 
 
 def _share(core: int, probe_s: float) -> float:
-    """Return which share of a core's time a busy loop of so many seconds gets."""
     with pinned(core):
         begin, used = time.perf_counter(), time.thread_time()
         while time.perf_counter() - begin < probe_s:
@@ -64,17 +63,12 @@ def countable(nthread: int) -> int:
 
 
 def count(process: WorkerProcess, nthread: int) -> float | None:
-    """Return how many cores as many threads get in a process now; None of one, which has its own.
-
-    Raises:
-      ChildError: the process failed, crashed or did not answer in time.
-    """
+    """Return how many cores threads get in a process now; None of one thread, which has its own."""
     nthread = countable(nthread)
     return process.call(Worker.count_cores, nthread) if nthread > 1 else None
 
 
 def usable(core: int | None) -> list[int]:
-    """Return the cores that a process may use: one, or all where none was chosen."""
     return sorted(USABLE) if core is None else [core]
 
 
@@ -93,7 +87,6 @@ def pinned(core: int | None) -> Iterator[None]:
 
 
 def confine(pids: Iterable[int], cores: Collection[int]) -> None:
-    """Have processes run on these cores only, where the system can."""
     for pid in pids:
         with contextlib.suppress(OSError):  # it may have ended; its next answer will say so
             platforms.set_affinity(pid, cores)

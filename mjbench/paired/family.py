@@ -33,7 +33,6 @@ class Family:
 
 
 def confidence_of(header: RunHeader) -> float:
-    """Return the confidence that the command of a run was given, or the usual one."""
     confidence = header.arguments.get("confidence")
     if isinstance(confidence, float) and 0 < confidence < 1:
         return confidence

@@ -47,10 +47,7 @@ class FunctionTarget:
 
     Attributes:
       function: as the user named it, such as `bench.py::step`.
-      revision: None where environments are compared.
-      tree: the hash of the revision's files; empty likewise.
       release: that its processes import, with packages beside it.
-      run: None for a function of the user's code.
     """
 
     function: str
@@ -71,7 +68,6 @@ class FunctionTarget:
 
     @property
     def label(self) -> str:
-        """What results call it: the revision, or what is installed."""
         return self.revision.name if self.revision else self.release.label
 
     def row(self) -> TargetRow:
@@ -97,8 +93,6 @@ def observe(pool: WorkerPool, target: FunctionTarget, role: str) -> FunctionFact
 
     Raises:
       UnavailableError: it cannot be imported, or raises.
-      InputError: it takes arguments.
-      ChildError: the process crashed, hung or failed.
     """
     process = pool.start(target.release, target.name(role))
     try:
@@ -114,7 +108,6 @@ class CallPlan:
     """What each block of two sides does.
 
     Attributes:
-      count: of calls.
       both_s: about how many seconds a block takes, of both sides together.
     """
 
@@ -125,7 +118,6 @@ class CallPlan:
 
     @classmethod
     def of(cls, facts: Sequence[FunctionFacts], metric: Metric = Metric.TIME) -> "CallPlan":
-        """Return the plan that fits what was found out about both sides."""
         is_threaded = any(each.cores > _THREADED_CORES for each in facts)
         count = min(each.calls for each in facts)
         if metric == Metric.GROWTH:

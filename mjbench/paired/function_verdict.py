@@ -41,8 +41,6 @@ class OtherCodeError(MachineError):
 
 
 class _FixedRule(LaunchRule):
-    """Launch a fixed number of times, whatever comes of it."""
-
     purpose = "a verdict with its control"
 
     def __init__(self, pair: RevisionPair, count: int, clock: Callable[[], float] = time.monotonic):
@@ -55,8 +53,6 @@ class _FixedRule(LaunchRule):
 
 
 class _FunctionRule(LaunchRule):
-    """Launch until the verdict is certain."""
-
     purpose = "a verdict"
 
     def __init__(
@@ -117,11 +113,7 @@ def check_origin(target: FunctionTarget, role: str, facts: FunctionFacts) -> Non
 def compare_results(
     baseline: FunctionFacts, again: FunctionFacts, candidate: FunctionFacts
 ) -> ResultsCheck:
-    """Return how the results of two sides compare.
-
-    Args:
-      again: of another process of the baseline, so that random results are known as such.
-    """
+    """Return how results compare; `again` is of the baseline, and shows whether its are random."""
     for facts in (baseline, candidate):
         if facts.problem:
             return ResultsCheck(ResultsOutcome.NONE, facts.problem)
@@ -145,14 +137,7 @@ class _NewError(Exception):
 
 
 def _observe(pool: WorkerPool, targets: FunctionTargets) -> _Observed:
-    """See what both sides do.
-
-    Raises:
-      _NewError: only the candidate can do it.
-      InputError: neither can.
-      MachineError: the candidate cannot, or a process crashed, hung or failed.
-      OtherCodeError: the code is not the revisions' own.
-    """
+    """See what both sides do; raises _NewError where only the candidate can do it."""
     baseline, candidate = targets
     try:
         old = observe(pool, baseline, "baseline")
@@ -176,8 +161,6 @@ def _observe(pool: WorkerPool, targets: FunctionTargets) -> _Observed:
 
 
 class _Decision:
-    """The verdict on one function, and what is known of it so far."""
-
     def __init__(
         self,
         pool: WorkerPool,
@@ -193,7 +176,6 @@ class _Decision:
         self._launches: Sequence[LaunchRow] = ()
 
     def run(self) -> VerdictRecord:
-        """Return the verdict; see `decide`."""
         baseline, candidate = self._targets
         if _code(baseline) == _code(candidate):
             same = "revisions have the same files" if baseline.revision else "environments are one"
@@ -233,7 +215,6 @@ class _Decision:
         return RevisionPair(self._pool, targets, calls, limit)
 
     def _compiling(self, observed: _Observed) -> Pair[CompilationFigures] | None:
-        """Return what compiling took on both sides; None where they compile nothing."""
         first = observed.baseline.compilation, observed.candidate.compilation
         if first[0] is None or first[1] is None:
             return None
@@ -310,7 +291,6 @@ def launch_log_ratios(pool: WorkerPool, targets: FunctionTargets, count: int) ->
 
     Raises:
       InputError: a side cannot do it, or their results differ.
-      MachineError: a process crashed, hung or failed; the code is not the revisions' own.
     """
     try:
         observed = _observe(pool, targets)

@@ -58,7 +58,7 @@ def judge(
     suffices for any number of changes in the family (see `anytime.e_benjamini_hochberg`).
 
     Args:
-      confidence: such as 0.99; of the whole procedure, however often it is called.
+      confidence: of the whole procedure, however often it is called.
       residues: of the launches' placements; None if libraries stay where they are.
     """
     evidence = anytime.evidence(log_ratios, confidence, residues)
@@ -72,7 +72,6 @@ def judge_exact(log_ratio: float, min_effect: float) -> Judgement:
 
 
 def exact_verdict(ratio: float, min_effect: float) -> Verdict:
-    """Return the verdict on a ratio that has no noise."""
     if ratio >= 1 + min_effect:
         return Verdict.SLOWER
     return Verdict.FASTER if ratio <= 1 / (1 + min_effect) else Verdict.SAME
@@ -103,7 +102,6 @@ def conclude(
 
 
 def _verdict(interval: Interval, log_effect: float) -> Verdict:
-    """Return the verdict on an interval of log ratios (see `judge`)."""
     if -log_effect < interval.low and interval.high < log_effect:
         return Verdict.SAME
     if interval.low > 0 and interval.mean > log_effect / 2:

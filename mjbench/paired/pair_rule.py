@@ -25,7 +25,6 @@ class Sufficiency:
     """What a rule says of the launches so far.
 
     Attributes:
-      is_enough: whether no more are needed.
       has_answer: whether they are not for nothing if time is up.
     """
 
@@ -38,14 +37,9 @@ class Launched:
     """What launches of two targets gave, and how they ended.
 
     Attributes:
-      status: how they ended; `OK` also where time ran out.
       detail: one line; empty when ok, unless time ran out before there were enough launches.
       is_enough: whether the rule ended them.
       seconds: from start to end, the workers' start included.
-      work_check: whether both did the same work; None where it ended before that.
-      results: how what an operation computes compares; None for steps.
-      workload_file: the baseline's `PortableWorkload`, which lasts as long as the pool; None
-        likewise.
     """
 
     status: Status
@@ -123,11 +117,6 @@ class PairRule(LaunchRule):
         time_limit_s: float,
         clock: Callable[[], float] = time.monotonic,
     ):
-        """Start nothing yet.
-
-        Args:
-          time_limit_s: seconds from when the models are loaded, after which no launch begins.
-        """
         limit = TimeLimit(time_limit_s, clock=clock, purpose=self.purpose)
         super().__init__(TargetPair(pool, *targets, sizes, limit, self._first_placements), clock)
         self._pool = pool

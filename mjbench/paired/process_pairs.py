@@ -23,7 +23,6 @@ class ProcessPair:
     """The processes of one launch.
 
     Attributes:
-      processes: of the baseline and of the candidate.
       core: that they are measured on; None for all, and before they are.
     """
 
@@ -46,12 +45,7 @@ class ProcessPairs:
         names: tuple[str, str],
         placements: Iterator[PlacementPair] | None = None,
     ):
-        """Start the processes of the first launch; `equip` tells all of them what they need.
-
-        Args:
-          names: of baseline and candidate, for error messages.
-          placements: of their libraries, launch by launch; None for as shipped.
-        """
+        """Start the processes of the first launch; `equip` tells all of them what they need."""
         self._pool, self._releases, self._names = pool, releases, names
         self._placements = placements or itertools.repeat(AS_SHIPPED)
         self._seeds = pool.seeds(releases)
@@ -75,12 +69,7 @@ class ProcessPairs:
             equip(self._next.processes)
 
     def wait(self) -> None:
-        """Wait until the processes of the next launch are ready.
-
-        Raises:
-          InputError: what they were asked for cannot be.
-          ChildError: one crashed, hung or failed.
-        """
+        """Wait until the processes of the next launch are ready."""
         try:
             if self._failure is not None:
                 raise self._failure
@@ -129,7 +118,6 @@ class ProcessPairs:
             return True
 
     def close(self) -> None:
-        """End all processes that have not ended yet."""
         if self._next is not None:
             self._finished.append(self._next)
         self._next, self._failure = None, None
@@ -146,7 +134,6 @@ class ProcessPairs:
         return self._next
 
     def _start(self, allowed: Collection[int]) -> ProcessPair:
-        """Start the processes of one launch on the allowed cores, without waiting for them."""
         seeds, self._next_seeds = self._next_seeds, next(self._seeds)
         placements = next(self._placements)
         both = (placements.old, placements.new)

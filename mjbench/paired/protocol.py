@@ -72,16 +72,10 @@ class LaunchedPair(Targets[LaunchRow]):
 
     @abstractmethod
     def _new_work(self) -> PairWork:
-        """Return what both do, and start the time limit; raises what `prepare` does."""
+        """Return what both do, and start the time limit."""
 
     def prepare(self) -> None:
-        """Make sure that both sides can do the work.
-
-        Raises:
-          InputError: a side cannot do it.
-          ChildError: a side crashed, hung or failed.
-          OutOfTimeError: the limit does not allow a launch.
-        """
+        """Make sure that both sides can do the work."""
         # those of the first launch import MuJoCo while the work is prepared
         self._pairs = ProcessPairs(self._pool, self._releases, self._names, self._placements())
         self._closing.callback(self._pairs.close)
@@ -90,13 +84,7 @@ class LaunchedPair(Targets[LaunchRow]):
         self._pairs.equip(self.work.equip)
 
     def launch(self, positions: Sequence[int] = BOTH) -> LaunchRow:
-        """Measure both once, in fresh processes, on a free core.
-
-        Raises:
-          InputError: a side cannot do the work.
-          ChildError: a side crashed, hung or failed.
-          OutOfTimeError: this is the first launch, and the time limit does not allow it.
-        """
+        """Measure both once, in fresh processes, on a free core."""
         assert tuple(positions) == BOTH, "a pair is launched together"
         assert self.work is not None, "it was prepared"
         self._pairs.wait()
@@ -138,7 +126,6 @@ class LaunchedPair(Targets[LaunchRow]):
         return LaunchRow(pair.core, None, orders, ns, pair.placements, sizes, work.nsection)
 
     def _needs_layout(self, count: int, bounds: tuple[int, int]) -> bool:
-        """Return whether a launch lays memory out once more, after `count` times."""
         least, most = bounds
         return count < least or (count < most and not self._pairs.is_next_ready())
 
@@ -158,13 +145,6 @@ class TargetPair(LaunchedPair):
         time_limit: TimeLimit | None = None,
         placements: Callable[[], Iterator[PlacementPair]] = lambda: itertools.repeat(AS_SHIPPED),
     ):
-        """Start nothing yet.
-
-        Args:
-          sizes: of a run; None for the usual ones.
-          time_limit: starts when the models are loaded; None for no limit.
-          placements: see `LaunchedPair`.
-        """
         self._targets, self._sizes = (baseline, candidate), sizes or Sizes()
         releases, names = (baseline.release, candidate.release), describe(self._targets)
         super().__init__(pool, releases, names, time_limit or TimeLimit(), placements)

@@ -44,7 +44,6 @@ class Target:
 
     @property
     def nthread(self) -> int:
-        """How many threads or processes it steps with."""
         return parallelism.nthread(self.options)
 
     @property
@@ -53,7 +52,6 @@ class Target:
         return [self.model.path, *self.release.files]
 
     def row(self) -> TargetRow:
-        """Return what results say of it."""
         return TargetRow(
             release=self.release.version,
             model=self.model.name,
@@ -87,11 +85,7 @@ def of_releases(
     sources: Sequence[models.ModelSource],
     path_names: Sequence[str],
 ) -> list[tuple[Target, Target]]:
-    """Return the pairs of an old release and each new one: every model, stepped by every path.
-
-    Raises:
-      InputError: there is no such path, or it is an accelerated one.
-    """
+    """Return the pairs of an old release and each new one: every model, stepped by every path."""
     options = {name: complete_options(find_path(name), {}) for name in path_names}
     return [
         (
@@ -157,11 +151,6 @@ def find_path(name: str) -> paths.SteppingPath:
 
 
 def complete_options(path: paths.SteppingPath, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a full option set of a path.
-
-    Raises:
-      InputError: the path is the user's own, and fails.
-    """
     try:
         return path.complete(options)
     except Exception as error:
@@ -169,7 +158,6 @@ def complete_options(path: paths.SteppingPath, options: Mapping[str, Any]) -> di
 
 
 def _settings(text: str) -> dict[str, str]:
-    """Return the keys and values of `KEY=VALUE,KEY=VALUE`."""
     settings = {}
     for setting in filter(None, text.split(",")):
         key, value = _split(setting)

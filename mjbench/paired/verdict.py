@@ -74,7 +74,6 @@ class PairedResult(Launched):
     Attributes:
       averaging: whether launches moved the libraries; None where the comparison ended before that.
       judgement: of the launches that moved them, or of all if none did; None without any.
-      as_shipped: of the launches as shipped, beside them; None without any.
     """
 
     baseline: Target
@@ -85,7 +84,6 @@ class PairedResult(Launched):
     as_shipped: Judgement | None = None
 
     def row(self) -> VerdictRow:
-        """Return the comparison as people and programs read it."""
         return self.record().row()
 
     def record(self) -> VerdictRecord:
@@ -128,7 +126,6 @@ class PairedResult(Launched):
         )
 
     def _verdict(self) -> Verdict | None:
-        """Return the verdict; time may run out before the first launch."""
         if self.judgement is not None:
             return self.judgement.verdict
         return Verdict.INCONCLUSIVE if self.status == Status.OK else None
@@ -265,12 +262,7 @@ class _CountedRule(_VerdictRule):
 def launch_log_ratios(
     pool: WorkerPool, baseline: Target, candidate: Target, plan: VerdictPlan, count: int
 ) -> list[float]:
-    """Return the log ratios of some launches, whatever they say, as `decide` would judge them.
-
-    Raises:
-      MachineError: a target cannot be measured, or not within the plan's time.
-      KeyboardInterrupt: Ctrl-C.
-    """
+    """Return the log ratios of some launches, whatever they say, as `decide` would judge them."""
     launched = _CountedRule(pool, (baseline, candidate), plan, count).run()
     if launched.status == Status.INTERRUPTED:
         raise KeyboardInterrupt
@@ -288,11 +280,7 @@ def decide(
     on_launch: Callable[[Judgement], None] = lambda judgement: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> PairedResult:
-    """Compare two targets until the verdict is certain, or time is up (see `PairRule.run`).
-
-    Args:
-      on_launch: called after each launch, with what all launches say so far.
-    """
+    """Compare two targets until the verdict is certain, or time is up (see `LaunchRule.run`)."""
     rule = _VerdictRule(pool, (baseline, candidate), plan, on_launch, clock)
     launched = rule.run()
     log_scale = _log_scale(launched.work_check, plan)
@@ -313,7 +301,6 @@ def sides_key(sides: Sequence[TargetRow]) -> str:
 
 
 def completed_share(launches: int) -> float:
-    """Return which share of a comparison so many launches are, about."""
     return 1 - 1 / (1 + launches / _HALFWAY_LAUNCHES)
 
 
@@ -327,7 +314,6 @@ def decide_each(
     """Yield the verdict on each pair of baseline and candidate; the last may be interrupted.
 
     Args:
-      earlier: verdicts that are not decided again.
       on_progress: called after each launch with what all launches say so far, and about which share
         of all pairs is done.
     """
@@ -384,7 +370,6 @@ def _judge_launches(
 def _judge_as_shipped(
     launches: Sequence[LaunchRow], plan: VerdictPlan, log_scale: float
 ) -> Judgement | None:
-    """Judge the launches as shipped beside those in which code was moved; None without any."""
     moved = [launch for launch in launches if launch.placements.is_moved]
     shipped = [launch for launch in launches if not launch.placements.is_moved]
     if not shipped:
