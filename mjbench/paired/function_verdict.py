@@ -14,7 +14,6 @@ from mjbench.errors import Failure, InputError, MachineError, UnavailableError
 from mjbench.measuring import anytime
 from mjbench.measuring.ratio import Ratio
 from mjbench.paired.call_results import ResultsCheck, compare
-from mjbench.paired.compilation_figures import CompilationFigures
 from mjbench.paired.function_pair import (
     CallPlan,
     FunctionTarget,
@@ -25,7 +24,14 @@ from mjbench.paired.function_pair import (
 from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, judge
 from mjbench.paired.outcomes import Metric, ResultsOutcome, Verdict
 from mjbench.paired.pair_rule import LaunchRule, Sufficiency
-from mjbench.paired.records import MAX_E_VALUE, ControlRow, LaunchRow, Pair, VerdictRecord
+from mjbench.paired.records import (
+    MAX_E_VALUE,
+    CompilationFigures,
+    ControlRow,
+    LaunchRow,
+    Pair,
+    VerdictRecord,
+)
 from mjbench.paired.time_limit import ENDING_ERRORS, TimeLimit, ending_of
 from mjbench.paired.timed_function import FunctionFacts
 from mjbench.paired.verdict import VerdictPlan, package_versions

@@ -5,6 +5,7 @@ numbers are such that a block takes one to a few milliseconds, or as long as the
 """
 
 import copy
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -167,17 +168,8 @@ def _cast_rays(source: ModelSource, repeats: int) -> PreparedOperation:
 _CALL_NSTEP = 5
 
 
-def _call_rollout(source: ModelSource, repeats: int) -> PreparedOperation:
-    options = {"threads": 1, "pool": "kept"}
-    return _call_path("rollout", options, source, repeats, Product.SENSORS)
-
-
-def _call_batch(source: ModelSource, repeats: int) -> PreparedOperation:
-    return _call_path("batch_rollout", {"threads": 1}, source, repeats, Product.FINAL)
-
-
 def _call_path(
-    name: str, options: Mapping[str, object], source: ModelSource, nbatch: int, returns: Product
+    name: str, options: Mapping[str, object], returns: Product, source: ModelSource, nbatch: int
 ) -> PreparedOperation:
     """Return one call of a path that steps `nbatch` simulations _CALL_NSTEP times."""
     model = models.load(source)
@@ -193,6 +185,11 @@ def _call_path(
         return np.concatenate([fields[name].ravel() for name in ("qpos", "qvel")])
 
     return PreparedOperation(prepared.run, result)
+
+
+_ROLLOUT = {"threads": 1, "pool": "kept"}
+_call_rollout = functools.partial(_call_path, "rollout", _ROLLOUT, Product.SENSORS)
+_call_batch = functools.partial(_call_path, "batch_rollout", {"threads": 1}, Product.FINAL)
 
 
 def _deterministic_work(model: mujoco.MjModel, nbatch: int, returns: Product) -> Workload:

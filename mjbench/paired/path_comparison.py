@@ -62,9 +62,13 @@ def stored(
         if not isinstance(record, ModelRecord):
             continue
         if (record.model, record.nbatch_asked) == (source.name, plan.nbatch):
-            measurements = of_model(MeasurementRecord, record, records)
-            return ModelComparison(record, tuple(measurements), race_of(record, records))
+            return _of_model(record, records)
     return None
+
+
+def _of_model(model: ModelRecord, records: Sequence[object]) -> ModelComparison:
+    measurements = of_model(MeasurementRecord, model, records)
+    return ModelComparison(model, tuple(measurements), race_of(model, records))
 
 
 def race_of(model: ModelRecord, records: Sequence[object]) -> RaceRecord | None:
@@ -98,16 +102,15 @@ def finished(records: Sequence[Record], nvariant: int) -> list[Record]:
     """
     done: list[Record] = []
     for model in records:
-        if not isinstance(model, ModelRecord) or model.status not in FINISHED:
+        if not isinstance(model, ModelRecord):
             continue
-        measurements = of_model(MeasurementRecord, model, records)
-        its_race = race_of(model, records)
-        raced = [m for m in measurements if m.status == Status.OK and not m.samples_s]
-        if raced and its_race is None:  # the last line of the file was cut short
+        known = _of_model(model, records)
+        raced = [m for m in known.measurements if m.status == Status.OK and not m.samples_s]
+        if raced and known.race is None:  # the last line of the file was cut short
             continue
-        statuses = [each.status for each in measurements] + ([its_race.status] if its_race else [])
-        if len(measurements) == nvariant and all(status in FINISHED for status in statuses):
-            done += [model, *measurements, *([its_race] if its_race else [])]
+        is_finished = all(each.status in FINISHED for each in known.records)
+        if len(known.measurements) == nvariant and is_finished:
+            done += known.records
     return done
 
 

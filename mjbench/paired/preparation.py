@@ -177,23 +177,15 @@ def loaded(
             processes.append(pool.start(target.release, name, side=i))
         for process, target in zip(processes, targets, strict=True):
             pool.wait_for(process, target.release)
-        models = _load(pool, targets, processes)
+        models = (pool.new_file(".mjb"), pool.new_file(".mjb"))
+        for process, target, file in zip(processes, targets, models, strict=True):
+            source, options = target.model, dict(target.model_options)
+            process.call(Worker.load_model, source.name, source.path, options)
+            process.call(Worker.save_model, file)
         time_limit.start()
         yield processes, models
     finally:
         pool.end(processes)
-
-
-def _load(
-    pool: WorkerPool, targets: Sequence[Target], processes: Sequence[WorkerProcess]
-) -> tuple[Path, Path]:
-    """Load both models, set their options, and save them; return the files."""
-    models = (pool.new_file(".mjb"), pool.new_file(".mjb"))
-    for process, target, file in zip(processes, targets, models, strict=True):
-        source, options = target.model, dict(target.model_options)
-        process.call(Worker.load_model, source.name, source.path, options)
-        process.call(Worker.save_model, file)
-    return models
 
 
 def _choose_sizes(
@@ -289,10 +281,11 @@ def _prepared(
     baseline, candidate = observed
     rows = _rows_to_time(targets, (baseline, candidate), shared)
     nsim = len(rows[0])
-    work_check = WorkCheck(
+    is_compared = baseline.healthy & candidate.healthy if shared else baseline.healthy
+    check = WorkCheck(
         baseline=baseline.work,
         candidate=candidate.work,
-        drift=_drift(baseline, candidate, shared),
+        drift=work_check.drift(baseline.followed, candidate.followed, is_compared, shared),
         diverged=(int((~baseline.healthy).sum()), int((~candidate.healthy).sum())),
         warnings=(baseline.warnings, candidate.warnings),
         nbatch=min(nbatch, nsim),
@@ -306,8 +299,8 @@ def _prepared(
         pool.save(workloads[1].only(rows[1], candidate.final_state)),
     )
     can_divide = baseline.can_divide and candidate.can_divide
-    nsection = chosen.nsection(work_check.nbatch) if can_divide else 1
-    return Preparation(models, files, nsim, nsection, chosen.step_s, work_check)
+    nsection = chosen.nsection(check.nbatch) if can_divide else 1
+    return Preparation(models, files, nsim, nsection, chosen.step_s, check)
 
 
 def _draw(
@@ -360,9 +353,3 @@ def _rows_to_time(
     baseline, candidate = (np.flatnonzero(result.healthy) for result in observed)
     count = min(len(baseline), len(candidate))
     return baseline[:count], candidate[:count]
-
-
-def _drift(baseline: Observed, candidate: Observed, shared: bool) -> StateDrift | None:
-    """Return how far the states of two targets differ; None where the sizes differ."""
-    is_compared = baseline.healthy & candidate.healthy if shared else baseline.healthy
-    return work_check.drift(baseline.followed, candidate.followed, is_compared, shared)

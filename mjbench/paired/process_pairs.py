@@ -129,11 +129,8 @@ class ProcessPairs:
 
     def _start_ahead(self, allowed: Collection[int]) -> ProcessPair:
         """Return the processes of the next launch; start them if need be, without waiting."""
-        if self._next is None:
-            self._next = self._start(allowed)
-        return self._next
-
-    def _start(self, allowed: Collection[int]) -> ProcessPair:
+        if self._next is not None:
+            return self._next
         seeds, self._next_seeds = self._next_seeds, next(self._seeds)
         placements = next(self._placements)
         both = (placements.old, placements.new)
@@ -153,4 +150,5 @@ class ProcessPairs:
         except BaseException:
             self._pool.end(list(started.values()))
             raise
+        self._next = pair
         return pair

@@ -185,23 +185,25 @@ def _target(text: str, settings: Mapping[str, str]) -> Target:
     path_options = {option.name: option for option in path.options}
     options: dict[str, Any] = {}
     fields: dict[str, str] = {}
-    if settings.get("timer", "on") not in _TIMER:
-        raise InputError(f"{text!r}: timer is on or off")
-    for key, value in settings.items():
-        if key in _DEFAULTS or key == "timer":
-            continue
-        if key in path_options:
-            options[key] = _option_value(text, path_options[key], value)
-        elif key in model_options.FIELDS:
-            _check_model_option(text, key, value)
-            fields[key] = value
-        else:
-            raise InputError(
-                f"{text!r}: no {key!r}; path {path.name} has"
-                f" {', '.join(path_options) or 'no options'}; other keys are"
-                f" {', '.join(_DEFAULTS)}, timer, and the fields of MjOption"
-                f" {', '.join(model_options.FIELDS)}"
-            )
+    try:
+        if settings.get("timer", "on") not in _TIMER:
+            raise InputError("timer is on or off")
+        for key, value in settings.items():
+            if key in _DEFAULTS or key == "timer":
+                continue
+            if key in path_options:
+                options[key] = path_options[key].value(value)
+            elif key in model_options.FIELDS:
+                model_options.check(key, value)
+                fields[key] = value
+            else:
+                raise InputError(
+                    f"no {key!r}; path {path.name} has {', '.join(path_options) or 'no options'};"
+                    f" other keys are {', '.join(_DEFAULTS)}, timer, and the fields of MjOption"
+                    f" {', '.join(model_options.FIELDS)}"
+                )
+    except InputError as error:
+        raise InputError(f"{text!r}: {error}") from None
     return Target(
         installs.parse_release(settings["release"]),
         models.resolve(settings["model"]),
@@ -210,17 +212,3 @@ def _target(text: str, settings: Mapping[str, str]) -> Target:
         fields,
         has_timer=settings.get("timer") != "off",
     )
-
-
-def _option_value(text: str, option: paths.Option, value: str) -> Any:
-    try:
-        return option.value(value)
-    except InputError as error:
-        raise InputError(f"{text!r}: {error}") from None
-
-
-def _check_model_option(text: str, field: str, value: str) -> None:
-    try:
-        model_options.check(field, value)
-    except InputError as error:
-        raise InputError(f"{text!r}: {error}") from None
