@@ -80,7 +80,6 @@ class SearchRange:
     """What is searched for changes.
 
     Attributes:
-      target: the function or the model, as the user named it.
       old: the baseline, as results name it; `new` is the last version.
       versions: after the baseline, one or more, the last one included.
     """
@@ -102,14 +101,12 @@ def search(
     """Yield what is measured; the last record says which versions changed the time of something.
 
     Args:
-      min_effect: smallest change that matters, as a share.
       earlier: of a search that is continued; they are not measured again.
     """
     return _Searcher(measurer, searched, min_effect, earlier, clock).run()
 
 
 def short_name(version: VersionRow, kind: VersionKind) -> str:
-    """Return what sentences call a version."""
     return short_commit(version.name) if kind == VersionKind.COMMIT else version.name
 
 
@@ -171,7 +168,6 @@ class _Searcher:
         )
 
     def _decide(self, first: int, last: int) -> _Steps[VerdictRecord]:
-        """Compare two versions; see `VersionMeasurer.decide`."""
         comparison = self._known_comparisons.get((first, last))
         if comparison is None:
             begin_s = self._clock()
@@ -293,7 +289,6 @@ def _is_change(record: VerdictRecord) -> bool:
 
 
 def _log_change(record: VerdictRecord) -> float:
-    """Return the log ratio of a change."""
     assert record.ratio is not None, "a change has a ratio"
     return math.log(record.ratio.estimate)
 

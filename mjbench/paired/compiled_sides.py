@@ -39,7 +39,6 @@ class CompiledComparison:
 
     @property
     def specs(self) -> list[ReleaseSpec]:
-        """All environments, the baseline first."""
         return [self.baseline, *self.candidates]
 
 
@@ -74,9 +73,7 @@ def prepare(pool: WorkerPool, comparison: CompiledComparison) -> list[FunctionTa
     """Install all environments, and draw the workloads; return the models in each pair of them.
 
     Raises:
-      InputError: the index has no such release for this Python, or a model cannot be loaded.
       BuildError: packages cannot be installed together.
-      MachineError: a release cannot be installed.
     """
     origins = [environment_sides.install(spec) for spec in comparison.specs]
     caches = {spec.key: pool.new_folder() for spec in comparison.specs}
@@ -103,7 +100,6 @@ def prepare(pool: WorkerPool, comparison: CompiledComparison) -> list[FunctionTa
 
 
 def _draw(pool: WorkerPool, comparison: CompiledComparison, source: ModelSource) -> DrawnWorkload:
-    """Return a workload, which the baseline draws for all."""
     sizes = comparison.sizes
     nstep = sizes.nstep or whole_holds(NSTEP, sizes.hold)
     request = SampleRequest(sizes.nbatch or NBATCH, nstep, sizes.hold, sizes.seed, sizes.starts)

@@ -38,7 +38,6 @@ class Noise:
 
     Attributes:
       deviation: standard deviation of their log ratios.
-      ratio: their estimate, which should be 1.
     """
 
     launches: int
@@ -61,12 +60,7 @@ class Noise:
 
 
 def noise(pool: WorkerPool, seconds: float = CHECK_S) -> Noise:
-    """Compare the cart-pole with itself for some seconds.
-
-    Raises:
-      MachineError: it cannot be compared.
-      KeyboardInterrupt: it was interrupted.
-    """
+    """Compare the cart-pole with itself for some seconds."""
     target = Target(installs.parse_release(installs.INSTALLED), models.resolve(MODEL))
     # so small an effect that no verdict ends it early
     plan = VerdictPlan(min_effect=1e-6, precision=1e-6, time_limit_s=seconds, as_shipped=True)

@@ -29,11 +29,10 @@ _GEOM_RADIUS_M, _GEOM_DISTANCE_M = 0.1, 1.0
 
 @dataclass(frozen=True, eq=False)
 class PreparedOperation:
-    """An operation that can be timed as often as one likes.
+    """An operation that can be timed at will.
 
     Attributes:
-      result: does it once more and returns what it computed, as a vector of floats, which is to be
-        the same in all releases.
+      result: does it once more; a vector of floats, which is to be the same in all releases.
     """
 
     run: Callable[[], None]
@@ -50,7 +49,6 @@ class Operation:
 
     Attributes:
       title: in Python, as people write it.
-      model: that it is done with; empty where it builds its own.
       repeats: how often a block does it.
     """
 
@@ -61,15 +59,7 @@ class Operation:
     prepare: Prepare
 
     def prepared(self, file: Path) -> PreparedOperation:
-        """Return a block of it.
-
-        Args:
-          file: of the model; not read where there is none.
-
-        Raises:
-          UnavailableError: this release cannot do it.
-          InputError: it cannot load the model.
-        """
+        """Return a block of it; `file` is of the model, and not read where there is none."""
         return self.prepare(ModelSource(self.model, file), self.repeats)
 
 

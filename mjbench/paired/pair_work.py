@@ -73,10 +73,6 @@ class PairWork(ABC):
 
         Args:
           is_new_run: whether a run that is divided may be another one than in the layout before.
-
-        Raises:
-          InputError: a process cannot do it.
-          ChildError: a process crashed, hung or failed.
         """
         allowed = cores.usable(pair.core)
         ns = {i: self._prepare(pair.processes[i], i, allowed) for i in random.sample((0, 1), 2)}
@@ -86,13 +82,10 @@ class PairWork(ABC):
     def _prepare(self, process: WorkerProcess, i: int, allowed: Sequence[int]) -> int:
         """Have a process ready to time blocks; return the nanoseconds of one of each section.
 
-        Args:
-          i: 0 for the baseline, 1 for the candidate.
-          allowed: cores to run on from now on; empty for no change.
+        It runs on the cores `allowed` from now on; none for no change.
         """
 
     def compilations(self, pair: ProcessPair) -> Pair[Compilation] | None:
-        """Return what compiling took in both processes of a launch; None without any."""
         return None
 
     def layout_counts(self, all_blocks_s: float) -> tuple[int, int]:
@@ -109,7 +102,6 @@ class PairWork(ABC):
         return 1 if self._nblock is not None else quad_count(all_blocks_s, self.nsection)
 
     def launch_s(self, all_blocks_s: float) -> float:
-        """Return about how long a launch takes."""
         if self._nblock is not None:
             return self._nblock * all_blocks_s
         return launch_s(all_blocks_s, self.nsection)
@@ -200,13 +192,7 @@ class OperationWork(PairWork):
         metric: Metric,
         time_limit: TimeLimit,
     ):
-        """Load the models, and choose how often a block does it.
-
-        Raises:
-          InputError: a target cannot do it.
-          ChildError: a target crashed, hung or failed.
-          OutOfTimeError: the limit does not allow a launch.
-        """
+        """Load the models, and choose how often a block does it."""
         super().__init__(metric)
         with preparation.loaded(pool, targets, time_limit) as (processes, models):
             self._models = models
@@ -238,14 +224,7 @@ class OperationWork(PairWork):
 
 
 def check_growth(both_s: float, pool: WorkerPool) -> None:
-    """Refuse blocks of growth in which a process may count as hung.
-
-    Args:
-      both_s: about how many seconds a block takes, of both sides together.
-
-    Raises:
-      InputError: the steps or calls are too slow.
-    """
+    """Refuse blocks of growth in which a process may count as hung; `both_s` is of both sides."""
     if both_s > pool.limit_s:
         raise InputError(
             f"--metric growth needs {GROWTH_NSTEP:,} steps or calls in a block, which would take"

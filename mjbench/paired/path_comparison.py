@@ -35,7 +35,6 @@ class ModelComparison:
     """What is known of one model at one size.
 
     Attributes:
-      measurements: one a variant, in the plan's order.
       race: of the paths that run C and agree; None before it, and where there was none.
     """
 
@@ -45,12 +44,10 @@ class ModelComparison:
 
     @property
     def is_interrupted(self) -> bool:
-        """Whether the user stopped it."""
         return self.model.status == Status.INTERRUPTED
 
     @property
     def records(self) -> list[ModelRecord | MeasurementRecord | RaceRecord]:
-        """The records in the order they are stored."""
         return [self.model, *self.measurements, *([self.race] if self.race else [])]
 
 
@@ -72,7 +69,6 @@ def _of_model(model: ModelRecord, records: Sequence[object]) -> ModelComparison:
 
 
 def race_of(model: ModelRecord, records: Sequence[object]) -> RaceRecord | None:
-    """Return the race of a model at one size, from the records of a run; None without one."""
     return next(iter(of_model(RaceRecord, model, records)), None)
 
 
@@ -95,10 +91,6 @@ def finished(records: Sequence[Record], nvariant: int) -> list[Record]:
     """Return the records that need not be measured again when a run is continued.
 
     Those are of models whose race and whose variants all ended, none by a failure.
-
-    Args:
-      records: of the run.
-      nvariant: how many measurements a model has.
     """
     done: list[Record] = []
     for model in records:
@@ -127,13 +119,8 @@ def compare_model(
     Ctrl-C, which may be thrown into it, ends it: what is known then comes last.
 
     Args:
-      pool: starts the processes of launches.
-      source: the model.
-      plan: of the comparison.
-      on_progress: called as it goes on.
       on_phase: called with a line where a phase begins: agreement, the race, and each path that
         compiles.
-      clock: returns seconds.
     """
     comparison = _PathComparison(pool, source, plan, on_progress, on_phase, clock)
     try:
@@ -144,8 +131,6 @@ def compare_model(
 
 
 class _PathComparison:
-    """The comparison of one model, and what is known so far."""
-
     def __init__(
         self,
         pool: WorkerPool,
@@ -162,7 +147,6 @@ class _PathComparison:
         self._race: RaceRecord | None = None
 
     def run(self) -> Iterator[ModelComparison]:
-        """Verify, race, and measure what compiles; yield what is known in between."""
         children = self.children
         self._on_phase(f"{self._name}: checking agreement")
         ended = children.verify(self._show_verifying)
@@ -180,7 +164,6 @@ class _PathComparison:
             yield self.snapshot()
 
     def snapshot(self, is_over: bool = False) -> ModelComparison:
-        """Return what is known now."""
         timed: list[int] = []
         if self._race is not None:
             positions = {i for launch in self._race.launches for i in launch.variants}
@@ -212,7 +195,6 @@ class _PathComparison:
             yield self.snapshot()
 
     def _with_disturbance(self, record: RaceRecord) -> RaceRecord:
-        """Return the record with what disturbed it."""
         others = [each for each in neighbours.measuring_now() if each.pid != os.getpid()]
         earlier = self._race.neighbours if self._race is not None else ()
         names = sorted({*earlier, *(each.command for each in others)})

@@ -41,11 +41,7 @@ _MAX_LAYOUTS = 6
 def measure(
     pool: WorkerPool, tasks: Sequence[ReleaseTask], launches: int | None = None
 ) -> list[RatioRecord]:
-    """Compare a release with the reference in each of the tasks; see `measure_each`.
-
-    Args:
-      launches: how many there are; None for as many as `release_ratios.are_enough` asks for.
-    """
+    """Compare a release with the reference in each of the tasks; see `measure_each`."""
     (records,) = measure_each(pool, [tasks], launches=launches)
     return records
 
@@ -64,7 +60,6 @@ def measure_each(
     what was measured until then.
 
     Args:
-      releases: the tasks of each, one or more, which are of the same two releases.
       on_launch: called after each launch, with the index of the release and the share of its
         launches that is done, at least.
       launches: of each release; None for as many as `release_ratios.are_enough` asks for.
@@ -87,7 +82,6 @@ def measure_each(
 
 
 def _measure_in_turns(group: Sequence["_Measurement"]) -> Iterator[list[RatioRecord]]:
-    """Measure releases in turns; yield the records of each, as `measure_each` does."""
     launches = release_ratios.SCHEDULE_LAUNCHES if len(group) > 1 else None
     remaining = list(group)
     try:
@@ -151,13 +145,11 @@ class _Measurement(Targets[float], StopRule[float]):
             self._tasks[position].failure = failure
 
     def records(self) -> list[RatioRecord]:
-        """Return what was measured, one record for each task."""
         problem = self._averaging.problem if self._averaging else ""
         seconds = self._turns_s / len(self._tasks)
         return [task.record(problem, seconds) for task in self._tasks]
 
     def remove_files(self) -> None:
-        """Remove what the tasks stored."""
         for task in self._tasks:
             task.close()
 

@@ -67,7 +67,6 @@ class ReleaseTask(ABC):
 
     @property
     def nsection(self) -> int:
-        """How many sections the work has (see `loop_sections`); blocks time one after the other."""
         return 1
 
     @property
@@ -76,27 +75,16 @@ class ReleaseTask(ABC):
         """See `RatioRecord.series`."""
 
     def prepare(self, pool: WorkerPool) -> None:  # noqa: B027 (most tasks need nothing)
-        """Fix what is done, before the first launch.
-
-        Raises:
-          UnavailableError: the release cannot do it, although the reference can.
-          InputError: neither can.
-          ChildError: a release crashed, hung or failed.
-        """
+        """Fix what is done, before the first launch; UnavailableError where a release cannot."""
 
     def equip(self, processes: Processes) -> None:  # noqa: B027
-        """Have both processes of a launch read what they need; raises what `lay_out` does."""
+        """Have both processes of a launch read what they need."""
 
     @abstractmethod
     def lay_out(self, pair: ProcessPair) -> tuple[int, int]:
         """Have both processes ready to time blocks, with their memory laid out anew.
 
-        Returns:
-          The nanoseconds of one block of each section, in the reference and in the release.
-
-        Raises:
-          InputError: a release cannot do it.
-          ChildError: a release crashed, hung or failed.
+        Returns the nanoseconds of one block of each section, in the reference and in the release.
         """
 
     @abstractmethod
@@ -104,7 +92,6 @@ class ReleaseTask(ABC):
         """Return what was measured; `problem` says why the libraries were not moved."""
 
     def add(self, launch: LaunchRatio, reference_ns: float) -> None:
-        """Store a launch, and the nanoseconds that the reference took for all its sections."""
         self.launches.append(launch)
         self._reference_ns.append(reference_ns)
 
@@ -112,7 +99,6 @@ class ReleaseTask(ABC):
         """Remove what `prepare` stored."""
 
     def _common(self, model: str, problem: str, seconds: float) -> RatioRecord:
-        """Return what the records of all tasks have; see `record` for the arguments."""
         reference, release = self.releases
         return RatioRecord(
             model=model,

@@ -37,7 +37,6 @@ class Case:
     candidate: Target
 
     def row(self) -> CaseRow:
-        """Return what records say of it."""
         return CaseRow(
             arm=self.arm,
             model=self.candidate.model.name,
@@ -74,12 +73,7 @@ def between_builds(model: ModelSource, pair: NoChangePair) -> Case:
 
 
 def remaining(cases: Sequence[Case], trials: int, records: Sequence[TrialRecord]) -> Iterator[Case]:
-    """Yield a case for each trial to do, in turns, so that a change of the machine hits all.
-
-    Args:
-      trials: of each case.
-      records: of trials that were done before.
-    """
+    """Yield a case for each trial to do, in turns, so that a change of the machine hits all."""
     done = Counter(record.case() for record in records)
     for turn in range(trials):
         for case in cases:
@@ -98,9 +92,6 @@ def run(
 
     A model that cannot do the work, or whose target failed, is not tried again with the same builds
     and callback.
-
-    Raises:
-      KeyboardInterrupt: interrupted.
     """
     failed: set[CaseRow] = set()
     for case in cases:
@@ -195,11 +186,7 @@ def _row(
 
 @contextlib.contextmanager
 def busy_neighbour_core() -> Iterator[None]:
-    """Keep the last of this process's cores busy while the block runs.
-
-    Raises:
-      MachineError: this system cannot keep a process on one core.
-    """
+    """Keep the last of this process's cores busy while the block runs."""
     allowed = platforms.affinity()
     if not allowed:
         raise MachineError("--busy cannot work here: this system cannot keep a process on one core")
